@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One exception tree. Every message says what is wrong, where, and what would be valid.
+
+The command line turns each class into one exit code, so a caller never parses text.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, order=True)
+class Problem:
+    """One thing wrong in one file, at one place.
+
+    Attributes:
+        file: Path of the file as the user wrote it.
+        line: Line, counted from 1.
+        column: Column, counted from 1.
+        path: Place inside the document, e.g. ``arms.right.springs[0].frame``.
+        message: What is wrong, in a sentence.
+        valid: What would be accepted; empty when the message already says it.
+    """
+
+    file: Path
+    line: int
+    column: int
+    path: str
+    message: str
+    valid: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}:{self.column}: "
+        where = f"{self.path}: " if self.path else ""
+        choices = f" (valid: {', '.join(self.valid)})" if self.valid else ""
+        return f"{place}{where}{self.message}{choices}"
+
+
+class ImpedanceError(Exception):
+    """Root of every error this package raises on purpose."""
+
+    exit_code = 2
+
+
+class BadInput(ImpedanceError):
+    """A file, option or recording that cannot be used; nothing has moved."""
+
+
+class BadFile(BadInput):
+    """One or more located problems in a task, robot or patch file, all at once."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = tuple(sorted(set(problems)))
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class SafetyStop(ImpedanceError):
+    """A run was stopped by a safety rule or a phase that was not met."""
+
+    exit_code = 3
+
+
+class ReplayMismatch(ImpedanceError):
+    """A recomputed torque differs from the recorded one."""
+
+    exit_code = 4
+
+
+class NotConnected(ImpedanceError):
+    """A backend was used before it was started or after it was stopped."""
+
+    exit_code = 2
+
+
+def nearest(name: str, valid: Sequence[str]) -> str:
+    """Returns a ``; did you mean ...?`` clause for the closest valid name, or nothing."""
+    matches = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
+    return f"; did you mean '{matches[0]}'?" if matches else ""

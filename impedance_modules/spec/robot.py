@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a robot file says, as frozen data: limbs, limits, elastic joints, timing, sensors.
+
+No joint or limb name of any robot is known here; they come from ``robots/<name>/robot.yaml``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class JointSpec:
+    """One joint: limits and drive, in rad, N.m and seconds.
+
+    Attributes:
+        name: Joint name in the URDF.
+        position_min, position_max: [rad].
+        velocity_max: Declared bound of the motor-side speed [rad/s].
+        effort_max: [N.m].
+        effort_rate_max: [N.m/s].
+        spring_stiffness: Series-elastic stiffness K_sea [N.m/rad]; None for a rigid joint.
+        reflected_inertia: Rotor inertia seen at the joint, I_r [kg.m^2]; 0 is an ideal torque source.
+        motor_damping: Viscous friction of the motor, D [N.m.s/rad].
+        spring_damping: Structural damping in parallel to K_sea [N.m.s/rad].
+    """
+
+    name: str
+    position_min: float
+    position_max: float
+    velocity_max: float
+    effort_max: float
+    effort_rate_max: float
+    spring_stiffness: float | None
+    reflected_inertia: float
+    motor_damping: float
+    spring_damping: float
+
+
+@dataclass(frozen=True)
+class LimbSpec:
+    """A chain of joints that ends in a hand.
+
+    Attributes:
+        name: e.g. what the task file calls it under ``arms``.
+        hand: Frame (link) of the hand in the URDF.
+        joints: Short joint name -> URDF joint name, from the base outwards.
+    """
+
+    name: str
+    hand: str
+    joints: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class MirrorSpec:
+    """How one limb is the mirror image of another.
+
+    Attributes:
+        plane: ``xz``: poses, wrenches, stiffness and targets by diag(1, -1, 1, -1, 1, -1); ``yz`` and
+            ``xy`` likewise.
+        joint_sign: Short joint name -> +1 or -1.
+    """
+
+    plane: str
+    joint_sign: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class TimingSpec:
+    """Rates and delays [Hz], [s].
+
+    Attributes:
+        rate: Control rate unless the run says otherwise.
+        rate_min, rate_max: What the robot accepts.
+        command_delay: From a state sample to the torque acting, beyond the period itself.
+        command_timeout: After which the robot stops listening to the last command.
+    """
+
+    rate: float
+    rate_min: float
+    rate_max: float
+    command_delay: float
+    command_timeout: float
+
+
+@dataclass(frozen=True)
+class SensorSpec:
+    """Resolution and noise of the joint sensors.
+
+    Attributes:
+        position_resolution: Grid of the reported position [rad]; 0 for none.
+        effort_resolution: Grid of the reported effort [N.m]; 0 for none.
+        position_noise: Standard deviation [rad].
+        effort_noise: Standard deviation [N.m].
+        velocity_filter: Time constant of the robot's velocity estimate [s]; 0 differentiates.
+    """
+
+    position_resolution: float
+    effort_resolution: float
+    position_noise: float
+    effort_noise: float
+    velocity_filter: float
+
+
+@dataclass(frozen=True)
+class ContactDetectionSpec:
+    """When effort alone says that a hand touches something: force [N] held for a time [s]."""
+
+    force: float
+    time: float
+
+
+@dataclass(frozen=True)
+class CollisionSpec:
+    """Distance rows.
+
+    Attributes:
+        pairs: Pairs of link names whose distance is kept.
+        margin: Distance below which a pair pushes back [m].
+    """
+
+    pairs: tuple[tuple[str, str], ...]
+    margin: float
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """A whole robot folder.
+
+    Attributes:
+        gravity_compensation: Who carries the arms' weight: ``robot``, ``command`` or ``none``.
+        control_modes: e.g. ``("torque", "position", "velocity")``.
+        solver: ``daqp``, ``proxsuite`` or ``qpsolvers:<name>``.
+        joints: URDF joint name -> its numbers, for every joint of every limb.
+        locked: URDF joints that stay where they are -> their angle [rad].
+        folder: The robot's folder; ``urdf`` lies in it.
+    """
+
+    name: str
+    urdf: Path
+    limbs: Mapping[str, LimbSpec]
+    joints: Mapping[str, JointSpec]
+    locked: Mapping[str, float]
+    mirror: MirrorSpec | None
+    timing: TimingSpec
+    sensors: SensorSpec
+    contact_detection: ContactDetectionSpec
+    collision: CollisionSpec
+    gravity_compensation: str
+    control_modes: tuple[str, ...]
+    solver: str
+    folder: Path

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a task file says, as frozen data: springs, joint bias, hybrid axes, object, phases.
+
+Notation: six-vectors and 6x6 matrices are ordered linear then angular, (x, y, z, rx, ry, rz).
+SI units throughout: m, rad, N, N.m, N/m, N.m/rad, kg, s, J. Nothing here computes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from impedance_modules.spec.source import Document
+
+Matrix = NDArray[np.float64]
+
+AXES: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class HybridAxis:
+    """A constant force along one axis of a spring, added to K (x0 - x) (eq. 4.35).
+
+    Attributes:
+        force: What the hand exerts along the axis [N] or [N.m].
+        speed_limit: Adds damping |force| / speed_limit on the axis [m/s] or [rad/s]; None adds none.
+    """
+
+    force: float
+    speed_limit: float | None
+
+
+@dataclass(frozen=True)
+class SpringSpec:
+    """A virtual spring between a frame of an arm and its moving equilibrium.
+
+    Attributes:
+        name: Unique within the arm; targets refer to it as ``<arm>.<name>``.
+        frame: Frame of the robot that feels the spring.
+        expressed_in: ``world`` or a frame; its axes, frozen at the start posture, are the spring's axes.
+        stiffness: (6, 6) symmetric positive semidefinite, in those axes.
+        damping: (6, 6) explicit damping [N.s/m, N.m.s/rad]; simply adds. None adds none.
+        damping_ratio: Damping from the inertia, zeta; None adds none.
+        axes: Hybrid axes by axis name.
+    """
+
+    name: str
+    frame: str
+    expressed_in: str
+    stiffness: Matrix
+    damping: Matrix | None
+    damping_ratio: float | None
+    axes: Mapping[str, HybridAxis]
+
+
+@dataclass(frozen=True)
+class JointBiasSpec:
+    """Joint stiffness that pulls an arm to its posture, unprojected (thesis eq. 4.25).
+
+    Attributes:
+        stiffness: [N.m/rad] by the limb's short joint name.
+        damping: [N.m.s/rad] by short joint name, explicit; None adds none.
+        damping_ratio: Damping from (K_j, M + I_r); None adds none.
+    """
+
+    stiffness: Mapping[str, float]
+    damping: Mapping[str, float] | None
+    damping_ratio: float | None
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """One impedance module: a limb, where it starts, and what its hand should feel like.
+
+    Attributes:
+        limb: Name of the limb in the robot file.
+        posture: [rad] by short joint name: start, and rest of the joint bias.
+    """
+
+    limb: str
+    posture: Mapping[str, float]
+    joint_bias: JointBiasSpec | None
+    springs: tuple[SpringSpec, ...]
+
+
+@dataclass(frozen=True)
+class ObjectSpec:
+    """A rigid object that the named arms hold from the start.
+
+    Attributes:
+        held_by: Names of the arms.
+        shape: ``box``, ``cylinder`` or ``sphere``.
+        mass: [kg].
+        size: Full edge lengths (box), (diameter, length) (cylinder) or (diameter,) (sphere) [m].
+        position: Of the object's origin (its centre) in world at the start [m]; None puts it midway
+            between the holding hands.
+        grasp: ``weld``, or ``friction``, which slips at ``friction``.
+        friction: Coefficient of a friction grasp; None for a weld.
+        squeeze: Force with which each hand presses towards the object's origin [N]; 0 for none.
+        carry_weight: The modules carry the object's declared weight.
+    """
+
+    held_by: tuple[str, ...]
+    shape: str
+    mass: float
+    size: tuple[float, ...]
+    position: tuple[float, float, float] | None
+    grasp: str
+    friction: float | None
+    squeeze: float
+    carry_weight: bool
+
+
+@dataclass(frozen=True)
+class TankSpec:
+    """Energy the controller may spend beyond its springs' declared potential [J]."""
+
+    initial: float
+    max: float
+    floor: float
+
+
+@dataclass(frozen=True)
+class SurfaceSpec:
+    """A compliant surface of the built-in plant.
+
+    Attributes:
+        surface: ``plane`` (horizontal half-space below ``height``) or ``box``.
+        height: Of a plane, in world [m]; None for a box.
+        position: Centre of a box in world [m]; None for a plane.
+        rotation: Rotation vector of a box or tilt of a plane, in world [rad].
+        size: Full edge lengths of a box [m]; None for a plane.
+        stiffness: Normal [N/m].
+        damping: Normal [N.s/m].
+        friction: Coulomb coefficient.
+    """
+
+    surface: str
+    height: float | None
+    position: tuple[float, float, float] | None
+    rotation: tuple[float, float, float]
+    size: tuple[float, float, float] | None
+    stiffness: float
+    damping: float
+    friction: float
+
+
+@dataclass(frozen=True)
+class Sine:
+    """Coordinate that oscillates: center + amplitude sin(2 pi frequency t); t from the phase's start.
+
+    ``center`` None means the coordinate's value when the phase starts.
+    """
+
+    amplitude: float
+    frequency: float
+    center: float | None
+
+
+Coordinate = float | Sine
+
+
+@dataclass(frozen=True)
+class ContactCondition:
+    """Contact made (or lost, ``present`` False), judged from measured effort.
+
+    Attributes:
+        force: Threshold [N]; None takes the robot file's.
+        time: For how long [s]; None takes the robot file's.
+        target: ``object`` or an arm's name; None means the object when one is held, else any arm.
+    """
+
+    present: bool
+    force: float | None
+    time: float | None
+    target: str | None
+
+
+@dataclass(frozen=True)
+class ReachedCondition:
+    """Every moved target within ``distance`` [m] and ``angle`` [rad] of where the phase takes it."""
+
+    distance: float
+    angle: float
+
+
+@dataclass(frozen=True)
+class PhaseSpec:
+    """A stretch of the task with constant gains and one motion of its equilibria.
+
+    Attributes:
+        name: Unique within the task.
+        duration: Minimum-jerk time to a new equilibrium, and longest time in the phase [s].
+        equilibrium: Target (``object`` or ``<arm>.<spring>``) -> axis -> coordinate, absolute in the
+            spring's ``expressed_in`` (the object's: world). Omitted coordinates keep their value.
+        posture: Arm -> short joint name -> new rest of the joint bias [rad].
+        axes: ``<arm>.<spring>`` -> axis -> hybrid axis replacing that axis's during this phase and after.
+        stiffness: ``<arm>.<spring>`` -> (6, 6) stiffness from this phase on.
+        until: Ends the phase early; None runs for ``duration``.
+        otherwise: ``stop`` (exit 3) or ``next`` when ``until`` is not met at ``duration``.
+    """
+
+    name: str
+    duration: float
+    equilibrium: Mapping[str, Mapping[str, Coordinate]]
+    posture: Mapping[str, Mapping[str, float]]
+    axes: Mapping[str, Mapping[str, HybridAxis]]
+    stiffness: Mapping[str, Matrix]
+    until: ContactCondition | ReachedCondition | None
+    otherwise: str
+
+
+@dataclass(frozen=True)
+class TaskSpec:
+    """A whole task file. ``document`` maps every value back to its line and column."""
+
+    name: str
+    description: str
+    robot: str
+    arms: Mapping[str, ArmSpec]
+    object: ObjectSpec | None
+    tank: TankSpec
+    environment: tuple[SurfaceSpec, ...]
+    phases: tuple[PhaseSpec, ...]
+    path: Path
+    text: str = field(repr=False)
+    document: Document = field(repr=False, compare=False)
