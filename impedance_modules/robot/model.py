@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Rigid-body model of a robot folder: joints in one order, limbs as index sets, frames by name.
+
+The model carries the reflected inertia as armature, so its mass matrix is M + I_r and its inverse the
+mobility that controller, damping and filter rows use (design 4, "Which inertia").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from impedance_modules.errors import BadInput, nearest
+from impedance_modules.robot.pose import Pose
+from impedance_modules.spec.robot import JointSpec, RobotSpec
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limb:
+    """One arm within the model.
+
+    Attributes:
+        name: As in the robot file.
+        hand: Frame of its hand.
+        short_names: Joint names as a task file writes them, from the base outwards.
+        joint_names: The same joints as the model names them.
+        joints: (k,) their indices in the model's vectors, from the base outwards.
+    """
+
+    name: str
+    hand: str
+    short_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    joints: NDArray[np.intp]
+
+
+class RobotModel:
+    """Kinematics and dynamics of a robot, built once from its ``RobotSpec``.
+
+    Attributes:
+        spec: The robot file.
+        joint_names: Names of all n joints, in the order of every vector.
+        limbs: Limb name -> ``Limb``.
+        frames: Names of all link frames.
+        reflected_inertia: (n,) I_r [kg.m^2].
+        pin_model: Pinocchio model with armature I_r; for robot/ and plant/ only.
+    """
+
+    def __init__(self, spec: RobotSpec) -> None:
+        self.spec = spec
+        full = pin.buildModelFromUrdf(str(spec.urdf))
+        locked = [full.getJointId(name) for name in spec.locked]
+        reference = pin.neutral(full)
+        for name, angle in spec.locked.items():
+            reference[full.joints[full.getJointId(name)].idx_q] = angle
+        self.pin_model: pin.Model = pin.buildReducedModel(full, locked, reference)
+        self.joint_names: tuple[str, ...] = tuple(self.pin_model.names)[1:]
+        self.joints: tuple[JointSpec, ...] = tuple(spec.joints[name] for name in self.joint_names)
+        self.reflected_inertia: Array = self.column("reflected_inertia")
+        self.pin_model.armature = self.reflected_inertia
+        self.limbs: Mapping[str, Limb] = {name: self._limb(name) for name in spec.limbs}
+        self.frames: tuple[str, ...] = tuple(
+            frame.name for frame in self.pin_model.frames if frame.type == pin.FrameType.BODY
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    def column(self, attribute: str) -> Array:
+        """Collects one number per joint, e.g. ``effort_max``, as (n,) in the model's order."""
+        return np.array([float(getattr(joint, attribute)) for joint in self.joints])
+
+    def spring_compliance(self) -> Array:
+        """Gives 1 / K_sea per joint, (n,) [rad/(N.m)]; 0 for a rigid joint."""
+        stiffness = (joint.spring_stiffness for joint in self.joints)
+        return np.array([0.0 if value is None else 1.0 / value for value in stiffness])
+
+    def _limb(self, name: str) -> Limb:
+        limb = self.spec.limbs[name]
+        names = tuple(limb.joints.values())
+        indices = np.array([self.joint_names.index(joint) for joint in names], dtype=np.intp)
+        return Limb(name, limb.hand, tuple(limb.joints), names, indices)
+
+    def limb_of(self, frame: str) -> Limb:
+        """Returns the limb whose joints move ``frame``.
+
+        Raises:
+            BadInput: No limb, or more than one, moves the frame.
+        """
+        joint = self.pin_model.frames[self.frame_id(frame)].parentJoint
+        moving = {int(self.pin_model.idx_vs[i]) for i in self.pin_model.supports[joint] if i > 0}
+        found = [limb for limb in self.limbs.values() if moving & set(limb.joints.tolist())]
+        if len(found) != 1:
+            raise BadInput(f"frame '{frame}' is moved by {len(found)} limbs, not by exactly one")
+        return found[0]
+
+    def frame_id(self, frame: str) -> int:
+        """Returns pinocchio's index of a link frame.
+
+        Raises:
+            BadInput: The robot has no such link.
+        """
+        if frame not in self.frames:
+            raise BadInput(
+                f"robot '{self.spec.name}' has no frame '{frame}'{nearest(frame, self.frames)}"
+                f" (valid: {', '.join(self.frames)})"
+            )
+        return int(self.pin_model.getFrameId(frame, pin.FrameType.BODY))
+
+    def position(self, postures: Mapping[str, Mapping[str, float]]) -> Array:
+        """Builds q (n,) [rad] from limb -> short joint name -> angle; joints of other limbs are 0."""
+        q = np.zeros(self.n)
+        for limb_name, posture in postures.items():
+            limb = self.limbs[limb_name]
+            for short, index in zip(limb.short_names, limb.joints, strict=True):
+                q[index] = posture[short]
+        return q
+
+    def pose(self, q: Array, frame: str) -> Pose:
+        """Computes X_WF at q, allocating; loops use ``Kinematics``."""
+        data = self.pin_model.createData()
+        pin.forwardKinematics(self.pin_model, data, q)
+        placement = pin.updateFramePlacement(self.pin_model, data, self.frame_id(frame))
+        return Pose(placement.rotation.copy(), placement.translation.copy())
+
+    def gravity(self, q: Array) -> Array:
+        """Computes the torque that holds the arms' weight at q, (n,) [N.m]."""
+        data = self.pin_model.createData()
+        return np.array(pin.computeGeneralizedGravity(self.pin_model, data, q))
+
+    def with_reflected_inertia(self, values: Mapping[str, float]) -> RobotModel:
+        """Returns a model whose joints named in ``values`` have that reflected inertia [kg.m^2]."""
+        return RobotModel(with_joint_numbers(self.spec, "reflected_inertia", values))
+
+
+def with_joint_numbers(spec: RobotSpec, attribute: str, values: Mapping[str, float]) -> RobotSpec:
+    """Returns the robot with one number of some joints replaced.
+
+    Raises:
+        BadInput: A joint is unknown.
+    """
+    _check_joints(spec, values)
+    joints = {
+        name: replace(joint, **{attribute: values[name]}) if name in values else joint
+        for name, joint in spec.joints.items()
+    }
+    return replace(spec, joints=joints)
+
+
+def _check_joints(spec: RobotSpec, names: Iterable[str]) -> None:
+    for name in names:
+        if name not in spec.joints:
+            raise BadInput(
+                f"robot '{spec.name}' has no joint '{name}'{nearest(name, tuple(spec.joints))}"
+                f" (valid: {', '.join(spec.joints)})"
+            )
