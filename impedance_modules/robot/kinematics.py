@@ -7,7 +7,7 @@ For a state (q, v) and a fixed list of frames F:
     (M + I_r)^-1 mobility of the joints (n, n)                     world axes at F's origin
     C(q, v) v    Coriolis and centrifugal torque (n,), without gravity
 
-Memory is taken once. The arrays are live: the next ``update`` overwrites them.
+Memory is taken once: the next ``update`` overwrites the arrays.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ class Kinematics:
     """One cycle's poses, Jacobians, inverse inertia and bias torque.
 
     Attributes:
-        frames: Frame names, in the order of the lists below.
-        rotation: Live (3, 3) rotations R_WF.
-        translation: Live (3,) origins p_WF [m].
-        jacobian: (6, n) Jacobians J_WF.
+        frames: Frame names; the order of the first axis of the arrays below.
+        rotation: (frames, 3, 3) R_WF.
+        translation: (frames, 3) origins p_WF [m].
+        jacobian: (frames, 6, n) J_WF.
         inverse_inertia: (n, n) (M + I_r)^-1.
         bias: (n,) C(q, v) v [N.m].
+        pin_data: Pinocchio's results of the last update; for robot/ and plant/ only.
     """
 
     def __init__(self, model: RobotModel, frames: Sequence[str]) -> None:
@@ -45,24 +46,27 @@ class Kinematics:
         # Coriolis torque alone comes from the same algorithm with gravity switched off.
         self._weightless = pin.Model(model.pin_model)
         self._weightless.gravity.setZero()
-        self._data = self._pin_model.createData()
+        self.pin_data: pin.Data = self._pin_model.createData()
         self._bias_data = self._weightless.createData()
-        self._ids = tuple(model.frame_id(frame) for frame in self.frames)
-        placements = [self._data.oMf[index] for index in self._ids]
-        self.rotation: list[Array] = [placement.rotation for placement in placements]
-        self.translation: list[Array] = [placement.translation for placement in placements]
-        n = model.n
-        self.jacobian: list[Array] = [np.zeros((6, n), order="F") for _ in self.frames]
-        self.inverse_inertia: Array = np.zeros((n, n), order="F")
+        # Views of pinocchio's own memory, taken once: taking one costs more than a mass matrix row.
+        placements = [(model.frame_id(f), self.pin_data.oMf[model.frame_id(f)]) for f in self.frames]
+        self._live = [(i, X_WF.rotation, X_WF.translation) for i, X_WF in placements]
+        count, n = len(self.frames), model.n
+        self.rotation: Array = np.zeros((count, 3, 3))
+        self.translation: Array = np.zeros((count, 3))
+        self.jacobian: Array = np.zeros((count, 6, n))
+        self.inverse_inertia: Array = np.zeros((n, n))
         self.bias: Array = np.zeros(n)
 
     def update(self, q: Array, v: Array) -> None:
         """Recomputes everything at positions q [rad] and velocities v [rad/s], both (n,)."""
-        model, data = self._pin_model, self._data
+        model, data = self._pin_model, self.pin_data
         pin.computeJointJacobians(model, data, q)
-        for slot, index in enumerate(self._ids):
+        for slot, (index, rotation, translation) in enumerate(self._live):
             pin.updateFramePlacement(model, data, index)
             self.jacobian[slot] = pin.getFrameJacobian(model, data, index, WORLD_AXES)
+            self.rotation[slot] = rotation
+            self.translation[slot] = translation
         self.bias = pin.nonLinearEffects(self._weightless, self._bias_data, q, v)
         self.inverse_inertia = pin.computeMinverse(model, data, q)
 
@@ -72,5 +76,5 @@ class Kinematics:
         return Pose(self.rotation[slot].copy(), self.translation[slot].copy())
 
     def jacobian_of(self, frame: str) -> Array:
-        """Returns J_WF (6, n) of one of the frames."""
-        return self.jacobian[self.frames.index(frame)]
+        """Returns J_WF (6, n) of one of the frames, as a view."""
+        return np.asarray(self.jacobian[self.frames.index(frame)])

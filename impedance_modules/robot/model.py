@@ -59,6 +59,7 @@ class RobotModel:
         reference = pin.neutral(full)
         for name, angle in spec.locked.items():
             reference[full.joints[full.getJointId(name)].idx_q] = angle
+        self._full, self._locked, self._reference = full, locked, reference
         self.pin_model: pin.Model = pin.buildReducedModel(full, locked, reference)
         self.joint_names: tuple[str, ...] = tuple(self.pin_model.names)[1:]
         self.joints: tuple[JointSpec, ...] = tuple(spec.joints[name] for name in self.joint_names)
@@ -135,6 +136,14 @@ class RobotModel:
         """Computes the torque that holds the arms' weight at q, (n,) [N.m]."""
         data = self.pin_model.createData()
         return np.array(pin.computeGeneralizedGravity(self.pin_model, data, q))
+
+    def geometry(self) -> pin.GeometryModel:
+        """Builds the collision shapes of all links, fresh and without pairs; for robot/ and plant/ only."""
+        shapes = pin.buildGeomFromUrdf(self._full, str(self.spec.urdf), pin.GeometryType.COLLISION)
+        _, reduced = pin.buildReducedModel(self._full, shapes, self._locked, self._reference)
+        for shape in reduced.geometryObjects:
+            shape.geometry.computeLocalAABB()
+        return reduced
 
     def with_reflected_inertia(self, values: Mapping[str, float]) -> RobotModel:
         """Returns a model whose joints named in ``values`` have that reflected inertia [kg.m^2]."""

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Imports point one way, and third-party names stay in their rooms (docs/architecture.md)."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "impedance_modules"
+
+RANK = {
+    "errors": 0,
+    "spec": 1,
+    "robot": 2,
+    "effects": 3,
+    "modules": 3,
+    "superposition": 4,
+    "safety": 5,
+    "plant": 5,
+    "episode": 5,
+    "backends": 6,
+    "runtime": 7,
+    "diagnosis": 8,
+    "cli": 9,
+}
+
+ROOMS = {
+    "pinocchio": {"robot", "plant", "effects"},
+    "coal": {"robot", "plant"},
+    "daqp": {"safety"},
+    "proxsuite": {"safety"},
+    "qpsolvers": {"safety"},
+    "rerun": {"episode"},
+    "pyarrow": {"episode"},
+    "jsonschema": {"spec"},
+    "yaml": {"spec"},
+    "click": {"cli"},
+    "rospy": {"backends"},
+}
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def imported_names(path: Path) -> Iterator[str]:
+    """Yields every module a file imports, at any depth, under TYPE_CHECKING too."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            if node.level:
+                raise AssertionError(f"{path}:{node.lineno}: relative import")
+            yield node.module or ""
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def package_of(path: Path) -> str:
+    """Returns the first folder (or file stem) below the package."""
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0] if len(relative.parts) > 1 else relative.stem
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_point_downwards(path: Path) -> None:
+    own = package_of(path)
+    for name in imported_names(path):
+        parts = name.split(".")
+        if parts[0] != "impedance_modules" or len(parts) < 2 or parts[1] not in RANK:
+            continue
+        other = parts[1]
+        if own == "__init__" or other == own:
+            continue
+        assert RANK[other] < RANK[own], f"{path}: {own} must not import {name}"
+        assert (own, other) not in {("diagnosis", "runtime"), ("diagnosis", "backends")}, f"{path}: {name}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_third_party_names_stay_in_their_rooms(path: Path) -> None:
+    own = package_of(path)
+    for name in imported_names(path):
+        top = name.split(".")[0]
+        if top in ROOMS:
+            assert own in ROOMS[top], f"{path}: {top} belongs in {sorted(ROOMS[top])}"
+        if top == "numba":
+            assert path.name == "compiled.py", f"{path}: numba belongs in files named compiled.py"
+
+
+def test_every_package_has_a_rank() -> None:
+    folders = {path.name for path in PACKAGE.iterdir() if path.is_dir() and path.name not in {"__pycache__", "data"}}
+    assert folders <= set(RANK)
+
+
+def test_no_assert_outside_tests() -> None:
+    for path in FILES:
+        found = [n.lineno for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Assert)]
+        assert not found, f"{path}: assert at lines {found}"
