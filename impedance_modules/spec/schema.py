@@ -18,9 +18,14 @@ from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.locate import find_schema
 from impedance_modules.spec.schema_sentences import Deviation, say
 from impedance_modules.spec.source import Document
+from impedance_modules.spec.yaml_tree import Path
 
 if TYPE_CHECKING:
     from jsonschema import Draft202012Validator
+
+
+_Fault = tuple[Path, str, tuple[str, ...], str]
+"""The arguments of ``Document.problem``."""
 
 
 def load_schema(name: str) -> dict[str, Any]:
@@ -36,24 +41,16 @@ def schema_problems(document: Document, schema_name: str) -> list[Problem]:
         document: What to check.
         schema_name: ``task``, ``robot``, ``patch`` ...: ``schemas/<name>.schema.json``.
     """
-    return [document.problem(*found) for found in _distinct(_schema_faults(document, schema_name))]
+    return [problem for problem, _ in schema_faults(document, schema_name)]
 
 
-_Fault = tuple[tuple[str | int, ...], str, tuple[str, ...], str]
-"""The arguments of ``Document.problem``."""
+def schema_faults(document: Document, schema_name: str) -> list[tuple[Problem, Path]]:
+    """Like ``schema_problems``, each with its path, so that a reader can go on with the sound parts."""
+    distinct = dict.fromkeys(_deviations(document, schema_name))
+    return [(document.problem(*fault), fault[0]) for fault in distinct]
 
 
-def _distinct(faults: Iterator[_Fault]) -> list[_Fault]:
-    return list(dict.fromkeys(faults))
-
-
-def broken_paths(document: Document, schema_name: str) -> list[tuple[Problem, tuple[str | int, ...]]]:
-    """Like ``schema_problems``, each with its path as a tuple, so a reader can go on with what is sound."""
-    faults = _distinct(_schema_faults(document, schema_name))
-    return [(document.problem(*fault), fault[0]) for fault in faults]
-
-
-def _schema_faults(document: Document, schema_name: str) -> Iterator[_Fault]:
+def _deviations(document: Document, schema_name: str) -> Iterator[_Fault]:
     for error in _validator(schema_name).iter_errors(document.data):
         schema: Any = error.schema
         yield from _faults(
@@ -92,8 +89,8 @@ def _unknown_keys(deviation: Deviation) -> Iterator[_Fault]:
             continue
         message = f"unknown key '{key}'{nearest(key, known)}"
         if patterns and not known:
-            message = f"'{key}' cannot be a name: a letter first, then letters, digits, - and _"
-        yield (*deviation.path, key), message + deviation.hint, tuple(known), "key"
+            message = f"'{key}' cannot stand here{deviation.hint}"
+        yield (*deviation.path, key), message, tuple(known), "key"
 
 
 def _missing_keys(deviation: Deviation) -> Iterator[_Fault]:

@@ -60,7 +60,8 @@ def say(deviation: Deviation) -> tuple[str, tuple[str, ...]]:
             f"{_shown(deviation.found)} breaks the rule '{deviation.keyword}: {deviation.expected}'",
             choices,
         )
-    return speak(deviation) + deviation.hint, choices
+    hint = "" if deviation.keyword == "type" else deviation.hint
+    return speak(deviation) + hint, choices
 
 
 def _choices(deviation: Deviation) -> tuple[str, ...]:

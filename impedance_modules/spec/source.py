@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 
 from impedance_modules.errors import BadFile, BadInput, Problem
-from impedance_modules.spec.yaml_tree import Node, Place, TreeBuilder, TreeError
+from impedance_modules.spec.yaml_tree import Fault, Node, Place, TreeBuilder, TreeError
 
 LARGEST_FILE = 1_000_000
 """Bytes; a file beyond this is refused unread."""
@@ -37,15 +37,20 @@ class Document:
         text: The whole file, for the recording.
         data: dict, list, str, int, float, bool and None only; the top is a dict.
         root: The tree behind ``data``, which knows the places.
-        traps: Problems of the YAML itself that did not stop the reading. ``read_document`` never returns
-            a document that has any.
+        faults: What is wrong with the YAML itself and did not stop the reading. ``read_document`` never
+            returns a document that has any.
     """
 
     path: Path
     text: str
     data: dict[str, Any]
     root: Node = field(repr=False)
-    traps: tuple[Problem, ...] = ()
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def traps(self) -> tuple[Problem, ...]:
+        """The ``faults``, ready to be reported."""
+        return tuple(_located(self.path, fault) for fault in self.faults)
 
     def problem(
         self, path: Sequence[str | int], message: str, valid: Sequence[str] = (), at: str = "value"
@@ -108,14 +113,14 @@ def parse_document(path: Path, text: str) -> Document:
     if not isinstance(root.content, dict):
         message = "expected keys with values ('format: 1' and so on) at the top of the file"
         raise BadFile([*_traps(path, builder), Problem(path, *root.place, "", message)])
-    return Document(path, text, root.plain(), root, tuple(_traps(path, builder)))
+    return Document(path, text, root.plain(), root, tuple(builder.faults))
 
 
 def _traps(path: Path, builder: TreeBuilder) -> list[Problem]:
     return [_located(path, fault) for fault in builder.faults]
 
 
-def _located(path: Path, fault: tuple[Place, tuple[str | int, ...], str]) -> Problem:
+def _located(path: Path, fault: Fault) -> Problem:
     (line, column), inside, message = fault
     return Problem(path, line, column, print_path(inside), message)
 

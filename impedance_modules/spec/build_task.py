@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From clean plain data to the frozen parts of a TaskSpec. Nothing is checked here, nothing can fail.
+
+Every rule for a key that is left out stands in ``schemas/task.schema.json`` and is carried out here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from impedance_modules.spec.task import (
+    AXES,
+    ContactCondition,
+    Coordinate,
+    HybridAxis,
+    JointBiasSpec,
+    Matrix,
+    ObjectSpec,
+    PhaseSpec,
+    ReachedCondition,
+    Sine,
+    SpringSpec,
+    SurfaceSpec,
+    TankSpec,
+)
+
+Raw = Mapping[str, Any]
+
+
+def build_matrix(raw: Any) -> Matrix:
+    """Makes a (6, 6) matrix, linear then angular, of a mapping by axis or of six rows.
+
+    An axis that a mapping leaves out is 0. The array is read-only.
+    """
+    if isinstance(raw, dict):
+        matrix = np.diag([float(raw.get(axis, 0.0)) for axis in AXES])
+    else:
+        matrix = np.array(raw, dtype=np.float64)
+    matrix.setflags(write=False)
+    return matrix
+
+
+def build_axes(raw: Raw) -> Mapping[str, HybridAxis]:
+    """Makes hybrid axes by axis name [N], [N.m], [m/s], [rad/s]."""
+    return {
+        axis: HybridAxis(float(given["force"]), _number(given, "speed_limit")) for axis, given in raw.items()
+    }
+
+
+def build_spring(raw: Raw) -> SpringSpec:
+    """Makes one spring."""
+    return SpringSpec(
+        name=raw["name"],
+        frame=raw["frame"],
+        expressed_in=raw["expressed_in"],
+        stiffness=build_matrix(raw["stiffness"]),
+        damping=build_matrix(raw["damping"]) if "damping" in raw else None,
+        damping_ratio=_number(raw, "damping_ratio"),
+        axes=build_axes(raw.get("axes", {})),
+    )
+
+
+def build_joint_bias(raw: Raw) -> JointBiasSpec:
+    """Makes a joint bias [N.m/rad], [N.m.s/rad]."""
+    return JointBiasSpec(
+        stiffness=build_numbers(raw["stiffness"]),
+        damping=build_numbers(raw["damping"]) if "damping" in raw else None,
+        damping_ratio=_number(raw, "damping_ratio"),
+    )
+
+
+def build_numbers(raw: Raw) -> Mapping[str, float]:
+    """Makes a read-only mapping of floats."""
+    return {name: float(value) for name, value in raw.items()}
+
+
+def build_object(raw: Raw) -> ObjectSpec:
+    """Makes the held object."""
+    return ObjectSpec(
+        held_by=tuple(raw["held_by"]),
+        shape=raw["shape"],
+        mass=float(raw["mass"]),
+        size=tuple(float(length) for length in raw["size"]),
+        position=_triple(raw["position"]) if "position" in raw else None,
+        grasp=raw.get("grasp", "weld"),
+        friction=_number(raw, "friction"),
+        squeeze=float(raw["squeeze"]["force"]) if "squeeze" in raw else 0.0,
+        carry_weight=raw.get("carry_weight", False),
+    )
+
+
+def build_tank(raw: Raw) -> TankSpec:
+    """Makes the energy tank [J]."""
+    return TankSpec(initial=float(raw["initial"]), max=float(raw["max"]), floor=float(raw["floor"]))
+
+
+def build_surface(raw: Raw) -> SurfaceSpec:
+    """Makes one surface of the plant."""
+    return SurfaceSpec(
+        surface=raw["surface"],
+        height=_number(raw, "height"),
+        position=_triple(raw["position"]) if "position" in raw else None,
+        rotation=_triple(raw.get("rotation", (0.0, 0.0, 0.0))),
+        size=_triple(raw["size"]) if "size" in raw else None,
+        stiffness=float(raw["stiffness"]),
+        damping=float(raw["damping"]),
+        friction=float(raw["friction"]),
+    )
+
+
+def build_phase(raw: Raw) -> PhaseSpec:
+    """Makes one phase."""
+    return PhaseSpec(
+        name=raw["name"],
+        duration=float(raw["duration"]),
+        equilibrium={target: _coordinates(given) for target, given in raw.get("equilibrium", {}).items()},
+        posture={arm: build_numbers(given) for arm, given in raw.get("posture", {}).items()},
+        axes={target: build_axes(given) for target, given in raw.get("axes", {}).items()},
+        stiffness={target: build_matrix(given) for target, given in raw.get("stiffness", {}).items()},
+        until=_until(raw["until"]) if "until" in raw else None,
+        otherwise=raw.get("otherwise", "stop"),
+    )
+
+
+def _coordinates(raw: Raw) -> Mapping[str, Coordinate]:
+    return {axis: _coordinate(given) for axis, given in raw.items()}
+
+
+def _coordinate(raw: Any) -> Coordinate:
+    if not isinstance(raw, dict):
+        return float(raw)
+    sine = raw["sine"]
+    return Sine(float(sine["amplitude"]), float(sine["frequency"]), _number(sine, "center"))
+
+
+def _until(raw: Raw) -> ContactCondition | ReachedCondition:
+    if "reached" in raw:
+        return ReachedCondition(float(raw["reached"]["distance"]), float(raw["reached"]["angle"]))
+    contact = raw["contact"]
+    if isinstance(contact, bool):
+        return ContactCondition(present=contact, force=None, time=None, target=None)
+    return ContactCondition(
+        present=contact.get("present", True),
+        force=_number(contact, "force"),
+        time=_number(contact, "time"),
+        target=contact.get("target"),
+    )
+
+
+def _number(raw: Raw, key: str) -> float | None:
+    return float(raw[key]) if key in raw else None
+
+
+def _triple(raw: Any) -> tuple[float, float, float]:
+    first, second, third = (float(value) for value in raw)
+    return first, second, third

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the held object, the surfaces and the energy tank must fulfil beyond their schema."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from impedance_modules.errors import Problem, nearest
+from impedance_modules.spec.build_task import build_object, build_surface, build_tank
+from impedance_modules.spec.draft_arms import DraftArm
+from impedance_modules.spec.task import ObjectSpec
+from impedance_modules.spec.task_draft import Draft
+
+
+def object_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+    """Checks who holds the object and where it starts."""
+    names = draft.keys("arms")
+    for i in draft.count("object", "held_by"):
+        name = draft.value("object", "held_by", i)
+        at = ("object", "held_by", i)
+        if isinstance(name, str) and name not in names:
+            yield draft.problem(at, f"there is no arm '{name}' in this file{nearest(name, names)}", names)
+        elif isinstance(name, str) and name in arms and (missing := _without_hand_spring(draft, arms[name])):
+            yield draft.problem(at, missing)
+    if draft.clean("object"):
+        held = build_object(draft.value("object"))
+        if held.squeeze > 0.0 and len(held.held_by) < 2:
+            message = "a squeeze needs two hands that press against each other; 'held_by' names one"
+            yield draft.problem(("object", "squeeze"), message)
+        yield from _start_problems(draft, held)
+
+
+def _without_hand_spring(draft: Draft, arm: DraftArm) -> str:
+    """An arm moves and squeezes an object through a spring on its hand."""
+    limb = draft.limb(arm.name)
+    read_all = len(arm.springs) == len(draft.count("arms", arm.mirror_of or arm.name, "springs"))
+    if limb is None or not read_all or any(spring.frame == limb.hand for spring in arm.springs.values()):
+        return ""
+    return f"the arm '{arm.name}' holds the object but has no spring on its hand '{limb.hand}'"
+
+
+def _start_problems(draft: Draft, held: ObjectSpec) -> Iterator[Problem]:
+    """The object's origin must not begin below a level plane."""
+    for i in draft.count("environment"):
+        if held.position is None or not draft.clean("environment", i):
+            continue
+        surface = build_surface(draft.value("environment", i))
+        if surface.height is not None and not any(surface.rotation) and held.position[2] < surface.height:
+            message = (
+                f"the object's origin starts at z = {held.position[2]:g} m, below the plane environment[{i}] "
+                f"at {surface.height:g} m"
+            )
+            yield draft.problem(("object", "position", 2), message)
+
+
+def tank_problems(draft: Draft) -> Iterator[Problem]:
+    """Checks floor < initial <= max."""
+    at = ("safety", "tank")
+    if not draft.clean(*at):
+        return
+    tank = build_tank(draft.value(*at))
+    if tank.initial > tank.max:
+        yield draft.problem(
+            (*at, "initial"), f"{tank.initial:g} J is more than the tank holds, max: {tank.max:g} J"
+        )
+    if tank.floor >= tank.initial:
+        message = f"the floor, {tank.floor:g} J, must be less than the initial energy, {tank.initial:g} J"
+        yield draft.problem((*at, "floor"), message)

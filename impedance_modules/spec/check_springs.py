@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What springs must fulfil: symmetric positive semidefinite matrices, and no axis that runs free.
+
+A stiffness or damping matrix with a negative eigenvalue gives energy away for nothing, so it is refused.
+
+An axis with a force, or a hand's axis without stiffness, keeps moving unless something brakes it. It must be
+braked by explicit damping, by a speed_limit, or, where it has stiffness, by a damping_ratio; a damping ratio
+on an axis without stiffness gives no damping. A hand's axis that carries no force may also be braked by the
+joint bias, if that damps every joint.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from impedance_modules.errors import Problem
+from impedance_modules.spec.draft_arms import DraftArm
+from impedance_modules.spec.robot import LimbSpec
+from impedance_modules.spec.task import AXES, HybridAxis, Matrix, SpringSpec
+from impedance_modules.spec.task_draft import Draft
+from impedance_modules.spec.yaml_tree import Path
+
+RELATIVE_TOLERANCE = 1e-9
+"""Of the largest entry: what rounding may do to symmetry and eigenvalues."""
+
+
+def spring_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+    """Checks the springs as they are at the start."""
+    for name in draft.keys("arms"):
+        yield from _name_problems(draft, name)
+    for arm in arms.values():
+        if arm.mirror_of is not None:
+            continue
+        for i, spring in arm.springs.items():
+            yield from matrix_problems(draft, arm.path("springs", i, "stiffness"), spring.stiffness)
+            if spring.damping is not None:
+                yield from matrix_problems(draft, arm.path("springs", i, "damping"), spring.damping)
+        limb = draft.limb(arm.name)
+        if limb is not None and springs_complete(draft, arm):
+            for free in free_axes(arm, limb, arm.springs):
+                inside = ("axes", free.axis) if free.forced else ("stiffness",)
+                yield draft.problem(arm.path("springs", free.spring, *inside), free.message)
+
+
+def springs_complete(draft: Draft, arm: DraftArm) -> bool:
+    """Whether all springs and the joint bias of an arm could be read, so that nothing is missed in a sum."""
+    given = draft.count("arms", arm.mirror_of or arm.name, "springs")
+    bias = ("arms", arm.mirror_of or arm.name, "joint_bias")
+    return len(arm.springs) == len(given) and (draft.clean(*bias) or not draft.has(*bias))
+
+
+def _name_problems(draft: Draft, arm: str) -> Iterator[Problem]:
+    at = ("arms", arm, "springs")
+    seen: Counter[str] = Counter()
+    for i in draft.count(*at):
+        name = draft.value(*at, i, "name")
+        if isinstance(name, str):
+            seen[name] += 1
+            if seen[name] > 1:
+                yield draft.problem((*at, i, "name"), f"this arm already has a spring '{name}'")
+
+
+def matrix_problems(draft: Draft, path: Path, matrix: Matrix) -> Iterator[Problem]:
+    """Checks that a matrix (6, 6) is symmetric and has no negative eigenvalue."""
+    scale = float(np.abs(matrix).max())
+    uneven = np.argwhere(np.abs(matrix - matrix.T) > RELATIVE_TOLERANCE * scale)
+    if len(uneven):
+        i, j = (int(k) for k in uneven[0])
+        message = (
+            f"the matrix is not symmetric: row {i + 1} column {j + 1} is {matrix[i, j]:g}, "
+            f"row {j + 1} column {i + 1} is {matrix[j, i]:g}"
+        )
+        yield draft.problem(path, message)
+        return
+    smallest = float(np.linalg.eigvalsh(matrix)[0])
+    if smallest < -RELATIVE_TOLERANCE * scale:
+        message = (
+            f"the matrix is not positive semidefinite: its smallest eigenvalue is {smallest:.4g}; "
+            "none may be negative"
+        )
+        yield draft.problem(path, message)
+
+
+@dataclass(frozen=True)
+class FreeAxis:
+    """An axis that nothing brakes.
+
+    Attributes:
+        spring: Position of the spring in the file.
+        axis: Its axis.
+        forced: Whether a force acts on it.
+    """
+
+    spring: int
+    axis: str
+    forced: bool
+
+    @property
+    def message(self) -> str:
+        """What is wrong and what would help."""
+        if self.forced:
+            return (
+                f"a force acts on {self.axis} and nothing brakes it; give a speed_limit, damping "
+                f"on {self.axis}, or a stiffness with a damping_ratio (which needs a stiffness)"
+            )
+        return (
+            f"the hand has no stiffness on {self.axis} and nothing brakes it; give damping on {self.axis}, "
+            "or a joint_bias that damps every joint (a damping_ratio needs a stiffness)"
+        )
+
+
+def free_axes(arm: DraftArm, limb: LimbSpec, springs: Mapping[int, SpringSpec]) -> Iterator[FreeAxis]:
+    """Finds the axes of an arm's springs that would run free.
+
+    Springs on one frame in the same axes act as one: their stiffness and damping are summed first.
+    """
+    braked_by_bias = damps_every_joint(arm, limb)
+    for i, spring in springs.items():
+        fellows = [
+            s for s in springs.values() if (s.frame, s.expressed_in) == (spring.frame, spring.expressed_in)
+        ]
+        yield from _forced_axes(i, spring, fellows)
+        first_of_hand = spring.frame == limb.hand and spring is fellows[0]
+        others = (
+            s for s in springs.values() if s.frame == spring.frame and s.expressed_in != spring.expressed_in
+        )
+        if first_of_hand and not braked_by_bias and not any(_is_regular(other) for other in others):
+            yield from _idle_axes(i, fellows)
+
+
+def _forced_axes(i: int, spring: SpringSpec, fellows: Sequence[SpringSpec]) -> Iterator[FreeAxis]:
+    for axis, given in spring.axes.items():
+        if given.force != 0.0 and not _is_braked(fellows, AXES.index(axis)):
+            yield FreeAxis(i, axis, True)
+
+
+def _idle_axes(i: int, fellows: Sequence[SpringSpec]) -> Iterator[FreeAxis]:
+    """Axes without force, stiffness and damping; else a slanted direction without stiffness and damping."""
+    for index, axis in enumerate(AXES):
+        forced = any(axis in spring.axes and spring.axes[axis].force != 0.0 for spring in fellows)
+        if not forced and not _is_stiff(fellows, index) and not _is_braked(fellows, index):
+            yield FreeAxis(i, axis, False)
+    total = sum((_resistance(spring) for spring in fellows), np.zeros((6, 6)))
+    used = np.flatnonzero(np.diag(total) > 0.0)
+    scale = np.sqrt(np.diag(total)[used])
+    values, vectors = np.linalg.eigh(total[np.ix_(used, used)] / np.outer(scale, scale))
+    if len(used) and values[0] < RELATIVE_TOLERANCE:
+        direction = vectors[:, 0] / scale / np.abs(vectors[:, 0] / scale).max()
+        terms = [
+            f"{AXES[k]} {value:.2g}" for k, value in zip(used, direction, strict=True) if abs(value) > 1e-6
+        ]
+        yield FreeAxis(i, f"the direction ({', '.join(terms)})", False)
+
+
+def _resistance(spring: SpringSpec) -> Matrix:
+    """Stiffness plus explicit damping, units apart: its null space is what nothing holds or brakes."""
+    limited = [axis in spring.axes and _is_limited(spring.axes[axis]) for axis in AXES]
+    total: Matrix = spring.stiffness + np.diag(np.array(limited, dtype=np.float64))
+    return total if spring.damping is None else total + spring.damping
+
+
+def _is_stiff(springs: Sequence[SpringSpec], index: int) -> bool:
+    return any(spring.stiffness[index, index] > 0.0 for spring in springs)
+
+
+def _is_braked(springs: Sequence[SpringSpec], index: int) -> bool:
+    """Whether explicit damping, a speed limit or a damping ratio with stiffness acts on an axis."""
+    return any(
+        (spring.damping is not None and spring.damping[index, index] > 0.0)
+        or (AXES[index] in spring.axes and _is_limited(spring.axes[AXES[index]]))
+        or (spring.damping_ratio is not None and spring.stiffness[index, index] > 0.0)
+        for spring in springs
+    )
+
+
+def _is_limited(axis: HybridAxis) -> bool:
+    """Whether |force| / speed_limit is a damping at all."""
+    return axis.speed_limit is not None and axis.force != 0.0
+
+
+def _is_regular(spring: SpringSpec) -> bool:
+    """Whether a spring in other axes is stiff, and so braked or oscillating at least, in every direction."""
+    eigenvalues = np.linalg.eigvalsh(spring.stiffness)
+    return bool(eigenvalues[0] > RELATIVE_TOLERANCE * eigenvalues[-1])
+
+
+def damps_every_joint(arm: DraftArm, limb: LimbSpec) -> bool:
+    """Whether the joint bias alone damps all joints of the limb, and so every axis of its hand."""
+    bias = arm.joint_bias
+    if bias is None:
+        return False
+    by_ratio = bias.damping_ratio is not None
+    explicit = bias.damping or {}
+    return all(
+        (by_ratio and bias.stiffness.get(j, 0.0) > 0.0) or explicit.get(j, 0.0) > 0.0 for j in limb.joints
+    )

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reads a task file: YAML, schema, meaning; every fault at once, or a TaskSpec and its RobotSpec."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from impedance_modules.errors import BadFile, BadInput, Problem
+from impedance_modules.spec.build_task import build_object, build_phase, build_surface, build_tank
+from impedance_modules.spec.check_arms import arm_problems
+from impedance_modules.spec.check_object import object_problems, tank_problems
+from impedance_modules.spec.check_phases import phase_problems
+from impedance_modules.spec.check_springs import spring_problems
+from impedance_modules.spec.draft_arms import DraftArm, draft_arms
+from impedance_modules.spec.locate import find_robot, find_task
+from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.schema import schema_faults
+from impedance_modules.spec.source import Document, scan_document
+from impedance_modules.spec.task import TaskSpec
+from impedance_modules.spec.task_draft import Draft
+from impedance_modules.spec.urdf import UrdfFacts, read_urdf
+
+RobotReader = Callable[[Path], RobotSpec]
+"""Reads the robot in a folder."""
+
+
+def read_task(name_or_path: str | Path, robot_reader: RobotReader = read_robot) -> tuple[TaskSpec, RobotSpec]:
+    """Reads a task and the robot it names.
+
+    Args:
+        name_or_path: A path, or the name of a shipped task; a path wins.
+        robot_reader: Reads the robot's folder.
+
+    Raises:
+        BadInput: There is no such task, or it is no text file.
+        BadFile: The task, or the robot it names, has faults; all of them at once.
+    """
+    return check_task(scan_document(find_task(name_or_path)), robot_reader)
+
+
+def check_task(document: Document, robot_reader: RobotReader = read_robot) -> tuple[TaskSpec, RobotSpec]:
+    """Like ``read_task``, for a document that has been scanned already."""
+    found = [(p, fault[1]) for p, fault in zip(document.traps, document.faults, strict=True)]
+    trapped = {(problem.line, problem.column) for problem, _ in found}
+    found += [(p, path) for p, path in schema_faults(document, "task") if (p.line, p.column) not in trapped]
+    problems = [problem for problem, _ in found]
+    robot, urdf = None, None
+    try:
+        robot, urdf = _read_robot(document, robot_reader)
+    except BadFile as error:
+        problems += error.problems
+    draft = Draft(document, tuple(path for _, path in found), robot, urdf)
+    arms = draft_arms(draft)
+    problems += _meaning_problems(draft, arms)
+    if problems or robot is None:
+        raise BadFile(problems)
+    return _finished(document, arms), robot
+
+
+def _read_robot(document: Document, robot_reader: RobotReader) -> tuple[RobotSpec | None, UrdfFacts | None]:
+    """Reads the robot that a task names; None where the name itself is at fault and already reported."""
+    name = document.data.get("robot")
+    if not isinstance(name, str) or not name:
+        return None, None
+    try:
+        robot = robot_reader(find_robot(name, beside=document.path))
+        return robot, read_urdf(robot.urdf)
+    except BadFile:
+        raise
+    except BadInput as error:
+        raise BadFile([document.problem(("robot",), str(error))]) from None
+
+
+def _meaning_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+    yield from arm_problems(draft, arms)
+    yield from spring_problems(draft, arms)
+    yield from object_problems(draft, arms)
+    yield from tank_problems(draft)
+    yield from phase_problems(draft, arms)
+
+
+def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:
+    """The TaskSpec of a document in which nothing is wrong."""
+    data = document.data
+    return TaskSpec(
+        name=data["name"],
+        description=data.get("description", ""),
+        robot=data["robot"],
+        arms={name: arm.finished() for name, arm in arms.items()},
+        object=build_object(data["object"]) if "object" in data else None,
+        tank=build_tank(data["safety"]["tank"]),
+        environment=tuple(build_surface(raw) for raw in data.get("environment", [])),
+        phases=tuple(build_phase(raw) for raw in data["phases"]),
+        path=document.path,
+        text=document.text,
+        document=document,
+    )
