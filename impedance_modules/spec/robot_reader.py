@@ -48,8 +48,12 @@ def read_robot(name_or_folder: str | Path, beside: Path | None = None) -> RobotS
     problems = [*document.traps, *schema_problems(document, "robot")]
     if problems:
         raise BadFile(problems)
-    urdf = read_urdf(folder / document.data["urdf"])
-    problems = robot_problems(document, urdf)
+    if not (folder / document.data["urdf"]).is_file():
+        present = sorted(file.name for file in folder.glob("*.urdf"))
+        raise BadFile(
+            [document.problem(("urdf",), f"{folder} has no file '{document.data['urdf']}'", present)]
+        )
+    problems = robot_problems(document, read_urdf(folder / document.data["urdf"]))
     if problems:
         raise BadFile(problems)
     return _build(document.data, folder)
