@@ -1,1 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
+"""Impedances add: inertia, damping and stiffness of arms and of what they hold, and their modes."""

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The dampers of a whole task, fixed at the start of a phase: explicit ones, and those from the inertia.
+
+Which springs are damped together (design 4, "Damping"): all springs of one frame share that frame's
+modes; the springs of all hands on a held object share the object's modes, with the object's summed
+stiffness and inertia; joint springs share the limb's joint-space modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.modules.arms import ArmModule, TaskModules
+from impedance_modules.modules.mobility import carry_mobility, mobility, parallel_sum
+from impedance_modules.modules.modal_damping import endpoint_damping, joint_damping
+from impedance_modules.modules.spring import Spring
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.pose import carry
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Damping:
+    """All dampers of a phase; ``*_modal`` follow from a damping ratio, ``*_explicit`` are declared.
+
+    Attributes:
+        spring_modal, spring_explicit: Spring name -> (6, 6), world axes at the spring's frame.
+        joint_modal, joint_explicit: Limb name -> (k, k) over the limb's joints, for limbs with a bias.
+    """
+
+    spring_modal: Mapping[str, Array]
+    spring_explicit: Mapping[str, Array]
+    joint_modal: Mapping[str, Array]
+    joint_explicit: Mapping[str, Array]
+
+    def of_spring(self, spring: Spring) -> Array:
+        """Sums a spring's dampers, (6, 6) [N.s/m, N.m.s/rad]."""
+        return self.spring_modal[spring.name] + self.spring_explicit[spring.name]
+
+    def of_joints(self, limb: str) -> Array:
+        """Sums a limb's joint dampers, (k, k) [N.m.s/rad]."""
+        return self.joint_modal[limb] + self.joint_explicit[limb]
+
+
+def phase_damping(modules: TaskModules, kinematics: Kinematics) -> Damping:
+    """Designs every damper of a phase at the state for which ``kinematics`` was last updated.
+
+    Args:
+        modules: Springs and biases with the gains of the phase.
+        kinematics: Of all ``modules.frames``; its inverse inertia includes the reflected inertia.
+    """
+    springs = [spring for arm in modules.arms for spring in arm.springs]
+    modal: dict[str, Array] = {}
+    for group in _groups(modules, springs):
+        modal.update(_frame_group(group, modules, kinematics))
+    if modules.held is not None:
+        modal.update(_object_group(modules, kinematics))
+    biased = [arm for arm in modules.arms if arm.bias is not None]
+    return Damping(
+        spring_modal={spring.name: modal[spring.name] for spring in springs},
+        spring_explicit={spring.name: spring.in_world(spring.damping) for spring in springs},
+        joint_modal={arm.limb.name: _joint_modal(arm, kinematics) for arm in biased},
+        joint_explicit={arm.limb.name: np.diag(arm.bias.damping) for arm in biased if arm.bias is not None},
+    )
+
+
+def _groups(modules: TaskModules, springs: Sequence[Spring]) -> list[list[Spring]]:
+    """Collects the springs that do not hold the object by frame."""
+    holding = modules.held.springs if modules.held is not None else ()
+    frames: dict[str, list[Spring]] = {}
+    for spring in springs:
+        if spring.name not in holding:
+            frames.setdefault(spring.frame, []).append(spring)
+    return list(frames.values())
+
+
+def _frame_group(group: Sequence[Spring], modules: TaskModules, kinematics: Kinematics) -> dict[str, Array]:
+    """Damps the springs of one frame with that frame's modes."""
+    joints = modules.arm(group[0].limb).limb.joints
+    found = mobility(kinematics.jacobian_of(group[0].frame)[:, joints], _inverse_inertia(kinematics, joints))
+    return _split(group, [spring.in_world(spring.stiffness) for spring in group], found)
+
+
+def _object_group(modules: TaskModules, kinematics: Kinematics) -> dict[str, Array]:
+    """Damps the springs that hold the object with the object's modes, then carries each back."""
+    held = modules.held
+    if held is None:
+        return {}
+    hands = tuple(kinematics.pose(hand) for hand in held.hands)
+    object_pose = held.pose_from(hands)
+    total = np.asarray(np.linalg.inv(held.inertia(object_pose.rotation)), dtype=np.float64)
+    for limb, hand, pose in zip(held.limbs, held.hands, hands, strict=True):
+        joints = modules.arm(limb).limb.joints
+        at_hand = mobility(kinematics.jacobian_of(hand)[:, joints], _inverse_inertia(kinematics, joints))
+        total = parallel_sum(total, carry_mobility(at_hand, pose.translation - object_pose.translation))
+    group = [spring for arm in modules.arms for spring in arm.springs if spring.name in held.springs]
+    if not group:
+        return {}
+    offsets = [kinematics.pose(spring.frame).translation - object_pose.translation for spring in group]
+    maps = [carry(offset) for offset in offsets]
+    carried = [X.T @ spring.in_world(spring.stiffness) @ X for X, spring in zip(maps, group, strict=True)]
+    at_object = _split(group, carried, total)
+    back = {spring.name: carry(-offset) for spring, offset in zip(group, offsets, strict=True)}
+    return {name: back[name].T @ matrix @ back[name] for name, matrix in at_object.items()}
+
+
+def _split(group: Sequence[Spring], stiffnesses: Sequence[Array], found: Array) -> dict[str, Array]:
+    ratios = [0.0 if spring.damping_ratio is None else spring.damping_ratio for spring in group]
+    dampers = endpoint_damping(stiffnesses, ratios, found)
+    return {spring.name: matrix for spring, matrix in zip(group, dampers, strict=True)}
+
+
+def _joint_modal(arm: ArmModule, kinematics: Kinematics) -> Array:
+    bias = arm.bias
+    if bias is None or bias.damping_ratio is None:
+        return np.zeros((len(arm.limb.joints), len(arm.limb.joints)))
+    inertia = np.linalg.inv(_inverse_inertia(kinematics, bias.joints))
+    return joint_damping(bias.stiffness, 0.5 * (inertia + inertia.T), bias.damping_ratio)
+
+
+def _inverse_inertia(kinematics: Kinematics, joints: NDArray[np.intp]) -> Array:
+    """Takes the limb's block of (M + I_r)^-1; limbs on a fixed base do not couple."""
+    return kinematics.inverse_inertia[np.ix_(joints, joints)]

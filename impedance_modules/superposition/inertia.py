@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""What a push at a point of a mechanism meets: operational inertia, or mobility where that is singular.
+
+\Lambda = (J (M + I_r)^-1 J^T)^-1 (thesis eq. 3.15, 4.26). At a singular posture the mechanism cannot move
+in some direction; \Lambda does not exist there, while the mobility Y = J (M + I_r)^-1 J^T does.
+(6, 6) matrices, linear then angular, world axes, at the named point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.modules.mobility import carry_mobility, mobility
+from impedance_modules.robot.pose import carry
+
+Array = NDArray[np.float64]
+
+LARGEST_CONDITION = 1e9
+"""Condition number of the mobility (SI units) beyond which an inertia is said not to exist."""
+
+
+@dataclass(frozen=True)
+class OperationalInertia:
+    """Inertia as it is felt at a point.
+
+    Attributes:
+        inertia: (6, 6) Lambda [kg, kg.m, kg.m^2]; None where the mechanism is singular.
+        mobility: (6, 6) Y, its inverse, which always exists.
+    """
+
+    inertia: Array | None
+    mobility: Array
+
+    def carried(self, offset: Array) -> OperationalInertia:
+        """Carries it to another point O of the same body; ``offset`` (3,) from O to here [m]."""
+        inertia = None if self.inertia is None else carry_inertia(self.inertia, offset)
+        return OperationalInertia(inertia, carry_mobility(self.mobility, offset))
+
+
+def operational_inertia(jacobian: Array, inverse_inertia: Array) -> OperationalInertia:
+    """Computes what a push at a frame meets.
+
+    Args:
+        jacobian: (6, k) J of the frame over the limb's joints.
+        inverse_inertia: (k, k) (M + I_r)^-1 of the same joints; with I_r = 0 the bare links'.
+    """
+    return from_mobility(mobility(jacobian, inverse_inertia))
+
+
+def from_mobility(found: Array) -> OperationalInertia:
+    """Inverts a mobility where that means something (condition at most ``LARGEST_CONDITION``)."""
+    if float(np.linalg.cond(found)) > LARGEST_CONDITION:
+        return OperationalInertia(None, found)
+    inverse = np.linalg.inv(found)
+    return OperationalInertia(0.5 * (inverse + inverse.T), found)
+
+
+def carry_inertia(at_hand: Array, offset: Array) -> Array:
+    """Carries an inertia, damping or stiffness matrix from H to O: X^T Lambda_H X.
+
+    Args:
+        at_hand: (6, 6) at H, world axes.
+        offset: (3,) from O to H [m]; X = ``carry(offset)`` maps O's twist to H's.
+    """
+    X = carry(offset)
+    return X.T @ at_hand @ X
+
+
+def without_reflected_inertia(inverse_inertia: Array, reflected_inertia: Array) -> Array:
+    """Gives M^-1 from (M + I_r)^-1 (k, k) and I_r (k,), for comparison with the bare links."""
+    links = np.linalg.inv(inverse_inertia) - np.diag(reflected_inertia)
+    return np.asarray(np.linalg.inv(0.5 * (links + links.T)), dtype=np.float64)

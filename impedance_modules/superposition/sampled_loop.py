@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The controller around elastic joints, sampled and late: is it stable, and how stiff may the hand be?
+
+    \tau_k = -(K_q q_k + D_q v_k), acts over the period that begins ``delay_periods`` later
+
+The loop is the matrix of one period on (x, the torques still under way, the last position where velocity
+is differentiated). It is stable when its spectral radius is below one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.superposition.elastic_joints import SampledArm
+from impedance_modules.superposition.modes import Mode, modes_of
+
+Array = NDArray[np.float64]
+
+MARGIN = 1e-7
+"""A free motion has a double eigenvalue one, which rounding moves by about 1e-8; this is above that."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Joint-space gains of a controller, (k, k) each [N.m/rad, N.m.s/rad]."""
+
+    stiffness: Array
+    damping: Array
+
+
+def loop_matrix(arm: SampledArm, gains: Gains) -> Array:
+    """Writes one period of the closed loop as a matrix."""
+    size, k = arm.B.shape
+    late = arm.sampling.delay_periods
+    differentiated = arm.velocity is None
+    total = size + k * (late + int(differentiated))
+    command = np.zeros((k, total))
+    command[:, :size] = -gains.stiffness @ arm.position
+    if arm.velocity is not None:
+        command[:, :size] -= gains.damping @ arm.velocity
+    else:
+        slope = arm.sampling.rate * gains.damping
+        command[:, :size] -= slope @ arm.position
+        command[:, total - k :] += slope
+    matrix = np.zeros((total, total))
+    matrix[:size, :size] = arm.A
+    if late:
+        matrix[:size, size : size + k] = arm.B
+        for age in range(late - 1):
+            row = size + k * age
+            matrix[row : row + k, row + k : row + 2 * k] = np.eye(k)
+        last = size + k * (late - 1)
+        matrix[last : last + k] = command
+    else:
+        matrix[:size] += arm.B @ command
+    if differentiated:
+        matrix[total - k :, :size] = arm.position
+    return matrix
+
+
+def spectral_radius(arm: SampledArm, gains: Gains) -> float:
+    """Gives the growth of the loop's least stable motion per period; below 1 is stable."""
+    return float(np.max(np.abs(np.linalg.eigvals(loop_matrix(arm, gains)))))
+
+
+def sampled_modes(arm: SampledArm, gains: Gains) -> tuple[Mode, ...]:
+    """Finds the loop's modes as a continuous observer sees them, s = rate log(z), slowest first.
+
+    Motions that die within a small fraction of a period, such as the pure delay's, are left out.
+    """
+    values, vectors = np.linalg.eig(loop_matrix(arm, gains))
+    lasting = np.abs(values) > 1e-3
+    shapes = arm.position @ vectors[: arm.A.shape[0], lasting]
+    return modes_of(arm.sampling.rate * np.log(values[lasting].astype(complex)), shapes)
+
+
+def highest_stable_stiffness(arm: SampledArm, fixed: Gains, scaled: Gains, largest: float) -> float | None:
+    r"""Finds how far the endpoint stiffness can be raised before the sampled loop is unstable.
+
+    The endpoint stiffness is multiplied by s and its damping, by its rule 2 \zeta \sqrt{k m}, by \sqrt{s}.
+
+    Args:
+        arm: The arm between samples.
+        fixed: Joint springs, Gamma and explicit dampers, which stay.
+        scaled: J^T K_end J and J^T D_end J, which grow.
+        largest: Scale beyond which nobody asks.
+
+    Returns:
+        The smallest scale at which the loop loses stability, 0 if it is unstable however soft the hand
+        is, or None if it is stable up to ``largest``.
+    """
+
+    def stable(scale: float) -> bool:
+        return spectral_radius(arm, _scaled(fixed, scaled, scale)) < 1.0 + MARGIN
+
+    grid = np.geomspace(1e-3, largest, 1 + math.ceil(8 * math.log10(largest / 1e-3)))
+    first = next((index for index, scale in enumerate(grid) if not stable(float(scale))), None)
+    if first is None:
+        return None
+    if first == 0:
+        return 0.0
+    low, high = float(grid[first - 1]), float(grid[first])
+    while high / low > 1.0 + 1e-4:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def _scaled(fixed: Gains, scaled: Gains, scale: float) -> Gains:
+    return Gains(
+        fixed.stiffness + scale * scaled.stiffness,
+        fixed.damping + math.sqrt(scale) * scaled.damping,
+    )

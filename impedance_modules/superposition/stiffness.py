@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Net stiffness of a hand: joint springs seen through the arm, plus the springs at the hand.
+
+    K_net = (J (K_j - \Gamma)^-1 J^T)^-1 + K_end,      \Gamma_ij = d(J^T F_b)_i / dq_j       (thesis eq. 4.24)
+
+F_b is the wrench on the hand that the joint springs carry: the sum of everything that acts on the hand,
+virtual springs, force axes, environment and object. At rest J^T F_b = K_j (q - q_0). A loaded linkage is
+softer or stiffer than a relaxed one because its lever arms turn: that is \Gamma. Relaxed joint springs have
+\Gamma = 0. Derivation: K_j dq = \Gamma dq + J^T dF_b (the statics, differentiated), dx = J dq.
+
+The wrench is an argument: with another wrench the same function gives the thesis's eq. 5.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SINGULAR = 1e-10
+"""Ratio of the smallest to the largest singular value below which a matrix counts as singular."""
+
+
+@dataclass(frozen=True)
+class NetStiffness:
+    """What a hand's springs amount to at one posture and load; world axes, at the hand.
+
+    Attributes:
+        stiffness: (6, 6) K_net, minus the derivative of the hand's wrench by displacement and rotation.
+            None where the joint springs are singular, the posture is singular, or the arm folds.
+        compliance: (6, 6) J H^-1 J^T, motion of the hand per wrench on it. None where the arm folds or
+            some motion of the hand meets no stiffness at all.
+        folds: The arm with its hand free, under constant loads, is not in a stable equilibrium: the
+            symmetric part of the Hessian H = K_j - Gamma + J^T K_end J has a negative eigenvalue.
+        folds_held: Even with the hand held fast, a self-motion of the arm is unstable.
+        gamma: (k, k) Gamma [N.m/rad].
+        at_hand: (6, 6) the formula's K_net, stable or not, and with the answer that the statics still
+            give where K_j is singular; what superposition adds. None only at singular postures.
+    """
+
+    stiffness: Array | None
+    compliance: Array | None
+    folds: bool
+    folds_held: bool
+    gamma: Array
+    at_hand: Array | None
+
+
+def gamma(jacobian: Array, wrench: Array) -> Array:
+    r"""Gives how the torque of a constant wrench on the hand changes as the joints turn.
+
+    \Gamma_ij = d(J^T F)_i / dq_j with F = (f, t) fixed in world axes at the moving hand. When joint j turns,
+    it turns every axis and lever further out with it:
+
+        j <= i:  f . (Jw_j x Jv_i) + t . (Jw_j x Jw_i)           j > i:  f . (Jw_i x Jv_j)
+
+    Args:
+        jacobian: (6, k), joints ordered from the base outwards; zero columns for joints beyond the frame.
+        wrench: (6,) F, world axes [N, N.m].
+
+    Returns:
+        (k, k) [N.m/rad]; symmetric when t = 0.
+    """
+    linear, angular = jacobian[:3].T, jacobian[3:].T
+    force, moment = wrench[:3], wrench[3:]
+    # turned[i, j] = f . (Jw_i x Jv_j)
+    turned = np.cross(angular[:, None], linear[None, :]) @ force
+    twisted = np.cross(angular[:, None], angular[None, :]) @ moment
+    return np.tril((turned + twisted).T) + np.triu(turned, 1)
+
+
+def net_stiffness(
+    jacobian: Array, joint_stiffness: Array, end_stiffness: Array, wrench: Array
+) -> NetStiffness:
+    r"""Computes eq. 4.24 and judges it.
+
+    The Hessian that decides folding, H = K_j - \Gamma + J^T K_end J, is the derivative by q of all torques
+    K_j (q - q_0) - J^T (w_end(q) + F_constant) that must balance: its symmetric part must be positive
+    definite for the arm to return by itself. Its inverse seen at the hand is the compliance
+    J H^-1 J^T = K_net^-1 (the matrix inversion lemma).
+
+    Args:
+        jacobian: (6, k) J of the hand, joints from the base outwards.
+        joint_stiffness: (k,) or (k, k) K_j [N.m/rad], with whatever acts elsewhere than at the hand.
+        end_stiffness: (6, 6) K_end at the hand, world axes, e.g. from ``spring_stiffness``.
+        wrench: (6,) F_b [N, N.m], world axes.
+    """
+    springs = np.diag(joint_stiffness) if joint_stiffness.ndim == 1 else joint_stiffness
+    turning = gamma(jacobian, wrench)
+    loaded = springs - turning
+    hessian = loaded + jacobian.T @ end_stiffness @ jacobian
+    folds = _unstable(hessian, float(np.linalg.norm(hessian, 2)))
+    joint_part = through_arm(jacobian, loaded)
+    at_hand = None if joint_part is None else joint_part + end_stiffness
+    hidden = folds or _singular(springs) or _singular(loaded)
+    return NetStiffness(
+        stiffness=None if hidden else at_hand,
+        compliance=None if folds else _compliance(jacobian, hessian),
+        folds=folds,
+        folds_held=_unstable_when_held(jacobian, hessian),
+        gamma=turning,
+        at_hand=at_hand,
+    )
+
+
+def through_arm(jacobian: Array, joint_matrix: Array) -> Array | None:
+    r"""Sees a joint-space stiffness or damping at the hand, (J A^-1 J^T)^-1.
+
+    It is the df of the statics A dq = J^T df, J dq = dx, solved together for every dx; that has an answer
+    where A is singular too: a direction which some joint lets go freely has none of the joints' stiffness.
+
+    Args:
+        jacobian: (6, k).
+        joint_matrix: (k, k) A.
+
+    Returns:
+        (6, 6), or None where the hand cannot move in some direction (J has not full row rank).
+    """
+    if _singular(jacobian):
+        return None
+    k = jacobian.shape[1]
+    scale = float(np.linalg.norm(joint_matrix, 2))
+    if scale == 0.0:
+        return np.zeros((6, 6))
+    # Divided by its size, A meets the tolerance of the pseudo-inverse on equal terms with J.
+    statics = np.block([[joint_matrix / scale, jacobian.T], [jacobian, np.zeros((6, 6))]])
+    return -scale * np.asarray(np.linalg.pinv(statics, rcond=1e-12)[k:, k:])
+
+
+def seen_from_elsewhere(jacobian: Array, stiffness: Array, wrench: Array) -> Array:
+    r"""Turns a spring on another frame of the arm into joint stiffness: J^T K J - \Gamma(w), (k, k).
+
+    Args:
+        jacobian: (6, k) of that frame; zero columns for joints beyond it.
+        stiffness: (6, 6) of the spring there, world axes.
+        wrench: (6,) that the spring exerts there now.
+    """
+    return jacobian.T @ stiffness @ jacobian - gamma(jacobian, wrench)
+
+
+def carried_wrench(jacobian: Array, joint_effort: Array) -> tuple[Array, float]:
+    """Finds the wrench F_b on the hand that balances the joint springs, J^T F_b = K_j (q - q_0).
+
+    Args:
+        jacobian: (6, k).
+        joint_effort: (k,) K_j (q - q_0) [N.m], what the joint springs carry.
+
+    Returns:
+        F_b (6,) in world axes, and the largest joint torque it leaves unbalanced [N.m]: zero at rest.
+    """
+    wrench = np.asarray(np.linalg.lstsq(jacobian.T, joint_effort, rcond=None)[0], dtype=np.float64)
+    return wrench, float(np.max(np.abs(jacobian.T @ wrench - joint_effort)))
+
+
+def _compliance(jacobian: Array, hessian: Array) -> Array | None:
+    """Gives J H^-1 J^T; where H is singular, only if no free motion of the joints moves the hand."""
+    left, values, right = np.linalg.svd(hessian)
+    free = values <= SINGULAR * values[0]
+    moves = max(_size(jacobian @ right[free].T), _size(jacobian @ left[:, free]))
+    if moves > 1e-6:
+        return None
+    inverse = (right[~free].T / values[~free]) @ left[:, ~free].T
+    return np.asarray(jacobian @ inverse @ jacobian.T)
+
+
+def _unstable_when_held(jacobian: Array, hessian: Array) -> bool:
+    """Restricts the Hessian to the self-motions, J dq = 0."""
+    _, values, right = np.linalg.svd(jacobian)
+    self_motion = right[int(np.sum(values > SINGULAR * values[0])) :]
+    return _unstable(self_motion @ hessian @ self_motion.T, float(np.linalg.norm(hessian, 2)))
+
+
+def _unstable(hessian: Array, scale: float) -> bool:
+    """Tells whether the symmetric part has an eigenvalue that is negative beyond rounding."""
+    lowest = np.linalg.eigvalsh(0.5 * (hessian + hessian.T))[:1]
+    return bool(np.any(lowest < -SINGULAR * scale))
+
+
+def _singular(matrix: Array) -> bool:
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return bool(values[-1] <= SINGULAR * values[0])
+
+
+def _size(matrix: Array) -> float:
+    return float(np.max(np.abs(matrix))) if matrix.size else 0.0
