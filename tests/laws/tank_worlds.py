@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Small worlds for the tank's tests: springs, a delayed command path, elastic joints stepped exactly."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import expm
+
+from impedance_modules.safety.tank import TankSettings
+
+
+def settings_of(n: int, **changes: object) -> TankSettings:
+    base = TankSettings(
+        initial=2.0,
+        max=4.0,
+        floor=0.5,
+        period=0.002,
+        delay=0,
+        hold=0.002,
+        speed_bound=np.full(n, 2.0),
+        compliance=np.full(n, 1 / 300),
+        sensing_error=np.zeros(n),
+        recovery_time=0.2,
+    )
+    return replace(base, **changes)
+
+
+@dataclass
+class Springs:
+    """U = (q - x0)^T K (q - x0) / 2, viscous damping and a constant push that no potential pays for."""
+
+    K: np.ndarray
+    x0: np.ndarray
+    D: float
+    push: np.ndarray
+
+    def potential(self, q: np.ndarray, x0: np.ndarray | None = None, K: np.ndarray | None = None) -> float:
+        d = q - (self.x0 if x0 is None else x0)
+        return 0.5 * float(d @ (self.K if K is None else K) @ d)
+
+    def effort(self, q: np.ndarray, v: np.ndarray, scale: float) -> np.ndarray:
+        return scale * (self.K @ (self.x0 - q)) - self.D * v + self.push
+
+
+def random_springs(rng: np.random.Generator, n: int) -> Springs:
+    A = rng.normal(size=(n, n))
+    return Springs(
+        rng.uniform(1, 200) * A @ A.T, rng.normal(size=n), rng.uniform(0, 5), rng.normal(size=n) * 5
+    )
+
+
+class Wire:
+    """The robot's command path: a command of cycle k acts in [k + delay, k + delay + 1], and is held on."""
+
+    def __init__(self, delay: int, n: int) -> None:
+        self.line = deque([np.zeros(n)] * delay)
+        self.last = np.zeros(n)
+
+    def applied(self, command: np.ndarray | None) -> np.ndarray:
+        """Torque of the next interval; None: no new command came, the last one stays."""
+        self.last = self.last if command is None else command
+        self.line.append(self.last)
+        return self.line.popleft()
+
+
+class ElasticArm:
+    """n joints: M qdd + C qd = k (theta - q) + f, I thetadd + D thetad = tau - k (theta - q); exact steps."""
+
+    def __init__(self, rng: np.random.Generator, n: int, dt: float) -> None:
+        A = rng.normal(size=(n, n))
+        self.n, self.k = n, rng.uniform(100, 900, n)
+        M, inertia = A @ A.T + 0.3 * np.eye(n), rng.uniform(0.05, 0.6, n)
+        Z, E, K = np.zeros((n, n)), np.eye(n), np.diag(self.k)
+        Mi, Ii = np.linalg.inv(M), np.diag(1 / inertia)
+        F = np.block(
+            [
+                [Z, Z, E, Z],
+                [Z, Z, Z, E],
+                [-Mi @ K, Mi @ K, -0.2 * Mi, Z],
+                [Ii @ K, -Ii @ K, Z, -0.1 * Ii],
+            ]
+        )
+        G = np.block([[Z, Z], [Z, Z], [Mi, Z], [Z, Ii]])
+        big = expm(np.block([[F, G], [np.zeros((2 * n, 6 * n))]]) * dt)
+        self.A, self.B = big[: 4 * n, : 4 * n], big[: 4 * n, 4 * n :]
+        self.x = np.zeros(4 * n)
+        self.M, self.inertia = M, inertia
+
+    def step(self, force: np.ndarray, tau: np.ndarray) -> None:
+        self.x = self.A @ self.x + self.B @ np.concatenate((force, tau))
+
+    def part(self, i: int) -> np.ndarray:
+        return self.x[i * self.n : (i + 1) * self.n]
