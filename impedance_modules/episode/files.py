@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Names of a run's files, writing a file all at once, and the lock that marks a run as alive."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from impedance_modules.errors import BadInput
+
+EPISODE = "episode.parquet"
+RECORDING = "recording.rrd"
+SUMMARY = "summary.json"
+PICTURE = "picture.png"
+LOCK = ".episode.lock"
+PART_PATTERN = "episode.part-*.parquet"
+
+
+def part_path(directory: Path, index: int) -> Path:
+    """Returns the path of a run's part number ``index``, counted from 0."""
+    return directory / f"episode.part-{index:05d}.parquet"
+
+
+def part_paths(directory: Path) -> tuple[Path, ...]:
+    """Returns the parts in ``directory`` in the order they were written."""
+    return tuple(sorted(directory.glob(PART_PATTERN), key=lambda path: int(path.stem.rpartition("-")[2])))
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """Writes a file that either appears whole under its name or not at all.
+
+    The bytes go to a hidden temporary name in the same directory, reach the disk (fsync), and take their name
+    in one atomic step; a kill in between leaves at most the hidden file, which the next writer replaces.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    with temporary.open("wb") as stream:
+        yield stream
+        stream.flush()
+        os.fsync(stream.fileno())
+    temporary.replace(path)
+
+
+class RunLock:
+    """Held by the process that writes a directory; the kernel lets go of it however the process ends."""
+
+    def __init__(self, descriptor: int, path: Path) -> None:
+        self._descriptor = descriptor
+        self._path = path
+
+    @classmethod
+    def try_acquire(cls, directory: Path) -> RunLock | None:
+        """Returns the lock, or None while another process (or writer) holds it.
+
+        Raises:
+            OSError: The directory cannot be written.
+        """
+        path = directory / LOCK
+        while True:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(descriptor)
+                return None
+            # Whoever held it may have removed the file between our open and our lock: then take the new one.
+            if path.exists() and path.stat().st_ino == os.fstat(descriptor).st_ino:
+                return cls(descriptor, path)
+            os.close(descriptor)
+
+    @classmethod
+    def acquire(cls, directory: Path) -> RunLock:
+        """Returns the lock.
+
+        Raises:
+            BadInput: Another run is writing in the directory.
+        """
+        lock = cls.try_acquire(directory)
+        if lock is None:
+            raise BadInput(f"{directory}: another run is writing here (valid: another --out directory)")
+        return lock
+
+    def release(self) -> None:
+        """Removes the lock file and lets go of the lock."""
+        self._path.unlink(missing_ok=True)
+        os.close(self._descriptor)

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a recording looks when it opens: the arms on the left, the curves that explain them on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import rerun.blueprint as rrb
+
+from impedance_modules.episode import entities
+from impedance_modules.episode.scene import Scene
+
+
+def run_layout(scene: Scene) -> rrb.Blueprint:
+    """Returns the layout of a run: 3D, phases and log; tank, torque over limit, tracking, forces, QP rows."""
+    world = rrb.Spatial3DView(
+        origin=entities.WORLD,
+        name="arms, springs, wrenches",
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.25),
+        eye_controls=rrb.EyeControls3D(position=(1.9, 0.9, 0.9), look_target=(0.4, 0.0, 0.15)),
+        background=(28, 31, 36, 255),
+    )
+    phases = rrb.StateTimelineView(origin=entities.PHASE, name="phase")
+    log = rrb.TextLogView(origin=entities.LOG, name="what happened")
+    left = rrb.Vertical(world, phases, log, row_shares=[7, 1, 2])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, rrb.Vertical(*_curves(scene)), column_shares=[3, 2]),
+        rrb.TimePanel(timeline=entities.TIMELINE, state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def _curves(scene: Scene) -> list[Any]:
+    top = 1.05 * scene.tank_max
+    views = [_plot("tank [J]: level, floor, max", [entities.TANK], (0.0, top))]
+    torques = [
+        _plot(f"torque / limit, {limb}", [entities.torque_path(limb)], (-1.1, 1.1)) for limb in scene.limbs
+    ]
+    views += [_tabs(torques)] if torques else []
+    if scene.tracked:
+        views.append(
+            _tabs(
+                [
+                    _plot("distance to target [mm]", [entities.POSITION_ERROR], None),
+                    _plot("angle to target [deg]", [entities.ANGLE_ERROR], None),
+                ]
+            )
+        )
+    forces = [_plot(f"force [N], {name}", [entities.force_path(name)], None) for name in scene.wrenches]
+    views += [_tabs(forces)] if forces else []
+    if scene.constraints:
+        views.append(_plot("active QP rows", [entities.ACTIVE_ROWS], None))
+    return views
+
+
+def columns_layout(groups: Mapping[str, Sequence[str]], *, with_phases: bool) -> rrb.Blueprint:
+    """Returns the layout of a log without a task: one plot per quantity, and nothing that was not recorded.
+
+    Args:
+        groups: Title of a plot -> its entities.
+        with_phases: The log names its phases.
+    """
+    views = [_plot(title, paths, None) for title, paths in groups.items()]
+    if with_phases:
+        views.append(rrb.StateTimelineView(origin=entities.PHASE, name="phase"))
+    return rrb.Blueprint(
+        rrb.Grid(*views, grid_columns=2),
+        rrb.TimePanel(timeline=entities.TIMELINE, state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def _plot(title: str, paths: Sequence[str], limits: tuple[float, float] | None) -> Any:
+    axis = None if limits is None else rrb.ScalarAxis(range=limits)
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=list(paths),
+        name=title,
+        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        axis_y=axis,
+        plot_legend=rrb.PlotLegend(visible=True),
+    )
+
+
+def _tabs(views: Sequence[Any]) -> Any:
+    return views[0] if len(views) == 1 else rrb.Tabs(*views)

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Part files of a running recording, and the merge that makes them one episode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from impedance_modules.episode.columns import JOINT_KINDS, PHASE, TIME
+from impedance_modules.episode.files import EPISODE, part_paths, whole_file
+from impedance_modules.episode.metadata import encode_metadata
+from impedance_modules.errors import BadInput
+
+ROWS_PER_GROUP = 8192
+"""Rows that a merge holds in memory at once: 10 MB at 150 columns."""
+
+
+def episode_schema(columns: Sequence[str], metadata: Mapping[str, Any], place: str) -> pa.Schema:
+    """Returns the Parquet schema: float64 columns, and text for ``phase``."""
+    fields = [
+        pa.field(name, pa.dictionary(pa.int32(), pa.string()) if name == PHASE else pa.float64())
+        for name in columns
+    ]
+    return pa.schema(fields, metadata=encode_metadata(metadata, place))
+
+
+def is_required(column: str) -> bool:
+    """Returns whether every row must have a number: time, and what is known of a joint."""
+    return column == TIME or column.partition(".")[0] in JOINT_KINDS
+
+
+def rows_to_table(
+    schema: pa.Schema,
+    rows: NDArray[np.float64],
+    phase_codes: NDArray[np.int32],
+    phases: Sequence[str],
+) -> pa.Table:
+    """Builds a table from rows of numbers.
+
+    Args:
+        schema: From `episode_schema`.
+        rows: (rows, float columns), in the schema's order without ``phase``. NaN becomes null in columns that
+            need not have a value (``tank``, targets ...) and stays NaN, as evidence, in those that must.
+        phase_codes: (rows,) index into ``phases``, or negative for no phase.
+        phases: Phase names.
+    """
+    by_column = iter(np.ascontiguousarray(rows.T))
+    arrays = []
+    for name in schema.names:
+        if name == PHASE:
+            codes = pa.array(phase_codes, mask=phase_codes < 0)
+            arrays.append(pa.DictionaryArray.from_arrays(codes, pa.array(phases, pa.string())))
+        else:
+            arrays.append(pa.array(next(by_column), from_pandas=not is_required(name)))
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def write_part(path: Path, table: pa.Table) -> None:
+    """Writes one part, whole or not at all; quick rather than small."""
+    dictionary = [PHASE] if PHASE in table.schema.names else False
+    # Encoded in memory first: without callbacks into Python the control loop keeps running meanwhile.
+    encoded = pa.BufferOutputStream()
+    pq.write_table(table, encoded, compression="none", use_dictionary=dictionary, write_statistics=False)
+    with whole_file(path) as stream:
+        stream.write(encoded.getvalue())
+
+
+def write_merged(path: Path, tables: Iterator[pa.Table], schema: pa.Schema) -> None:
+    """Writes tables as one compressed file, at most `ROWS_PER_GROUP` rows in memory beyond one table."""
+    with whole_file(path) as stream, pq.ParquetWriter(stream, schema, **_encoding(schema)) as writer:
+        held: list[pa.Table] = []
+        for table in tables:
+            held.append(table.replace_schema_metadata(schema.metadata))
+            if sum(map(len, held)) >= ROWS_PER_GROUP:
+                writer.write_table(pa.concat_tables(held), row_group_size=2 * ROWS_PER_GROUP)
+                held = []
+        if held:
+            writer.write_table(pa.concat_tables(held), row_group_size=2 * ROWS_PER_GROUP)
+
+
+def merge_parts(directory: Path, metadata: Mapping[str, Any] | None) -> Path:
+    """Merges a directory's parts into ``episode.parquet`` and removes them.
+
+    Args:
+        directory: Of the run; nobody else may be writing it.
+        metadata: Replaces the parts' metadata; None keeps it.
+
+    Returns:
+        The path of the episode. Parts next to a whole episode are what a kill during their removal left, and
+        go.
+
+    Raises:
+        BadInput: A part is damaged.
+        OSError: The directory cannot be written.
+    """
+    target = directory / EPISODE
+    paths = part_paths(directory)
+    if paths and not target.exists():
+        schema = _read(paths[0], only_schema=True).schema
+        if metadata is not None:
+            schema = schema.with_metadata(encode_metadata(metadata, str(directory)))
+        write_merged(target, map(_read, paths), schema)
+    for path in paths:
+        path.unlink()
+    return target
+
+
+def read_parts(directory: Path) -> pa.Table:
+    """Reads the parts of a run that is still being written, or that cannot be merged here."""
+    return pa.concat_tables([_read(path) for path in part_paths(directory)], promote_options="default")
+
+
+def _encoding(schema: pa.Schema) -> dict[str, Any]:
+    """Returns writer options: split bytes of floats compress three times better than whole ones."""
+    floats = [field.name for field in schema if pa.types.is_floating(field.type)]
+    other = [field.name for field in schema if not pa.types.is_floating(field.type)]
+    return {
+        "compression": "zstd",
+        "use_dictionary": other or False,
+        "use_byte_stream_split": floats,
+    }
+
+
+def _read(path: Path, only_schema: bool = False) -> pa.Table:
+    try:
+        with pq.ParquetFile(path, pre_buffer=False) as part:
+            return part.schema_arrow.empty_table() if only_schema else part.read(use_threads=False)
+    except (pa.ArrowException, OSError) as error:
+        raise BadInput(
+            f"{path}: damaged part of an episode: {error} (valid: remove it and open again)"
+        ) from error

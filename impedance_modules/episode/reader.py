@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reads an episode and refuses one that would mislead: every message says what, where, and what is valid."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from impedance_modules.episode.columns import (
+    FRAME_KINDS,
+    JOINT_KINDS,
+    PHASE,
+    TANK,
+    TIME,
+    ColumnLayout,
+    parse_columns,
+)
+from impedance_modules.episode.data import Episode, Matrix, Texts, Vector
+from impedance_modules.episode.metadata import decode_metadata
+from impedance_modules.episode.parts import is_required
+from impedance_modules.episode.source import ReadColumn, open_source
+from impedance_modules.errors import BadInput
+
+KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, "extra")
+
+
+def read_episode(path: Path | str, kinds: Collection[str] | None = None) -> Episode:
+    """Reads one recording.
+
+    Time is taken as it was recorded: whether it jitters or repeats is for the diagnosis to judge.
+
+    Args:
+        path: A Parquet file, or a run's directory; the parts of a killed run are merged first.
+        kinds: What to read beside time, out of `KINDS`; None reads all. A long recording of many columns is
+            read in a fraction of the memory when only its joints matter.
+
+    Raises:
+        BadInput: Missing, empty, truncated or not Parquet; no ``time`` or no ``position.<joint>``; a value
+            that is not a finite number; metadata missing or wrong.
+    """
+    place = str(path)
+    unknown = sorted(set(kinds or ()) - set(KINDS))
+    if unknown:
+        raise BadInput(f"{place}: '{unknown[0]}' is no kind of column (valid: {', '.join(KINDS)})")
+    schema, rows, read = open_source(Path(path))
+    layout = parse_columns(schema.names, place)
+    metadata = decode_metadata(schema.metadata, place, has_effort=bool(layout.joints["effort"]))
+    if rows == 0:
+        raise BadInput(f"{place}: the episode has no samples (valid: at least one row)")
+    columns = _Columns(schema, read, place, frozenset(KINDS if kinds is None else kinds))
+    return Episode(
+        time=columns.number(TIME),
+        **{kind: columns.joints(kind, layout) for kind in JOINT_KINDS},
+        **{kind: columns.frames(kind, layout, rows) for kind in FRAME_KINDS},
+        phase=columns.text(PHASE) if columns.has(PHASE) else None,
+        tank=columns.number(TANK) if columns.has(TANK) else None,
+        extra=columns.extra(layout.extra),
+        labels=columns.labels(layout.extra),
+        metadata=MappingProxyType(metadata),
+        source=Path(path),
+    )
+
+
+class _Columns:
+    """Reads and checks one file's columns, one at a time."""
+
+    def __init__(self, schema: pa.Schema, read: ReadColumn, place: str, kinds: Collection[str]) -> None:
+        self._schema = schema
+        self._read = read
+        self._place = place
+        self._kinds = kinds
+
+    def has(self, kind: str) -> bool:
+        return kind in self._kinds and kind in self._schema.names
+
+    def joints(self, kind: str, layout: ColumnLayout) -> Mapping[str, Vector]:
+        wanted = layout.joints[kind] if kind in self._kinds else {}
+        return MappingProxyType({joint: self.number(name) for joint, name in wanted.items()})
+
+    def frames(self, kind: str, layout: ColumnLayout, rows: int) -> Mapping[str, Matrix]:
+        wanted = layout.frames[kind] if kind in self._kinds else {}
+        return MappingProxyType({frame: self._frame(names, rows) for frame, names in wanted.items()})
+
+    def extra(self, names: Sequence[str]) -> Mapping[str, Vector]:
+        wanted = [name for name in names if "extra" in self._kinds and not self._is_text(name)]
+        return MappingProxyType({name: self.number(name) for name in wanted})
+
+    def labels(self, names: Sequence[str]) -> Mapping[str, Texts]:
+        wanted = [name for name in names if "extra" in self._kinds and self._is_text(name)]
+        return MappingProxyType({name: self.text(name) for name in wanted})
+
+    def number(self, name: str) -> Vector:
+        """Returns a column as read-only float64; NaN where a value is missing and may be."""
+        kind = self._schema.field(name).type
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            raise BadInput(f"{self._place}: column '{name}' holds {kind} (valid: float64 numbers)")
+        values: Vector = self._read(name).cast(pa.float64()).to_numpy()
+        self._check_finite(name, values)
+        return _frozen(values)
+
+    def text(self, name: str) -> Texts:
+        if not self._is_text(name):
+            raise BadInput(
+                f"{self._place}: column '{name}' holds {self._schema.field(name).type} (valid: text)"
+            )
+        encoded = self._read(name).cast(pa.string()).dictionary_encode().combine_chunks()
+        # One object per name, and None, reached by code -1, where there is no text.
+        names = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
+        return _frozen(names[encoded.indices.fill_null(-1).to_numpy()])
+
+    def _frame(self, names: Sequence[str | None], rows: int) -> Matrix:
+        values = np.full((rows, len(names)), np.nan)
+        for index, name in enumerate(names):
+            if name is not None:
+                values[:, index] = self.number(name)
+        return _frozen(values)
+
+    def _is_text(self, name: str) -> bool:
+        kind = self._schema.field(name).type
+        inner = kind.value_type if pa.types.is_dictionary(kind) else kind
+        return bool(pa.types.is_string(inner) or pa.types.is_large_string(inner) or pa.types.is_null(inner))
+
+    def _check_finite(self, name: str, values: Vector) -> None:
+        bad = ~np.isfinite(values) if is_required(name) else np.isinf(values)
+        if bad.any():
+            row = int(np.argmax(bad))
+            value = "missing or NaN" if np.isnan(values[row]) else str(values[row])
+            raise BadInput(
+                f"{self._place}: column '{name}' is {value} in row {row} of {len(values)}"
+                " (valid: finite numbers; leave out a column that was not measured)"
+            )
+
+
+def _frozen(values: NDArray[Any]) -> NDArray[Any]:
+    """Returns the array, read-only."""
+    values.setflags(write=False)
+    return values

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes view samples as a rerun recording, many instants at a time: one column per thing, not one call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from impedance_modules.episode import entities
+from impedance_modules.episode.layout import run_layout
+from impedance_modules.episode.palette import FORCE, LIMIT, SPRING, TORQUE, series_colour
+from impedance_modules.episode.scene import ARRAYS, Array, Scene, ViewSample, check_sample
+from impedance_modules.episode.solids import solid
+
+METRES_PER_NEWTON = 0.015
+METRES_PER_NEWTON_METRE = 0.1
+
+
+class RecordingFile:
+    """A rerun file that grows: a 3D view of the arms with springs, wrenches and ellipsoids, and curves below.
+
+    A viewer may follow it while it is written; what was written survives a kill.
+    """
+
+    def __init__(self, path: Path, scene: Scene, name: str, *, live: bool) -> None:
+        """Opens the file and writes what does not change.
+
+        Args:
+            path: Of the ``.rrd`` file; replaced if there.
+            scene: What is shown.
+            name: Of the recording, as the viewer lists it.
+            live: Also opens a viewer window that follows the run.
+        """
+        self._scene = scene
+        self._phase: str | None = None
+        self._stream = open_stream(path, name, live=live)
+        self._stream.send_blueprint(run_layout(scene))
+        self._write_solids()
+        self._write_styles()
+
+    def write(self, samples: Sequence[ViewSample]) -> None:
+        """Appends samples in the order of their time.
+
+        Raises:
+            BadInput: A sample that does not fit the scene.
+        """
+        if not samples:
+            return
+        for sample in samples:
+            check_sample(self._scene, sample)
+        stacked = {name: np.stack([getattr(sample, name) for sample in samples]) for name in ARRAYS}
+        index = time_index(np.array([sample.time for sample in samples]))
+        self._write_poses(index, stacked)
+        self._write_springs(index, stacked)
+        self._write_wrenches(index, stacked)
+        self._write_ellipsoids(index, stacked)
+        self._write_curves(index, stacked, np.array([sample.tank for sample in samples]))
+        self._write_texts(samples)
+
+    def close(self) -> None:
+        """Writes what is buffered and the file's table of contents."""
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def _write_solids(self) -> None:
+        world = rr.ViewCoordinates.RIGHT_HAND_Z_UP
+        self._stream.log(entities.WORLD, world, static=True)
+        for body in (*self._scene.bodies, *self._scene.surfaces):
+            path = entities.body_path(body.role, body.name)
+            for shape in body.shapes:
+                self._stream.log(f"{path}{entities.entity(shape.name)}", solid(shape, body), static=True)
+
+    def _write_styles(self) -> None:
+        scene = self._scene
+        for style in scene.ellipsoids:
+            look = rr.Ellipsoids3D.from_fields(fill_mode="transparentfillmajorwireframe")
+            self._stream.log(entities.ellipsoid_path(style.name), look, static=True)
+        for limb, joints in scene.limbs.items():
+            self._style(entities.torque_path(limb), joints)
+        for name in scene.wrenches:
+            self._style(entities.force_path(name), ("x", "y", "z"))
+        self._style(entities.POSITION_ERROR, scene.tracked)
+        self._style(entities.ANGLE_ERROR, scene.tracked)
+        self._style(entities.ACTIVE_ROWS, scene.constraints)
+        colours = [series_colour(2), LIMIT, LIMIT]
+        tank = rr.SeriesLines(names=["tank", "floor", "max"], colors=colours, widths=[2.0, 1.0, 1.0])
+        self._stream.log(entities.TANK, tank, static=True)
+
+    def _style(self, path: str, names: Sequence[str]) -> None:
+        colours = [series_colour(index) for index in range(len(names))]
+        self._stream.log(path, rr.SeriesLines(names=list(names), colors=colours), static=True)
+
+    def _write_poses(self, index: rr.TimeColumn, stacked: dict[str, Array]) -> None:
+        for number, body in enumerate(self._scene.bodies):
+            pose = stacked["poses"][:, number]
+            columns = rr.Transform3D.columns(translation=pose[:, :3], quaternion=pose[:, 3:])
+            self._send(entities.body_path(body.role, body.name), index, columns)
+
+    def _write_springs(self, index: rr.TimeColumn, stacked: dict[str, Array]) -> None:
+        for number, name in enumerate(self._scene.springs):
+            ends = stacked["springs"][:, number]
+            path = entities.spring_path(name)
+            columns = rr.LineStrips3D.columns(
+                strips=list(ends), colors=_repeat(SPRING, ends), radii=_thin(ends)
+            )
+            self._send(path, index, columns)
+            columns = rr.Points3D.columns(
+                positions=ends[:, 1], colors=_repeat(SPRING, ends), radii=np.full(len(ends), 0.012)
+            )
+            self._send(f"{path}/equilibrium", index, columns)
+
+    def _write_wrenches(self, index: rr.TimeColumn, stacked: dict[str, Array]) -> None:
+        scale = np.repeat([METRES_PER_NEWTON, METRES_PER_NEWTON_METRE], 3)
+        for number, name in enumerate(self._scene.wrenches):
+            wrench = stacked["wrenches"][:, number]
+            vectors = (wrench * scale).reshape(-1, 3)
+            points = np.repeat(stacked["wrench_points"][:, number], 2, axis=0)
+            colours = np.tile([FORCE, TORQUE], (len(wrench), 1))
+            columns = rr.Arrows3D.columns(
+                vectors=vectors, origins=points, colors=colours, radii=_thin(vectors)
+            )
+            self._send(entities.wrench_path(name), index, columns.partition([2] * len(wrench)))
+            self._send_curves(entities.force_path(name), index, wrench[:, :3])
+
+    def _write_ellipsoids(self, index: rr.TimeColumn, stacked: dict[str, Array]) -> None:
+        for number, style in enumerate(self._scene.ellipsoids):
+            pose = stacked["ellipsoid_poses"][:, number]
+            # What is not finite (a folding arm, a singular hand) has no ellipsoid: draw none.
+            half = np.nan_to_num(stacked["half_axes"][:, number], nan=0.0, posinf=0.0, neginf=0.0)
+            columns = rr.Ellipsoids3D.columns(
+                half_sizes=half * style.scale,
+                centers=pose[:, :3],
+                quaternions=pose[:, 3:],
+                colors=_repeat((*series_colour(number)[:3], 120), half),
+            )
+            self._send(entities.ellipsoid_path(style.name), index, columns)
+
+    def _write_curves(self, index: rr.TimeColumn, stacked: dict[str, Array], tank: Array) -> None:
+        scene, first = self._scene, 0
+        for limb, joints in scene.limbs.items():
+            ratio = stacked["torque_ratio"][:, first : first + len(joints)]
+            self._send_curves(entities.torque_path(limb), index, ratio)
+            first += len(joints)
+        bounds = np.tile([scene.tank_floor, scene.tank_max], (len(tank), 1))
+        self._send_curves(entities.TANK, index, np.column_stack([tank, bounds]))
+        self._send_curves(entities.POSITION_ERROR, index, 1000 * stacked["tracking_error"][:, :, 0])
+        self._send_curves(entities.ANGLE_ERROR, index, np.degrees(stacked["tracking_error"][:, :, 1]))
+        self._send_curves(entities.ACTIVE_ROWS, index, stacked["active_rows"].astype(float))
+
+    def _write_texts(self, samples: Sequence[ViewSample]) -> None:
+        for sample in samples:
+            self._stream.set_time(entities.TIMELINE, duration=sample.time)
+            if sample.phase != self._phase:
+                self._phase = sample.phase
+                self._stream.log(entities.PHASE, rr.StateChange(state=sample.phase))
+                self._stream.log(entities.LOG, rr.TextLog(f"phase {sample.phase}", level="INFO"))
+            for message in sample.messages:
+                self._stream.log(entities.LOG, rr.TextLog(message, level="WARN"))
+
+    def _send(self, path: str, index: rr.TimeColumn, columns: Any) -> None:
+        self._stream.send_columns(path, indexes=[index], columns=columns)
+
+    def _send_curves(self, path: str, index: rr.TimeColumn, values: Array) -> None:
+        send_curves(self._stream, path, index, values)
+
+
+def open_stream(path: Path, name: str, *, live: bool) -> rr.RecordingStream:
+    """Opens a rerun stream into a file, and into a new viewer window if ``live``."""
+    stream = rr.RecordingStream(entities.APPLICATION)
+    stream.disable_timeline("log_time")
+    stream.disable_timeline("log_tick")
+    if live:
+        rr.spawn(connect=False, hide_welcome_screen=True)
+        stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink())
+    else:
+        stream.save(str(path))
+    stream.send_recording_name(name)
+    return stream
+
+
+def time_index(seconds: Array) -> rr.TimeColumn:
+    """Returns the instants [s] of a batch."""
+    return rr.TimeColumn(entities.TIMELINE, duration=seconds)
+
+
+def send_curves(stream: rr.RecordingStream, path: str, index: rr.TimeColumn, values: Array) -> None:
+    """Appends (instants, curves) to one entity; nothing if there are no curves."""
+    instants, curves = values.shape
+    if curves:
+        columns = rr.Scalars.columns(scalars=values.ravel()).partition([curves] * instants)
+        stream.send_columns(path, indexes=[index], columns=columns)
+
+
+def _repeat(colour: tuple[int, ...], like: Array) -> Any:
+    """Returns one colour per instant."""
+    return np.tile(np.array(colour, np.uint8), (len(like), 1))
+
+
+def _thin(like: Array) -> Array:
+    """Returns one line radius [m] per entry."""
+    return np.full(len(like), 0.006)

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The rerun recording of a run that is going on: samples queue up, the background thread writes them."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from pathlib import Path
+
+from impedance_modules.episode.background import Background
+from impedance_modules.episode.files import RECORDING
+from impedance_modules.episode.recording import RecordingFile
+from impedance_modules.episode.scene import Scene, ViewSample, check_sample
+from impedance_modules.errors import BadInput
+
+RATE = 50.0
+"""Samples per second of episode time that a viewer gets [Hz]."""
+BATCH_TIME = 1.0
+"""Episode time that is written at once [s]: long enough to be small on disk, short enough to follow."""
+LONGEST_QUEUE = 1000
+
+
+class RecordingView:
+    """Writes ``recording.rrd`` beside a run without ever holding the control loop.
+
+        view = RecordingView(directory, scene, writer.background, name="press-box", live=False)
+        ...
+        if view.due(time):
+            view.add(ViewSample(...))
+        ...
+        writer.close()   # stops the thread, which writes the view's last samples first
+        view.close()
+
+    Attributes:
+        dropped: Samples thrown away because the thread could not keep up.
+        failure: Why the recording could not be written, or None. It never stops a run.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        scene: Scene,
+        background: Background,
+        *,
+        name: str,
+        live: bool,
+        rate: float = RATE,
+    ) -> None:
+        """Opens the recording.
+
+        Args:
+            directory: Of the run.
+            scene: What is shown.
+            background: The run's thread (``EpisodeWriter.background``).
+            name: Of the recording.
+            live: Opens a viewer window that follows the run.
+            rate: Samples per second of episode time [Hz].
+
+        Raises:
+            BadInput: The rate is not positive.
+        """
+        if not rate > 0:
+            raise BadInput(f"recording view: rate {rate} Hz (valid: positive)")
+        self.dropped = 0
+        self.failure: OSError | RuntimeError | None = None
+        self._scene = scene
+        self._period = 1.0 / rate
+        self._next = -math.inf
+        self._queue: deque[ViewSample] = deque()
+        self._file = RecordingFile(Path(directory) / RECORDING, scene, name, live=live)
+        background.register(self._drain)
+
+    def due(self, time: float) -> bool:
+        """Returns whether a sample is wanted at this episode time [s]; costs nothing else."""
+        return time >= self._next
+
+    def add(self, sample: ViewSample) -> None:
+        """Queues a sample; its arrays must not change afterwards.
+
+        Raises:
+            BadInput: The sample does not fit the scene.
+        """
+        check_sample(self._scene, sample)
+        on_schedule = sample.time <= self._next + self._period
+        self._next = (self._next if on_schedule else sample.time) + self._period
+        if self.failure is not None:
+            return
+        if len(self._queue) >= LONGEST_QUEUE:
+            self.dropped += 1
+            return
+        self._queue.append(sample)
+
+    def close(self) -> None:
+        """Finishes the file; call after the background thread has stopped."""
+        self._drain(True)
+        self._file.close()
+
+    def _drain(self, last: bool) -> None:
+        """Writes what is queued once there is enough of it; runs in the thread."""
+        queue = self._queue
+        if not queue or self.failure is not None:
+            return
+        if not last and queue[-1].time - queue[0].time < BATCH_TIME:
+            return
+        samples = [queue.popleft() for _ in range(len(queue))]
+        try:
+            self._file.write(samples)
+        except (OSError, RuntimeError) as failure:
+            self.failure = failure
+
+
+def write_recording(path: Path, scene: Scene, samples: Iterable[ViewSample], name: str) -> Path:
+    """Writes a whole recording at once, from samples that exist already.
+
+    Args:
+        path: Of the ``.rrd`` file.
+        scene: What is shown.
+        samples: In the order of their time.
+        name: Of the recording.
+
+    Raises:
+        BadInput: A sample that does not fit the scene.
+    """
+    file = RecordingFile(path, scene, name, live=False)
+    file.write(list(samples))
+    file.close()
+    return path

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Opens a recording in the rerun viewer, or makes one from an episode that never had a task."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from impedance_modules.episode import entities
+from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, POSE_COMPONENTS, WRENCH_COMPONENTS
+from impedance_modules.episode.data import Episode
+from impedance_modules.episode.files import EPISODE, RECORDING
+from impedance_modules.episode.layout import columns_layout
+from impedance_modules.episode.palette import series_colour
+from impedance_modules.episode.reader import read_episode
+from impedance_modules.episode.recording import open_stream, send_curves, time_index
+from impedance_modules.episode.scene import Array
+from impedance_modules.errors import BadInput
+
+UNITS = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "effort_command": "N.m",
+    "effort": "N.m",
+    "position_command": "rad",
+    "wrench": "N, N.m",
+    "pose": "m, quaternion",
+    "target": "m, quaternion",
+}
+DISPLAYS: tuple[str, ...] = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+ROWS_PER_CHUNK = 10_000
+TIME_TO_FAIL = 3.0
+"""How long a viewer may take to find that it cannot open a window [s]."""
+
+
+def recording_from_episode(episode: Episode, path: Path) -> Path:
+    """Writes every curve of an episode as a rerun recording; what was not recorded has no plot.
+
+    Args:
+        episode: Of this package or of any other program.
+        path: Of the ``.rrd`` file; replaced if there.
+    """
+    stream = open_stream(path, episode.name, live=False)
+    groups: dict[str, list[str]] = {}
+    for title, entity, names, values in _curves(episode):
+        groups.setdefault(title, []).append(entity)
+        colours = [series_colour(index) for index in range(len(names))]
+        stream.log(entity, rr.SeriesLines(names=list(names), colors=colours), static=True)
+        for first in range(0, len(episode), ROWS_PER_CHUNK):
+            rows = slice(first, first + ROWS_PER_CHUNK)
+            send_curves(stream, entity, time_index(episode.time[rows]), values[rows])
+    for interval in episode.phase_intervals():
+        stream.set_time(entities.TIMELINE, duration=episode.time[interval.start])
+        stream.log(entities.PHASE, rr.StateChange(state=interval.phase))
+    stream.send_blueprint(columns_layout(groups, with_phases=episode.phase is not None))
+    stream.flush()
+    stream.disconnect()
+    return path
+
+
+def view_episode(path: Path) -> Path:
+    """Opens a run's recording in the viewer; makes one next to the episode when there is none.
+
+    Args:
+        path: A run's directory, an episode file, or an ``.rrd`` file.
+
+    Returns:
+        The recording that was opened.
+
+    Raises:
+        BadInput: No such recording, or the viewer cannot open a window.
+    """
+    recording = _recording_of(Path(path))
+    open_viewer(recording)
+    return recording
+
+
+def open_viewer(recording: Path) -> None:
+    """Starts the rerun viewer on a file and leaves it open.
+
+    Raises:
+        BadInput: There is no display, or the viewer ended at once.
+    """
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in DISPLAYS):
+        raise _no_window(recording, "this machine has no display")
+    command = [sys.executable, "-m", "rerun", str(recording)]
+    viewer = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
+    )
+    try:
+        _, said = viewer.communicate(timeout=TIME_TO_FAIL)
+    except subprocess.TimeoutExpired:
+        return
+    if viewer.returncode:
+        raise _no_window(recording, _reason(said))
+
+
+def _no_window(recording: Path, reason: str) -> BadInput:
+    return BadInput(
+        f"{recording}: the viewer could not open: {reason} (valid: a machine with a display;"
+        f" or 'rerun --serve-web {recording}' and a browser)"
+    )
+
+
+def _recording_of(path: Path) -> Path:
+    if path.suffix == ".rrd":
+        if not path.exists():
+            raise BadInput(
+                f"{path}: no such recording (valid: a run's directory, an episode, or an .rrd file)"
+            )
+        return path
+    of_run = path / RECORDING if path.is_dir() else path.with_name(RECORDING)
+    if (path.is_dir() or path.name == EPISODE) and of_run.exists():
+        return of_run
+    episode = read_episode(path)
+    return recording_from_episode(episode, of_run if path.is_dir() else path.with_suffix(".rrd"))
+
+
+def _curves(episode: Episode) -> Iterator[tuple[str, str, tuple[str, ...], Array]]:
+    """Yields title of the plot, entity, names of the curves, and (N, curves)."""
+    for kind in JOINT_KINDS:
+        joints = tuple(getattr(episode, kind))
+        if joints:
+            title = f"{kind} [{UNITS[kind]}]"
+            yield title, entities.column_path("joints", kind), joints, episode.matrix(kind)
+    for kind in FRAME_KINDS:
+        names = WRENCH_COMPONENTS if kind == "wrench" else POSE_COMPONENTS
+        for frame, values in getattr(episode, kind).items():
+            yield f"{kind} of {frame} [{UNITS[kind]}]", entities.column_path(kind, frame), names, values
+    if episode.tank is not None:
+        yield "tank [J]", entities.column_path("energy", "tank"), ("tank",), episode.tank[:, None]
+    if episode.extra:
+        values = np.column_stack(list(episode.extra.values()))
+        yield "other columns", entities.column_path("other", "columns"), tuple(episode.extra), values
+
+
+def _reason(said: bytes) -> str:
+    """Returns the line that tells most of what the viewer said before it ended."""
+    lines = [line.strip() for line in said.decode(errors="replace").splitlines() if line.strip()]
+    telling = [line for line in lines if "error" in line.lower()]
+    return (telling or lines or ["it gave no reason"])[0]
