@@ -43,16 +43,24 @@ class OperationalInertia:
 def operational_inertia(jacobian: Array, inverse_inertia: Array) -> OperationalInertia:
     """Computes what a push at a frame meets.
 
+    With (M + I_r)^-1 = C C^T and the triangular R of (J C)^T = Q R, Lambda = R^-1 R^-T: inverting R instead
+    of Y = R^T R keeps twice the digits near singular postures.
+
     Args:
         jacobian: (6, k) J of the frame over the limb's joints.
         inverse_inertia: (k, k) (M + I_r)^-1 of the same joints; with I_r = 0 the bare links'.
     """
-    return from_mobility(mobility(jacobian, inverse_inertia))
+    found = mobility(jacobian, inverse_inertia)
+    triangle = np.linalg.qr((jacobian @ np.linalg.cholesky(inverse_inertia)).T, mode="r")
+    if _exists(found, float(np.linalg.cond(triangle)) ** 2):
+        half = np.linalg.inv(triangle)
+        return OperationalInertia(half @ half.T, found)
+    return OperationalInertia(None, found)
 
 
 def from_mobility(found: Array) -> OperationalInertia:
     """Inverts a mobility where that means something (condition at most ``LARGEST_CONDITION``)."""
-    if float(np.linalg.cond(found)) > LARGEST_CONDITION:
+    if not _exists(found, float(np.linalg.cond(found))):
         return OperationalInertia(None, found)
     inverse = np.linalg.inv(found)
     return OperationalInertia(0.5 * (inverse + inverse.T), found)
@@ -67,6 +75,10 @@ def carry_inertia(at_hand: Array, offset: Array) -> Array:
     """
     X = carry(offset)
     return X.T @ at_hand @ X
+
+
+def _exists(found: Array, condition: float) -> bool:
+    return bool(np.any(found)) and condition <= LARGEST_CONDITION
 
 
 def without_reflected_inertia(inverse_inertia: Array, reflected_inertia: Array) -> Array:
