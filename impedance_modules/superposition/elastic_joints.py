@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Small motions of elastic joints between two control samples, exactly: x_k+1 = A x_k + B tau.
+r"""Small motions of elastic joints between two control samples, exactly: x_k+1 = A x_k + B \tau_k.
 
     links    M qdd = \tau_s               with \tau_s = K_sea (\theta - q) + D_sea (\theta' - q')
     motors   I_r \theta'' + D \theta' = \tau - \tau_s                         (thesis 3.1-3.3)
-    sensed   v_f' = (q' - v_f) / T_f      the robot's own velocity estimate
+    sensed   v <- v + (1 - exp(-T / T_f)) ((q_k - q_k-1) / T - v)     in the robot's own loop of period T
 
 A joint without a series spring is one body with its rotor; a joint without rotor inertia passes its torque
 on unchanged. Links that hold one object together move as q = N y.
@@ -11,6 +11,7 @@ on unchanged. Links that hold one object together move as q = N y.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,9 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import RobotSpec
 
 Array = NDArray[np.float64]
+
+ROBOT_RATE = 1000.0
+"""Slowest rate of a robot's own estimator [Hz]; a slower controller leaves it whole loops per period."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class Drives:
     @property
     def rigid(self) -> NDArray[np.bool_]:
         """(k,) which joints are one body with their rotor."""
-        return ~np.isfinite(self.spring_stiffness)
+        return ~np.isfinite(self.spring_stiffness) & (self.reflected_inertia > 0.0)
 
 
 @dataclass(frozen=True)
@@ -54,31 +58,37 @@ class Sampling:
     """How the controller sees and reaches the robot.
 
     Attributes:
-        rate: [Hz].
+        rate: Of the controller [Hz].
         delay_periods: Whole periods from a sample to the start of the period in which its torque acts.
-        velocity_filter: Time constant of the velocity estimate [s]; 0 differentiates between samples.
+        robot_loops: Loops of the robot's own estimator per period.
+        velocity_filter: Time constant of its velocity estimate [s]; 0 differentiates.
+        motor_side: The controller's dampers act on the motors' velocity (``modules.motor_velocity``),
+            not on the links'.
     """
 
     rate: float
     delay_periods: int
+    robot_loops: int
     velocity_filter: float
+    motor_side: bool
 
 
 @dataclass(frozen=True)
 class SampledArm:
-    """The arm between samples: x_k+1 = A x_k + B tau_k, with what is sensed of x.
+    """The arm between samples, with what the robot reports of it.
 
     Attributes:
-        A: (m, m). B: (m, k) for torques held over the period.
-        position: (k, m) reads q from x.
-        velocity: (k, m) reads the velocity estimate; None when it is differentiated from positions.
+        A: (m, m) one control period without torque.
+        B: (m, k) adds torques held over the period.
+        position: (k, m) reads the reported q.
+        velocity: (k, m) reads the velocity that the controller damps.
         sampling: Rate and delay.
     """
 
     A: Array
     B: Array
     position: Array
-    velocity: Array | None
+    velocity: Array
     sampling: Sampling
 
 
@@ -95,11 +105,15 @@ def drives_of(model: RobotModel, joints: NDArray[np.intp]) -> Drives:
     )
 
 
-def sampling_of(robot: RobotSpec, rate: float) -> Sampling:
-    """Takes a robot's delay, rounded up to whole periods, and its velocity filter."""
-    # A delay that is a whole number of periods but for rounding is not one period longer.
-    periods = int(np.ceil(robot.timing.command_delay * rate - 1e-9))
-    return Sampling(rate, periods, robot.sensors.velocity_filter)
+def sampling_of(robot: RobotSpec, rate: float, motor_side: bool) -> Sampling:
+    """Takes a robot's delay, rounded up to whole periods, and its velocity estimate's lag."""
+    delay, loops = robot.timing.command_delay * rate, ROBOT_RATE / rate
+    return Sampling(rate, _whole(delay), max(1, _whole(loops)), robot.sensors.velocity_filter, motor_side)
+
+
+def _whole(ratio: float) -> int:
+    """Rounds up; a ratio that is whole but for rounding stays."""
+    return math.ceil(ratio - 1e-9)
 
 
 def sampled_arm(
@@ -117,47 +131,81 @@ def sampled_arm(
     from scipy.linalg import expm  # noqa: PLC0415 - a slow import that only the analysis needs
 
     N = np.eye(len(inertia)) if motion is None else motion
-    system, torque, reads = _first_order(inertia, drives, sampling.velocity_filter, N, carried)
-    size, inputs = torque.shape
-    generator = np.zeros((size + inputs, size + inputs))
+    system, torque = _first_order(inertia, drives, N, carried)
+    size, k = torque.shape
+    period = 1.0 / (sampling.rate * sampling.robot_loops)
+    generator = np.zeros((size + k, size + k))
     generator[:size, :size], generator[:size, size:] = system, torque
-    step = expm(generator / sampling.rate)
-    m = N.shape[1]
-    position, velocity = np.zeros((len(N), size)), np.zeros((len(N), size))
-    position[:, :m] = N
-    velocity[:, reads] = N
-    filtered = sampling.velocity_filter > 0.0
-    return SampledArm(
-        step[:size, :size], step[:size, size:], position, velocity if filtered else None, sampling
+    step = expm(generator * period)
+    links = np.eye(size)[: N.shape[1]]
+    loop, push = _with_estimate(
+        step[:size, :size], step[:size, size:], N @ links, period, sampling.velocity_filter
     )
+    A, B = np.eye(len(loop)), np.zeros_like(push)
+    for _ in range(sampling.robot_loops):
+        A, B = loop @ A, loop @ B + push
+    reads = np.eye(len(loop))
+    arm = SampledArm(A, B, reads[size : size + k], reads[size + k :], sampling)
+    return _on_motor_side(arm, drives, N) if sampling.motor_side else arm
 
 
-def _first_order(
-    inertia: Array, drives: Drives, lag: float, N: Array, carried: Array | None
-) -> tuple[Array, Array, slice]:
-    """Writes x' = S x + T tau for x = (y, theta, y', theta', v_f), with the slice that reads v_f."""
-    elastic = drives.elastic
+def _with_estimate(step: Array, push: Array, read: Array, period: float, lag: float) -> tuple[Array, Array]:
+    """Adds a filtered derivative of what ``read`` (k, m) reads: the state becomes (x, reading, rate)."""
+    size, k = len(step), len(read)
+    share = 1.0 - math.exp(-period / lag) if lag > 0.0 else 1.0
+    loop = np.zeros((size + 2 * k, size + 2 * k))
+    loop[:size, :size] = step
+    loop[size : size + k, :size] = read @ step
+    loop[size + k :, :size] = share / period * read @ step
+    loop[size + k :, size : size + k] = -share / period * np.eye(k)
+    loop[size + k :, size + k :] = (1.0 - share) * np.eye(k)
+    return loop, np.vstack([push, read @ push, share / period * read @ push])
+
+
+def _on_motor_side(arm: SampledArm, drives: Drives, N: Array) -> SampledArm:
+    """Adds the rate of the springs' wind-up, effort / K_sea, to the velocity that is damped."""
+    elastic, m = drives.elastic, N.shape[1]
+    e, k, size = int(np.sum(elastic)), len(elastic), len(arm.A)
+    select = np.eye(k)[:, elastic]
+    stretch = np.hstack([-np.diag(elastic.astype(float)) @ N, select])
+    slackness = np.where(
+        elastic, drives.spring_damping / np.where(elastic, drives.spring_stiffness, 1.0), 0.0
+    )
+    wind = np.zeros((k, size))
+    wind[:, : m + e] = stretch
+    wind[:, m + e : 2 * (m + e)] = slackness[:, None] * stretch
+    sampling = arm.sampling
+    A, B = _with_estimate(arm.A, arm.B, wind, 1.0 / sampling.rate, sampling.velocity_filter)
+    position, velocity = (np.hstack([read, np.zeros((k, 2 * k))]) for read in (arm.position, arm.velocity))
+    velocity[:, size + k :] = np.eye(k)
+    return SampledArm(A, B, position, velocity, sampling)
+
+
+def _first_order(inertia: Array, drives: Drives, N: Array, carried: Array | None) -> tuple[Array, Array]:
+    """Writes x' = S x + T tau for x = (y, theta, y', theta') of links and free rotors."""
+    mass, stiffness, damping, force = _second_order(inertia, drives, N, carried)
+    n = len(mass)
+    solved = np.linalg.solve(mass, np.hstack([-stiffness, -damping, force]))
+    system = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), solved[:, : 2 * n]])
+    return system, np.vstack([np.zeros((n, len(inertia))), solved[:, 2 * n :]])
+
+
+def _second_order(
+    inertia: Array, drives: Drives, N: Array, carried: Array | None
+) -> tuple[Array, Array, Array, Array]:
+    """Writes mass, stiffness and damping of (y, theta), and where the torques act."""
+    elastic, rigid = drives.elastic, drives.rigid
     select = np.eye(len(inertia))[elastic]
-    m, e = N.shape[1], int(np.sum(elastic))
+    m, e = N.shape[1], len(select)
     stretch = np.hstack([-select @ N, np.eye(e)])
-    spring = drives.spring_stiffness[elastic][:, None] * stretch
-    damper = drives.spring_damping[elastic][:, None] * stretch
-    rotor = np.where(drives.rigid, drives.reflected_inertia, 0.0)
-    links = N.T @ (inertia - np.diag(drives.reflected_inertia - rotor)) @ N
-    links = links + (0.0 if carried is None else carried)
+    stiffness = stretch.T @ (drives.spring_stiffness[elastic][:, None] * stretch)
+    damping = stretch.T @ (drives.spring_damping[elastic][:, None] * stretch)
+    damping[:m, :m] += N.T @ np.diag(np.where(rigid, drives.motor_damping, 0.0)) @ N
+    damping[m:, m:] += np.diag(drives.motor_damping[elastic])
+    # Rotors on springs move on their own; those of rigid joints stay with the links.
+    links = inertia - np.diag(np.where(rigid, 0.0, drives.reflected_inertia))
     mass = np.zeros((m + e, m + e))
-    mass[:m, :m], mass[m:, m:] = links, np.diag(drives.reflected_inertia[elastic])
-    friction = np.zeros((m + e, m + e))
-    friction[:m, :m] = N.T @ np.diag(np.where(drives.rigid, drives.motor_damping, 0.0)) @ N
-    friction[m:, m:] = np.diag(drives.motor_damping[elastic])
+    mass[:m, :m] = N.T @ links @ N + (0.0 if carried is None else carried)
+    mass[m:, m:] = np.diag(drives.reflected_inertia[elastic])
     force = np.vstack([N.T @ np.diag(np.where(elastic, 0.0, 1.0)), select])
-    solved = np.linalg.solve(mass, np.hstack([-stretch.T @ spring, -stretch.T @ damper - friction, force]))
-    n, seen = m + e, m if lag > 0.0 else 0
-    system, torque = np.zeros((2 * n + seen, 2 * n + seen)), np.zeros((2 * n + seen, len(inertia)))
-    system[:n, n : 2 * n] = np.eye(n)
-    system[n : 2 * n, : 2 * n] = solved[:, : 2 * n]
-    torque[n : 2 * n] = solved[:, 2 * n :]
-    if seen:
-        system[2 * n :, n : n + m], system[2 * n :, 2 * n :] = np.eye(m) / lag, -np.eye(m) / lag
-        return system, torque, slice(2 * n, 2 * n + m)
-    return system, torque, slice(n, n + m)
+    return mass, stiffness, damping, force

@@ -3,8 +3,8 @@ r"""The controller around elastic joints, sampled and late: is it stable, and ho
 
     \tau_k = -(K_q q_k + D_q v_k), acts over the period that begins ``delay_periods`` later
 
-The loop is the matrix of one period on (x, the torques still under way, the last position where velocity
-is differentiated). It is stable when its spectral radius is below one.
+The loop is the matrix of one period on the arm's state and the torques still under way. It is stable when
+its spectral radius is below one.
 """
 
 from __future__ import annotations
@@ -33,32 +33,18 @@ class Gains:
 
 
 def loop_matrix(arm: SampledArm, gains: Gains) -> Array:
-    """Writes one period of the closed loop as a matrix."""
+    """Writes one period of the closed loop on (x, oldest torque under way ... newest)."""
     size, k = arm.B.shape
     late = arm.sampling.delay_periods
-    differentiated = arm.velocity is None
-    total = size + k * (late + int(differentiated))
-    command = np.zeros((k, total))
-    command[:, :size] = -gains.stiffness @ arm.position
-    if arm.velocity is not None:
-        command[:, :size] -= gains.damping @ arm.velocity
-    else:
-        slope = arm.sampling.rate * gains.damping
-        command[:, :size] -= slope @ arm.position
-        command[:, total - k :] += slope
-    matrix = np.zeros((total, total))
+    command = -gains.stiffness @ arm.position - gains.damping @ arm.velocity
+    if late == 0:
+        return np.asarray(arm.A + arm.B @ command)
+    matrix = np.zeros((size + k * late, size + k * late))
     matrix[:size, :size] = arm.A
-    if late:
-        matrix[:size, size : size + k] = arm.B
-        for age in range(late - 1):
-            row = size + k * age
-            matrix[row : row + k, row + k : row + 2 * k] = np.eye(k)
-        last = size + k * (late - 1)
-        matrix[last : last + k] = command
-    else:
-        matrix[:size] += arm.B @ command
-    if differentiated:
-        matrix[total - k :, :size] = arm.position
+    matrix[:size, size : size + k] = arm.B
+    # Every torque under way moves up by one period; the new command joins at the end.
+    matrix[size:-k, size + k :] = np.eye(k * (late - 1))
+    matrix[-k:, :size] = command
     return matrix
 
 
