@@ -32,7 +32,7 @@ def arm_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem
 
 
 def _limb_problems(draft: Draft, name: str) -> Iterator[Problem]:
-    if draft.robot is not None and name not in draft.robot.limbs:
+    if draft.robot is not None and name not in draft.robot.limbs and ("arms", name) not in draft.broken:
         limbs = tuple(draft.robot.limbs)
         message = f"the robot '{draft.robot.name}' has no limb '{name}'{nearest(name, limbs)}"
         yield draft.problem(("arms", name), message, limbs, at="key")

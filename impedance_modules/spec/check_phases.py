@@ -9,7 +9,13 @@ from dataclasses import replace
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_axes, build_matrix, build_numbers
 from impedance_modules.spec.check_arms import joint_name_problems, limit_problems
-from impedance_modules.spec.check_springs import FreeAxis, free_axes, matrix_problems, springs_complete
+from impedance_modules.spec.check_springs import (
+    FreeAxis,
+    free_axes,
+    matrix_problems,
+    merged,
+    springs_complete,
+)
 from impedance_modules.spec.draft_arms import DraftArm, spring_names
 from impedance_modules.spec.task import SpringSpec
 from impedance_modules.spec.task_draft import Draft
@@ -117,7 +123,7 @@ def _until_problems(draft: Draft, at: Path) -> Iterator[Problem]:
             else f"there is no arm '{target}'{nearest(target, valid)}"
         )
         yield draft.problem((*at, "until", "contact", "target"), missing, valid)
-    if draft.has(*at, "until", "reached") and not _moves_somewhere(draft, (*at, "equilibrium")):
+    if draft.clean(*at, "until", "reached") and not _moves_somewhere(draft, (*at, "equilibrium")):
         message = "nothing can be reached: the phase gives no equilibrium with a plain number"
         yield draft.problem((*at, "until", "reached"), message, at="key")
 
@@ -130,18 +136,18 @@ def _moves_somewhere(draft: Draft, at: Path) -> bool:
 def _changed_spring_problems(draft: Draft, arm: DraftArm) -> Iterator[Problem]:
     """Follows an arm's springs through the phases and reports each axis once, where it comes to run free."""
     limb = draft.limb(arm.name)
-    if limb is None or not springs_complete(draft, arm):
+    if limb is None or not springs_complete(draft, arm, limb):
         return
     springs = dict(arm.springs)
     known = set(free_axes(arm, limb, springs))
     for i in draft.count("phases"):
         springs = {k: _changed_spring(draft, i, arm.name, spring) for k, spring in springs.items()}
-        found = set(free_axes(arm, limb, springs))
-        for free in sorted(found - known, key=lambda f: (f.spring, f.axis)):
+        found = list(free_axes(arm, limb, springs))
+        for free in merged(free for free in found if free not in known):
             yield draft.problem(
                 _cause(draft, i, f"{arm.name}.{springs[free.spring].name}", free), free.message
             )
-        known |= found
+        known.update(found)
 
 
 def _changed_spring(draft: Draft, phase: int, arm: str, spring: SpringSpec) -> SpringSpec:

@@ -12,8 +12,9 @@ joint bias, if that damps every joint.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -40,17 +41,19 @@ def spring_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Prob
             if spring.damping is not None:
                 yield from matrix_problems(draft, arm.path("springs", i, "damping"), spring.damping)
         limb = draft.limb(arm.name)
-        if limb is not None and springs_complete(draft, arm):
-            for free in free_axes(arm, limb, arm.springs):
+        if limb is not None and springs_complete(draft, arm, limb):
+            for free in merged(free_axes(arm, limb, arm.springs)):
                 inside = ("axes", free.axis) if free.forced else ("stiffness",)
                 yield draft.problem(arm.path("springs", free.spring, *inside), free.message)
 
 
-def springs_complete(draft: Draft, arm: DraftArm) -> bool:
+def springs_complete(draft: Draft, arm: DraftArm, limb: LimbSpec) -> bool:
     """Whether all springs and the joint bias of an arm could be read, so that nothing is missed in a sum."""
     given = draft.count("arms", arm.mirror_of or arm.name, "springs")
     bias = ("arms", arm.mirror_of or arm.name, "joint_bias")
-    return len(arm.springs) == len(given) and (draft.clean(*bias) or not draft.has(*bias))
+    joints = {joint for key in ("stiffness", "damping") for joint in draft.keys(*bias, key)}
+    bias_is_sound = (draft.clean(*bias) and joints <= set(limb.joints)) or not draft.has(*bias)
+    return len(arm.springs) == len(given) and bias_is_sound
 
 
 def _name_problems(draft: Draft, arm: str) -> Iterator[Problem]:
@@ -108,7 +111,7 @@ class FreeAxis:
                 f"on {self.axis}, or a stiffness with a damping_ratio (which needs a stiffness)"
             )
         return (
-            f"the hand has no stiffness on {self.axis} and nothing brakes it; give damping on {self.axis}, "
+            f"the hand has no stiffness on {self.axis} and nothing brakes it; give damping there, "
             "or a joint_bias that damps every joint (a damping_ratio needs a stiffness)"
         )
 
@@ -130,6 +133,16 @@ def free_axes(arm: DraftArm, limb: LimbSpec, springs: Mapping[int, SpringSpec]) 
         )
         if first_of_hand and not braked_by_bias and not any(_is_regular(other) for other in others):
             yield from _idle_axes(i, fellows)
+
+
+def merged(found: Iterable[FreeAxis]) -> Iterator[FreeAxis]:
+    """Joins the idle axes of one spring, which have one cause, into one."""
+    in_order = sorted(found, key=lambda free: (free.spring, free.forced))
+    for (spring, forced), group in groupby(in_order, key=lambda free: (free.spring, free.forced)):
+        if forced:
+            yield from group
+        else:
+            yield FreeAxis(spring, ", ".join(free.axis for free in group), False)
 
 
 def _forced_axes(i: int, spring: SpringSpec, fellows: Sequence[SpringSpec]) -> Iterator[FreeAxis]:

@@ -100,6 +100,13 @@ def _missing_keys(deviation: Deviation) -> Iterator[_Fault]:
         wanted, because = [key for owner in needing for key in wanted[owner]], f", which {needing[0]} needs"
     for key in wanted:
         if key not in deviation.found:
-            text = deviation.schema.get("properties", {}).get(key, {}).get("description", "")
-            explained = f" ({text.split('. ')[0].rstrip('.')})" if text else ""
-            yield (*deviation.path, key), f"missing key '{key}'{because}{explained}", (), "key"
+            known = deviation.schema.get("properties", {}).get(key, {})
+            message = f"missing key '{key}'{because}{_explained(known)}"
+            yield (*deviation.path, key), message, (), "key"
+
+
+def _explained(schema: dict[str, Any]) -> str:
+    """The first sentence of a description, and the unit."""
+    text = str(schema.get("description", "")).split(". ")[0].rstrip(".")
+    unit = schema.get("unit", "1")
+    return f" ({text}{'' if unit == '1' else f', in {unit}'})" if text else ""

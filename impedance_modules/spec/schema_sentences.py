@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -45,8 +46,9 @@ class Deviation:
 
     @property
     def unit(self) -> str:
-        """The unit, with a leading blank, or nothing."""
-        return f" {self.schema['unit']}" if "unit" in self.schema else ""
+        """The unit, with a leading blank; nothing for a pure number."""
+        unit = self.schema.get("unit", "1")
+        return "" if unit == "1" else f" {unit}"
 
 
 def say(deviation: Deviation) -> tuple[str, tuple[str, ...]]:
@@ -88,7 +90,16 @@ def _wrong_type(deviation: Deviation) -> str:
     kinds = [deviation.expected] if isinstance(deviation.expected, str) else deviation.expected
     unit = f" in{deviation.unit}" if deviation.unit else ""
     wanted = " or ".join(_KINDS[kind] + (unit if kind in {"number", "integer"} else "") for kind in kinds)
-    return f"expected {wanted}, found {_shown(deviation.found)}"
+    advice = _number_advice(deviation.found) if "number" in kinds and isinstance(deviation.found, str) else ""
+    return f"expected {wanted}, found {_shown(deviation.found)}{advice}"
+
+
+def _number_advice(text: str) -> str:
+    """Says why a text that begins like a number is none."""
+    number = re.match(r"\s*([-+]?[0-9]*\.?[0-9]+)\s*(.*)", text)
+    if number is None:
+        return ""
+    return "; write the number alone, without its unit" if number[2] else "; remove the quotes"
 
 
 def _too_small(deviation: Deviation) -> str:
@@ -106,7 +117,8 @@ def _wrong_count(deviation: Deviation) -> str:
     what = "keys" if deviation.keyword.endswith("Properties") else "values"
     keys = sorted(deviation.schema.get("properties", {})) if what == "keys" else []
     listed = f" of {', '.join(keys)}" if keys else ""
-    return f"expected {edge} {deviation.expected} {what}{listed}, found {len(deviation.found)}"
+    counted = what[:-1] if deviation.expected == 1 else what
+    return f"expected {edge} {deviation.expected} {counted}{listed}, found {len(deviation.found)}"
 
 
 def _wrong_choice(deviation: Deviation) -> str:

@@ -25,6 +25,7 @@ LARGEST_FILE = 1_000_000
 """Bytes; a file beyond this is refused unread."""
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_INDENTATION_WORDS = ("expected '-' indicator", "expected <block end>", "mapping values are not allowed")
 _CONTROL = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -206,6 +207,8 @@ def _syntax_problem(path: Path, text: str, error: yaml.YAMLError) -> Problem:
     context = getattr(error, "context_mark", None)
     if context is not None and context.line != mark.line:
         message += f" (begun in line {context.line + 1})"
+    if any(words in message for words in _INDENTATION_WORDS):
+        message += "; is this line indented like its neighbours?"
     return Problem(path, mark.line + 1, mark.column + 1, "", message)
 
 

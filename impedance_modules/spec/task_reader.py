@@ -42,16 +42,16 @@ def read_task(name_or_path: str | Path, robot_reader: RobotReader = read_robot) 
 
 def check_task(document: Document, robot_reader: RobotReader = read_robot) -> tuple[TaskSpec, RobotSpec]:
     """Like ``read_task``, for a document that has been scanned already."""
-    found = [(p, fault[1]) for p, fault in zip(document.traps, document.faults, strict=True)]
-    trapped = {(problem.line, problem.column) for problem, _ in found}
-    found += [(p, path) for p, path in schema_faults(document, "task") if (p.line, p.column) not in trapped]
-    problems = [problem for problem, _ in found]
+    deviations = schema_faults(document, "task")
+    trapped = {place for place, _, _ in document.faults}
+    problems = [*document.traps, *(p for p, _ in deviations if (p.line, p.column) not in trapped)]
+    broken = (*(path for _, path, _ in document.faults), *(path for _, path in deviations))
     robot, urdf = None, None
     try:
         robot, urdf = _read_robot(document, robot_reader)
     except BadFile as error:
         problems += error.problems
-    draft = Draft(document, tuple(path for _, path in found), robot, urdf)
+    draft = Draft(document, broken, robot, urdf)
     arms = draft_arms(draft)
     problems += _meaning_problems(draft, arms)
     if problems or robot is None:
