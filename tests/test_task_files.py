@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Task files: the design's example, every broken fixture, and the rules of meaning as laws."""
+"""Task files: the design's example, every broken fixture, finding tasks and robots."""
 
 import functools
-import json
 import re
 import shutil
 import subprocess
@@ -12,17 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.spec.locate import find_robot, find_schema, find_task, list_robots
-from impedance_modules.spec.mirror import mirrored_spring, twist_signs
 from impedance_modules.spec.robot_reader import read_robot
-from impedance_modules.spec.schema import load_schema
-from impedance_modules.spec.source import parse_document
-from impedance_modules.spec.task import AXES, ContactCondition, HybridAxis, ReachedCondition, Sine, SpringSpec
-from impedance_modules.spec.task_reader import check_task, read_task
+from impedance_modules.spec.task import ContactCondition, HybridAxis, ReachedCondition, Sine
+from impedance_modules.spec.task_reader import read_task
 
 HERE = Path(__file__).parent
 PRESS_BOX = HERE / "data" / "press-box.yaml"
@@ -31,18 +25,6 @@ BROKEN = sorted((HERE / "broken_tasks").glob("*.yaml"))
 
 cached_robot = functools.lru_cache(read_robot)
 
-
-def check(text, at=PRESS_BOX):
-    return check_task(parse_document(at, text), cached_robot)
-
-
-def problems_of(text):
-    with pytest.raises(BadFile) as caught:
-        check(text)
-    return caught.value.problems
-
-
-# Broken fixtures -------------------------------------------------------------------------------------------
 
 EXPECT = re.compile(r"# expect (\d+):(\d+) \| (\S+) \| (.*?)(?: \| valid: (.*))?")
 
@@ -69,9 +51,6 @@ def test_a_broken_task_gets_exactly_the_expected_problems(path):
         assert fragment in problem.message
         assert set(valid.split(", ") if valid else ()) <= set(problem.valid)
         assert str(problem).startswith(f"{path}:{line}:{column}: ")
-
-
-# The design's example --------------------------------------------------------------------------------------
 
 
 def test_the_designs_example_reads_as_it_is_written():
@@ -117,191 +96,6 @@ def test_every_key_arrives():
     assert slide.until.present is False
     with pytest.raises(ValueError, match="read-only"):
         hand.stiffness[0, 0] = 1.0
-
-
-def schema_keys(schema):
-    """Every key that the task schema knows."""
-    if isinstance(schema, list):
-        return set().union(*map(schema_keys, schema)) if schema else set()
-    if not isinstance(schema, dict):
-        return set()
-    own = set(schema.get("properties", {})) if isinstance(schema.get("properties"), dict) else set()
-    return own.union(*(schema_keys(value) for value in schema.values()))
-
-
-def document_keys(data):
-    if isinstance(data, dict):
-        return set(data).union(*(document_keys(value) for value in data.values()))
-    return set().union(*map(document_keys, data)) if isinstance(data, list) and data else set()
-
-
-def test_the_fixture_every_key_has_every_key():
-    assert schema_keys(load_schema("task")) <= document_keys(yaml.safe_load(EVERY_KEY.read_text()))
-
-
-# The schema ------------------------------------------------------------------------------------------------
-
-
-def schema_leaves(node, path=""):
-    if isinstance(node, list):
-        for i, inner in enumerate(node):
-            yield from schema_leaves(inner, f"{path}/{i}")
-    elif isinstance(node, dict):
-        kinds = node.get("type", [])
-        if {"number", "string", "boolean"} & set(
-            [kinds] if isinstance(kinds, str) else kinds
-        ) or "enum" in node:
-            yield path, node
-        for key, inner in node.items():
-            if key not in {"examples", "enum", "if"}:
-                yield from schema_leaves(inner, f"{path}/{key}")
-
-
-def test_every_leaf_of_the_schema_explains_itself():
-    leaves = list(schema_leaves(load_schema("task")))
-    assert len(leaves) > 50
-    for path, leaf in leaves:
-        assert leaf.get("description") and leaf.get("examples"), path
-        if "number" in leaf.get("type", []):
-            assert "unit" in leaf and "maximum" in leaf, path
-            assert "minimum" in leaf or "exclusiveMinimum" in leaf, path
-
-
-def test_every_object_of_the_schema_refuses_unknown_keys():
-    def objects(node):
-        if isinstance(node, dict):
-            if "object" in node.get("type", []):
-                yield node
-            for inner in node.values():
-                yield from objects(inner)
-        elif isinstance(node, list):
-            for inner in node:
-                yield from objects(inner)
-
-    assert all(node.get("additionalProperties") is False for node in objects(load_schema("task")))
-
-
-def test_the_schema_is_a_schema_and_its_examples_hold():
-    from jsonschema import Draft202012Validator
-
-    schema = load_schema("task")
-    Draft202012Validator.check_schema(schema)
-    for path, leaf in schema_leaves(schema):
-        for example in leaf["examples"]:
-            validator = Draft202012Validator({**leaf, "$defs": schema["$defs"]})
-            assert validator.is_valid(example), (path, example)
-
-
-@pytest.mark.parametrize("path", [PRESS_BOX, EVERY_KEY], ids=lambda path: path.stem)
-def test_the_modeline_leads_editors_to_the_schema(path):
-    first = path.read_text().split("\n")[0]
-    target = first.removeprefix("# yaml-language-server: $schema=")
-    assert (path.parent / target).resolve() == find_schema("task").resolve()
-
-
-# Laws of meaning -------------------------------------------------------------------------------------------
-
-DATA = yaml.safe_load(PRESS_BOX.read_text())
-
-
-def with_spring(**changes):
-    data = json.loads(json.dumps(DATA))
-    data["arms"]["right"]["springs"][0].update(changes)
-    return json.dumps(data)
-
-
-eigenvalues = st.lists(st.floats(-100, 500).map(lambda v: round(v, 2)), min_size=6, max_size=6)
-
-
-@settings(max_examples=60, deadline=None)
-@given(eigenvalues, st.integers(0, 2**32 - 1), st.sampled_from(["stiffness", "damping"]))
-def test_a_matrix_is_accepted_exactly_when_no_eigenvalue_is_negative(values, seed, key):
-    basis, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(6, 6)))
-    matrix = basis @ np.diag(values) @ basis.T
-    matrix = np.round((matrix + matrix.T) / 2, 12)
-    text = with_spring(**{key: matrix.tolist()})
-    if min(values) < 0:
-        assert any("smallest eigenvalue" in p.message and key in p.path for p in problems_of(text))
-    else:
-        task, _ = check(text)
-        spring = task.arms["right"].springs[0]
-        np.testing.assert_array_equal(getattr(spring, key), matrix)
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["xz", "yz", "xy"]))
-def test_a_mirror_image_keeps_energy_and_returns_to_itself(seed, plane):
-    rng = np.random.default_rng(seed)
-    root = rng.normal(size=(6, 6))
-    force = float(rng.normal())
-    spring = SpringSpec("s", "a", "world", root @ root.T, root.T @ root, 0.7, {"rx": HybridAxis(force, 0.1)})
-    there = mirrored_spring(spring, {"a": "b", "world": "world"}, plane)
-    back = mirrored_spring(there, {"b": "a", "world": "world"}, plane)
-    np.testing.assert_array_equal(back.stiffness, spring.stiffness)
-    assert back.axes == spring.axes and there.frame == "b"
-    normal = next(i for i, axis in enumerate("xyz") if axis not in plane)
-    reflection = np.eye(3)
-    reflection[normal, normal] = -1.0
-    v, w = rng.normal(size=3), rng.normal(size=3)
-    arm = rng.normal(size=3)
-    np.testing.assert_allclose(twist_signs(plane)[3:] * w, np.linalg.det(reflection) * reflection @ w)
-    mirrored_moment = np.cross(reflection @ arm, reflection @ v)
-    np.testing.assert_allclose(twist_signs(plane)[3:] * np.cross(arm, v), mirrored_moment, atol=1e-12)
-    x = np.concatenate([v, w])
-    image = twist_signs(plane) * x
-    assert x @ spring.stiffness @ x == pytest.approx(image @ there.stiffness @ image)
-    assert spring.axes["rx"].force * x[3] == pytest.approx(there.axes["rx"].force * image[3])
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    st.sampled_from(AXES),
-    st.sampled_from([0.0, 100.0]),
-    st.booleans(),
-    st.booleans(),
-    st.booleans(),
-)
-def test_a_force_axis_is_refused_exactly_when_nothing_brakes_it(axis, stiffness, ratio, damping, limited):
-    data = json.loads(with_spring(stiffness={"x": 1.0, axis: stiffness}, axes={axis: {"force": 3.0}}))
-    spring = data["arms"]["right"]["springs"][0]
-    if not ratio:
-        del spring["damping_ratio"]
-    if damping:
-        spring["damping"] = {axis: 2.0}
-    if limited:
-        spring["axes"][axis]["speed_limit"] = 0.2
-    if damping or limited or (ratio and stiffness > 0):
-        check(json.dumps(data))
-    else:
-        found = problems_of(json.dumps(data))
-        assert [p.path for p in found] == [f"arms.right.springs[0].axes.{axis}"]
-
-
-def test_a_file_with_many_faults_reports_them_in_order_and_without_repetition():
-    text = (
-        PRESS_BOX.read_text()
-        .replace("mass: 1.2", "mass: 1.2, mas: 2")
-        .replace("rx: 10, ry: 10", "rx: on, ry: 1e1")
-    )
-    text = text.replace("floor: 0.5", "floor: 50").replace("{mirror: right}", "{mirror: rihgt}")
-    found = problems_of(text)
-    assert [p.path for p in found] == [
-        "arms.right.springs[0].stiffness.rx",
-        "arms.right.springs[0].stiffness.ry",
-        "arms.left.mirror",
-        "object.mas",
-        "safety.tank.floor",
-    ]
-
-
-def test_a_trap_behind_an_alias_is_reported_once_where_it_stands():
-    text = EVERY_KEY.read_text()
-    line = text[: text.index("s0: 0.0974")].count("\n") + 1
-    found = problems_of(text.replace("s0: 0.0974", "s0: *nowhere"))
-    assert [(p.line, p.path) for p in found] == [(line, "arms.right.posture.s0")]
-
-
-# Finding tasks and robots ----------------------------------------------------------------------------------
 
 
 def test_a_robot_beside_the_task_wins_over_a_shipped_one(tmp_path):
