@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Lays out the plant's memory for one robot, its surfaces and its object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.plant.contact.points import Point, hand_point, object_points
+from impedance_modules.plant.contact.surfaces import contact_table, surface_table
+from impedance_modules.plant.grasp.coupling import body_table, prepare_hands
+from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.joints import joint_table
+from impedance_modules.plant.records import COUNTERS, HAND, OBJECT_SIZE, Memory
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.task import SurfaceSpec
+
+Array = NDArray[np.float64]
+
+
+def build_memory(
+    model: RobotModel,
+    frames: tuple[str, ...],
+    surfaces: Sequence[SurfaceSpec],
+    held: HeldObject | None,
+    gravity: Array,
+) -> Memory:
+    """Takes the memory once and fills in every constant."""
+    n, h = model.n, len(frames)
+    hands = np.zeros(h, HAND)
+    hands["turn"] = np.eye(3)
+    if held is not None:
+        prepare_hands(hands, frames, held)
+    bodies: list[Sequence[Point]] = [(hand_point(),) for _ in frames]
+    if held is not None:
+        bodies.append(object_points(held.spec.shape, held.spec.size))
+    return Memory(
+        state=np.zeros((4, 4 * n + OBJECT_SIZE + COUNTERS)),
+        joints=joint_table(model),
+        hands=hands,
+        body=body_table(held, gravity),
+        contacts=contact_table(surfaces, bodies),
+        surfaces=surface_table(surfaces),
+        jacobian=np.zeros((h, 6, n)),
+        motion=np.zeros((h + 1, 2, 6)),
+        wrench=np.zeros((h + 1, 2, 6)),
+        torque=np.zeros(n),
+    )

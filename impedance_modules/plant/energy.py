@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The plant's energy, kind by kind, and where work came in and went out.
+
+    stored(t) - stored(0) = work in - dissipated
+
+holds along any run up to the integrator's error: tests use it as a law, a run's summary as a check.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.plant.records import (
+    COMMAND,
+    CONTACT,
+    EFFECT,
+    ELASTIC,
+    GRASP,
+    MOTOR_LOSS,
+    ROBOT,
+    SPRING_LOSS,
+    STOP,
+    Memory,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EnergyBook:
+    """Energies and works [J] since ``reset``.
+
+    Attributes:
+        links, rotors, body: Kinetic energy of links, rotors and the object.
+        gravity: Potential of links and object.
+        springs: In the series-elastic springs.
+        stops, grasp, contact: In joint stops, couplings, and surfaces with their friction springs.
+        command_work: By the commanded torque on the motors: the motor port of the passivity claim.
+        robot_work: By the robot's own gravity compensation and position hold.
+        effect_work: By effects.
+        motor_loss, spring_loss: In motor and spring damping.
+        stop_work, grasp_work, contact_work: Done on the bodies by stops, couplings and surfaces.
+    """
+
+    links: float
+    rotors: float
+    body: float
+    gravity: float
+    springs: float
+    stops: float
+    grasp: float
+    contact: float
+    command_work: float
+    robot_work: float
+    effect_work: float
+    motor_loss: float
+    spring_loss: float
+    stop_work: float
+    grasp_work: float
+    contact_work: float
+
+    @property
+    def kinetic(self) -> float:
+        """Kinetic energy of everything [J]."""
+        return self.links + self.rotors + self.body
+
+    @property
+    def stored(self) -> float:
+        """Kinetic and potential energy of everything [J]."""
+        return self.kinetic + self.gravity + self.springs + self.stops + self.grasp + self.contact
+
+    def dissipated(self, before: EnergyBook) -> dict[str, float]:
+        """Gives what each damper has turned into heat since ``before`` [J]."""
+        lost = {
+            "motors": self.motor_loss - before.motor_loss,
+            "springs": self.spring_loss - before.spring_loss,
+        }
+        for name in ("stop", "grasp", "contact"):
+            kept = f"{name}s" if name == "stop" else name
+            done = getattr(self, f"{name}_work") - getattr(before, f"{name}_work")
+            lost[kept] = -done - (getattr(self, kept) - getattr(before, kept))
+        return lost
+
+    def imbalance(self, before: EnergyBook) -> float:
+        """Gives the energy that no term accounts for since ``before`` [J]; the integrator's error."""
+        work = sum(
+            getattr(self, name) - getattr(before, name)
+            for name in ("command_work", "robot_work", "effect_work")
+        )
+        return float(self.stored - before.stored - work + sum(self.dissipated(before).values()))
+
+
+def potential_energies(memory: Memory) -> dict[str, float]:
+    """Computes the energy in springs, stops, couplings and contacts [J] from the tables as they stand."""
+    joints, hands, contacts = memory.joints, memory.hands, memory.contacts
+    q, theta = memory.part("position"), memory.part("motor_position")
+    beyond = np.maximum(q - joints["upper"], 0.0) + np.maximum(joints["lower"] - q, 0.0)
+    wound = np.where(joints["kind"] == ELASTIC, theta - q, 0.0)
+    held = hands[hands["holds"] == 1]
+    grasp = held["linear_stiffness"] * _elastic_square(held)
+    grasp = grasp + held["angular_stiffness"] * np.sum(held["twist"] ** 2, axis=1)
+    near = contacts[contacts["near"] == 1]
+    depth = np.maximum(-near["distance"], 0.0)
+    touch = near["stiffness"] * (depth**2 + np.sum(near["slip"] ** 2, axis=1))
+    return {
+        "springs": 0.5 * float(np.sum(joints["stiffness"] * wound**2)),
+        "stops": 0.5 * float(np.sum(joints["stop_stiffness"] * beyond**2)),
+        "grasp": 0.5 * float(np.sum(grasp)),
+        "contact": 0.5 * float(np.sum(touch)),
+    }
+
+
+def _elastic_square(held: NDArray[np.void]) -> Array:
+    """Gives |e|^2 (h,) of each coupling [m^2]; a palm that has let go stores nothing."""
+    gripping = (held["slips"] == 0) | (held["pressure"] > 0.0)
+    return np.where(gripping, np.sum(held["stretch"] ** 2, axis=1), 0.0)
+
+
+def works(memory: Memory) -> dict[str, float]:
+    """Names the work counters [J]."""
+    work = memory.part("work")
+    names = {
+        "command_work": COMMAND,
+        "robot_work": ROBOT,
+        "effect_work": EFFECT,
+        "motor_loss": MOTOR_LOSS,
+        "spring_loss": SPRING_LOSS,
+        "stop_work": STOP,
+        "grasp_work": GRASP,
+        "contact_work": CONTACT,
+    }
+    return {name: float(work[index]) for name, index in names.items()}

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A rigid object and the stiff couplings by which hands hold it."""

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The simulated robot with its surroundings: takes a torque command per period, reports what it senses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from impedance_modules.errors import BadInput, NotConnected
+from impedance_modules.plant.assembly import build_memory
+from impedance_modules.plant.commands import CommandLine, Mode, Order, checked_effort
+from impedance_modules.plant.contact.surfaces import Surfaces
+from impedance_modules.plant.effects_port import JointTorque
+from impedance_modules.plant.energy import EnergyBook
+from impedance_modules.plant.grasp.coupling import take_hold
+from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.integrator import Integrator
+from impedance_modules.plant.joints import hold_gains, motor_position
+from impedance_modules.plant.options import PlantOptions, divide
+from impedance_modules.plant.records import COMMAND, IDEAL
+from impedance_modules.plant.sensors import Sensors
+from impedance_modules.plant.stability import check_step
+from impedance_modules.plant.truth import Truth
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.task import SurfaceSpec
+
+Array = NDArray[np.float64]
+
+GRAVITY_COMPENSATION = ("robot", "command", "none")
+
+
+class Plant(Truth):
+    """Simulated reality for one robot, its surfaces and the object in its hands.
+
+    Life: ``reset(q)``, then ``state = sense()``, ``advance(command)`` once per control period.
+    ``hold`` and ``release`` are the robot's own modes; a torque command takes it out of them again.
+    What really happens, beyond what the robot reports, is read from the ``Truth`` it inherits.
+
+    Attributes:
+        model: The robot.
+        division: How a control period divides into the robot's loops and integration steps.
+        start_command: (n,) torque [N.m] that carries the start load; it acts before the first command.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        surfaces: Sequence[SurfaceSpec],
+        held: HeldObject | None,
+        options: PlantOptions,
+    ) -> None:
+        self.model = model
+        self.division = divide(options)
+        self._held = held
+        self._options = options
+        self._timing = model.spec.timing
+        self._compensates = _checked_compensation(model.spec.gravity_compensation) == "robot"
+        frames = tuple(limb.hand for limb in model.limbs.values())
+        memory = build_memory(model, frames, surfaces, held, np.array(options.gravity))
+        shapes = Surfaces(surfaces, memory.contacts)
+        gravity = np.array(options.gravity)
+        integrator = Integrator(
+            model, memory, frames=frames, surfaces=shapes, step=self.division.step, gravity=gravity
+        )
+        super().__init__(model, memory, integrator, frames)
+        self._sensors = Sensors(model.spec.sensors, self.division.loop, None)
+        self._gravity_data = integrator.links.createData()
+        self._robot_view = pin.Model(integrator.links)
+        self._ideal = bool(np.any(memory.joints["kind"] == IDEAL))
+        self._line: CommandLine | None = None
+        self._standing: Order | None = None
+        self._periods = 0
+        self.start_command: Array = np.zeros(model.n)
+
+    @property
+    def torques(self) -> list[JointTorque]:
+        """Effects worn by the joints; append one before ``reset``."""
+        return self._integrator.torques
+
+    @property
+    def mode(self) -> Mode:
+        """What the robot does in the present period."""
+        return self._running().acting.mode
+
+    @property
+    def delay(self) -> int:
+        """Whole periods from issuing a command to its acting."""
+        return self._running().delay
+
+    def reset(self, q: Array) -> None:
+        """Puts everything at rest at q (n,) [rad], all springs wound by the weight they carry.
+
+        The hands hold the object where it starts, pressing with the declared squeeze and carrying its
+        weight if the task says that the arms do.
+
+        Raises:
+            BadInput: q has another length, or the integration step is too long for this plant.
+        """
+        position = checked_effort(q, self.model.n)
+        self._memory.state[:] = 0.0
+        self._memory.part("position")[:] = position
+        self._memory.part("motor_position")[:] = position
+        self._clear_torques()
+        wrench = self._grasp()
+        self._integrator.refresh()
+        self._balance(position, wrench)
+        check_step(self._integrator)
+        self._memory.part("work")[:] = 0.0
+        self._start_robot(position)
+
+    def _grasp(self) -> Array:
+        """Places the object and closes the hands on it; returns its wrench on each hand (h, 6)."""
+        memory, held = self._memory, self._held
+        memory.body["rotation"] = np.eye(3)
+        self._integrator.place()
+        if held is None:
+            return np.zeros((memory.hands.size, 6))
+        origins = [hand["translation"] for hand in memory.hands if hand["holds"]]
+        start = held.position(origins)
+        memory.part("object_position")[:] = start
+        return take_hold(memory.hands, memory.body, held, start)
+
+    def _balance(self, position: Array, wrench: Array) -> None:
+        """Winds the joints' springs for the start load and finds the command that carries it."""
+        memory, joints = self._memory, self._memory.joints
+        load = self._weight(position)
+        carried = np.zeros(self.model.n)
+        for jacobian, on_hand in zip(memory.jacobian, wrench, strict=True):
+            carried -= jacobian.T @ on_hand
+        wind = np.array(self.model.spring_compliance()) * (joints["kind"] != IDEAL)
+        memory.part("motor_position")[:] = position + wind * (load + carried)
+        joints["load"] = joints["motor"] = load + carried
+        self.start_command = carried if self._compensates else load + carried
+        joints["assist"] = load if self._compensates else 0.0
+        joints["command"] = self.start_command
+
+    def _start_robot(self, position: Array) -> None:
+        """Starts sensors, command line and clock."""
+        source = np.random.default_rng(self._options.seed) if self._options.noise else None
+        self._sensors = Sensors(self.model.spec.sensors, self.division.loop, source)
+        self._sensors.reset(position)
+        start = Order(Mode.TORQUE, self.start_command.copy())
+        self._line = CommandLine(self._timing, self._options.rate, start)
+        self._standing = None
+        self._periods = 0
+        self._integrator.time = 0.0
+
+    def _running(self) -> CommandLine:
+        if self._line is None:
+            raise NotConnected("the plant has not been reset: call reset(q) with a start posture first")
+        return self._line
+
+    def sense(self) -> RobotState:
+        """Reports what the robot measures now."""
+        self._running()
+        return self._sensors.sample(self.time, self._memory.joints["load"])
+
+    def advance(self, command: Array | None) -> None:
+        """Lives through one control period.
+
+        Args:
+            command: (n,) torque [N.m] that acts, delayed, on top of what the robot adds by itself;
+                None sends nothing: the last torque stays until the time-out, hold and release stay.
+        """
+        line = self._running()
+        if command is not None:
+            self._standing = None
+            issued: Order | None = Order(Mode.TORQUE, checked_effort(command, self.model.n))
+        else:
+            issued = self._standing
+        self._obey(line.acting, line.pass_on(issued))
+        for _ in range(self.division.loops):
+            self._robot_loop()
+        self._periods += 1
+        self._integrator.time = self._periods / self._options.rate
+
+    def hold(self) -> None:
+        """Orders the robot's own position mode: it keeps the joints where they are when this arrives."""
+        self._standing = Order(Mode.HOLD, np.zeros(self.model.n))
+
+    def release(self) -> None:
+        """Orders zero torque: the robot carries only the arms' weight, if it does that at all."""
+        self._standing = Order(Mode.RELEASE, np.zeros(self.model.n))
+
+    def warm(self, q: Array) -> None:
+        """Compiles every path of a run, then stands reset at q; call before a loop with deadlines."""
+        self.reset(q)
+        self.sense()
+        self.advance(np.zeros(self.model.n))
+        self.reset(q)
+
+    def _obey(self, before: Order, order: Order) -> None:
+        """Sets the torques of the order that acts in this period."""
+        if order is before:
+            return
+        joints = self._memory.joints
+        joints["command"] = order.effort
+        if order.mode is not before.mode:
+            joints["hold_stiffness"], joints["hold_damping"] = 0.0, 0.0
+            if order.mode is Mode.HOLD:
+                stiffness, damping = hold_gains(self.model, self._integrator.link_mobility())
+                joints["hold_stiffness"], joints["hold_damping"] = stiffness, damping
+                joints["hold_position"] = self._memory.part("motor_position")
+
+    def _robot_loop(self) -> None:
+        """Lives through one loop of the robot: its gravity compensation, the steps, its sensors."""
+        if self._compensates:
+            self._memory.joints["assist"] = self._weight(self._sensors.position)
+        if self._ideal:
+            self._wind_ideal_joints()
+        advance = self._integrator.advance
+        for _ in range(self.division.steps):
+            advance()
+        self._sensors.update(self._memory.part("position"))
+
+    def _weight(self, position: Array) -> Array:
+        """Computes the torque that carries the links at a measured position (n,) [N.m]."""
+        return np.asarray(pin.computeGeneralizedGravity(self._robot_view, self._gravity_data, position))
+
+    def _wind_ideal_joints(self) -> None:
+        """Books the work of winding an ideal joint's spring: the new torque times theta's jump."""
+        memory, joints = self._memory, self._memory.joints
+        q, rotor = memory.part("position"), memory.part("motor_position")
+        before = motor_position(joints, q, rotor)
+        joints["motor"] = np.where(
+            joints["kind"] == IDEAL, joints["command"] + joints["assist"], joints["motor"]
+        )
+        jump = motor_position(joints, q, rotor) - before
+        memory.part("work")[COMMAND] += float(joints["command"] @ jump)
+
+    def _clear_torques(self) -> None:
+        joints = self._memory.joints
+        for name in ("command", "assist", "extra_motor", "extra_link", "hold_stiffness", "hold_damping"):
+            joints[name] = 0.0
+        for name in ("slip", "force", "pressure", "near", "touching"):
+            self._memory.contacts[name] = 0.0
+
+    def energy(self) -> EnergyBook:
+        """Closes the books: every energy and work since ``reset`` [J]."""
+        return self.energy_book(self._options.gravity)
+
+
+def _checked_compensation(who: str) -> str:
+    if who not in GRAVITY_COMPENSATION:
+        raise BadInput(f"gravity_compensation is '{who}' (valid: {', '.join(GRAVITY_COMPENSATION)})")
+    return who

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The plant's memory: one table per kind of part, shared by the compiled loop and the plain reference.
+
+The state is one row of ``4 n + 12 + 8`` numbers:
+
+    q (n) link positions, v (n), theta (n) motor positions, w (n) motor velocities,
+    p (3) object position, phi (3) its rotation since the step began, u (3) its velocity,
+    L (3) its angular momentum, all in world axes; then the work counters named below [J].
+
+The object's angular momentum, not its angular velocity, is the state: without torque it is a constant,
+and the integrator keeps constants exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Table = NDArray[np.void]
+Row = Any
+"""One row of a table; its fields are those of the table's type below."""
+
+START, STAGE, RATE, SUM = 0, 1, 2, 3
+"""Rows of the state: at the step's start, at the Runge-Kutta stage, its rate, the weighted sum of rates."""
+
+ELASTIC, RIGID, IDEAL = 0, 1, 2
+"""Kinds of joint: spring and rotor; rotor fixed to the link; torque source without a rotor."""
+
+COMMAND, ROBOT, EFFECT, MOTOR_LOSS, SPRING_LOSS, STOP, GRASP, CONTACT = range(8)
+"""Work counters: by command, robot's own torque and effects; lost in damping; done on bodies by the rest."""
+
+COUNTERS = 8
+OBJECT_SIZE = 12
+
+JOINT = np.dtype(
+    [
+        ("kind", np.int64),
+        ("stiffness", np.float64),
+        ("spring_damping", np.float64),
+        ("motor_damping", np.float64),
+        ("reflected_inertia", np.float64),
+        ("effort_max", np.float64),
+        ("lower", np.float64),
+        ("upper", np.float64),
+        ("stop_stiffness", np.float64),
+        ("stop_damping", np.float64),
+        ("command", np.float64),
+        ("assist", np.float64),
+        ("extra_motor", np.float64),
+        ("extra_link", np.float64),
+        ("hold_stiffness", np.float64),
+        ("hold_damping", np.float64),
+        ("hold_position", np.float64),
+        ("motor", np.float64),
+        ("load", np.float64),
+    ],
+    align=True,
+)
+"""One joint: its drive, its limits, the torques that act now [N.m], and the torque through its gear."""
+
+HAND = np.dtype(
+    [
+        ("holds", np.int64),
+        ("slips", np.int64),
+        ("translation", np.float64, (3,)),
+        ("rotation", np.float64, (3, 3)),
+        ("linear_stiffness", np.float64),
+        ("angular_stiffness", np.float64),
+        ("linear_damping", np.float64),
+        ("angular_damping", np.float64),
+        ("friction", np.float64),
+        ("palm_radius", np.float64),
+        ("point", np.float64, (3,)),
+        ("turn", np.float64, (3, 3)),
+        ("normal", np.float64, (3,)),
+        ("arm", np.float64, (3,)),
+        ("stretch", np.float64, (3,)),
+        ("twist", np.float64, (3,)),
+        ("pressure", np.float64),
+    ],
+    align=True,
+)
+"""One hand: pose at the step's start, and its coupling to the object (rest in the object's axes)."""
+
+BODY = np.dtype(
+    [
+        ("present", np.int64),
+        ("mass", np.float64),
+        ("inertia", np.float64, (3,)),
+        ("gravity", np.float64, (3,)),
+        ("rotation", np.float64, (3, 3)),
+        ("change", np.float64, (3, 3)),
+        ("turned", np.float64, (3, 3)),
+    ],
+    align=True,
+)
+"""The object: principal inertia [kg.m^2], rotation at the step's start, since then, and both together."""
+
+CONTACT_POINT = np.dtype(
+    [
+        ("near", np.int64),
+        ("stale", np.int64),
+        ("touching", np.int64),
+        ("body", np.int64),
+        ("surface", np.int64),
+        ("centre", np.float64, (3,)),
+        ("radius", np.float64),
+        ("stiffness", np.float64),
+        ("damping", np.float64),
+        ("friction", np.float64),
+        ("position", np.float64, (3,)),
+        ("asked", np.float64, (3,)),
+        ("measured", np.float64),
+        ("normal", np.float64, (3,)),
+        ("distance", np.float64),
+        ("arm", np.float64, (3,)),
+        ("slip", np.float64, (3,)),
+        ("move", np.float64, (3,)),
+        ("force", np.float64, (3,)),
+        ("pressure", np.float64),
+    ],
+    align=True,
+)
+"""One small sphere of a body against one surface.
+
+Coal ``measured`` the distance where it was last ``asked``; ``distance`` follows the present position from
+there. ``slip`` is the stretch of the tangential spring [m].
+"""
+
+SURFACE = np.dtype(
+    [
+        ("flat", np.int64),
+        ("translation", np.float64, (3,)),
+        ("rotation", np.float64, (3, 3)),
+        ("half", np.float64, (3,)),
+    ],
+    align=True,
+)
+"""One surface as far as the search for near points needs it; the distance itself is coal's."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """All tables of one plant.
+
+    Attributes:
+        state: (4, 4 n + 20) rows START, STAGE, RATE, SUM.
+        joints: (n,) of ``JOINT``.
+        hands: (h,) of ``HAND``.
+        body: (1,) of ``BODY``.
+        contacts: (points x surfaces,) of ``CONTACT_POINT``.
+        surfaces: Of ``SURFACE``.
+        jacobian: (h, 6, n) hand Jacobians at the step's start, world axes.
+        motion: (h + 1, 2, 6) displacement since the step's start, and twist, of each hand and the object.
+        wrench: (h + 1, 2, 6) on each body at its own origin: from contact, from the grasp.
+        torque: (n,) what acts on the links [N.m].
+    """
+
+    state: Array
+    joints: Table
+    hands: Table
+    body: Table
+    contacts: Table
+    surfaces: Table
+    jacobian: Array
+    motion: Array
+    wrench: Array
+    torque: Array
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.torque.size)
+
+    def part(self, name: str, row: int = START) -> Array:
+        """Gives a live view of one part of the state, e.g. ``part("motor_position")``."""
+        n = self.n
+        names = {
+            "position": slice(0, n),
+            "velocity": slice(n, 2 * n),
+            "motor_position": slice(2 * n, 3 * n),
+            "motor_velocity": slice(3 * n, 4 * n),
+            "object_position": slice(4 * n, 4 * n + 3),
+            "object_turn": slice(4 * n + 3, 4 * n + 6),
+            "object_velocity": slice(4 * n + 6, 4 * n + 9),
+            "object_momentum": slice(4 * n + 9, 4 * n + 12),
+            "work": slice(4 * n + 12, 4 * n + 20),
+        }
+        return self.state[row, names[name]]

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Refuses a step that the plant's own stiff parts would make unstable.
+
+The rate is linearised at the start by finite differences; the Runge-Kutta method multiplies each mode
+\lambda by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h \lambda, which must not outgrow exp(Re z).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.errors import BadInput
+from impedance_modules.plant import compiled_stage
+from impedance_modules.plant.integrator import Integrator
+from impedance_modules.plant.records import COUNTERS, ELASTIC, RATE, STAGE, Memory
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+DIFFERENCE = 1e-7
+"""Of the finite differences, in the state's units."""
+
+TOUCHING_POINTS = 4
+"""How many points of the object are taken to lie on one surface at once."""
+
+
+def check_step(integrator: Integrator) -> None:
+    """Checks the integration step against all modes of the plant at its start.
+
+    Raises:
+        BadInput: The step is too long for the lightest part on the stiffest spring.
+    """
+    modes = np.concatenate([plant_modes(integrator), contact_modes(integrator)])
+    if stable(modes, integrator.step):
+        return
+    step = integrator.step
+    while not stable(modes, step):
+        step *= 0.8
+    fastest = float(np.abs(modes).max())
+    raise BadInput(
+        f"an integration step of {integrator.step:.3g} s is too long for a mode at {fastest:.4g} rad/s"
+        f" of the joints, the held object or a surface (valid: at most {step:.3g} s)"
+    )
+
+
+def stable(modes: Complex, step: float) -> bool:
+    """Says whether the Runge-Kutta method damps what the plant damps, for every mode [1/s]."""
+    z = step * modes
+    gain = np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))
+    return bool(np.all(gain <= np.exp(np.maximum(z.real, 0.0)) * (1.0 + 1e-6)))
+
+
+def plant_modes(integrator: Integrator) -> Complex:
+    """Computes the eigenvalues [1/s] of the plant linearised where it stands."""
+    memory = integrator.memory
+    integrator.refresh()
+    size = memory.state.shape[1] - COUNTERS
+    used = _free_coordinates(memory, size)
+    at_rest = memory.state[STAGE].copy()
+    columns = np.empty((size, size))
+    for k in used:
+        rates = []
+        for side in (DIFFERENCE, -DIFFERENCE):
+            memory.state[STAGE] = at_rest
+            memory.state[STAGE, k] += side
+            rates.append(_full_rate(integrator)[:size])
+        columns[:, k] = (rates[0] - rates[1]) / (2.0 * DIFFERENCE)
+    memory.state[STAGE] = at_rest
+    compiled_stage.evaluate(*integrator.tables, *integrator.arrays)
+    return np.asarray(np.linalg.eigvals(columns[np.ix_(used, used)]), dtype=complex)
+
+
+def _free_coordinates(memory: Memory, size: int) -> NDArray[np.intp]:
+    """Lists the coordinates that move by themselves: not the rotors that are fixed to links."""
+    n = memory.n
+    free = np.ones(size, dtype=bool)
+    tied = memory.joints["kind"] != ELASTIC
+    free[2 * n : 3 * n][tied] = free[3 * n : 4 * n][tied] = False
+    free[4 * n :] = bool(memory.body[0]["present"])
+    return np.flatnonzero(free)
+
+
+def _full_rate(integrator: Integrator) -> Array:
+    memory, n = integrator.memory, integrator.memory.n
+    acceleration = integrator.rate()
+    rate = memory.state[RATE].copy()
+    rate[n : 2 * n] = acceleration
+    return np.asarray(rate)
+
+
+def contact_modes(integrator: Integrator) -> Complex:
+    """Bounds the modes [1/s] of every hand and of the object on every surface, as one mass each."""
+    mobility = integrator.link_mobility()
+    memory = integrator.memory
+    modes: list[complex] = []
+    for body, stiffness, damping in {
+        (int(row["body"]), float(row["stiffness"]), float(row["damping"])) for row in memory.contacts
+    }:
+        if body < memory.hands.size:
+            linear = memory.jacobian[body, :3]
+            lightness = float(np.linalg.eigvalsh(linear @ mobility @ linear.T)[-1])
+        else:
+            lightness = TOUCHING_POINTS / float(memory.body[0]["mass"])
+        modes.extend(np.roots([1.0, damping * lightness, stiffness * lightness]))
+    return np.array(modes, dtype=complex)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The compiled stages say what the plain equations of motion say, in random states with everything acting."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plant_parts import BAXTER, SIX_JOINTS, in_both_hands, middle, plane, plant, spec_of, with_every
+
+from impedance_modules.plant import compiled_algebra
+from impedance_modules.plant.compiled_stage import evaluate
+from impedance_modules.plant.records import RATE, STAGE, START
+from impedance_modules.plant.reference import plain_rate
+from impedance_modules.robot.rotation import exp3, log3
+
+
+def shaken(folder, grasp: str, seed: int):
+    """A plant in a random state: object between the hands, points in the surface, joints at their stops."""
+    rng = np.random.default_rng(seed)
+    spec = with_every(spec_of(folder), spring_damping=0.3)
+    held = in_both_hands(spec, grasp=grasp, friction=0.5 if grasp == "friction" else None, squeeze=15.0)
+    subject = plant(spec, [plane(-0.2, friction=0.4)], held)
+    subject.reset(middle(subject.model) + 0.1 * rng.normal(size=subject.model.n))
+    memory, n = subject._memory, subject.model.n
+    low = min(memory.part("object_position")[2], *memory.hands["translation"][:, 2])
+    memory.surfaces["translation"][0, 2] = low
+    joints = memory.joints
+    for name in ("command", "assist", "extra_motor", "extra_link", "hold_position"):
+        joints[name] = rng.normal(size=n)
+    joints["hold_stiffness"], joints["hold_damping"] = rng.uniform(0, 300, n), rng.uniform(0, 5, n)
+    joints["upper"][:3], joints["lower"][-3:] = -10.0, 10.0
+    memory.state[START, n : 4 * n] = rng.normal(size=3 * n) * 0.3
+    memory.part("object_velocity")[:] = rng.normal(size=3)
+    memory.part("object_momentum")[:] = 0.05 * rng.normal(size=3)
+    subject._integrator.refresh()
+    contacts = memory.contacts
+    contacts["near"] = rng.integers(0, 2, contacts.size)
+    contacts["distance"] = rng.uniform(-2e-3, 1e-3, contacts.size)
+    contacts["normal"] = [_unit(rng) for _ in range(contacts.size)]
+    contacts["arm"] = 0.1 * rng.normal(size=(contacts.size, 3))
+    contacts["slip"] = 1e-4 * rng.normal(size=(contacts.size, 3))
+    memory.hands["stretch"] += 2e-5 * rng.normal(size=(memory.hands.size, 3))
+    size = 4 * n + 12
+    memory.state[STAGE, :size] = memory.state[START, :size] + 2e-4 * rng.normal(size=size)
+    return subject
+
+
+def _unit(rng: np.random.Generator) -> np.ndarray:
+    vector = rng.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+@pytest.mark.parametrize("folder", [BAXTER, SIX_JOINTS])
+@pytest.mark.parametrize("grasp", ["weld", "friction"])
+def test_the_compiled_rate_is_the_plain_rate(folder, grasp) -> None:
+    for seed in range(10):
+        subject = shaken(folder, grasp, seed)
+        memory, n, integrator = subject._memory, subject.model.n, subject._integrator
+        plain = plain_rate(memory, integrator.links)
+        evaluate(*integrator.tables, *integrator.arrays)
+        acceleration = integrator.acceleration()
+        fast = memory.state[RATE].copy()
+        fast[n : 2 * n] = acceleration
+        tied = memory.joints["kind"] != 0
+        fast[3 * n : 4 * n][tied] = acceleration[tied]
+        numbers = np.delete(fast[: 4 * n + 12], np.arange(4 * n + 3, 4 * n + 6))
+        np.testing.assert_allclose(numbers, plain, rtol=1e-9, atol=1e-9 * np.abs(plain).max())
+        assert np.abs(memory.wrench).max() > 1.0
+        assert (memory.contacts["touching"] == 1).sum() > 0
+
+
+def test_the_compiled_rotations_are_the_plain_ones() -> None:
+    rng, matrix, vector = np.random.default_rng(0), np.empty((3, 3)), np.empty(3)
+    for size in (1e-9, 1e-5, 1e-2, 1.0, 3.0):
+        phi = rng.normal(size=3)
+        phi *= size / np.linalg.norm(phi)
+        compiled_algebra.exponential(phi, matrix)
+        np.testing.assert_allclose(matrix, exp3(phi), atol=1e-14)
+        compiled_algebra.logarithm(matrix, vector)
+        np.testing.assert_allclose(vector, log3(exp3(phi)), rtol=1e-10, atol=1e-15)
+
+
+def test_a_rotation_vectors_rate_is_its_derivative() -> None:
+    """phi' agrees with log(exp(h w) exp(phi)) by finite difference, up to the fourth order left out."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        phi, spin, rate, h = 0.05 * rng.normal(size=3), rng.normal(size=3), np.zeros(3), 1e-6
+        compiled_algebra.add_rotation_rate(phi, spin, rate)
+        change = (log3(exp3(h * spin) @ exp3(phi)) - log3(exp3(-h * spin) @ exp3(phi))) / (2.0 * h)
+        np.testing.assert_allclose(rate, change, atol=1e-6)
