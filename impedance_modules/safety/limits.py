@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the filter must keep: a robot's limits and the times over which they are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from impedance_modules.safety.problem import Vector
+from impedance_modules.spec.robot import JointSpec, TimingSpec
+
+
+@dataclass(frozen=True)
+class FilterLimits:
+    """Constants of one run, joints in the order of the torque vector.
+
+    Attributes:
+        effort_max: (n,) [N.m].
+        effort_rate_max: (n,) [N.m/s].
+        position_min: (n,) [rad].
+        position_max: (n,) [rad].
+        velocity_max: (n,) [rad/s].
+        deceleration: (n,) braking each joint may count on, and the most a joint row ever demands [rad/s^2].
+        return_speed: (n,) speed at most demanded from a joint outside its range [rad/s].
+        margin: Distance that pairs keep [m].
+        approach_time: A pair may close no faster than (distance - margin) / approach_time, at least four
+            horizons [s].
+        separation_speed: Speed at most demanded from a pair closer than the margin [m/s].
+        separation_acceleration: Most that a distance row ever demands [m/s^2].
+        period: Control period [s].
+        delay: From a state sample to its torque acting, beyond the period [s].
+        horizon: Time over which position, velocity and distance rows look ahead, at least one period [s].
+    """
+
+    effort_max: Vector
+    effort_rate_max: Vector
+    position_min: Vector
+    position_max: Vector
+    velocity_max: Vector
+    deceleration: Vector
+    return_speed: Vector
+    margin: float
+    approach_time: float
+    separation_speed: float
+    separation_acceleration: float
+    period: float
+    delay: float
+    horizon: float
+
+    def __post_init__(self) -> None:
+        positive = {
+            "effort_max": self.effort_max,
+            "effort_rate_max": self.effort_rate_max,
+            "velocity_max": self.velocity_max,
+            "deceleration": self.deceleration,
+            "return_speed": self.return_speed,
+            "position_max - position_min": self.position_max - self.position_min,
+            "separation_speed": self.separation_speed,
+            "separation_acceleration": self.separation_acceleration,
+            "period": self.period,
+        }
+        bad = [name for name, value in positive.items() if not np.all(np.asarray(value) > 0.0)]
+        if bad:
+            raise ValueError(f"filter limits must be positive, these are not: {', '.join(bad)}")
+        if not (self.delay >= 0.0 and self.margin >= 0.0):
+            raise ValueError(f"delay and margin must not be negative: {self.delay} s, {self.margin} m")
+        if not self.horizon >= self.period:
+            raise ValueError(f"horizon {self.horizon} s must be at least the period {self.period} s")
+        if not self.approach_time >= 4.0 * self.horizon:
+            raise ValueError(
+                f"approach_time {self.approach_time} s must be at least four horizons of {self.horizon} s, "
+                "or a pair swings through its margin"
+            )
+
+    @property
+    def power_horizon(self) -> float:
+        """Time for which a command may act before the next one replaces it, period + delay [s]."""
+        return self.period + self.delay
+
+
+def limits_of(
+    joints: Sequence[JointSpec],
+    timing: TimingSpec,
+    *,
+    rate: float,
+    deceleration: Vector,
+    margin: float,
+    look_ahead: int = 5,
+) -> FilterLimits:
+    """The limits of a robot file at a control rate.
+
+    Look-ahead: horizon = look_ahead * period + delay, so that a torque which acts late still acts in
+    time; pairs close in four times that. A joint outside its range is asked back at a tenth of its speed
+    limit, a pair at 0.1 m/s with at most 5 m/s^2.
+
+    Args:
+        joints: In the order of the torque vector.
+        timing: The robot's delays.
+        rate: Control rate of this run [Hz].
+        deceleration: (n,) see `braking_deceleration` [rad/s^2].
+        margin: Distance that pairs keep [m].
+        look_ahead: Periods to look ahead, at least 1.
+
+    Raises:
+        ValueError: If a limit is not positive or the look-ahead is shorter than a period.
+    """
+    period = 1.0 / rate
+    horizon = look_ahead * period + timing.command_delay
+    velocity_max = np.array([joint.velocity_max for joint in joints])
+    return FilterLimits(
+        effort_max=np.array([joint.effort_max for joint in joints]),
+        effort_rate_max=np.array([joint.effort_rate_max for joint in joints]),
+        position_min=np.array([joint.position_min for joint in joints]),
+        position_max=np.array([joint.position_max for joint in joints]),
+        velocity_max=velocity_max,
+        deceleration=deceleration,
+        return_speed=0.1 * velocity_max,
+        margin=margin,
+        approach_time=4.0 * horizon,
+        separation_speed=0.1,
+        separation_acceleration=5.0,
+        period=period,
+        delay=timing.command_delay,
+        horizon=horizon,
+    )
+
+
+def braking_deceleration(effort_max: Vector, inertia: Vector, share: float = 0.5) -> Vector:
+    """Braking that a share of each joint's torque gives against its own inertia.
+
+    b_i = share effort_max_i / M_ii. M_ii, the inertia with the other joints held, is the largest the
+    joint ever feels; the rest of the torque is left for bias and coupling.
+
+    Args:
+        effort_max: (n,) [N.m].
+        inertia: (n,) largest diagonal of M + I_r over the poses of interest [kg.m^2].
+        share: In (0, 1].
+
+    Returns:
+        (n,) [rad/s^2].
+    """
+    return share * effort_max / inertia

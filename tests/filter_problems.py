@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Random two-limb filter problems for tests and benchmarks: no robot, only plausible numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from impedance_modules.safety.build import FilterState, build
+from impedance_modules.safety.limits import FilterLimits
+from impedance_modules.safety.problem import FilterLayout, FilterProblem, FilterWorkspace
+
+PER_LIMB = 7
+N = 2 * PER_LIMB
+LAYOUT = FilterLayout(tuple(f"j{i}" for i in range(N)), tuple(f"pair{i}" for i in range(10)))
+EFFORT = np.tile([50.0, 50.0, 50.0, 50.0, 15.0, 15.0, 15.0], 2)
+
+
+def limits(rng: np.random.Generator, period: float = 1e-3) -> FilterLimits:
+    return FilterLimits(
+        effort_max=EFFORT,
+        effort_rate_max=rng.uniform(500.0, 5000.0, N),
+        position_min=np.full(N, -2.0),
+        position_max=np.full(N, 2.0),
+        velocity_max=np.full(N, 2.0),
+        deceleration=rng.uniform(5.0, 30.0, N),
+        return_speed=np.full(N, 0.2),
+        margin=0.02,
+        approach_time=20 * period,
+        separation_speed=0.1,
+        separation_acceleration=5.0,
+        period=period,
+        delay=2 * period,
+        horizon=5 * period,
+    )
+
+
+def limb(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Inertia (7, 7) with eigenvalues from 0.05 to 2 kg.m^2 and a Jacobian (6, 7), sometimes singular."""
+    basis = np.linalg.qr(rng.normal(size=(PER_LIMB, PER_LIMB)))[0]
+    inertia = basis @ np.diag(10.0 ** rng.uniform(-1.3, 0.3, PER_LIMB)) @ basis.T
+    jacobian = rng.normal(size=(6, PER_LIMB)) * 0.5
+    if rng.random() < 0.2:
+        jacobian[rng.integers(6)] = jacobian[rng.integers(6)]
+    return inertia, jacobian
+
+
+def state(rng: np.random.Generator, spread: float = 0.8, moving: bool = True) -> FilterState:
+    """A cycle; ``spread`` 1 reaches the limits, more lies outside."""
+    inverse = np.zeros((N, N))
+    jacobians = []
+    for part in (slice(0, PER_LIMB), slice(PER_LIMB, N)):
+        inertia, jacobian = limb(rng)
+        inverse[part, part] = np.linalg.inv(inertia)
+        full = np.zeros((6, N))
+        full[:, part] = jacobian
+        jacobians.append(full)
+    velocity = rng.uniform(-2.0, 2.0, N) * spread * moving
+    pairs = len(LAYOUT.pairs)
+    return FilterState(
+        position=rng.uniform(-2.0, 2.0, N) * spread,
+        velocity=velocity,
+        motor_velocity=velocity * rng.uniform(0.9, 1.1, N),
+        inverse_inertia=0.5 * (inverse + inverse.T),
+        bias=rng.normal(size=N) * 2.0 * moving,
+        jacobians=jacobians,
+        previous=rng.uniform(-0.5, 0.5, N) * EFFORT,
+        available=float(rng.choice([0.0, 0.01, 1.0, 100.0])),
+        distances=rng.uniform(-0.02 if spread > 1.0 else 0.03, 0.3, pairs),
+        distance_jacobians=rng.normal(size=(pairs, N)) * 0.3,
+        distance_drift=rng.normal(size=pairs) * moving,
+    )
+
+
+def problem(rng: np.random.Generator, spread: float, demand: float, moving: bool = True) -> FilterProblem:
+    """A snapshot of one built problem; ``demand`` is the desired torque in torque limits."""
+    desired = rng.normal(size=N) * demand * EFFORT
+    built = build(FilterWorkspace(LAYOUT), limits(rng), state(rng, spread, moving), desired)
+    return built.snapshot()
+
+
+def changed(original: FilterProblem, **arrays: np.ndarray) -> FilterProblem:
+    """The same problem with some arrays replaced."""
+    return replace(original, **arrays)
