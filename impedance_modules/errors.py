@@ -69,6 +69,10 @@ class ReplayMismatch(ImpedanceError):
     exit_code = 4
 
 
+class EndOfRecording(ImpedanceError):
+    """A recorded robot has no further state."""
+
+
 class NotConnected(ImpedanceError):
     """A backend was used before it was started or after it was stopped."""
 

@@ -5,9 +5,9 @@ For a pair of links with closest points A and B and unit normal n from A to B (w
 
     distance d [m],      d' = G v,      G = n^T (J_B - J_A)      (1, n) [m/rad]
 
-A pair that is far apart cannot come close at once: with every joint below its declared speed bound the
-distance shrinks at most at a known rate, so the pair is measured again only when it could have reached
-``influence``. Nothing is lost by waiting, and ten pairs cost less than one.
+A pair matters only where it closes faster than a damper towards its margin allows, c >= (d - margin) / T with
+c = -d'. Closing speeds do not jump: none is taken to grow faster than ``QUICKEST``. So after every measurement it
+is known for how long the pair cannot matter, and until then it is left alone.
 """
 
 from __future__ import annotations
@@ -23,61 +23,77 @@ from impedance_modules.robot.kinematics import WORLD_AXES, Kinematics
 
 Array = NDArray[np.float64]
 
+QUICKEST = 20.0
+"""Bound of the growth of a pair's closing speed [m/s^2]: a hand of Baxter's pushed by all its torque."""
+
+LONGEST_WAIT = 0.1
+"""A pair is looked at again after this time at the latest [s]."""
+
 
 class Distances:
     """Signed distances of the robot's declared pairs of links.
 
     Attributes:
         pairs: (link, link) names.
-        distance: (pairs,) last measured distance [m]; at least ``influence`` when not measured this cycle.
-        gradient: (pairs, n) G; zero where the distance is above ``influence``.
+        distance: (pairs,) last measured distance [m].
+        gradient: (pairs, n) G; zero where the pair cannot matter in this cycle.
     """
 
     def __init__(
-        self, kinematics: Kinematics, pairs: Sequence[tuple[str, str]], influence: float, period: float
+        self,
+        kinematics: Kinematics,
+        pairs: Sequence[tuple[str, str]],
+        margin: float,
+        approach_time: float,
+        period: float,
     ) -> None:
+        """Args are the pairs, the distance they keep [m], the damper's T [s] and the control period [s]."""
         self.pairs = tuple(pairs)
-        self.influence = influence
         self._kinematics = kinematics
-        self._period = period
+        self._margin, self._approach_time, self._period = margin, approach_time, period
         self._geometry = kinematics.model.geometry()
         self._shapes = [self._shape_pairs(first, second) for first, second in self.pairs]
         self._data = pin.GeometryData(self._geometry)
-        self._closing = np.array([self._closing_bound(first, second) for first, second in self.pairs])
         self._wait = np.zeros(len(self.pairs), dtype=np.int64)
-        n = kinematics.model.n
         self.distance: Array = np.full(len(self.pairs), np.inf)
-        self.gradient: Array = np.zeros((len(self.pairs), n))
+        self.gradient: Array = np.zeros((len(self.pairs), kinematics.model.n))
 
-    def update(self) -> None:
-        """Measures the pairs that may be close, at the state of the last ``Kinematics.update``."""
+    def update(self, v: Array) -> None:
+        """Measures the pairs that may matter, at the last ``Kinematics.update`` and velocity v (n,) [rad/s]."""
         self._wait -= 1
-        due = np.flatnonzero(self._wait <= 0)
-        if due.size == 0:
+        if not self.pairs or self._wait.min() > 0:
             return
         model, data = self._kinematics.model.pin_model, self._kinematics.pin_data
         pin.updateGeometryPlacements(model, data, self._geometry, self._data)
-        for pair in due:
-            self._measure(int(pair))
+        for pair in np.flatnonzero(self._wait <= 0):
+            self._measure(int(pair), v)
 
-    def _measure(self, pair: int) -> None:
+    def _measure(self, pair: int, v: Array) -> None:
         index, result = min(
             ((i, pin.computeDistance(self._geometry, self._data, i)) for i in self._shapes[pair]),
             key=lambda found: float(found[1].min_distance),
         )
         distance = float(result.min_distance)
-        self.distance[pair] = distance
-        if distance > self.influence:
-            self.gradient[pair] = 0.0
-            free = (distance - self.influence) / (self._closing[pair] * self._period)
-            self._wait[pair] = max(1, int(free))
-            return
-        self._wait[pair] = 1
         shapes = self._geometry.collisionPairs[index]
         normal = np.array(result.normal)
         row = self._point_row(shapes.second, np.array(result.getNearestPoint2()), normal)
         row -= self._point_row(shapes.first, np.array(result.getNearestPoint1()), normal)
-        self.gradient[pair] = row
+        free = self._free_time(distance, -float(row @ v))
+        self.distance[pair] = distance
+        self.gradient[pair] = row if free < self._period else 0.0
+        self._wait[pair] = max(1, int(free / self._period))
+
+    def _free_time(self, distance: float, closing: float) -> float:
+        """Bounds from below how long a pair cannot matter [s].
+
+        The first t with c + a t >= (d - margin - c t - a t^2 / 2) / T, a = ``QUICKEST``; with c' = max(c, 0).
+        """
+        T, a, closing = self._approach_time, QUICKEST, max(closing, 0.0)
+        room = distance - self._margin - closing * T
+        if room <= 0.0:
+            return 0.0
+        slope = a * T + closing
+        return min(LONGEST_WAIT, (np.sqrt(slope**2 + 2.0 * a * room) - slope) / a)
 
     def _point_row(self, shape: int, point: Array, normal: Array) -> Array:
         """Gives n^T J of a point fixed to the link that carries a shape, (n,)."""
@@ -103,32 +119,4 @@ class Distances:
         found = [i for i, shape in enumerate(self._geometry.geometryObjects) if shape.parentFrame == frame]
         if not found:
             raise BadInput(f"link '{link}' has no collision shape, so its distance cannot be measured")
-        return found
-
-    def _closing_bound(self, first: str, second: str) -> float:
-        """Bounds the speed at which two links can approach [m/s]: sum of v_max times reach."""
-        model = self._kinematics.model
-        speeds = model.column("velocity_max")
-        return max(
-            sum(
-                float(speeds[joint]) * reach
-                for link in (first, second)
-                for joint, reach in self._reach(link).items()
-            ),
-            1e-3,
-        )
-
-    def _reach(self, link: str) -> dict[int, float]:
-        """Bounds, per joint that moves a link, how far the link's shapes lie from the joint [m]."""
-        pin_model = self._kinematics.model.pin_model
-        joint = pin_model.frames[self._kinematics.model.frame_id(link)].parentJoint
-        reach = max(
-            float(np.linalg.norm(shape.placement.translation)) + float(shape.geometry.aabb_radius)
-            for shape in (self._geometry.geometryObjects[i] for i in self._shapes_of(link))
-        )
-        found: dict[int, float] = {}
-        while joint > 0:
-            found[int(pin_model.idx_vs[joint])] = reach
-            reach += float(np.linalg.norm(pin_model.jointPlacements[joint].translation))
-            joint = pin_model.parents[joint]
         return found

@@ -7,7 +7,7 @@ mobility that controller, damping and filter rows use (design 4, "Which inertia"
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,6 +137,11 @@ class RobotModel:
         data = self.pin_model.createData()
         return np.array(pin.computeGeneralizedGravity(self.pin_model, data, q))
 
+    def mass_matrix(self, q: Array) -> Array:
+        """Computes M + I_r at q, (n, n) [kg.m^2]."""
+        matrix = pin.crba(self.pin_model, self.pin_model.createData(), q)
+        return np.triu(matrix) + np.triu(matrix, 1).T
+
     def geometry(self) -> pin.GeometryModel:
         """Builds the collision shapes of all links, fresh and without pairs; for robot/ and plant/ only."""
         shapes = pin.buildGeomFromUrdf(self._full, str(self.spec.urdf), pin.GeometryType.COLLISION)
@@ -145,29 +150,25 @@ class RobotModel:
             shape.geometry.computeLocalAABB()
         return reduced
 
-    def with_reflected_inertia(self, values: Mapping[str, float]) -> RobotModel:
-        """Returns a model whose joints named in ``values`` have that reflected inertia [kg.m^2]."""
-        return RobotModel(with_joint_numbers(self.spec, "reflected_inertia", values))
 
-
-def with_joint_numbers(spec: RobotSpec, attribute: str, values: Mapping[str, float]) -> RobotSpec:
-    """Returns the robot with one number of some joints replaced.
+def with_reflected_inertia(spec: RobotSpec, values: Mapping[str, float]) -> RobotSpec:
+    """Returns the robot with the reflected inertia [kg.m^2] of some joints replaced.
 
     Raises:
-        BadInput: A joint is unknown.
+        BadInput: A joint is unknown, or a value is negative.
     """
-    _check_joints(spec, values)
+    names = tuple(spec.joints)
+    for name, value in values.items():
+        if name not in spec.joints:
+            raise BadInput(
+                f"robot '{spec.name}' has no joint '{name}'{nearest(name, names)} (valid: {', '.join(names)})"
+            )
+        if not value >= 0.0:
+            raise BadInput(
+                f"joint '{name}': a reflected inertia of {value} kg.m^2 is not physical (valid: >= 0)"
+            )
     joints = {
-        name: replace(joint, **{attribute: values[name]}) if name in values else joint
+        name: replace(joint, reflected_inertia=values[name]) if name in values else joint
         for name, joint in spec.joints.items()
     }
     return replace(spec, joints=joints)
-
-
-def _check_joints(spec: RobotSpec, names: Iterable[str]) -> None:
-    for name in names:
-        if name not in spec.joints:
-            raise BadInput(
-                f"robot '{spec.name}' has no joint '{name}'{nearest(name, tuple(spec.joints))}"
-                f" (valid: {', '.join(spec.joints)})"
-            )

@@ -36,9 +36,7 @@ class Pose:
 
     def __matmul__(self, other: Pose) -> Pose:
         """Composes X_AB @ X_BC = X_AC."""
-        return Pose(
-            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
-        )
+        return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
 
     def inverse(self) -> Pose:
         """Returns X_BA."""

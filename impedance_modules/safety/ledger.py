@@ -18,6 +18,9 @@ from impedance_modules.errors import SafetyStop
 from impedance_modules.safety.motor_port import Vector, absolute_dot, motor_positions
 from impedance_modules.safety.tank import Tank, TankSettings
 
+DEVIATIONS = 6.0
+"""Of the accumulated error of white sensors that are charged: exceeded by one run in a thousand million."""
+
 BISECTIONS = 12
 """Trials for the largest affordable part of a motion: a step of 1/4096."""
 
@@ -28,9 +31,8 @@ ROUNDING = 1e-9
 def measure(tank: Tank, settings: TankSettings, q: Vector, effort: Vector, potential: float) -> Tank:
     """Books what the last interval cost, at the motor side.
 
-    ``T <- min(T_max, T - [tau_applied . dtheta + r (U - U_last)] - |tau_applied - tau_before| . e)``. The
-    last term is the sensing charge. After missed cycles the interval's work is assumed to be the worst,
-    ``|tau_applied| . v_max h``.
+    ``T <- min(T_max, T - [tau_applied . dtheta + r (U - U_last)] - charge)``, see ``sensing_charge``. After missed
+    cycles the interval's work is assumed: ``|tau_applied| . v_max h``.
 
     Args:
         tank: The record after the last ``pay`` or ``missed``.
@@ -52,10 +54,10 @@ def measure(tank: Tank, settings: TankSettings, q: Vector, effort: Vector, poten
     applied = tank.pending[0]
     if tank.missed:
         work = assumed = absolute_dot(applied, settings.speed_bound) * settings.period
-        charge = 0.0
+        charge, variance = 0.0, tank.variance
     else:
         work, assumed = float(applied @ travel), 0.0
-        charge = absolute_dot(applied - tank.applied, settings.sensing_error)
+        charge, variance = sensing_charge(tank, settings, applied - tank.applied)
     change = tank.spring_scale * (potential - tank.potential)
     booked = replace(
         tank,
@@ -69,9 +71,32 @@ def measure(tank: Tank, settings: TankSettings, q: Vector, effort: Vector, poten
         overspeed=_too_fast(travel, tank.missed, settings),
         work=tank.work + work,
         charged=tank.charged + charge,
+        variance=variance,
         assumed=tank.assumed + assumed,
     )
     return _capped(booked, settings)
+
+
+def sensing_charge(tank: Tank, settings: TankSettings, change: Vector) -> tuple[float, float]:
+    """What an interval costs because rotor angles are measured with an error.
+
+    The error in the work so far is ``-sum (tau_k - tau_(k-1)) . error_k``, at most ``sum |tau_k - tau_(k-1)| . e``.
+    Where the error is white it is a random walk of variance ``V = sum_ki (change_ki s_i)^2``, and 6 sqrt(V) bound it:
+    ``C <- min(C + |change| . e, 6 sqrt(V))``, C the sum of all charges.
+
+    Args:
+        tank: Before the interval.
+        settings: Constants of the run.
+        change: (n,) torque applied in it, less the one before [N.m].
+
+    Returns:
+        The charge [J], and V after it [J^2].
+    """
+    worst = absolute_dot(change, settings.sensing_error)
+    if settings.sensing_deviation is None:
+        return worst, tank.variance
+    variance = tank.variance + float(np.sum((change * settings.sensing_deviation) ** 2))
+    return max(0.0, min(worst, DEVIATIONS * math.sqrt(variance) - tank.charged)), variance
 
 
 def missed(tank: Tank, settings: TankSettings) -> Tank:

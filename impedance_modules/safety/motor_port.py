@@ -64,6 +64,33 @@ def sensing_error(sensors: SensorSpec, compliance: Vector, speed_bound: Vector, 
     return position + effort * compliance + speed_bound * latency
 
 
+DITHER = 0.35
+"""Noise of at least this part of a grid step makes the rounding error white: what is left of its mean is below
+exp(-2 pi^2 0.35^2) / pi = 3 % of a step."""
+
+
+def sensing_deviation(sensors: SensorSpec, compliance: Vector) -> Vector | None:
+    """Standard deviation of a measured rotor angle's error, where the noise makes that error white.
+
+    ``s^2 = dq^2/12 + sigma_q^2 + (dtau^2/12 + sigma_tau^2) / K_sea^2``.
+
+    Args:
+        sensors: Grids and standard deviations.
+        compliance: (n,) 1 / K_sea [rad/N.m].
+
+    Returns:
+        (n,) s [rad]; None where a grid is coarser than its noise can dither: there only bounds hold.
+    """
+    grids = (
+        (sensors.position_resolution, sensors.position_noise),
+        (sensors.effort_resolution, sensors.effort_noise),
+    )
+    if any(noise < DITHER * grid or noise == 0.0 for grid, noise in grids):
+        return None
+    position, effort = (grid**2 / 12.0 + noise**2 for grid, noise in grids)
+    return np.asarray(np.sqrt(position + effort * compliance**2))
+
+
 def absolute_dot(effort: Vector, weight: Vector) -> float:
     """The most that torques of these sizes can spend: ``sum_i |tau_i| weight_i``, weight >= 0 [rad], [J]."""
     return float(np.abs(effort) @ weight)

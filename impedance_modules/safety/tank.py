@@ -29,6 +29,7 @@ class TankSettings:
         speed_bound: (n,) declared bound of the rotor speeds, v_max [rad/s].
         compliance: (n,) 1 / K_sea [rad/N.m], 0 for a rigid joint.
         sensing_error: (n,) bound of the error of a measured rotor angle, e [rad].
+        sensing_deviation: (n,) standard deviation s of that error where it is white; None where only e is known.
         recovery_time: Time constant with which relaxed springs are tightened again [s].
     """
 
@@ -41,6 +42,7 @@ class TankSettings:
     speed_bound: Vector
     compliance: Vector
     sensing_error: Vector
+    sensing_deviation: Vector | None
     recovery_time: float
 
     def __post_init__(self) -> None:
@@ -99,6 +101,7 @@ class Tank:
         initial_energy: T_0 + U_0 [J].
         work: Sum of tau_applied . dtheta as measured (an upper bound over missed cycles) [J].
         charged: Charged so far for what the sensors cannot see [J].
+        variance: Of the error in ``work`` since the start, where the sensors' error is white [J^2].
         assumed: The part of ``work`` that was assumed, not measured, in missed cycles [J].
         spilled: Thrown away above the ceiling [J].
     """
@@ -117,6 +120,7 @@ class Tank:
     initial_energy: float
     work: float
     charged: float
+    variance: float
     assumed: float
     spilled: float
 
@@ -156,6 +160,7 @@ def filled_tank(settings: TankSettings, q: Vector, effort: Vector, potential: fl
         initial_energy=settings.initial + potential,
         work=0.0,
         charged=0.0,
+        variance=0.0,
         assumed=0.0,
         spilled=0.0,
     )

@@ -23,6 +23,7 @@ def settings_of(n: int, **changes: object) -> TankSettings:
         speed_bound=np.full(n, 2.0),
         compliance=np.full(n, 1 / 300),
         sensing_error=np.zeros(n),
+        sensing_deviation=None,
         recovery_time=0.2,
     )
     return replace(base, **changes)

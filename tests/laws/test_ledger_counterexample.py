@@ -66,6 +66,7 @@ def swing(
         speed_bound=np.array([50.0]),
         compliance=np.array([1 / joint.stiffness]),
         sensing_error=np.zeros(1),
+        sensing_deviation=None,
         recovery_time=1.0,
     )
     effort = joint.stiffness * (x[1:2] - x[:1])

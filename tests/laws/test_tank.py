@@ -29,6 +29,7 @@ def adversarial_run(
         hold=hold_periods * 0.002,
         compliance=c,
         sensing_error=e,
+        sensing_deviation=None,
         initial=float(rng.uniform(0.6, 4)),
     )
     springs = random_springs(rng, n)

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a robot must be able to do for a task to run on it: four methods and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.robot.state import RobotState
+
+Array = NDArray[np.float64]
+
+Finish = Literal["hold", "release"]
+
+
+@dataclass(frozen=True)
+class FirstState:
+    """How a robot stands when torque control begins.
+
+    Attributes:
+        state: Its first sample.
+        acting: (n,) torque command that acts already [N.m]; zero unless the robot was handed over under load.
+    """
+
+    state: RobotState
+    acting: Array
+
+
+class Backend(Protocol):
+    """A robot, simulated, recorded or real.
+
+    The loop calls ``start`` once, then ``read`` and ``write`` in turn, then ``finish`` once, whatever
+    happened in between.
+    """
+
+    def start(self) -> FirstState:
+        """Connects, checks that the robot may be commanded, and returns how it stands.
+
+        Raises:
+            ImpedanceError: The robot is not there or must not be moved; nothing has moved.
+        """
+
+    def read(self) -> RobotState | None:
+        """Waits for the next state; None when it did not come in time.
+
+        Raises:
+            EndOfRecording: There will be no more.
+        """
+
+    def write(self, effort: Array) -> None:
+        """Sends one torque command (n,) [N.m], excluding what the robot adds by itself."""
+
+    def finish(self, how: Finish) -> None:
+        """Ends torque control: ``hold`` where the robot is, or ``release`` it."""

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line: ``impedance VERB``. Parsing, printing and exit codes; the work is done elsewhere.
+
+Verbs import what they need when they are called: ``check`` must answer before a compiler has woken up.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+import impedance_modules
+from impedance_modules.errors import ImpedanceError
+
+VERBS = ("check", "analyze", "run", "replay")
+
+
+class Verbs(click.Group):
+    """Finds a verb's module only when the verb is used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
+        """Lists the verbs in the order of a session."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Imports one verb."""
+        if cmd_name not in VERBS:
+            return None
+        module = __import__(f"impedance_modules.cli.{cmd_name}", fromlist=["command"])
+        command: click.Command = module.command
+        return command
+
+
+@click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(impedance_modules.__version__, prog_name="impedance")
+def impedance() -> None:
+    """Impedance tasks for one or two arms: check a task file, run it, replay it, see what it amounts to."""
+
+
+def main() -> None:
+    """Runs the command line and leaves with the contract's exit codes; errors go to stderr, one per line."""
+    try:
+        code = impedance.main(standalone_mode=False)
+    except ImpedanceError as error:
+        click.echo(str(error), err=True)
+        sys.exit(error.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except click.Abort:
+        click.echo("stopped by Ctrl-C", err=True)
+        sys.exit(130)
+    sys.exit(code if isinstance(code, int) else 0)

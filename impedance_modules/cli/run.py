@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``impedance run``: carry a task out, safely, and keep everything that happened."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from impedance_modules.cli.options import arm_option, effects_option, rate_option, scale_option, task_argument
+
+if TYPE_CHECKING:
+    from impedance_modules.runtime.run import RunResult
+
+
+@click.command("run")
+@task_argument
+@arm_option
+@click.option("--backend", type=click.Choice(["sim", "replay"]), default="sim", show_default=True, help="Robot.")
+@click.option("--log", type=click.Path(path_type=Path), help="Recording that the replay backend feeds back.")
+@effects_option
+@rate_option
+@click.option("--duration", type=float, metavar="S", help="End the run safely after this time.")
+@click.option("--out", type=click.Path(path_type=Path), help="Directory of the run  [default: out/TASK-TIME].")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated noise.")
+@scale_option
+@click.option("--view", is_flag=True, help="Open the viewer and follow the run.")
+@click.option("--read-only", is_flag=True, help="Compute and record everything, send nothing.")
+def command(  # noqa: PLR0913 - one parameter per option
+    task: str,
+    arm: str | None,
+    backend: str,
+    log: Path | None,
+    effects: Path | None,
+    rate: float | None,
+    duration: float | None,
+    out: Path | None,
+    seed: int,
+    scale: float,
+    view: bool,
+    read_only: bool,
+) -> int:
+    """Carry out TASK, a file or the name of a shipped task."""
+    from impedance_modules.cli.tables import print_run
+    from impedance_modules.errors import BadInput
+    from impedance_modules.runtime.check import refuse_unfit
+    from impedance_modules.runtime.prepare import prepare_run
+
+    if duration is not None and not duration > 0.0:
+        raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")
+    if (backend == "replay") != (log is not None):
+        raise BadInput("--backend replay and --log DIR go together: the log is the robot")
+    prepared = prepare_run(
+        task, effects=effects, rate=rate, scale=scale, arm=arm, backend=backend, log=log, seed=seed
+    )
+    refuse_unfit(prepared.assembly)
+    directory = out if out is not None else Path("out") / f"{prepared.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    result = prepared.go(directory, duration=duration, live=view, read_only=read_only)
+    print_run(result)
+    return _exit_code(result)
+
+
+def _exit_code(result: RunResult) -> int:
+    from impedance_modules.runtime.supervisor import Ending
+
+    if result.interrupted:
+        return 130
+    return 3 if result.ending is Ending.STOPPED else 0

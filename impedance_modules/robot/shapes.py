@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The robot's collision shapes as plain numbers, and where every link is: what a picture of it needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from impedance_modules.errors import BadInput
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.pose import Pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LinkShape:
+    """One solid of a link.
+
+    Attributes:
+        link: Name of the link.
+        kind: ``capsule`` (radius, length of the straight part, along z), ``cylinder`` (radius, length, along z),
+            ``box`` (edge lengths) or ``sphere`` (radius).
+        size: As ``kind`` says [m].
+        pose: Of the shape's centre in the link's frame.
+    """
+
+    link: str
+    kind: str
+    size: tuple[float, ...]
+    pose: Pose
+
+
+def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
+    """Lists the shapes of all links.
+
+    Raises:
+        BadInput: A link's shape is a mesh or another kind that cannot be drawn.
+    """
+    return tuple(_link_shape(model, shape) for shape in model.geometry().geometryObjects)
+
+
+def _link_shape(model: RobotModel, shape: pin.GeometryObject) -> LinkShape:
+    frame = model.pin_model.frames[shape.parentFrame]
+    # Shapes are placed in their joint; people think of them in their link.
+    X_LS = frame.placement.inverse() * shape.placement
+    kind, size = _kind_and_size(shape)
+    return LinkShape(frame.name, kind, size, Pose(X_LS.rotation.copy(), X_LS.translation.copy()))
+
+
+def _kind_and_size(shape: pin.GeometryObject) -> tuple[str, tuple[float, ...]]:
+    solid = shape.geometry
+    if isinstance(solid, coal.Capsule):
+        return "capsule", (float(solid.radius), 2.0 * float(solid.halfLength))
+    if isinstance(solid, coal.Cylinder):
+        return "cylinder", (float(solid.radius), 2.0 * float(solid.halfLength))
+    if isinstance(solid, coal.Sphere):
+        return "sphere", (float(solid.radius),)
+    if isinstance(solid, coal.Box):
+        return "box", tuple(2.0 * float(edge) for edge in solid.halfSide)
+    raise BadInput(
+        f"collision shape '{shape.name}' is a {type(solid).__name__}"
+        " (valid: capsule, cylinder, sphere, box)"
+    )
+
+
+class LinkPoses:
+    """Where chosen links are, for a joint position at a time."""
+
+    def __init__(self, model: RobotModel, links: tuple[str, ...]) -> None:
+        self._model = model.pin_model
+        self._data = self._model.createData()
+        self._frames = [model.frame_id(link) for link in links]
+
+    def at(self, q: Array) -> list[Pose]:
+        """Gives X_WL of every link at q (n,) [rad]."""
+        pin.framesForwardKinematics(self._model, self._data, q)
+        placements = [self._data.oMf[frame] for frame in self._frames]
+        return [Pose(X.rotation.copy(), X.translation.copy()) for X in placements]

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the command line may change of a task before it runs: its scale, and which arm takes part."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from impedance_modules.errors import BadInput
+from impedance_modules.spec.task import (
+    ArmSpec,
+    ContactCondition,
+    HybridAxis,
+    JointBiasSpec,
+    PhaseSpec,
+    SpringSpec,
+    TaskSpec,
+)
+
+
+def scaled(task: TaskSpec, scale: float) -> TaskSpec:
+    """Multiplies every stiffness, damping and force of a task by ``scale``.
+
+    Damping that follows from a ratio goes with zeta sqrt(K Lambda), so the ratio is multiplied by sqrt(scale).
+
+    Raises:
+        BadInput: The scale is not in (0, 1].
+    """
+    if not 0.0 < scale <= 1.0:
+        raise BadInput(f"--scale {scale}: a task can be made softer, not stiffer (valid: above 0, up to 1)")
+    if scale == 1.0:
+        return task
+    held = task.object
+    if held is not None:
+        held = replace(held, squeeze=held.squeeze * scale)
+    return replace(
+        task,
+        arms={name: _scaled_arm(arm, scale) for name, arm in task.arms.items()},
+        object=held,
+        phases=tuple(_scaled_phase(phase, scale) for phase in task.phases),
+    )
+
+
+def _ratio(value: float | None, scale: float) -> float | None:
+    return None if value is None else value * math.sqrt(scale)
+
+
+def _axis(axis: HybridAxis, scale: float) -> HybridAxis:
+    """Force times scale at the same speed limit: its damping |force| / speed_limit scales along."""
+    return replace(axis, force=axis.force * scale)
+
+
+def _scaled_arm(arm: ArmSpec, scale: float) -> ArmSpec:
+    bias = None if arm.joint_bias is None else _scaled_bias(arm.joint_bias, scale)
+    return replace(arm, joint_bias=bias, springs=tuple(_scaled_spring(s, scale) for s in arm.springs))
+
+
+def _scaled_bias(bias: JointBiasSpec, scale: float) -> JointBiasSpec:
+    damping = bias.damping
+    return replace(
+        bias,
+        stiffness={joint: value * scale for joint, value in bias.stiffness.items()},
+        damping=None if damping is None else {joint: value * scale for joint, value in damping.items()},
+        damping_ratio=_ratio(bias.damping_ratio, scale),
+    )
+
+
+def _scaled_spring(spring: SpringSpec, scale: float) -> SpringSpec:
+    return replace(
+        spring,
+        stiffness=spring.stiffness * scale,
+        damping=None if spring.damping is None else spring.damping * scale,
+        damping_ratio=_ratio(spring.damping_ratio, scale),
+        axes={name: _axis(axis, scale) for name, axis in spring.axes.items()},
+    )
+
+
+def _scaled_phase(phase: PhaseSpec, scale: float) -> PhaseSpec:
+    return replace(
+        phase,
+        axes={
+            target: {name: _axis(axis, scale) for name, axis in axes.items()}
+            for target, axes in phase.axes.items()
+        },
+        stiffness={target: matrix * scale for target, matrix in phase.stiffness.items()},
+    )
+
+
+def single_arm(task: TaskSpec, arm: str) -> TaskSpec:
+    """Reduces a task to one of its arms.
+
+    Raises:
+        BadInput: The task has no such arm, the arms hold an object together, or a condition needs the others.
+    """
+    if arm not in task.arms:
+        raise BadInput(f"--arm {arm}: task '{task.name}' has no such arm (valid: {', '.join(task.arms)})")
+    held = task.object
+    if held is not None and set(held.held_by) != {arm}:
+        holders = " and ".join(held.held_by)
+        raise BadInput(f"--arm {arm}: {holders} hold the object of task '{task.name}' together")
+    phases = tuple(_single_arm_phase(task, phase, arm) for phase in task.phases)
+    return replace(task, arms={arm: task.arms[arm]}, phases=phases)
+
+
+def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
+    condition = phase.until
+    if isinstance(condition, ContactCondition) and condition.target not in {None, "object", arm}:
+        raise BadInput(
+            f"--arm {arm}: phase '{phase.name}' of task '{task.name}' waits for a contact of '{condition.target}'"
+        )
+    own = ("object", f"{arm}.")
+    return replace(
+        phase,
+        equilibrium={k: v for k, v in phase.equilibrium.items() if k.startswith(own)},
+        posture={k: v for k, v in phase.posture.items() if k == arm},
+        axes={k: v for k, v in phase.axes.items() if k.startswith(own)},
+        stiffness={k: v for k, v in phase.stiffness.items() if k.startswith(own)},
+    )

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""What ends a phase, and what the hands feel, judged from measured effort alone.
+
+The wrench of the surroundings on a hand is the least-squares solution of J^T w = \tau_ext over its limb's joints;
+\tau_ext comes from ``robot.external_torque``. On a held object of mass m, slow motion, the environment puts
+
+    F_env = \sum_i w_i + m g e_z         (w_i: the object on hand i)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.weight import STANDARD_GRAVITY
+from impedance_modules.robot.external_torque import ExternalTorque
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.task import ContactCondition
+
+Array = NDArray[np.float64]
+
+REGULARISATION = 1e-4
+"""Added to J J^T [m^2, rad^2]: along a singular direction no wrench is claimed."""
+
+
+class Touch:
+    """Estimated wrench on every hand of the task.
+
+    Attributes:
+        wrench: (arms, 6) of the surroundings on each hand, world axes at the hand [N, N.m].
+        period: Time between updates [s].
+    """
+
+    def __init__(
+        self, model: RobotModel, modules: TaskModules, kinematics: Kinematics, period: float
+    ) -> None:
+        self.period = period
+        self._kinematics = kinematics
+        self._arms = modules.arms
+        self._held = modules.held
+        time_constant = max(0.5 * model.spec.contact_detection.time, 2.0 * period)
+        self._torque = ExternalTorque(model, time_constant, period)
+        self.wrench: Array = np.zeros((len(modules.arms), 6))
+
+    def reset(self, state: RobotState) -> None:
+        """Starts from a state taken as steady."""
+        self._torque.reset(state)
+        self._solve()
+
+    def update(self, state: RobotState) -> None:
+        """Takes a state for which the kinematics are up to date."""
+        self._torque.update(state)
+        self._solve()
+
+    def _solve(self) -> None:
+        for row, arm in enumerate(self._arms):
+            joints = arm.limb.joints
+            J = self._kinematics.jacobian_of(arm.limb.hand)[:, joints]
+            gram = J @ J.T + REGULARISATION * np.eye(6)
+            self.wrench[row] = np.linalg.solve(gram, J @ self._torque.torque[joints])
+
+    def force_on(self, target: str | None) -> float:
+        """Returns how hard the environment pushes on a target [N].
+
+        Args:
+            target: ``object``, an arm's name, or None: the object when one is held, else the arm that feels most.
+        """
+        by_arm = {arm.limb.name: self.wrench[row, :3] for row, arm in enumerate(self._arms)}
+        if target in by_arm:
+            return float(np.linalg.norm(by_arm[target]))
+        if self._held is not None:
+            total = np.sum([by_arm[name] for name in self._held.limbs], axis=0)
+            total[2] += self._held.spec.mass * STANDARD_GRAVITY
+            return float(np.linalg.norm(total))
+        return max(float(np.linalg.norm(force)) for force in by_arm.values())
+
+
+class ContactJudge:
+    """Decides whether contact is there: a force over a threshold, or under it, for a time."""
+
+    def __init__(self, condition: ContactCondition, touch: Touch, model: RobotModel) -> None:
+        detection = model.spec.contact_detection
+        self._condition = condition
+        self._touch = touch
+        self._force = detection.force if condition.force is None else condition.force
+        self._time = detection.time if condition.time is None else condition.time
+        self._held_for = 0.0
+
+    def met(self) -> bool:
+        """Takes the newest estimate into account; call once per update of the touch."""
+        there = self._touch.force_on(self._condition.target) >= self._force
+        self._held_for = self._held_for + self._touch.period if there == self._condition.present else 0.0
+        return self._held_for >= self._time

@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The control law in the loop: from one state to one torque that limits and tank have agreed to.
+
+    \tau = filter( \sum_modules J^T w - K_j (q - q_0) - D \dot\theta )        (design 4)
+
+Dampers act on the motor-side velocity \dot\theta, the port at which energy is counted: fed with the link's velocity
+they would make Baxter's elastic joints unstable from 50 N/m on (docs/control-law.md). The cycle's
+arithmetic is compiled; this class owns the memory and the order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.backend import FirstState
+from impedance_modules.errors import SafetyStop
+from impedance_modules.modules.arms import TaskModules, with_phase_gains
+from impedance_modules.modules.damping import phase_damping
+from impedance_modules.modules.equilibrium import PhaseMotion, phase_motion, start_equilibrium
+from impedance_modules.robot.distances import Distances
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.state import RobotState
+from impedance_modules.runtime import compiled_cycle
+from impedance_modules.runtime.assembly import Assembly
+from impedance_modules.runtime.gains import cycle_sizes, write_fixed, write_phase
+from impedance_modules.runtime.memory import AVAILABLE, CLOCK, GRANTED, PAID, STATUS, TOO_FAST, CycleMemory
+from impedance_modules.safety import compiled_ledger
+from impedance_modules.safety.compiled_ledger import LEVEL, POTENTIAL, SCALE, STARVED
+from impedance_modules.safety.metric import HEAVIEST_HAND, POSTURE_WEIGHT, relative_penalty
+from impedance_modules.safety.problem import FilterLayout, FilterWorkspace, RowKind
+from impedance_modules.safety.solvers.make import make_solver
+from impedance_modules.safety.solvers.solution import FilterSolution
+from impedance_modules.safety.tank import Tank, filled_tank
+from impedance_modules.spec.task import PhaseSpec
+
+Array = NDArray[np.float64]
+
+STATE_NOT_FINITE, EFFORT_NOT_FINITE = 1, 2
+
+
+class Controller:
+    """One task's law with its memory; everything a tick needs is taken once.
+
+    Attributes:
+        assembly: What is run.
+        kinematics: Of the last state.
+        memory: Every number of the last cycle, by name.
+        modules: With the gains of the current phase.
+        motion: Of the current phase.
+        module_names: Of the rows of ``memory["efforts"]``.
+        solution: Of the last filter problem; None when it was not reached.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self.assembly = assembly
+        model, modules = assembly.model, assembly.modules
+        self.modules: TaskModules = modules
+        self.kinematics = Kinematics(model, modules.frames)
+        pairs = assembly.robot.collision.pairs
+        limits = assembly.limits
+        self.distances = Distances(
+            self.kinematics, pairs, limits.margin, limits.approach_time, assembly.period
+        )
+        layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
+        self.workspace = FilterWorkspace(layout)
+        self.solver = make_solver(assembly.robot.solver)
+        size = cycle_sizes(modules, model.n, len(pairs), assembly.tank.delay)
+        self.memory = CycleMemory(size)
+        self.module_names = _module_names(modules)
+        self.solution: FilterSolution | None = None
+        self._effort = np.zeros(model.n)
+        self._write_constants()
+        self.motion: PhaseMotion
+
+    @property
+    def clock(self) -> float:
+        """Phase clock [s]; slower than time when the tank is short."""
+        return float(self.memory["clock"][CLOCK])
+
+    @property
+    def tank(self) -> Tank:
+        """Copies the ledger's record."""
+        return compiled_ledger.record(self._book)
+
+    @property
+    def level(self) -> float:
+        """Energy in the tank [J]."""
+        return float(self.memory["book_scalars"][LEVEL])
+
+    @property
+    def spring_scale(self) -> float:
+        """Part of the declared springs that is in force, 1 unless the tank had to relax them."""
+        return float(self.memory["book_scalars"][SCALE])
+
+    @property
+    def granted(self) -> float:
+        """Part of the last motion of the equilibria that the tank could pay."""
+        return float(self.memory["clock"][GRANTED])
+
+    @property
+    def starved_time(self) -> float:
+        """For how long the tank has reduced torque or springs [s]."""
+        return float(self.memory["book_scalars"][STARVED])
+
+    @property
+    def too_fast(self) -> int:
+        """First joint beyond its speed bound in the last interval, or n."""
+        return int(self.memory["result"][TOO_FAST])
+
+    @property
+    def paid(self) -> float:
+        """Scale in [0, 1] that the guarantee put on the last torque."""
+        return float(self.memory["result"][PAID])
+
+    def start(self, first: FirstState, phase: PhaseSpec) -> None:
+        """Begins a run at its first state, with a full tank and relaxed springs.
+
+        Raises:
+            SafetyStop: The first state is not finite.
+        """
+        state = first.state
+        if not np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all():
+            raise SafetyStop("the robot's first state is not finite; nothing was sent")
+        memory = self.memory
+        self.kinematics.update(state.position, state.velocity)
+        memory["last_effort"][:] = state.effort
+        memory["motor_velocity"][:] = state.velocity
+        self._begin(phase, self.assembly.modules, None)
+        potential = self._place(state.position)
+        tank = filled_tank(self.assembly.tank, state.position, state.effort, potential)
+        in_flight = np.tile(first.acting, (self.assembly.tank.delay + 1, 1))
+        self._fill_tank(replace(tank, applied=first.acting, pending=in_flight))
+        memory["previous"][:] = first.acting
+
+    def next_phase(self, phase: PhaseSpec) -> None:
+        """Begins another phase at the last state; equilibria and gains go on from where they are."""
+        self._begin(phase, self.modules, self.motion)
+        # Clock 0 of the new phase is the place where the old one stopped: no energy changes hands here.
+        self._place(self._position)
+
+    def tick(self, state: RobotState) -> int:
+        """Computes the torque for a state; ``effort`` holds it. Returns 0, or why there is none.
+
+        Returns:
+            0, STATE_NOT_FINITE, or EFFORT_NOT_FINITE. ``solution`` tells whether the filter solved.
+        """
+        kinematics, problem = self.kinematics, self.workspace.problem
+        self._position = state.position
+        kinematics.update(state.position, state.velocity)
+        self.distances.update(state.velocity)
+        status = compiled_cycle.before(
+            *self._blocks,
+            state.position,
+            state.velocity,
+            state.effort,
+            kinematics.rotation,
+            kinematics.translation,
+            kinematics.jacobian,
+            kinematics.bias,
+            kinematics.inverse_inertia,
+            self.distances.distance,
+            self.distances.gradient,
+            problem.matrix,
+            problem.lower,
+            problem.upper,
+            problem.penalty,
+            problem.metric,
+        )
+        self.solution = None
+        if status:
+            return int(status)
+        np.copyto(problem.desired, self._desired)
+        self.solution = self.solver.solve(problem)
+        if self.solution.effort is None:
+            return 0
+        np.copyto(self._effort, self.solution.effort)
+        return int(self.pay(stopping=False))
+
+    @property
+    def effort(self) -> Array:
+        """(n,) torque that may leave [N.m]; only after ``tick`` or ``brake`` returned 0."""
+        return self._effort
+
+    def pay(self, *, stopping: bool) -> int:
+        """Scales ``effort`` to what the tank can answer for; returns 0 or EFFORT_NOT_FINITE."""
+        memory = self.memory
+        return int(
+            compiled_cycle.after(memory.floats, memory.float_at, self._effort.size, self._effort, stopping)
+        )
+
+    def relax(self) -> None:
+        """Lets go of all springs, for a stop: what they hold goes back to the tank."""
+        scalars = self.memory["book_scalars"]
+        scalars[LEVEL] += scalars[SCALE] * scalars[POTENTIAL]
+        scalars[SCALE], scalars[POTENTIAL] = 0.0, 0.0
+
+    def brake(self, state: RobotState, effort: Array) -> int:
+        """Books a stop's interval and pays a braking torque (n,), springs being relaxed.
+
+        Returns:
+            0; the torque that may leave is ``effort``.
+        """
+        compiled_ledger.measure(*self._book, state.position, state.effort, 0.0)
+        np.copyto(self._effort, effort)
+        return self.pay(stopping=True)
+
+    def miss(self) -> None:
+        """Books a cycle without a usable state, or whose torque came too late."""
+        compiled_cycle.missed(self.memory.floats, self.memory.float_at, self._effort.size)
+
+    def withdraw(self) -> None:
+        """Takes back the last torque, which was ready too late and never left: the one before goes on acting."""
+        pending = self.memory["pending"]
+        pending[-1] = pending[-2] if len(pending) > 1 else self.memory["applied"]
+        self.memory["previous"][:] = pending[-1]
+
+    def warm(self) -> None:
+        """Compiles and runs every path once, at the start posture, without any effect on the run."""
+        n = self.assembly.model.n
+        state = RobotState(0.0, self.assembly.modules.posture, np.zeros(n), np.zeros(n))
+        twin = Controller(self.assembly)
+        twin.start(FirstState(state, np.zeros(n)), self.assembly.task.phases[0])
+        for _ in range(3):
+            twin.tick(state)
+        twin.next_phase(self.assembly.task.phases[-1])
+        twin.tick(state)
+        twin.miss()
+        twin.tick(state)
+        twin.relax()
+        twin.brake(state, np.zeros(n))
+
+    def _begin(self, phase: PhaseSpec, modules: TaskModules, last: PhaseMotion | None) -> None:
+        start = start_equilibrium(modules) if last is None else last.at(self.clock)
+        self.modules = with_phase_gains(modules, phase)
+        self.motion = phase_motion(self.modules, phase, start)
+        damping = phase_damping(self.modules, self.kinematics)
+        write_phase(self.memory, self.modules, damping, self.motion, blend=last is not None)
+
+    def _place(self, q: Array) -> float:
+        kinematics = self.kinematics
+        return float(
+            compiled_cycle.start(*self._blocks, q, kinematics.rotation, kinematics.translation)
+        )
+
+    def _write_constants(self) -> None:
+        memory, limits = self.memory, self.assembly.limits
+        write_fixed(memory, self.modules, self.assembly.period)
+        memory["joint_limits"][:] = (
+            limits.effort_max,
+            limits.effort_rate_max,
+            limits.position_min,
+            limits.position_max,
+            limits.velocity_max,
+            limits.deceleration,
+            limits.return_speed,
+        )
+        memory["scalar_limits"][:] = (
+            limits.power_horizon,
+            limits.horizon,
+            limits.period,
+            limits.margin,
+            limits.approach_time,
+            limits.separation_speed,
+            limits.separation_acceleration,
+        )
+        soft = (RowKind.RATE, RowKind.DISTANCE, RowKind.POSITION, RowKind.VELOCITY)
+        memory["kappa"][:] = [relative_penalty(kind) for kind in soft]
+        mass, inertia = HEAVIEST_HAND
+        memory["metric_constants"][:] = POSTURE_WEIGHT, 1.0 / mass, 1.0 / inertia
+        problem = self.workspace.problem
+        problem.effort_max[:] = limits.effort_max
+        self._blocks = memory.floats, memory.float_at, memory.integers, memory.integer_at
+        self._desired = memory["desired"]
+
+    def _fill_tank(self, tank: Tank) -> None:
+        """Opens the ledger in the cycle's memory."""
+        memory = self.memory
+        book = compiled_ledger.open_book(tank, self.assembly.tank)
+        names = (
+            "book_scalars",
+            "book_constants",
+            "speed_bound",
+            "compliance",
+            "sensing_error",
+            "sensing_deviation",
+            "motor_position",
+            "applied",
+            "pending",
+        )
+        for name, value in zip(names, book, strict=True):
+            memory[name][:] = value
+        self._book = compiled_ledger.Book(*(memory[name] for name in names))
+        memory["result"][:] = 0.0
+        memory["result"][[STATUS, AVAILABLE, PAID]] = 0.0, tank.level, 1.0
+
+
+def _module_names(modules: TaskModules) -> tuple[str, ...]:
+    springs = [spring.name for arm in modules.arms for spring in arm.springs]
+    biases = [f"{arm.limb.name}.joint_bias" for arm in modules.arms]
+    return (*springs, *biases, "squeeze", "weight")

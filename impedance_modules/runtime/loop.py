@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The fixed-rate loop: read, decide, write, record, until the task is done or something stops it."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.backend import Backend
+from impedance_modules.errors import EndOfRecording
+from impedance_modules.robot.state import RobotState
+from impedance_modules.runtime.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+OnCycle = Callable[[RobotState, Array, bool, bool], None]
+"""Called after every cycle with the state, the torque that left (zero where none did), lateness, interrupt."""
+
+
+class Interrupt:
+    """Remembers that somebody asked for a stop (Ctrl-C, SIGTERM); a second Ctrl-C changes nothing."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    @contextmanager
+    def listening(self) -> Iterator[Interrupt]:
+        """Turns SIGINT and SIGTERM into a wish for the duration of a run."""
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        for number in before:
+            signal.signal(number, self._ask)
+        try:
+            yield self
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signal module's signature
+        self.asked = True
+
+
+@contextmanager
+def no_collections() -> Iterator[None]:
+    """Keeps the garbage collector out of the loop; a full collection takes 100 ms."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if enabled:
+            gc.enable()
+
+
+def run_loop(
+    supervisor: Supervisor,
+    backend: Backend,
+    first: RobotState,
+    on_cycle: OnCycle,
+    interrupt: Interrupt,
+    *,
+    duration: float | None,
+    paced: bool,
+    read_only: bool,
+) -> None:
+    """Carries out a task on a started robot; ``backend.finish`` is called whatever happens.
+
+    Args:
+        supervisor: Started with the robot's first state.
+        backend: Started.
+        first: That state.
+        on_cycle: Records.
+        interrupt: Asked, it brakes and ends the run.
+        duration: Ends the run safely after this time [s]; None lets the task decide.
+        paced: True where time is real: a torque later than its period is not sent.
+        read_only: Computes everything and sends nothing.
+    """
+    assembly = supervisor.assembly
+    state: RobotState | None = first
+    end = np.inf if duration is None else first.time + duration - 0.5 * assembly.period
+    nothing = np.zeros(assembly.model.n)
+    late = False
+    try:
+        while supervisor.ending is None:
+            began = time.perf_counter()
+            request = _stop_request(interrupt, state, end)
+            effort = supervisor.step(state, late=late, stop_request=request)
+            missed = late
+            late = paced and effort is not None and time.perf_counter() - began > assembly.period
+            leaves = effort if effort is not None and not late else nothing
+            if leaves is not nothing and not read_only:
+                backend.write(leaves)
+            if state is not None:
+                on_cycle(state, leaves, missed, request is not None)
+            if supervisor.ending is None:
+                state = backend.read()
+    except EndOfRecording as end_of_recording:
+        supervisor.note(str(end_of_recording))
+    finally:
+        backend.finish("release" if supervisor.released else "hold")
+
+
+def _stop_request(interrupt: Interrupt, state: RobotState | None, end: float) -> str | None:
+    if interrupt.asked:
+        return "asked to stop"
+    if state is not None and state.time >= end:
+        return "the time given to the run is over"
+    return None
