@@ -20,24 +20,19 @@ METRES_PER_NEWTON = 0.015
 METRES_PER_NEWTON_METRE = 0.1
 
 
-class RecordingFile:
-    """A rerun file that grows: a 3D view of the arms with springs, wrenches and ellipsoids, and curves below.
+class Recording:
+    """A recording that grows: the arms in 3D with their springs, wrenches and ellipsoids, and curves."""
 
-    A viewer may follow it while it is written; what was written survives a kill.
-    """
-
-    def __init__(self, path: Path, scene: Scene, name: str, *, live: bool) -> None:
-        """Opens the file and writes what does not change.
+    def __init__(self, stream: rr.RecordingStream, scene: Scene) -> None:
+        """Writes what does not change.
 
         Args:
-            path: Of the ``.rrd`` file; replaced if there.
+            stream: Open, from `open_stream` or a live viewer's.
             scene: What is shown.
-            name: Of the recording, as the viewer lists it.
-            live: Also opens a viewer window that follows the run.
         """
+        self._stream = stream
         self._scene = scene
         self._phase: str | None = None
-        self._stream = open_stream(path, name, live=live)
         self._stream.send_blueprint(run_layout(scene))
         self._write_solids()
         self._write_styles()
@@ -61,9 +56,16 @@ class RecordingFile:
         self._write_curves(index, stacked, np.array([sample.tank for sample in samples]))
         self._write_texts(samples)
 
-    def close(self) -> None:
-        """Writes what is buffered and the file's table of contents."""
-        self._stream.flush()
+    def close(self, timeout: float) -> None:
+        """Sends what is buffered and, to a file, its table of contents.
+
+        Args:
+            timeout: How long to wait for the other end [s].
+
+        Raises:
+            RuntimeError: The other end did not take it all.
+        """
+        self._stream.flush(timeout_sec=timeout)
         self._stream.disconnect()
 
     def _write_solids(self) -> None:
@@ -168,17 +170,23 @@ class RecordingFile:
         send_curves(self._stream, path, index, values)
 
 
-def open_stream(path: Path, name: str, *, live: bool) -> rr.RecordingStream:
-    """Opens a rerun stream into a file, and into a new viewer window if ``live``."""
+def new_stream(name: str) -> rr.RecordingStream:
+    """Returns a stream that leads nowhere yet, with episode time as its only clock.
+
+    Args:
+        name: Of the recording, as the viewer lists it.
+    """
     stream = rr.RecordingStream(entities.APPLICATION)
     stream.disable_timeline("log_time")
     stream.disable_timeline("log_tick")
-    if live:
-        rr.spawn(connect=False, hide_welcome_screen=True)
-        stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink())
-    else:
-        stream.save(str(path))
     stream.send_recording_name(name)
+    return stream
+
+
+def open_stream(path: Path, name: str) -> rr.RecordingStream:
+    """Opens a stream into a file, which is replaced if there; what was written survives a kill."""
+    stream = new_stream(name)
+    stream.save(str(path))
     return stream
 
 

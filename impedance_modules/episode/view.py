@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
 
 from impedance_modules.episode.background import Background
+from impedance_modules.episode.display import open_live_stream
 from impedance_modules.episode.files import RECORDING
-from impedance_modules.episode.recording import RecordingFile
+from impedance_modules.episode.recording import Recording, open_stream
 from impedance_modules.episode.scene import Scene, ViewSample, check_sample
 from impedance_modules.errors import BadInput
 
@@ -19,6 +21,9 @@ RATE = 50.0
 BATCH_TIME = 1.0
 """Episode time that is written at once [s]: long enough to be small on disk, short enough to follow."""
 LONGEST_QUEUE = 1000
+FILE_TIMEOUT = 60.0
+WINDOW_TIMEOUT = 2.0
+"""How long the end of a run waits for the file and for a viewer's window [s]."""
 
 
 class RecordingView:
@@ -58,7 +63,7 @@ class RecordingView:
             rate: Samples per second of episode time [Hz].
 
         Raises:
-            BadInput: The rate is not positive.
+            BadInput: The rate is not positive, or ``live`` without a display.
         """
         if not rate > 0:
             raise BadInput(f"recording view: rate {rate} Hz (valid: positive)")
@@ -68,7 +73,9 @@ class RecordingView:
         self._period = 1.0 / rate
         self._next = -math.inf
         self._queue: deque[ViewSample] = deque()
-        self._file = RecordingFile(Path(directory) / RECORDING, scene, name, live=live)
+        # Two streams: the file must not depend on a window that somebody may close.
+        self._live = Recording(open_live_stream(name), scene) if live else None
+        self._file = Recording(open_stream(Path(directory) / RECORDING, name), scene)
         background.register(self._drain)
 
     def due(self, time: float) -> bool:
@@ -94,7 +101,14 @@ class RecordingView:
     def close(self) -> None:
         """Finishes the file; call after the background thread has stopped."""
         self._drain(True)
-        self._file.close()
+        try:
+            self._file.close(timeout=FILE_TIMEOUT)
+        except RuntimeError as failure:
+            self.failure = failure
+        if self._live is not None:
+            # A window that was closed before the run ended is the user's choice, not a failure.
+            with contextlib.suppress(RuntimeError):
+                self._live.close(timeout=WINDOW_TIMEOUT)
 
     def _drain(self, last: bool) -> None:
         """Writes what is queued once there is enough of it; runs in the thread."""
@@ -106,6 +120,8 @@ class RecordingView:
         samples = [queue.popleft() for _ in range(len(queue))]
         try:
             self._file.write(samples)
+            if self._live is not None:
+                self._live.write(samples)
         except (OSError, RuntimeError) as failure:
             self.failure = failure
 
@@ -122,7 +138,7 @@ def write_recording(path: Path, scene: Scene, samples: Iterable[ViewSample], nam
     Raises:
         BadInput: A sample that does not fit the scene.
     """
-    file = RecordingFile(path, scene, name, live=False)
+    file = Recording(open_stream(path, name), scene)
     file.write(list(samples))
-    file.close()
+    file.close(timeout=FILE_TIMEOUT)
     return path

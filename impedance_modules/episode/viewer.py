@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Opens a recording in the rerun viewer, or makes one from an episode that never had a task."""
+"""Shows an episode in the rerun viewer, and makes a recording of one that never had a task."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +12,7 @@ import rerun as rr
 from impedance_modules.episode import entities
 from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, POSE_COMPONENTS, WRENCH_COMPONENTS
 from impedance_modules.episode.data import Episode
+from impedance_modules.episode.display import open_viewer
 from impedance_modules.episode.files import EPISODE, RECORDING
 from impedance_modules.episode.layout import columns_layout
 from impedance_modules.episode.palette import series_colour
@@ -33,10 +31,7 @@ UNITS = {
     "pose": "m, quaternion",
     "target": "m, quaternion",
 }
-DISPLAYS: tuple[str, ...] = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 ROWS_PER_CHUNK = 10_000
-TIME_TO_FAIL = 3.0
-"""How long a viewer may take to find that it cannot open a window [s]."""
 
 
 def recording_from_episode(episode: Episode, path: Path) -> Path:
@@ -46,7 +41,7 @@ def recording_from_episode(episode: Episode, path: Path) -> Path:
         episode: Of this package or of any other program.
         path: Of the ``.rrd`` file; replaced if there.
     """
-    stream = open_stream(path, episode.name, live=False)
+    stream = open_stream(path, episode.name)
     groups: dict[str, list[str]] = {}
     for title, entity, names, values in _curves(episode):
         groups.setdefault(title, []).append(entity)
@@ -81,33 +76,6 @@ def view_episode(path: Path) -> Path:
     return recording
 
 
-def open_viewer(recording: Path) -> None:
-    """Starts the rerun viewer on a file and leaves it open.
-
-    Raises:
-        BadInput: There is no display, or the viewer ended at once.
-    """
-    if sys.platform == "linux" and not any(os.environ.get(name) for name in DISPLAYS):
-        raise _no_window(recording, "this machine has no display")
-    command = [sys.executable, "-m", "rerun", str(recording)]
-    viewer = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
-    )
-    try:
-        _, said = viewer.communicate(timeout=TIME_TO_FAIL)
-    except subprocess.TimeoutExpired:
-        return
-    if viewer.returncode:
-        raise _no_window(recording, _reason(said))
-
-
-def _no_window(recording: Path, reason: str) -> BadInput:
-    return BadInput(
-        f"{recording}: the viewer could not open: {reason} (valid: a machine with a display;"
-        f" or 'rerun --serve-web {recording}' and a browser)"
-    )
-
-
 def _recording_of(path: Path) -> Path:
     if path.suffix == ".rrd":
         if not path.exists():
@@ -138,10 +106,3 @@ def _curves(episode: Episode) -> Iterator[tuple[str, str, tuple[str, ...], Array
     if episode.extra:
         values = np.column_stack(list(episode.extra.values()))
         yield "other columns", entities.column_path("other", "columns"), tuple(episode.extra), values
-
-
-def _reason(said: bytes) -> str:
-    """Returns the line that tells most of what the viewer said before it ended."""
-    lines = [line.strip() for line in said.decode(errors="replace").splitlines() if line.strip()]
-    telling = [line for line in lines if "error" in line.lower()]
-    return (telling or lines or ["it gave no reason"])[0]

@@ -135,6 +135,13 @@ class EpisodeWriter:
         finally:
             self._lock.release()
 
+    def abandon(self) -> None:
+        """Gives the directory back, with whatever parts it holds, without making an episode of them."""
+        if not self._closed:
+            self._closed = True
+            self.background.stop()
+            self._lock.release()
+
     def __enter__(self) -> EpisodeWriter:
         """Returns itself."""
         return self
@@ -147,10 +154,8 @@ class EpisodeWriter:
             self.close()
         elif self.rows:
             self.close(ended_by=type(error).__name__)
-        elif not self._closed:
-            self._closed = True
-            self.background.stop()
-            self._lock.release()
+        else:
+            self.abandon()
 
     def _check_columns(self) -> None:
         place = f"{self.directory}: columns of a new episode"
