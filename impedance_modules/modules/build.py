@@ -34,15 +34,15 @@ def build_modules(task: TaskSpec, model: RobotModel) -> TaskModules:
         model: The robot.
 
     Raises:
-        BadFile: A hand is too far from the object or inside it, a squeeze has no second hand, a phase
-            moves both the object and a spring that holds it; all at once.
+        BadFile: A hand is too far from the object or inside it, or a phase moves both the object and a
+            spring that holds it; all at once.
     """
     posture = model.position({name: arm.posture for name, arm in task.arms.items()})
     arms = tuple(_arm(arm, model, posture) for arm in task.arms.values())
     held = None if task.object is None else _held(task.object, arms, model, posture)
     modules = TaskModules(arms, held, posture)
     if held is not None:
-        problems = _hand_problems(task, held) + _squeeze_problems(task, held) + _target_problems(task, held)
+        problems = _hand_problems(task, held) + _target_problems(task, held)
         if problems:
             raise BadFile(problems)
     return modules
@@ -124,13 +124,6 @@ def _hand_problems(task: TaskSpec, held: HeldObject) -> list[Problem]:
             )
         )
     return problems
-
-
-def _squeeze_problems(task: TaskSpec, held: HeldObject) -> list[Problem]:
-    if held.spec.squeeze == 0.0 or len(held.limbs) > 1:
-        return []
-    message = "a squeeze needs at least two hands that press against each other; one hand holds this object"
-    return [task.document.problem(("object", "squeeze"), message)]
 
 
 def _target_problems(task: TaskSpec, held: HeldObject) -> list[Problem]:
