@@ -33,6 +33,7 @@ from impedance_modules.runtime.memory import (
     LIFT,
     PAID,
     PERIOD,
+    SHARE,
     STATUS,
     TOO_FAST,
     CycleSizes,
@@ -63,16 +64,13 @@ MOTOR_POSITION, APPLIED, PENDING = (_NAMES.index(name) for name in ("motor_posit
 JOINT_LIMITS, SCALAR_LIMITS, KAPPA, METRIC = (
     _NAMES.index(name) for name in ("joint_limits", "scalar_limits", "kappa", "metric_constants")
 )
-LAST_EFFORT, PREVIOUS, MOTOR_VELOCITY = (
-    _NAMES.index(name) for name in ("last_effort", "previous", "motor_velocity")
+WIND, WIND_RATE, PREVIOUS, MOTOR_VELOCITY = (
+    _NAMES.index(name) for name in ("wind", "wind_rate", "previous", "motor_velocity")
 )
 EFFORTS, WRENCHES, DESIRED, TIME, RESULT = (
     _NAMES.index(name) for name in ("efforts", "wrenches", "desired", "clock", "result")
 )
 SIZES, SLOTS, RIDES, LIMB_OF_JOINT, HAND_SLOTS, MOVER_COUNT = range(len(_INTEGER_NAMES))
-
-EFFORT_FILTER = 0.003
-"""Time constant of the filter that differentiates the measured effort [s]."""
 
 TRIALS = 12
 """Bisections for the largest affordable part of a motion, as in ``ledger.grant``."""
@@ -287,14 +285,18 @@ def _sum_modules(
 
 @njit(cache=True)
 def _motor_velocity(memory: Array, at: Indices, v: Array, effort: Array) -> None:
-    """Estimates the rotors' speed, v + d(effort / K_sea)/dt; the derivative is that of a first-order filter."""
-    velocity, slow = _one(memory, at, MOTOR_VELOCITY), _one(memory, at, LAST_EFFORT)
-    compliance = _one(memory, at, COMPLIANCE)
-    period = _one(memory, at, TIME)[PERIOD]
+    """Estimates the rotors' speed, v + d(effort / K_sea)/dt, as ``modules.motor_velocity`` does."""
+    velocity, wind, rate = (
+        _one(memory, at, MOTOR_VELOCITY),
+        _one(memory, at, WIND),
+        _one(memory, at, WIND_RATE),
+    )
+    compliance, time = _one(memory, at, COMPLIANCE), _one(memory, at, TIME)
     for j in range(v.size):
-        rate = (effort[j] - slow[j]) / (EFFORT_FILTER + period)
-        velocity[j] = v[j] + compliance[j] * rate
-        slow[j] += period * rate
+        now = effort[j] * compliance[j]
+        rate[j] += time[SHARE] * ((now - wind[j]) / time[PERIOD] - rate[j])
+        wind[j] = now
+        velocity[j] = v[j] + rate[j]
 
 
 @njit(cache=True)

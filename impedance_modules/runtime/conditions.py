@@ -41,7 +41,7 @@ class Touch:
         self._kinematics = kinematics
         self._arms = modules.arms
         self._held = modules.held
-        time_constant = max(0.5 * model.spec.contact_detection.time, 2.0 * period)
+        time_constant = max(model.spec.contact_detection.time, 2.0 * period)
         self._torque = ExternalTorque(model, time_constant, period)
         self.wrench: Array = np.zeros((len(modules.arms), 6))
 

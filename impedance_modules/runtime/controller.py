@@ -126,7 +126,7 @@ class Controller:
             raise SafetyStop("the robot's first state is not finite; nothing was sent")
         memory = self.memory
         self.kinematics.update(state.position, state.velocity)
-        memory["last_effort"][:] = state.effort
+        memory["wind"][:] = state.effort * self.assembly.tank.compliance
         memory["motor_velocity"][:] = state.velocity
         self._begin(phase, self.assembly.modules, None)
         potential = self._place(state.position)
@@ -241,13 +241,12 @@ class Controller:
 
     def _place(self, q: Array) -> float:
         kinematics = self.kinematics
-        return float(
-            compiled_cycle.start(*self._blocks, q, kinematics.rotation, kinematics.translation)
-        )
+        return float(compiled_cycle.start(*self._blocks, q, kinematics.rotation, kinematics.translation))
 
     def _write_constants(self) -> None:
         memory, limits = self.memory, self.assembly.limits
-        write_fixed(memory, self.modules, self.assembly.period)
+        lag = self.assembly.robot.sensors.velocity_filter
+        write_fixed(memory, self.modules, self.assembly.period, lag)
         memory["joint_limits"][:] = (
             limits.effort_max,
             limits.effort_rate_max,

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,16 @@ from impedance_modules.modules.compiled_motion import motion_table
 from impedance_modules.modules.compiled_object import object_shares
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import PhaseMotion
-from impedance_modules.runtime.memory import BLEND_TIME, CLOCK, DURATION, LIFT, PERIOD, CycleMemory, CycleSizes
+from impedance_modules.runtime.memory import (
+    BLEND_TIME,
+    CLOCK,
+    DURATION,
+    LIFT,
+    PERIOD,
+    SHARE,
+    CycleMemory,
+    CycleSizes,
+)
 
 Array = NDArray[np.float64]
 
@@ -32,8 +43,11 @@ def cycle_sizes(modules: TaskModules, n: int, pairs: int, delay: int) -> CycleSi
     )
 
 
-def write_fixed(memory: CycleMemory, modules: TaskModules, period: float) -> None:
-    """Writes what no phase changes: which frame a spring sits on, joint stiffness, the object's shares."""
+def write_fixed(memory: CycleMemory, modules: TaskModules, period: float, lag: float) -> None:
+    """Writes what no phase changes: which frame a spring sits on, joint stiffness, the object's shares.
+
+    ``lag`` is the time constant of the robot's velocity estimate [s] (``modules.motor_velocity``).
+    """
     springs = [spring for arm in modules.arms for spring in arm.springs]
     memory.index("slots")[:] = [modules.frames.index(spring.frame) for spring in springs]
     for number, arm in enumerate(modules.arms):
@@ -45,6 +59,7 @@ def write_fixed(memory: CycleMemory, modules: TaskModules, period: float) -> Non
     memory["grasp_turn"][:] = shares.turn
     memory.index("hand_slots")[:] = shares.slots
     memory["clock"][LIFT], memory["clock"][PERIOD] = shares.lift, period
+    memory["clock"][SHARE] = 1.0 - math.exp(-period / lag) if lag > 0.0 else 1.0
 
 
 def write_phase(

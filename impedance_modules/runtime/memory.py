@@ -88,13 +88,14 @@ def float_shapes(size: CycleSizes) -> dict[str, tuple[int, ...]]:
         "scalar_limits": (7,),
         "kappa": (4,),
         "metric_constants": (3,),
-        "last_effort": (n,),
+        "wind": (n,),
+        "wind_rate": (n,),
         "previous": (n,),
         "motor_velocity": (n,),
         "efforts": (size.modules, n),
         "wrenches": (S, 6),
         "desired": (n,),
-        "clock": (7,),
+        "clock": (8,),
         "result": (6,),
     }
 
@@ -111,9 +112,10 @@ def integer_shapes(size: CycleSizes) -> dict[str, tuple[int, ...]]:
     }
 
 
-DURATION, BLEND_TIME, CLOCK, PERIOD, LIFT, BLENDED, GRANTED = range(7)
+DURATION, BLEND_TIME, CLOCK, PERIOD, LIFT, BLENDED, GRANTED, SHARE = range(8)
 """Places in ``clock``: phase duration, time over which gains blend, phase clock, control period [s]; weight
-carried [N]; 1 once the gains are those of the phase; part of the last motion that the tank granted."""
+carried [N]; 1 once the gains are those of the phase; part of the last motion that the tank granted; share of a new
+sample in the filtered rate of the springs' wind-up."""
 
 STATUS, ENERGY, PAID, AVAILABLE, TOO_FAST, WORST = range(6)
 """Places in ``result``: 0 fine, 1 state not finite, 2 torque not finite; energy of the springs [J]; scale of the

@@ -24,7 +24,17 @@ from impedance_modules.runtime.supervisor import Supervisor
 
 Array = NDArray[np.float64]
 
-SCALARS = ("tank", "spring_scale", "granted", "paid", "phase_clock", "rung", "active_rows", "late", "interrupt")
+SCALARS = (
+    "tank",
+    "spring_scale",
+    "granted",
+    "paid",
+    "phase_clock",
+    "rung",
+    "active_rows",
+    "late",
+    "interrupt",
+)
 """Level [J]; part of the springs in force, of the motion granted, of the torque paid; [s]; rung of the stop ladder;
 number of active filter rows; 1 where the last torque came too late or somebody asked for a stop."""
 
@@ -37,7 +47,14 @@ class Recorder:
     """
 
     def __init__(
-        self, directory: Path, supervisor: Supervisor, acting: Array, seed: int, backend: str, *, simulated: bool
+        self,
+        directory: Path,
+        supervisor: Supervisor,
+        acting: Array,
+        seed: int,
+        backend: str,
+        *,
+        simulated: bool,
     ) -> None:
         """Opens the episode.
 

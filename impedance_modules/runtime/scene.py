@@ -38,7 +38,9 @@ GROUND = 4.0
 class SceneView:
     """Feeds a run's samples to its recording."""
 
-    def __init__(self, directory: Path, supervisor: Supervisor, background: Background, *, live: bool) -> None:
+    def __init__(
+        self, directory: Path, supervisor: Supervisor, background: Background, *, live: bool
+    ) -> None:
         assembly = supervisor.assembly
         self._supervisor = supervisor
         self._assembly = assembly
@@ -96,9 +98,7 @@ class SceneView:
         memory, kinematics = controller.memory, controller.kinematics
         found = np.zeros((len(self._springs), 2))
         for row, slot in enumerate(memory.index("slots")):
-            found[row, 0] = np.linalg.norm(
-                kinematics.translation[slot] - memory["target_translation"][row]
-            )
+            found[row, 0] = np.linalg.norm(kinematics.translation[slot] - memory["target_translation"][row])
             turn = kinematics.rotation[slot] @ memory["target_rotation"][row].T
             found[row, 1] = np.linalg.norm(log3(turn))
         return found

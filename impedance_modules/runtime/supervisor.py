@@ -198,9 +198,10 @@ class Supervisor:
 
     def _brake(self, state: RobotState | None) -> Array | None:
         """Damps every joint of every arm; a state that cannot be trusted sends nothing."""
-        if state is None or not np.isfinite(
-            np.concatenate([state.position, state.velocity, state.effort])
-        ).all():
+        if (
+            state is None
+            or not np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all()
+        ):
             return None
         effort = damping_effort(self._braking, state.velocity, self.assembly.limits.effort_max)
         return self.controller.effort if self.controller.brake(state, effort) == 0 else None
