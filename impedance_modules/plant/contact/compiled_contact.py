@@ -90,11 +90,12 @@ def place_contacts(contacts: Table, hands: Table, object_position: Array) -> Non
         contact = contacts[i]
         if not contact.near:
             continue
-        origin = hands[contact.body].translation if contact.body < hands.size else object_position
+        on_hand = contact.body < hands.size
         contact.distance = contact.measured
         for k in range(3):
+            origin = hands[contact.body].translation[k] if on_hand else object_position[k]
             contact.distance += contact.normal[k] * (contact.position[k] - contact.asked[k])
-            contact.arm[k] = contact.position[k] - origin[k] - contact.radius * contact.normal[k]
+            contact.arm[k] = contact.position[k] - origin - contact.radius * contact.normal[k]
 
 
 @compiled
