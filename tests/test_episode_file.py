@@ -274,6 +274,16 @@ def test_a_row_that_does_not_fit_is_refused(tmp_path):
         writer.append(np.zeros(2))
 
 
+def test_an_abandoned_run_gives_its_directory_back(tmp_path):
+    EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True).abandon()
+    assert list(tmp_path.iterdir()) == []
+    writer = EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True)
+    writer.append(np.ones(2))
+    writer.abandon()
+    writer.abandon()
+    assert len(read_episode(tmp_path)) == 1
+
+
 def test_an_exception_in_a_run_keeps_what_was_recorded(tmp_path):
     with (
         pytest.raises(ZeroDivisionError),

@@ -13,6 +13,17 @@ from impedance_modules.episode import panels
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.files import whole_file
 
+PICTURE_KINDS: tuple[str, ...] = (
+    "position",
+    "effort_command",
+    "effort",
+    "wrench",
+    "pose",
+    "target",
+    "tank",
+    "phase",
+)
+"""What a picture can show; ``read_episode(path, PICTURE_KINDS)`` spares the memory of the rest."""
 WIDTH = 13.0
 PANEL_HEIGHT = 1.9
 RESOLUTION = 130

@@ -136,10 +136,13 @@ class EpisodeWriter:
             self._lock.release()
 
     def abandon(self) -> None:
-        """Gives the directory back, with whatever parts it holds, without making an episode of them."""
-        if not self._closed:
-            self._closed = True
+        """Gives the directory back without an episode; rows recorded so far stay as parts, as after a kill."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
             self.background.stop()
+        finally:
             self._lock.release()
 
     def __enter__(self) -> EpisodeWriter:
