@@ -136,7 +136,7 @@ class EpisodeWriter:
             self._lock.release()
 
     def abandon(self) -> None:
-        """Gives the directory back without an episode; rows recorded so far stay as parts, as after a kill."""
+        """Gives the directory back without an episode; rows so far stay as parts, as after a kill."""
         if self._closed:
             return
         self._closed = True
