@@ -42,23 +42,36 @@ def command(  # noqa: PLR0913 - one parameter per option
     view: bool,
     read_only: bool,
 ) -> int:
-    """Carry out TASK, a file or the name of a shipped task."""
-    from impedance_modules.cli.tables import print_run
+    """Carry out TASK, a file or the name of a shipped task.
+
+    Exit: 0 done, 2 bad input, 3 stopped by safety or by a phase not met, 130 after Ctrl-C.
+    """
+    from rich.console import Console
+
+    from impedance_modules.cli.tables import print_run, progress
     from impedance_modules.errors import BadInput
+    from impedance_modules.runtime.assembly import assemble
     from impedance_modules.runtime.check import refuse_unfit
-    from impedance_modules.runtime.prepare import prepare_run
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")
     if (backend == "replay") != (log is not None):
         raise BadInput("--backend replay and --log DIR go together: the log is the robot")
-    prepared = prepare_run(
-        task, effects=effects, rate=rate, scale=scale, arm=arm, backend=backend, log=log, seed=seed
+    assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
+    refuse_unfit(assembly)
+    # Only now: everything below wakes the compiler.
+    from impedance_modules.runtime.prepare import make_backend
+    from impedance_modules.runtime.run import RunOptions, carry_out
+
+    robot = make_backend(assembly, backend=backend, log=log, seed=seed)
+    directory = out if out is not None else Path("out") / f"{assembly.task.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    options = RunOptions(
+        out=directory, seed=seed, duration=duration, live=view, read_only=read_only, backend=backend
     )
-    refuse_unfit(prepared.assembly)
-    directory = out if out is not None else Path("out") / f"{prepared.name}-{time.strftime('%Y%m%d-%H%M%S')}"
-    result = prepared.go(directory, duration=duration, live=view, read_only=read_only)
-    print_run(result)
+    console = Console()
+    with progress(sum(phase.duration for phase in assembly.task.phases), console) as on_progress:
+        result = carry_out(assembly, robot, options, on_progress)
+    print_run(result, console)
     return _exit_code(result)
 
 

@@ -1,88 +1,59 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a command line to a robot ready to start: simulated, or a recording that is fed back."""
+"""The robot that a run asks for: the built-in plant, or a recording that is fed back."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.backends.backend import Backend
 from impedance_modules.backends.replay import ReplayBackend
+from impedance_modules.backends.sim import SimBackend
+from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
-from impedance_modules.runtime.assembly import Assembly, assemble
-from impedance_modules.runtime.run import RunOptions, RunResult, carry_out, sim_backend
+from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.plant import Plant
+from impedance_modules.runtime.assembly import Assembly
+
+Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PreparedRun:
-    """A task and a robot, checked and not yet moving.
-
-    Attributes:
-        assembly: The task.
-        backend: The robot.
-        backend_name: ``sim`` or ``replay``.
-        seed: Of the simulated noise.
-    """
-
-    assembly: Assembly
-    backend: Backend
-    backend_name: str
-    seed: int
-
-    @property
-    def name(self) -> str:
-        """Name of the task."""
-        return self.assembly.task.name
-
-    def go(
-        self,
-        directory: Path,
-        *,
-        duration: float | None,
-        live: bool,
-        read_only: bool,
-        on_progress: Callable[[float, str], None],
-    ) -> RunResult:
-        """Runs it into a directory; see ``run.carry_out``."""
-        options = RunOptions(
-            out=directory,
-            seed=self.seed,
-            duration=duration,
-            live=live,
-            read_only=read_only,
-            backend=self.backend_name,
-        )
-        return carry_out(self.assembly, self.backend, options, on_progress)
+def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend:
+    """Builds the plant with the task's surroundings behind a backend."""
+    task, model = assembly.task, assembly.model
+    held = None if task.object is None else HeldObject.of_task(model, task.object)
+    options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
+    plant = Plant(model, task.environment, held, options)
+    return SimBackend(plant, assembly.modules.posture, assembly.period)
 
 
-def prepare_run(
-    task: str,
-    *,
-    effects: Path | None,
-    rate: float | None,
-    scale: float,
-    arm: str | None,
-    backend: str,
-    log: Path | None,
-    seed: int,
-) -> PreparedRun:
-    """Assembles a task and its robot.
+def replay_backend(assembly: Assembly, log: Path) -> ReplayBackend:
+    """Opens a recording as a robot.
 
     Raises:
-        BadInput, BadFile: Anything wrong with the input; nothing has moved.
+        BadInput: It cannot be read, or lacks a joint's position, velocity or effort.
     """
-    assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
-    robot: Backend
-    if backend == "replay":
-        if log is None:
-            raise BadInput("--backend replay needs --log DIR, the recording to feed back")
-        episode = read_episode(log)
-        acting = episode.metadata.get("acting", [0.0] * assembly.model.n)
-        robot = ReplayBackend(episode, assembly.model.joint_names, np.array(acting, dtype=float))
-    else:
-        robot = sim_backend(assembly, seed)
-    return PreparedRun(assembly, robot, backend, seed)
+    episode = read_episode(log)
+    return ReplayBackend(episode, assembly.model.joint_names, acting_in(episode, assembly.model.n))
+
+
+def acting_in(episode: Episode, n: int) -> Array:
+    """Returns the torque (n,) that acted when a recording began [N.m]; zero where it does not say."""
+    return np.array(episode.metadata.get("acting", [0.0] * n), dtype=float)
+
+
+def make_backend(assembly: Assembly, *, backend: str, log: Path | None, seed: int) -> Backend:
+    """Makes the robot of an assembled task, not yet started.
+
+    Raises:
+        BadInput: The recording is missing or unfit; nothing has moved.
+    """
+    if backend == "sim":
+        return sim_backend(assembly, seed)
+    if log is None:
+        raise BadInput("--backend replay needs --log DIR, the recording to feed back")
+    return replay_backend(assembly, log)

@@ -11,13 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.backend import Backend
-from impedance_modules.backends.sim import SimBackend
-from impedance_modules.episode.picture import write_picture
+from impedance_modules.episode.picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import ImpedanceError
-from impedance_modules.plant.grasp.held_object import HeldObject
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly
 from impedance_modules.runtime.loop import Interrupt, no_collections, run_loop
@@ -67,15 +63,6 @@ class RunResult:
     interrupted: bool
     directory: Path
     summary: dict[str, object]
-
-
-def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend:
-    """Builds the plant with the task's surroundings behind a backend."""
-    task, model = assembly.task, assembly.model
-    held = None if task.object is None else HeldObject.of_task(model, task.object)
-    options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
-    plant = Plant(model, task.environment, held, options)
-    return SimBackend(plant, assembly.modules.posture, assembly.period)
 
 
 def carry_out(
@@ -135,7 +122,9 @@ def carry_out(
             )
     finally:
         found = summary.write(options.out, interrupted=interrupt.asked)
-        recorder.close(str(found["ending"]), str(found["reason"]))
-        view.close()
-    write_picture(read_episode(options.out), options.out / "picture.png")
+        try:
+            recorder.close(str(found["ending"]), str(found["reason"]))
+        finally:
+            view.close()
+    write_picture(read_episode(options.out, PICTURE_KINDS), options.out / "picture.png")
     return RunResult(supervisor.ending, supervisor.reason, interrupt.asked, options.out, found)

@@ -12,6 +12,10 @@ from impedance_modules.safety.problem import Vector
 from impedance_modules.spec.robot import JointSpec, TimingSpec
 
 
+GENTLE_APPROACH = 0.2
+"""A pair that closes at 1 m/s is then slowed from 0.2 m before its margin on, with 5 m/s^2 [s]."""
+
+
 @dataclass(frozen=True)
 class FilterLimits:
     """Constants of one run, joints in the order of the torque vector.
@@ -92,7 +96,7 @@ def limits_of(
     """The limits of a robot file at a control rate.
 
     Look-ahead: horizon = look_ahead * period + delay, so that a torque which acts late still acts in
-    time; pairs close in four times that. A joint outside its range is asked back at a tenth of its speed
+    time; pairs close in four times that, or in `GENTLE_APPROACH` if that is longer. A joint outside its range is asked back at a tenth of its speed
     limit, a pair at 0.1 m/s with at most 5 m/s^2.
 
     Args:
@@ -118,7 +122,7 @@ def limits_of(
         deceleration=deceleration,
         return_speed=0.1 * velocity_max,
         margin=margin,
-        approach_time=4.0 * horizon,
+        approach_time=max(GENTLE_APPROACH, 4.0 * horizon),
         separation_speed=0.1,
         separation_acceleration=5.0,
         period=period,

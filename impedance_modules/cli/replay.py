@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``impedance replay``: look at a recording again, or compute it again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command("replay")
+@click.argument("log", metavar="DIR_OR_LOG", type=click.Path(path_type=Path))
+@click.option("--view", is_flag=True, help="Open the recording in the viewer (what happens without --verify).")
+@click.option("--verify", is_flag=True, help="Recompute every torque; bit-equal on one machine.")
+def command(log: Path, view: bool, verify: bool) -> int:
+    """Open DIR_OR_LOG, a run's directory or an episode, in the viewer; or verify it.
+
+    Exit: 0 fine, 2 no such recording or (with --verify) one without a task, 4 a torque differs.
+    """
+    if verify:
+        _verify(log)
+    if view or not verify:
+        from impedance_modules.episode.viewer import view_episode
+
+        click.echo(f"opened {view_episode(log)}")
+    return 0
+
+
+def _verify(log: Path) -> None:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from impedance_modules.episode.reader import read_episode
+
+    episode = read_episode(log)
+    console = Console()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        from impedance_modules.runtime.verify import verify
+
+        row = bar.add_task("recomputing", total=1.0)
+        found = verify(episode, lambda part: bar.update(row, completed=part))
+    click.echo(f"{found.samples} samples of {found.joints} joints recomputed: every torque bit-equal")
+    for name, (then, now) in found.other_versions.items():
+        click.echo(f"note: recorded with {name} {then}, recomputed with {now}")

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Short tables for the terminal, and the progress bar of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from impedance_modules.runtime.run import RunResult
+
+
+@contextmanager
+def progress(total: float, console: Console) -> Iterator[Callable[[float, str], None]]:
+    """Shows how far a run is, on a terminal only.
+
+    Args:
+        total: Longest time the task can take without waiting for its tank [s].
+        console: Where to show it.
+    """
+    if not console.is_terminal:
+        yield lambda time, phase: None
+        return
+    columns = (
+        TextColumn("{task.description:<16}"),
+        BarColumn(),
+        TextColumn("{task.completed:6.1f} of at most {task.total:.1f} s"),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        row = bar.add_task("starting", total=total)
+        yield lambda time, phase: bar.update(row, completed=time, description=phase)
+
+
+def print_run(result: RunResult, console: Console) -> None:
+    """Prints how a run ended, its numbers, and where its files are."""
+    summary: dict[str, Any] = result.summary
+    console.print(_phases(summary))
+    console.print(_numbers(summary))
+    for line in _endings(summary):
+        console.print(line, highlight=False)
+    console.print(f"files: {result.directory}/ (episode.parquet, recording.rrd, summary.json, picture.png)")
+
+
+def _phases(summary: dict[str, Any]) -> Table:
+    table = Table(title=f"{summary['task']} on {summary['robot']} ({summary['backend']})", title_justify="left")
+    table.add_column("phase")
+    table.add_column("seconds", justify="right")
+    table.add_column("ended by")
+    for phase in summary["phases"]:
+        table.add_row(phase["name"], f"{phase['seconds']:.2f}", phase["ended_by"])
+    return table
+
+
+def _numbers(summary: dict[str, Any]) -> Table:
+    table = Table(show_header=True)
+    for name, justify in (("quantity", "left"), ("value", "right"), ("unit", "left")):
+        table.add_column(name, justify=justify)
+    for hand, numbers in summary["hands"].items():
+        table.add_row(f"{hand}: distance to target, RMS", f"{1000 * numbers['tracking_rms']:.1f}", "mm")
+        table.add_row(f"{hand}: largest force felt", f"{numbers['peak_force']:.1f}", "N")
+    joint, ratio = max(summary["torque_peak_over_limit"].items(), key=lambda item: item[1])
+    table.add_row(f"largest torque, of its limit ({joint})", f"{100 * ratio:.0f}", "%")
+    tank = summary["tank"]
+    table.add_row("tank: start, lowest", f"{tank['initial']:.2f}, {tank['lowest']:.2f}", "J")
+    table.add_row("cycles slowed by the tank", f"{tank['cycles_slowed']} of {summary['cycles']}", "")
+    changed = summary["filter"]["cycles_changed"]
+    table.add_row("cycles changed by the filter", f"{changed} of {summary['cycles']}", "")
+    return table
+
+
+def _endings(summary: dict[str, Any]) -> list[str]:
+    lines = []
+    reductions = summary["filter"]["reductions"]
+    if reductions:
+        first = reductions[0]
+        lines.append(f"most reduced: {first['module']} by row '{first['row']}', {first['mean']:.3f} N.m on average")
+    if summary["ending"] == "done":
+        lines.append("the task was carried out")
+    else:
+        lines.append(f"{summary['ending']}: {summary['reason']}")
+    return lines
