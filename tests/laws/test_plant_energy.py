@@ -69,6 +69,20 @@ def test_wound_springs_lose_little_and_by_the_methods_order() -> None:
     assert all(ratio > 2.0**4 for ratio in ratios)
 
 
+def test_motion_converges_with_the_fourth_order() -> None:
+    """Arms that fall, swing and vibrate: halving the step divides the change of the state by 16."""
+    states = []
+    for step in (0.5e-3, 0.25e-3, 0.125e-3):
+        subject = plant(undamped(spec_of(BAXTER)), step=step)
+        subject.reset(posture(subject.model))
+        subject.place(np.linspace(-1.0, 1.0, subject.model.n), np.full(subject.model.n, 0.005))
+        pass_time(subject, 50)
+        states.append(np.concatenate([subject.position, subject.motor_position]))
+    changes = [np.linalg.norm(fine - coarse) for coarse, fine in pairwise(states)]
+    print(f"changes of the state {changes}: x {changes[0] / changes[1]:.1f}")
+    assert 13.0 < changes[0] / changes[1] < 20.0
+
+
 def test_free_fall_keeps_its_energy() -> None:
     """All arms fall for 10 s: drift below 1e-4 of the largest kinetic energy."""
     subject = plant(undamped(spec_of(BAXTER)))
