@@ -41,7 +41,7 @@ from impedance_modules.runtime.memory import (
     integer_shapes,
 )
 from impedance_modules.safety import compiled_filter, compiled_ledger
-from impedance_modules.safety.compiled_ledger import FLOOR, LEVEL, SCALE
+from impedance_modules.safety.compiled_ledger import FLOOR, LEVEL, SCALE, SHORT
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -214,6 +214,8 @@ def _move(
         if granted == 1.0:
             break
         part = 0.5 * (granted + refused)
+    if granted == 0.0:
+        scalars[SHORT] = 1.0
     if granted < 1.0:
         _place(memory, at, integers, where, n, springs, before + granted * period)
         potential = _potential(memory, at, integers, where, springs, q, rotation, translation)

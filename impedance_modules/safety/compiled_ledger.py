@@ -161,6 +161,7 @@ def measure(
     scalars[LEVEL] -= work + scalars[SCALE] * (potential - scalars[POTENTIAL]) + charge
     scalars[POTENTIAL] = potential
     scalars[MISSED] = 0.0
+    scalars[SHORT] = 0.0
     scalars[OVERSPEED] = float(too_fast)
     scalars[WORK] += work
     scalars[CHARGED] += charge
@@ -228,19 +229,18 @@ def settle(scalars: Array, constants: Array, applied: Array, sensing_error: Arra
             scalars[SCALE] *= kept
         return
     if scalars[SCALE] == 1.0:
-        scalars[SHORT] = 0.0
         return
-    surplus = max(0.0, scalars[LEVEL] - constants[FLOOR] - scalars[NEED])
+    surplus = budget(scalars, constants)
     affordable = surplus * min(1.0, constants[PERIOD] / constants[RECOVERY])
     missing = (1.0 - scalars[SCALE]) * scalars[POTENTIAL]
     if missing <= affordable:
         scalars[LEVEL] -= missing
         scalars[SCALE] = 1.0
-        scalars[SHORT] = 0.0
         return
     scalars[SCALE] += affordable / scalars[POTENTIAL]
     scalars[LEVEL] -= affordable
-    scalars[SHORT] = 0.0 if surplus > 0.0 else 1.0
+    if not surplus > 0.0:
+        scalars[SHORT] = 1.0
 
 
 @njit(cache=True)
@@ -265,9 +265,9 @@ def pay(
         for i in range(effort.size):
             reserved += abs(pending[k, i]) * (speed_bound[i] * period + 4.0 * sensing_error[i])
     power = absolute_dot(effort, speed_bound)
-    blindness = 4.0 * absolute_dot(effort, sensing_error)
+    blindness = absolute_dot(effort, sensing_error)
     scale = min(
-        _part(available - reserved, power * constants[HOLD] + blindness),
+        _part(available - reserved, power * constants[HOLD] + 4.0 * blindness),
         _part(available, power * ((1.0 + delay) * period)),
     )
     for i in range(effort.size):
@@ -275,7 +275,7 @@ def pay(
             effort[i] *= scale
         pending[-1, i] = effort[i]
     starved = scalars[SHORT] > 0.0 or scale < 1.0
-    scalars[NEED] = power * (constants[HOLD] + delay * period) + (1.0 + delay) * blindness
+    scalars[NEED] = power * (constants[HOLD] + delay * period) + (4.0 * delay + 5.0) * blindness
     scalars[STARVED] = scalars[STARVED] + period if starved else 0.0
     return scale
 
