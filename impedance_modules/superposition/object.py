@@ -7,8 +7,8 @@ With X_i = ``carry(r_i)``, r_i from the object's origin O to hand i, everything 
     K = \sum X_i^T K_i X_i + \sum diag(0, [f_i]x [r_i]x)
 
 No closed chain is ever written down. Where an arm is singular its inertia does not exist; the mobilities
-are then joined by the parallel sum. f_i is the force that the object puts on hand i, minus the hand's: as
-the object turns, the forces' lever arms turn with it, which is the second sum of K.
+are then joined by the parallel sum. f_i is the force that the object puts on hand i, minus the hand's,
+squeeze and carried weight apart (see ``shared``): as the object turns, its lever arm turns with it.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ class HandImpedance:
         inertia: Of the arm, with reflected inertia.
         damping: (6, 6) B_i; None where it does not exist.
         stiffness: (6, 6) K_i, ``NetStiffness.at_hand``; None where it does not exist.
-        wrench: (6,) on the object by the module, without the squeeze [N, N.m].
-        squeeze: (3,) squeeze force on the object [N]. It turns with the object and sums to zero, so it
-            adds nothing to the object's wrench or stiffness.
+        wrench: (6,) on the object by the module, without what is shared [N, N.m].
+        shared: (6,) the hand's share of squeeze and carried weight [N, N.m]. Shares follow the hands so
+            that their sum at the object stays what it is: it adds to the wrench, not to the stiffness.
     """
 
     offset: Array
@@ -48,7 +48,7 @@ class HandImpedance:
     damping: Array | None
     stiffness: Array | None
     wrench: Array
-    squeeze: Array
+    shared: Array
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def superpose(hands: Sequence[HandImpedance], object_inertia: Array | None) -> O
         hands: At least one.
         object_inertia: (6, 6) Lambda_obj at O, world axes; None for an object without mass.
     """
-    net = np.sum([carry(hand.offset).T @ hand.wrench for hand in hands], axis=0)
+    net = np.sum([carry(hand.offset).T @ (hand.wrench + hand.shared) for hand in hands], axis=0)
     return ObjectImpedance(
         inertia=superpose_inertia([hand.inertia.carried(hand.offset) for hand in hands], object_inertia),
         damping=_sum([_carried(hand.damping, hand.offset) for hand in hands]),
@@ -120,7 +120,7 @@ def internal_wrenches(hands: Sequence[HandImpedance], net: Array) -> Array:
     Returns:
         (h, 6) at each hand, squeeze included; carried to the object they sum to zero.
     """
-    exerted = np.array([hand.wrench + np.append(hand.squeeze, np.zeros(3)) for hand in hands])
+    exerted = np.array([hand.wrench + hand.shared for hand in hands])
     return exerted - share_wrench(np.array([hand.offset for hand in hands]), net)
 
 

@@ -57,7 +57,7 @@ def random_hand(random: np.random.Generator) -> HandImpedance:
         damping=random_psd(random, TYPICAL_STIFFNESS),
         stiffness=random_psd(random, TYPICAL_STIFFNESS),
         wrench=10.0 * random.normal(size=6),
-        squeeze=np.zeros(3),
+        shared=np.zeros(6),
     )
 
 
@@ -65,7 +65,7 @@ def zero_hand() -> HandImpedance:
     """A hand that is there but offers nothing: infinitely mobile, no springs."""
     zero = np.zeros((6, 6))
     return HandImpedance(
-        np.array([0.1, 0.2, -0.3]), OperationalInertia(zero, zero), zero, zero, np.zeros(6), np.zeros(3)
+        np.array([0.1, 0.2, -0.3]), OperationalInertia(zero, zero), zero, zero, np.zeros(6), np.zeros(6)
     )
 
 
@@ -192,7 +192,7 @@ def _seen(hand: HandImpedance, shift: Array, turn: Array) -> HandImpedance:
         damping=six @ hand.damping @ six.T,
         stiffness=six @ hand.stiffness @ six.T,
         wrench=six @ hand.wrench,
-        squeeze=turn @ hand.squeeze,
+        shared=six @ hand.shared,
     )
 
 
@@ -219,7 +219,7 @@ def test_stiffness_is_minus_the_derivative_of_the_modules_wrench() -> None:
             hand = pose @ grasp
             K = spring_stiffness(spring, hand, target)
             offset = hand.translation - pose.translation
-            hands.append(HandImpedance(offset, nothing, None, K, spring.wrench(hand, target), np.zeros(3)))
+            hands.append(HandImpedance(offset, nothing, None, K, spring.wrench(hand, target), np.zeros(6)))
         found = superpose(hands, None)
         assert found.damping is None
         h, slope = 1e-5, []
@@ -329,7 +329,7 @@ def test_two_hands_squeeze_along_the_line_between_them() -> None:
     nothing = OperationalInertia(None, np.eye(6))
     weight = carry_weight(offsets, 1.0)
     hands = [
-        HandImpedance(r, nothing, None, None, w, f)
+        HandImpedance(r, nothing, None, None, np.zeros(6), w + np.append(f, np.zeros(3)))
         for r, w, f in zip(offsets, weight, squeeze_forces(offsets, 15.0), strict=True)
     ]
     found = superpose(hands, None)
