@@ -157,7 +157,7 @@ class Plant(Truth):
     def sense(self) -> RobotState:
         """Reports what the robot measures now."""
         self._running()
-        return self._sensors.sample(self.time, self._memory.joints["load"])
+        return self._sensors.sample(self.time, self.sensed_torque)
 
     def advance(self, command: Array | None) -> None:
         """Lives through one control period.

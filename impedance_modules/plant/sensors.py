@@ -50,7 +50,7 @@ class Sensors:
         self.position = measured
 
     def sample(self, time: float, load: Array) -> RobotState:
-        """Reports the state at ``time`` [s]; ``load`` (n,) is the true torque between gear and link."""
+        """Reports the state at ``time`` [s]; ``load`` (n,) what a perfect effort sensor would say."""
         effort = self._measure(load, self._spec.effort_noise, self._spec.effort_resolution)
         parts = self.position.copy(), self.velocity.copy(), effort
         for part in parts:

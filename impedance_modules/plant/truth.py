@@ -67,6 +67,17 @@ class Truth:
         return np.array(self._memory.joints["load"])
 
     @property
+    def sensed_torque(self) -> Array:
+        """What a perfect effort sensor reports (n,) [N.m]: the spring's deflection torque K_sea (theta - q).
+
+        The spring's structural damping passes torque too, but bends nothing that a sensor could see. A
+        joint without a spring has its sensor in the load path.
+        """
+        joints = self._memory.joints
+        wound = self._memory.part("motor_position") - self._memory.part("position")
+        return np.where(joints["kind"] == ELASTIC, joints["stiffness"] * wound, joints["load"])
+
+    @property
     def command_acting(self) -> Array:
         """Torque command (n,) that acted in the last period [N.m]; zero in the robot's own modes."""
         return np.array(self._memory.joints["command"])
