@@ -88,7 +88,9 @@ def test_third_party_names_stay_in_their_rooms(path: Path) -> None:
 
 
 def test_every_package_has_a_rank() -> None:
-    folders = {path.name for path in PACKAGE.iterdir() if path.is_dir() and path.name not in {"__pycache__", "data"}}
+    folders = {
+        path.name for path in PACKAGE.iterdir() if path.is_dir() and path.name not in {"__pycache__", "data"}
+    }
     assert folders <= set(RANK)
 
 

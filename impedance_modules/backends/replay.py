@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,7 +68,7 @@ class ReplayBackend:
         return RobotState(float(self._time[k]), self._position[k], self._velocity[k], self._effort[k])
 
 
-def _columns(recorded: dict[str, Array], names: tuple[str, ...], kind: str) -> Array:
+def _columns(recorded: Mapping[str, Array], names: tuple[str, ...], kind: str) -> Array:
     missing = [name for name in names if name not in recorded]
     if missing:
         raise BadInput(f"the recording has no {kind} of {', '.join(missing)}; a replay needs every joint's")

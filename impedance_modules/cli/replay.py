@@ -10,7 +10,9 @@ import click
 
 @click.command("replay")
 @click.argument("log", metavar="DIR_OR_LOG", type=click.Path(path_type=Path))
-@click.option("--view", is_flag=True, help="Open the recording in the viewer (what happens without --verify).")
+@click.option(
+    "--view", is_flag=True, help="Open the recording in the viewer (what happens without --verify)."
+)
 @click.option("--verify", is_flag=True, help="Recompute every torque; bit-equal on one machine.")
 def command(log: Path, view: bool, verify: bool) -> int:
     """Open DIR_OR_LOG, a run's directory or an episode, in the viewer; or verify it.

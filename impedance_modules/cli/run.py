@@ -18,17 +18,21 @@ if TYPE_CHECKING:
 @click.command("run")
 @task_argument
 @arm_option
-@click.option("--backend", type=click.Choice(["sim", "replay"]), default="sim", show_default=True, help="Robot.")
+@click.option(
+    "--backend", type=click.Choice(["sim", "replay"]), default="sim", show_default=True, help="Robot."
+)
 @click.option("--log", type=click.Path(path_type=Path), help="Recording that the replay backend feeds back.")
 @effects_option
 @rate_option
 @click.option("--duration", type=float, metavar="S", help="End the run safely after this time.")
-@click.option("--out", type=click.Path(path_type=Path), help="Directory of the run  [default: out/TASK-TIME].")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Directory of the run  [default: out/TASK-TIME]."
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated noise.")
 @scale_option
 @click.option("--view", is_flag=True, help="Open the viewer and follow the run.")
 @click.option("--read-only", is_flag=True, help="Compute and record everything, send nothing.")
-def command(  # noqa: PLR0913 - one parameter per option
+def command(
     task: str,
     arm: str | None,
     backend: str,
@@ -64,7 +68,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     from impedance_modules.runtime.run import RunOptions, carry_out
 
     robot = make_backend(assembly, backend=backend, log=log, seed=seed)
-    directory = out if out is not None else Path("out") / f"{assembly.task.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    directory = (
+        out if out is not None else Path("out") / f"{assembly.task.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    )
     options = RunOptions(
         out=directory, seed=seed, duration=duration, live=view, read_only=read_only, backend=backend
     )

@@ -23,7 +23,7 @@ def progress(total: float, console: Console) -> Iterator[Callable[[float, str], 
         console: Where to show it.
     """
     if not console.is_terminal:
-        yield lambda time, phase: None
+        yield lambda *_: None
         return
     columns = (
         TextColumn("{task.description:<16}"),
@@ -46,7 +46,9 @@ def print_run(result: RunResult, console: Console) -> None:
 
 
 def _phases(summary: dict[str, Any]) -> Table:
-    table = Table(title=f"{summary['task']} on {summary['robot']} ({summary['backend']})", title_justify="left")
+    table = Table(
+        title=f"{summary['task']} on {summary['robot']} ({summary['backend']})", title_justify="left"
+    )
     table.add_column("phase")
     table.add_column("seconds", justify="right")
     table.add_column("ended by")
@@ -57,8 +59,9 @@ def _phases(summary: dict[str, Any]) -> Table:
 
 def _numbers(summary: dict[str, Any]) -> Table:
     table = Table(show_header=True)
-    for name, justify in (("quantity", "left"), ("value", "right"), ("unit", "left")):
-        table.add_column(name, justify=justify)
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    table.add_column("unit")
     for hand, numbers in summary["hands"].items():
         table.add_row(f"{hand}: distance to target, RMS", f"{1000 * numbers['tracking_rms']:.1f}", "mm")
         table.add_row(f"{hand}: largest force felt", f"{numbers['peak_force']:.1f}", "N")
@@ -77,7 +80,9 @@ def _endings(summary: dict[str, Any]) -> list[str]:
     reductions = summary["filter"]["reductions"]
     if reductions:
         first = reductions[0]
-        lines.append(f"most reduced: {first['module']} by row '{first['row']}', {first['mean']:.3f} N.m on average")
+        lines.append(
+            f"most reduced: {first['module']} by row '{first['row']}', {first['mean']:.3f} N.m on average"
+        )
     if summary["ending"] == "done":
         lines.append("the task was carried out")
     else:

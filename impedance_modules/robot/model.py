@@ -140,7 +140,7 @@ class RobotModel:
     def mass_matrix(self, q: Array) -> Array:
         """Computes M + I_r at q, (n, n) [kg.m^2]."""
         matrix = pin.crba(self.pin_model, self.pin_model.createData(), q)
-        return np.triu(matrix) + np.triu(matrix, 1).T
+        return np.asarray(np.triu(matrix) + np.triu(matrix, 1).T)
 
     def geometry(self) -> pin.GeometryModel:
         """Builds the collision shapes of all links, fresh and without pairs; for robot/ and plant/ only."""

@@ -156,4 +156,4 @@ def largest_inertia(model: RobotModel, posture: Array) -> Array:
     random = np.random.default_rng(0)
     low, high = model.column("position_min"), model.column("position_max")
     postures = [posture, *random.uniform(low, high, (SAMPLED_POSTURES, model.n))]
-    return np.max([np.diag(model.mass_matrix(q)) for q in postures], axis=0)
+    return np.asarray(np.max([np.diag(model.mass_matrix(q)) for q in postures], axis=0))

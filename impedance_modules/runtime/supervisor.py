@@ -167,7 +167,7 @@ class Supervisor:
             return [Occurrence(Event.PHASE_NOT_MET, None, self.sequence.why_not_met())]
         if outcome is Outcome.GOES_ON:
             return []
-        name, seconds, why = self.sequence.ended[-1]
+        name, _, why = self.sequence.ended[-1]
         self._say(state.time, f"phase '{name}' ended: {why}")
         if outcome is Outcome.DONE:
             self.ending = Ending.DONE
@@ -210,9 +210,8 @@ class Supervisor:
         """Events of time: lateness, a state that does not come, a tank that stays empty."""
         self._age = self._age + self.assembly.period if state is None else 0.0
         starved = self.controller.starved_time
-        if not late and self._age == 0.0 and starved < self.stop_limits.starvation_time:
-            if not self._late:
-                return []
+        if not (late or self._late) and self._age == 0.0 and starved < self.stop_limits.starvation_time:
+            return []
         now = self._cycle * self.assembly.period
         if late:
             self.controller.withdraw()

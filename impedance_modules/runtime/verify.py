@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from impedance_modules.backends.replay import ReplayBackend
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.metadata import library_versions
 from impedance_modules.errors import BadInput, EndOfRecording, ReplayMismatch
+from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly, assemble
 from impedance_modules.runtime.prepare import acting_in
 from impedance_modules.runtime.supervisor import Supervisor
@@ -63,7 +64,7 @@ def reassemble(episode: Episode) -> Assembly:
         )
 
 
-def _beside_original(folder: Path, metadata: dict[str, object], text: str) -> Path:
+def _beside_original(folder: Path, metadata: Mapping[str, object], text: str) -> Path:
     """Writes the task's text where its robot is found: beside the original when that is still there."""
     original = Path(str(metadata.get("task_path", "")))
     robots = next((place / "robots" for place in original.parents if (place / "robots").is_dir()), None)
@@ -94,7 +95,8 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
     supervisor = Supervisor(assembly)
     first = backend.start()
     supervisor.start(first)
-    state, done = first.state, 0
+    state: RobotState | None = first.state
+    done = 0
     nothing = np.zeros(len(names))
     try:
         while supervisor.ending is None:
@@ -130,6 +132,4 @@ def _difference(episode: Episode, names: tuple[str, ...], k: int, now: Array, th
 
 def _other_versions(episode: Episode) -> dict[str, tuple[str, str]]:
     then = episode.metadata.get("versions", {})
-    return {
-        name: (then[name], now) for name, now in library_versions().items() if then.get(name, now) != now
-    }
+    return {name: (then[name], now) for name, now in library_versions().items() if then.get(name, now) != now}

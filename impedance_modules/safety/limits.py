@@ -11,7 +11,6 @@ import numpy as np
 from impedance_modules.safety.problem import Vector
 from impedance_modules.spec.robot import JointSpec, TimingSpec
 
-
 GENTLE_APPROACH = 0.2
 """A pair that closes at 1 m/s is then slowed from 0.2 m before its margin on, with 5 m/s^2 [s]."""
 
@@ -96,8 +95,8 @@ def limits_of(
     """The limits of a robot file at a control rate.
 
     Look-ahead: horizon = look_ahead * period + delay, so that a torque which acts late still acts in
-    time; pairs close in four times that, or in `GENTLE_APPROACH` if that is longer. A joint outside its range is asked back at a tenth of its speed
-    limit, a pair at 0.1 m/s with at most 5 m/s^2.
+    time; pairs close in four times that, or in `GENTLE_APPROACH` if that is longer. A joint outside its
+    range is asked back at a tenth of its speed limit, a pair at 0.1 m/s with at most 5 m/s^2.
 
     Args:
         joints: In the order of the torque vector.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Passes over small arrays around every solve, compiled: in numpy they cost more than the solve itself."""
 
-# ruff: noqa: PLR0917 (compiled functions take arrays one by one)
+
 
 from __future__ import annotations
 
