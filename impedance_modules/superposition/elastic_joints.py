@@ -163,17 +163,16 @@ def _with_estimate(step: Array, push: Array, read: Array, period: float, lag: fl
 
 
 def _on_motor_side(arm: SampledArm, drives: Drives, N: Array) -> SampledArm:
-    """Adds the rate of the springs' wind-up, effort / K_sea, to the velocity that is damped."""
+    r"""Adds the rate of the springs' wind-up \theta - q to the velocity that is damped.
+
+    The effort sensor sees the spring's deflection, not its damping: effort / K_sea = \theta - q.
+    """
     elastic, m = drives.elastic, N.shape[1]
     e, k, size = int(np.sum(elastic)), len(elastic), len(arm.A)
     select = np.eye(k)[:, elastic]
     stretch = np.hstack([-np.diag(elastic.astype(float)) @ N, select])
-    slackness = np.where(
-        elastic, drives.spring_damping / np.where(elastic, drives.spring_stiffness, 1.0), 0.0
-    )
     wind = np.zeros((k, size))
     wind[:, : m + e] = stretch
-    wind[:, m + e : 2 * (m + e)] = slackness[:, None] * stretch
     sampling = arm.sampling
     A, B = _with_estimate(arm.A, arm.B, wind, 1.0 / sampling.rate, sampling.velocity_filter)
     position, velocity = (np.hstack([read, np.zeros((k, 2 * k))]) for read in (arm.position, arm.velocity))
