@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.weight import STANDARD_GRAVITY
 from impedance_modules.robot.external_torque import ExternalTorque
 from impedance_modules.robot.kinematics import Kinematics
@@ -68,14 +69,30 @@ class Touch:
         Args:
             target: ``object``, an arm's name, or None: the object when one is held, else the arm that feels most.
         """
-        by_arm = {arm.limb.name: self.wrench[row, :3] for row, arm in enumerate(self._arms)}
-        if target in by_arm:
-            return float(np.linalg.norm(by_arm[target]))
+        names = [arm.limb.name for arm in self._arms]
+        if target in names:
+            return float(np.linalg.norm(self.wrench[names.index(target), :3]))
         if self._held is not None:
-            total = np.sum([by_arm[name] for name in self._held.limbs], axis=0)
-            total[2] += self._held.spec.mass * STANDARD_GRAVITY
-            return float(np.linalg.norm(total))
-        return max(float(np.linalg.norm(force)) for force in by_arm.values())
+            return float(np.linalg.norm(self._force_on_object(self._held)))
+        return max(float(np.linalg.norm(force)) for force in self.wrench[:, :3])
+
+    def felt_by(self, limb: str) -> Array:
+        """Returns the force of the surroundings on a hand, (3,) in world axes [N].
+
+        A hand that holds the object feels the object's weight and squeeze too, which are no contact: it gets its equal
+        share of what the surroundings put on the object.
+        """
+        held = self._held
+        if held is not None and limb in held.limbs:
+            return self._force_on_object(held) / len(held.limbs)
+        row = [arm.limb.name for arm in self._arms].index(limb)
+        return self.wrench[row, :3].copy()
+
+    def _force_on_object(self, held: HeldObject) -> Array:
+        names = [arm.limb.name for arm in self._arms]
+        total: Array = self.wrench[[names.index(limb) for limb in held.limbs], :3].sum(axis=0)
+        total[2] += held.spec.mass * STANDARD_GRAVITY
+        return total
 
 
 class ContactJudge:

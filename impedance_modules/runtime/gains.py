@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.compiled_motion import motion_table
+from impedance_modules.modules.compiled_motion import COLUMNS, motion_table
 from impedance_modules.modules.compiled_object import object_shares
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import PhaseMotion
@@ -80,7 +80,8 @@ def write_phase(
         memory[name][1] = value
     table = motion_table(modules, motion, memory.size.joints)
     memory.index("mover_count")[0] = len(table.movers)
-    memory["movers"][: len(table.movers)] = table.movers
+    # A task of joint springs alone moves no spring; its empty table still has all columns.
+    memory["movers"][: len(table.movers)] = table.movers.reshape(-1, COLUMNS)
     memory.index("rides")[:] = table.rides
     memory["offsets"][:] = table.offsets
     memory["rest_ends"][0], memory["rest_ends"][1] = table.rest_start, table.rest_goal

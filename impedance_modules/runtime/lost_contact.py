@@ -27,12 +27,16 @@ class LostContact:
     def look(self) -> list[str]:
         """Returns a sentence for every axis that has lost its contact since the last look."""
         lost: list[str] = []
-        for row, arm in enumerate(self._controller.modules.arms):
-            for spring in arm.springs:
+        for arm in self._controller.modules.arms:
+            pushing = [spring for spring in arm.springs if spring.hybrid]
+            if not pushing:
+                continue
+            force = self._touch.felt_by(arm.limb.name)
+            for spring in pushing:
                 for axis, hybrid in spring.spec.axes.items():
                     if axis in AXES[:3] and hybrid.force != 0.0:
                         direction = spring.axes[:, AXES.index(axis)] * np.sign(hybrid.force)
-                        felt = -float(direction @ self._touch.wrench[row, :3]) / abs(hybrid.force)
+                        felt = -float(direction @ force) / abs(hybrid.force)
                         if self._follow((spring.name, axis), felt):
                             lost.append(f"force axis {axis} of {spring.name} lost contact")
         return lost
