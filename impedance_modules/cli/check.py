@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``impedance check``: is a task right, and what will it do?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from impedance_modules.cli.options import arm_option, effects_option, rate_option, scale_option, task_argument
+
+
+@click.command("check")
+@task_argument
+@effects_option
+@rate_option
+@scale_option
+@arm_option
+def command(task: str, effects: Path | None, rate: float | None, scale: float, arm: str | None) -> int:
+    """Check TASK, a file or the name of a shipped task, and predict what it will do.
+
+    Torque margins, yielding under load, stability of the sampled loop, and the energy the tank must cover. Every
+    problem is printed as file:line:col: path: message. Exit: 0 good, 2 not.
+    """
+    from impedance_modules.cli.tables_check import print_forecast
+    from impedance_modules.runtime.assembly import assemble
+    from impedance_modules.runtime.check import refuse_unfit
+    from impedance_modules.runtime.predict.forecast import forecast_task
+
+    assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
+    rehearsal = refuse_unfit(assembly)
+    print_forecast(assembly, forecast_task(assembly, rehearsal))
+    return 0

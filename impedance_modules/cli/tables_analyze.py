@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How ``analyze`` prints: each arm, then the sum at the object as in the thesis's eq. 4.30."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.box import SIMPLE
+from rich.columns import Columns
+from rich.console import Console
+from rich.table import Table
+
+from impedance_modules.runtime.analysis import Analysis, Felt, carried_inertia
+from impedance_modules.runtime.assembly import Assembly
+from impedance_modules.spec.mirror import twist_signs
+from impedance_modules.spec.task import AXES
+from impedance_modules.superposition.ellipsoid import Ellipsoid, angular_ellipsoid, linear_ellipsoid
+from impedance_modules.superposition.inertia import carry_inertia
+
+Array = NDArray[np.float64]
+
+QUANTITIES = (
+    ("inertia", "kg, kg.m, kg.m^2"),
+    ("inertia_without_reflected", "kg, kg.m, kg.m^2"),
+    ("mobility", "1/kg, 1/(kg.m), 1/(kg.m^2)"),
+    ("damping", "N.s/m, N.s, N.m.s"),
+    ("stiffness", "N/m, N, N.m"),
+    ("compliance", "m/N, 1/N, 1/(N.m)"),
+    ("stiffness_without_preload", "N/m, N, N.m"),
+)
+
+ELLIPSOIDS = (
+    ("inertia", "kg", "kg.m^2"),
+    ("mobility", "1/kg", "1/(kg.m^2)"),
+    ("stiffness", "N/m", "N.m"),
+)
+
+SLOWEST_MODES = 10
+"""Of a frame's modes that are printed."""
+
+
+def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
+    """Prints everything that a push meets."""
+    console = Console(highlight=False)
+    where = "at the start posture" if analysis.phase is None else f"at rest where '{analysis.phase}' ends"
+    console.print(f"[bold]{assembly.task.name}[/bold] on {assembly.robot.name}, {where}; world axes")
+    for limb, felt in analysis.arms.items():
+        console.rule(f"{limb}: {felt.frame}")
+        _print_felt(console, felt, analysis)
+    if analysis.object is not None:
+        console.rule("object: the arms' sum")
+        _print_sum(console, assembly, analysis)
+        _print_felt(console, analysis.object, analysis)
+
+
+def _print_felt(console: Console, felt: Felt, analysis: Analysis) -> None:
+    console.print(f"origin {_vector(felt.position)} m")
+    carried = "modules exert" if felt.frame == "object" else "joint springs carry"
+    console.print(f"{carried} {_vector(felt.preload[:3])} N, {_vector(felt.preload[3:])} N.m")
+    if felt.frame in analysis.pressure:
+        force = analysis.pressure[felt.frame]
+        console.print(f"surfaces press {_vector(force[:3])} N, {_vector(force[3:])} N.m")
+    if felt.frame == "object" and analysis.squeeze is not None:
+        console.print(f"hands squeeze with {analysis.squeeze:.2f} N each")
+    if felt.folds:
+        console.print("[red]folds[/red]: the springs cannot hold the load; no stiffness is given")
+    matrices = [
+        _matrix(name.replace("_", " "), unit, getattr(felt, name))
+        for name, unit in QUANTITIES
+        if name != "compliance" or felt.compliance is not None
+    ]
+    console.print(Columns(matrices))
+    console.print(_ellipsoids(felt))
+    console.print("modes " + ", ".join(_modes(felt)), soft_wrap=True)
+
+
+def _print_sum(console: Console, assembly: Assembly, analysis: Analysis) -> None:
+    """Prints right + left + object = sum, all at the object's origin."""
+    inertias = {limb: carried_inertia(hand).inertia for limb, hand in analysis.summands.items()}
+    unit = "kg, kg.m, kg.m^2"
+    parts = [_matrix(f"inertia of '{limb}', at the object", unit, m) for limb, m in inertias.items()]
+    parts.append(_matrix("inertia of the object itself", unit, analysis.own))
+    stiffnesses = {
+        limb: None if hand.stiffness is None else carry_inertia(hand.stiffness, hand.offset)
+        for limb, hand in analysis.summands.items()
+    }
+    parts += [
+        _matrix(f"stiffness of '{limb}', at the object", "N/m, N, N.m", m) for limb, m in stiffnesses.items()
+    ]
+    console.print(Columns(parts))
+    felt = analysis.object
+    mirror = assembly.robot.mirror
+    if felt is None or mirror is None:
+        return
+    for name, single, total in (
+        ("inertia", inertias, felt.inertia),
+        ("stiffness", stiffnesses, felt.stiffness),
+    ):
+        shares = [f"{limb} {_across(m, mirror.plane)}" for limb, m in single.items()]
+        console.print(
+            f"{name}: coupling across the mirror plane {mirror.plane}: {', '.join(shares)};"
+            f" in the sum {_across(total, mirror.plane)} of the largest entry"
+        )
+
+
+def _across(matrix: Array | None, plane: str) -> str:
+    """Gives the largest entry that couples motions in a plane with motions across it, as a share."""
+    if matrix is None:
+        return "-"
+    signs = twist_signs(plane)
+    odd = 0.5 * (matrix - signs[:, None] * matrix * signs)
+    return f"{100.0 * float(np.max(np.abs(odd)) / np.max(np.abs(matrix))):.2f} %"
+
+
+def _matrix(title: str, unit: str, matrix: Array | None) -> Table:
+    """Lays a (6, 6) out in its four blocks; the off-diagonal ones couple moving with turning."""
+    table = Table(title=f"{title} [dim]{unit}[/dim]", title_justify="left", box=SIMPLE, padding=(0, 0, 0, 1))
+    table.add_column("")
+    for axis in (*AXES[:3], "", *AXES[3:]):
+        table.add_column(axis, justify="right", min_width=7 if axis else 1)
+    if matrix is None:
+        table.add_row("", "does not exist")
+        return table
+    largest = float(np.max(np.abs(matrix)))
+    for index, axis in enumerate(AXES):
+        entries = [_entry(value, largest) for value in matrix[index]]
+        table.add_row(axis, *entries[:3], "[dim]|[/dim]", *entries[3:])
+        if index == 2:
+            table.add_section()
+    return table
+
+
+def _entry(value: float, largest: float) -> str:
+    return "[dim]0[/dim]" if abs(value) < 1e-9 * largest else f"{value:.3g}"
+
+
+def _ellipsoids(felt: Felt) -> Table:
+    title = "ellipsoids: principal values and the direction of the largest"
+    table = Table(title=title, title_justify="left", box=SIMPLE, padding=(0, 1))
+    for heading in ("of", "values", "largest along"):
+        table.add_column(heading)
+    for name, moving, turning in ELLIPSOIDS:
+        matrix = getattr(felt, name)
+        if matrix is not None:
+            table.add_row(f"{name}, linear", *_axes(linear_ellipsoid(matrix), moving))
+            table.add_row(f"{name}, angular", *_axes(angular_ellipsoid(matrix), turning))
+    return table
+
+
+def _axes(found: Ellipsoid, unit: str) -> tuple[str, str]:
+    values = ", ".join(f"{value:.4g}" for value in found.half_axes)
+    largest = int(np.argmax(np.abs(found.half_axes)))
+    return f"{values} {unit}", _vector(found.directions[:, largest])
+
+
+def _modes(felt: Felt) -> Iterator[str]:
+    for mode in felt.modes[:SLOWEST_MODES]:
+        if mode.damping_ratio is None:
+            yield "free"
+        else:
+            yield f"{mode.frequency / (2.0 * math.pi):.2f} Hz (ratio {mode.damping_ratio:.2f})"
+
+
+def _vector(values: Array) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.3f}" for value in values) + ")"

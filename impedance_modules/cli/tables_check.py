@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How ``check`` prints a forecast: what each phase asks of each arm, the loops, the tank, and what to mind."""
+
+from __future__ import annotations
+
+import math
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+from impedance_modules.runtime.assembly import Assembly
+from impedance_modules.runtime.predict.forecast import Forecast, PhaseForecast
+from impedance_modules.runtime.predict.loads import JointLoad, Yielding
+from impedance_modules.runtime.predict.stability import STIFFEST, StabilityForecast
+
+TIGHT = 0.7
+"""Share of a limit from which a number is coloured."""
+
+
+def print_forecast(assembly: Assembly, forecast: Forecast) -> None:
+    """Prints everything that is predicted of a task."""
+    console = Console(highlight=False)
+    task = assembly.task
+    delay = assembly.tank.delay
+    console.print(
+        f"[bold]{task.name}[/bold] on {assembly.robot.name}, {assembly.rate:g} Hz, torque acts {delay} period"
+        f"{'' if delay == 1 else 's'} late: the task is valid"
+    )
+    console.print(_loads(forecast))
+    console.print(_loops(forecast))
+    console.print(_tank(assembly, forecast))
+    for note in forecast.notes:
+        console.print(f"[yellow]note[/yellow]: {note}", soft_wrap=True)
+
+
+def _loads(forecast: Forecast) -> Table:
+    table = Table(
+        title="phases, as rehearsed; at rest where each ends",
+        title_justify="left",
+        box=SIMPLE,
+        padding=(0, 1, 0, 0),
+    )
+    table.add_column("phase")
+    table.add_column("takes", justify="right")
+    table.add_column("arm")
+    for heading in ("torque N.m", "with weight", "yields at rest", "pressed N"):
+        table.add_column(heading, justify="right")
+    for phase in forecast.phases:
+        first = True
+        for row in _rows(phase):
+            table.add_row(*(_phase_cells(phase) if first else ("", "")), *row)
+            first = False
+        table.add_section()
+    return table
+
+
+def _phase_cells(phase: PhaseForecast) -> tuple[str, str]:
+    played = phase.rehearsed
+    seconds = f"{played.ended - played.began:.2f} s"
+    return played.name, f"{seconds}, met" if played.met else seconds
+
+
+def _rows(phase: PhaseForecast) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [
+        (arm.limb, _load(arm.commanded), _load(arm.total), _yields(arm.yielding), _force(arm.pressed))
+        for arm in phase.arms
+    ]
+    if phase.object is not None:
+        rows.append(("object", "", "", _yields(phase.object.yielding), _force(phase.object.pressed)))
+    return rows
+
+
+def _load(load: JointLoad) -> str:
+    text = f"{load.short} {load.torque:.1f} of {load.limit:g}"
+    if load.share > 1.0:
+        return f"[red]{text}[/red]"
+    return f"[yellow]{text}[/yellow]" if load.share > TIGHT else text
+
+
+def _yields(yielding: Yielding | None) -> str:
+    if yielding is None:
+        return "-"
+    return f"{1e3 * yielding.distance:.1f} mm, {math.degrees(yielding.angle):.1f}°"
+
+
+def _force(force: float | None) -> str:
+    return "-" if force is None else f"{force:.1f}"
+
+
+def _loops(forecast: Forecast) -> Table:
+    table = Table(
+        title="sampled loop around the elastic joints, in free motion", title_justify="left", box=SIMPLE
+    )
+    table.add_column("from")
+    table.add_column("loop")
+    table.add_column("least damped (ratio)", justify="right")
+    table.add_column("endpoint N/m", justify="right")
+    table.add_column("highest stable N/m", justify="right")
+    shown: set[int] = set()
+    for phase in forecast.phases:
+        if id(phase.loops) in shown:
+            continue
+        shown.add(id(phase.loops))
+        for loop in phase.loops:
+            table.add_row(phase.rehearsed.name, *_loop(loop))
+    return table
+
+
+def _loop(loop: StabilityForecast) -> tuple[str, str, str, str]:
+    mode = "-"
+    if loop.frequency is not None and loop.damping_ratio is not None:
+        mode = f"{loop.frequency:.1f} Hz ({loop.damping_ratio:.3f})"
+    if loop.growth > 1.0 + 1e-6:
+        mode = f"[red]unstable: {mode}[/red]"
+    if loop.stiffness == 0.0:
+        return loop.name, mode, "none", "-"
+    if loop.scale is None:
+        highest = f"over {STIFFEST * loop.stiffness:.0f} (x {STIFFEST:g})"
+    elif loop.scale == 0.0:
+        highest = "[red]none, however soft[/red]"
+    else:
+        highest = f"{loop.scale * loop.stiffness:.0f} (x {loop.scale:.2f})"
+    return loop.name, mode, f"{loop.stiffness:.0f}", highest
+
+
+def _tank(assembly: Assembly, forecast: Forecast) -> Table:
+    tank = forecast.tank
+    table = Table(title="energy the tank must cover", title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
+    table.add_column("of what")
+    table.add_column("J", justify="right")
+    for name, cost in sorted(tank.costs.items(), key=lambda item: -item[1]):
+        if abs(cost) >= 0.005:
+            table.add_row(name, f"{cost:.2f}")
+    table.add_section()
+    table.add_row(f"needed, tightest in '{tank.phase}' at {tank.time:.1f} s", f"{tank.need:.2f}")
+    filled = assembly.tank.initial
+    table.add_row(f"in the tank at the start ({filled / tank.need:.2f} times the need)", f"{filled:.2f}")
+    table.add_section()
+    table.add_row("sensing: measured work is true to within", f"{tank.sensing:.2f}")
+    return table

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Where hands and object press into the task's surfaces: depth, normal and stiffness of every point.
+
+The same points and the same stiffness as the plant's (``plant.contact``), with a plane's and a box's distance
+written out, so that a forecast needs neither compiler nor collision library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.plant.contact.points import Point
+from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.rotation import exp3
+from impedance_modules.spec.task import SurfaceSpec
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One point of one body near or inside one surface.
+
+    Attributes:
+        key: (body, point, surface), the same from state to state.
+        arm: (3,) from the body's origin to the point of contact, world axes [m].
+        normal: (3,) out of the surface.
+        depth: How far the point is inside [m]; negative outside.
+        surface: Stiffness, damping and friction.
+    """
+
+    key: tuple[int, int, int]
+    arm: Array
+    normal: Array
+    depth: float
+    surface: SurfaceSpec
+
+    def jacobian(self, body: Array) -> Array:
+        """Gives the point's Jacobian (3, k) from its body's (6, k): v + w x r."""
+        x, y, z = self.arm
+        linear, angular = body[:3], body[3:]
+        lever = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+        return linear + lever @ angular
+
+
+@dataclass(frozen=True)
+class PlacedSurface:
+    """A surface with its rotation (3, 3) and a point of it, a box's centre (3,), in world."""
+
+    spec: SurfaceSpec
+    rotation: Array
+    origin: Array
+
+
+def place_surface(spec: SurfaceSpec) -> PlacedSurface:
+    """Finds where a surface is."""
+    rotation = exp3(np.array(spec.rotation))
+    if spec.position is not None:
+        return PlacedSurface(spec, rotation, np.array(spec.position))
+    return PlacedSurface(spec, rotation, np.array([0.0, 0.0, 0.0 if spec.height is None else spec.height]))
+
+
+def find_contacts(
+    body: int, pose: Pose, points: Sequence[Point], surfaces: Sequence[PlacedSurface], near: float
+) -> list[Contact]:
+    """Lists the points of a body that are inside a surface or within ``near`` [m] of it."""
+    found = []
+    centres = pose.translation + np.array([centre for centre, _ in points]) @ pose.rotation.T
+    radii = np.array([radius for _, radius in points])
+    for index, surface in enumerate(surfaces):
+        close = _clearance(surface, centres) - radii < near
+        for number in np.flatnonzero(close):
+            distance, normal = surface_distance(surface, centres[number])
+            depth = float(radii[number]) - distance
+            if depth > -near:
+                arm = centres[number] - pose.translation - radii[number] * normal
+                found.append(Contact((body, int(number), index), arm, normal, depth, surface.spec))
+    return found
+
+
+def _clearance(surface: PlacedSurface, points: Array) -> Array:
+    """Bounds the distance of points (p, 3) from a surface from below, (p,) [m]."""
+    local = (points - surface.origin) @ surface.rotation
+    if surface.spec.size is None:
+        return np.asarray(local[:, 2])
+    return np.asarray(np.max(np.abs(local) - 0.5 * np.array(surface.spec.size), axis=1))
+
+
+def surface_distance(surface: PlacedSurface, point: Array) -> tuple[float, Array]:
+    """Measures a point's signed distance from a surface [m], below 0 inside, and the outward normal (3,)."""
+    local = surface.rotation.T @ (point - surface.origin)
+    if surface.spec.size is None:
+        return float(local[2]), surface.rotation[:, 2]
+    excess = np.abs(local) - 0.5 * np.array(surface.spec.size)
+    signs = np.where(local < 0.0, -1.0, 1.0)
+    outside = np.maximum(excess, 0.0)
+    distance = float(np.linalg.norm(outside))
+    if distance > 0.0:
+        return distance, surface.rotation @ (signs * outside / distance)
+    face = int(np.argmax(excess))
+    return float(excess[face]), surface.rotation[:, face] * signs[face]
