@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -98,3 +99,36 @@ def test_no_assert_outside_tests() -> None:
     for path in FILES:
         found = [n.lineno for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Assert)]
         assert not found, f"{path}: assert at lines {found}"
+
+
+def _docstrings(tree: ast.AST) -> set[int]:
+    """Returns the ids of the string nodes that are documentation."""
+    found = set()
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            for statement in body:
+                if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+                    found.add(id(statement.value))
+    return found
+
+
+def _robot_words() -> set[str]:
+    """Returns every joint, link and limb name of the shipped robots."""
+    words: set[str] = set()
+    for urdf in (PACKAGE.parent / "robots").rglob("*.urdf"):
+        root = ElementTree.parse(urdf).getroot()
+        words |= {str(part.get("name")) for kind in ("joint", "link") for part in root.iter(kind)}
+        words.add(urdf.stem)
+    # Words that are ordinary English outside a robot.
+    return (words | {"right", "left", "s0", "s1", "e0", "e1", "w0", "w1", "w2"}) - {"base", "head", "world"}
+
+
+def test_the_package_knows_no_robot() -> None:
+    words = _robot_words()
+    for path in FILES:
+        tree = ast.parse(path.read_text())
+        documentation = _docstrings(tree)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation:
+                assert node.value not in words, f"{path}:{node.lineno}: names '{node.value}' of a robot"

@@ -96,7 +96,7 @@ def carry_out(
         recorder.abandon()
         raise
     view = SceneView(options.out, supervisor, recorder.writer.background, live=options.live)
-    summary = Summary(assembly, supervisor, options.backend, options.seed)
+    summary = Summary(assembly, supervisor, options.backend, options.seed, paced=not simulated)
     interrupt = Interrupt()
     last_shown = [-1.0]
 

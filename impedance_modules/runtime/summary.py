@@ -18,14 +18,17 @@ from impedance_modules.safety.attribute import attribute
 
 Array = NDArray[np.float64]
 
-ATTRIBUTE_EVERY = 10
-"""Of the cycles in which the filter changed the torque, one in so many is attributed to rows and modules."""
+PACED_SHARE = 10
+"""Where time is real, one in so many of the cycles that the filter changed is attributed; else every one."""
 
 
 class Summary:
     """Peaks, sums and lows of a run."""
 
-    def __init__(self, assembly: Assembly, supervisor: Supervisor, backend: str, seed: int) -> None:
+    def __init__(
+        self, assembly: Assembly, supervisor: Supervisor, backend: str, seed: int, *, paced: bool
+    ) -> None:
+        self._every = PACED_SHARE if paced else 1
         self._assembly, self._supervisor = assembly, supervisor
         self._backend, self._seed = backend, seed
         arms = assembly.modules.arms
@@ -53,7 +56,7 @@ class Summary:
         solution = controller.solution
         if solution is not None and solution.solved and solution.iterations > 0:
             self._changed += 1
-            if self._changed % ATTRIBUTE_EVERY == 0:
+            if self._changed % self._every == 0:
                 self._attribute()
         if self._cycles % 10 == 0:
             self._hands(supervisor)
