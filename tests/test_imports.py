@@ -129,6 +129,14 @@ def test_the_package_knows_no_robot() -> None:
     for path in FILES:
         tree = ast.parse(path.read_text())
         documentation = _docstrings(tree)
+        # Tables and plots align things left and right.
+        allowed = {"left", "right"} if package_of(path) in {"cli", "episode", "diagnosis"} else set()
         for node in ast.walk(tree):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation:
-                assert node.value not in words, f"{path}:{node.lineno}: names '{node.value}' of a robot"
+            if (
+                isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and id(node) not in documentation
+            ):
+                assert node.value not in words - allowed, (
+                    f"{path}:{node.lineno}: names '{node.value}' of a robot"
+                )
