@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From the inner 1 kHz to what a user records: 100 Hz columns of one episode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.blind.plant import PERIOD, RawLog
+from benchmarks.blind.urdf_numbers import Drive
+from impedance_modules.episode.metadata import episode_metadata
+from impedance_modules.episode.save import write_episode
+
+Array = NDArray[np.float64]
+
+DECIMATION = 10
+CHANNELS = ("position", "velocity", "effort", "effort_command", "position_command")
+
+
+def record(raw: RawLog, drive: Drive, clock: float) -> dict[str, Array]:
+    """Returns time (m,), touch (m,) and one (m, n) array per channel.
+
+    Args:
+        raw: Episode at 1 kHz.
+        drive: Sensor grids.
+        clock: Relative error of the sensors' clock against the controller's, whose stamps the log carries.
+    """
+    few = np.arange(0, raw.time.size, DECIMATION)
+    seen = np.minimum(few * (1.0 + clock), raw.time.size - 1.0)
+    columns = {"time": few * PERIOD, "touch": raw.touch[few]}
+    columns["effort_command"], columns["position_command"] = raw.command[few], raw.target[few]
+    grids = {"position": drive.position_resolution, "effort": drive.effort_resolution}
+    for name, values in (("position", raw.position), ("velocity", raw.velocity), ("effort", raw.effort)):
+        columns[name] = values[few] if clock == 0.0 else _between(values, seen, grids.get(name))
+    return columns
+
+
+def _between(values: Array, index: Array, grid: float | None) -> Array:
+    low = np.floor(index).astype(int)
+    high = np.minimum(low + 1, values.shape[0] - 1)
+    share = (index - low)[:, None]
+    mixed = (1 - share) * values[low] + share * values[high]
+    return mixed if grid is None else np.round(mixed / grid) * grid
+
+
+def save(
+    path: Path,
+    columns: Mapping[str, Array],
+    joints: Sequence[str],
+    repeat_of: str | None,
+    phases: Sequence[str] | None,
+) -> None:
+    """Writes one episode file; nothing in it tells what was wrong with the arm."""
+    table: dict[str, Array | Sequence[str | None]] = {"time": columns["time"]}
+    for channel in CHANNELS:
+        for i, joint in enumerate(joints):
+            table[f"{channel}.{joint}"] = columns[channel][:, i]
+    if phases is not None:
+        table["phase"] = list(phases)
+    metadata = episode_metadata(
+        robot="baxter",
+        episode=path.stem,
+        effort_source="joint_sensor",
+        gravity_compensation="robot",
+        repeat_of=repeat_of,
+        task=None,
+    )
+    write_episode(path, table, metadata)

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How large an effect looks in the logs, in units of the noise, and how to give it a wanted size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.blind.excitation import Motion
+from benchmarks.blind.injection import Injection
+from benchmarks.blind.logs import record
+from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
+from benchmarks.blind.residual import inertia_columns, net_of_inertias, residual
+
+Array = NDArray[np.float64]
+
+PORTS = ("actuator", "link", "sensor")
+PRIOR = 0.03
+"""Relative standard error of link inertias that an honest diagnosis must allow for."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Rms of an effect in the residual of a nominal arm over the noise's rms there.
+
+    Attributes:
+        net: Less what inertia errors can imitate; the largest over joints and ports. This labels a case.
+        raw: As it stands.
+        port: Where it is largest.
+        joint: Index of the joint where it is largest.
+    """
+
+    net: float
+    raw: float
+    port: str
+    joint: int
+
+
+class Yardstick:
+    """Runs the arm without and with an effect, both without noise, and compares."""
+
+    def __init__(
+        self, arm: Arm, motions: Sequence[Motion], gains: tuple[Array, Array], level: float, seed: int
+    ) -> None:
+        """Measures the noise of an arm (its noise ``level`` and ``seed``) on some motions under some gains."""
+        self._motions, self._gains, self._arm = motions, gains, arm
+        self._model = rigid_model(arm.believed, arm.side)
+        quiet = [self._columns(arm, motion, None) for motion in motions]
+        self._quiet = [residual(one, arm.drive, self._model) for one in quiet]
+        noisy = [self._columns(arm, motion, Noise(seed + i, level)) for i, motion in enumerate(motions)]
+        excess = [residual(one, arm.drive, self._model) - base for one, base in zip(noisy, self._quiet, strict=True)]
+        self.noise: Array = np.sqrt(np.mean(np.concatenate(excess, axis=1) ** 2, axis=1))
+        inertia = [inertia_columns(one, arm.believed, arm.side, PRIOR) for one in quiet]
+        self._inertia = np.concatenate(inertia, axis=0)
+        self.peak: Array = np.max([np.abs(one["effort"]).max(axis=0) for one in quiet], axis=0)
+
+    def size(self, wear: Callable[[Arm, int], Arm]) -> Size:
+        """Returns the size of what ``wear(arm, episode)`` puts on."""
+        found = []
+        for i, motion in enumerate(self._motions):
+            columns = self._columns(wear(self._arm, i), motion, None)
+            found.append(residual(columns, self._arm.drive, self._model) - self._quiet[i])
+        change = np.concatenate(found, axis=1)
+        net = change / self.noise[:, None, :]
+        raw = np.sqrt(np.mean(net**2, axis=1))
+        net[1] = net_of_inertias(change[1], self.noise[1], self._inertia)
+        sizes = np.sqrt(np.mean(net**2, axis=1))
+        port, joint = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+        return Size(float(sizes.max()), float(raw.max()), PORTS[int(port)], int(joint))
+
+    def tune(self, injection: Injection, wanted: float) -> tuple[float, Size]:
+        """Returns the amplitude that gives a net size of 1 to 1.3 times the wanted, or as near as physics lets."""
+        amplitude, tried = injection.first, []
+        for _ in range(5):
+            size = self.size(lambda arm, i, a=amplitude: injection.wear(arm, a, i))
+            tried.append((abs(np.log(max(size.net, 1e-6) / (1.1 * wanted))), amplitude, size))
+            if wanted <= size.net <= 1.3 * wanted:
+                break
+            step = float(np.clip(1.12 * wanted / max(size.net, 1e-6), 0.05, 20.0))
+            nearer = min(amplitude * step, injection.most)
+            if nearer == amplitude:
+                break
+            amplitude = nearer
+        _, amplitude, size = min(tried, key=lambda one: one[0])
+        return amplitude, size
+
+    def _columns(self, arm: Arm, motion: Motion, noise: Noise | None) -> dict[str, Array]:
+        return record(simulate(arm, motion, *self._gains, noise), arm.drive, arm.faults.clock)
