@@ -137,13 +137,13 @@ def _mover_pose(row: Array, s: float, clock: float, turn: Array, rotation: Array
     if row[ALONG] > 0.0:
         vector = row[FIRST : FIRST + 3] + s * (row[LAST : LAST + 3] - row[FIRST : FIRST + 3]) + wave[3:]
         exponential(vector[0], vector[1], vector[2], turn)
-        _multiply(reference, turn, rotation)
+        multiply(reference, turn, rotation)
     else:
         exponential(s * row[TURN], s * row[TURN + 1], s * row[TURN + 2], turn)
         start_rotation = row[START : START + 9].reshape((3, 3))
         product = np.empty((3, 3))
-        _multiply(start_rotation, turn, product)
-        _multiply(reference, product, rotation)
+        multiply(start_rotation, turn, product)
+        multiply(reference, product, rotation)
     for k in range(3):
         translation[k] = row[PLACE + 9 + k]
         for j in range(3):
@@ -151,7 +151,8 @@ def _mover_pose(row: Array, s: float, clock: float, turn: Array, rotation: Array
 
 
 @njit(cache=True)
-def _multiply(a: Array, b: Array, out: Array) -> None:
+def multiply(a: Array, b: Array, out: Array) -> None:
+    """Writes the product of two 3x3 matrices; a call into a library would cost more than the arithmetic."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
@@ -180,7 +181,7 @@ def targets(
     for i in range(rides.size):
         m = rides[i]
         offset = offsets[i, :9].reshape((3, 3))
-        _multiply(place[m], offset, rotation[i])
+        multiply(place[m], offset, rotation[i])
         for k in range(3):
             translation[i, k] = origin[m, k]
             for j in range(3):

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.modules.compiled_motion import multiply
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.squeeze import squeeze_forces
 from impedance_modules.modules.weight import STANDARD_GRAVITY, share_wrench
@@ -68,38 +69,47 @@ def object_efforts(
     turn: Array,
     rotation: Array,
     jacobian: Array,
+    moved_by: Indices,
     squeeze_effort: Array,
     weight_effort: Array,
 ) -> None:
     """Writes J^T of every hand's squeeze and weight wrench into two torques (n,) [N.m].
 
     Args:
-        squeeze, weight, lift, slots, turn: ``ObjectShares``.
-        rotation: (frames, 3, 3), jacobian: (frames, 6, n).
-        squeeze_effort, weight_effort: (n,), overwritten.
+        squeeze: Of ``ObjectShares``, like the next four.
+        weight: Likewise.
+        lift: Likewise.
+        slots: Likewise.
+        turn: Likewise.
+        rotation: (frames, 3, 3).
+        jacobian: (frames, 6, n).
+        moved_by: (2, frames) first and one past the last joint that moves each frame.
+        squeeze_effort: (n,), overwritten.
+        weight_effort: (n,), overwritten.
     """
     squeeze_effort[:] = 0.0
     weight_effort[:] = 0.0
     if slots.size == 0:
         return
-    R_WO = rotation[slots[0]] @ turn
-    share = np.empty(6)
+    R_WO, share = np.empty((3, 3)), np.empty(6)
+    multiply(rotation[slots[0]], turn, R_WO)
     for h in range(slots.size):
+        first, last = moved_by[0, slots[h]], moved_by[1, slots[h]]
         for i in range(6):
             share[i] = 0.0
             for k in range(3):
                 share[i] += weight[h, i, k] * R_WO[2, k] * lift
-        _add(R_WO, squeeze[h], jacobian[slots[h]], squeeze_effort)
-        _add(R_WO, share, jacobian[slots[h]], weight_effort)
+        _add(R_WO, squeeze[h], jacobian[slots[h]], first, last, squeeze_effort)
+        _add(R_WO, share, jacobian[slots[h]], first, last, weight_effort)
 
 
 @njit(cache=True)
-def _add(R_WO: Array, wrench: Array, jacobian: Array, effort: Array) -> None:
+def _add(R_WO: Array, wrench: Array, jacobian: Array, first: int, last: int, effort: Array) -> None:
     """Adds J^T (R_WO wrench)."""
     for i in range(3):
         force, moment = 0.0, 0.0
         for k in range(3):
             force += R_WO[i, k] * wrench[k]
             moment += R_WO[i, k] * wrench[3 + k]
-        for j in range(effort.size):
+        for j in range(first, last):
             effort[j] += jacobian[i, j] * force + jacobian[3 + i, j] * moment

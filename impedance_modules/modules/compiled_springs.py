@@ -24,7 +24,12 @@ Indices = NDArray[np.int64]
 @njit(cache=True)
 def rotation_error(rotation: Array, target: Array, error: Array) -> None:
     r"""Writes \phi = log(R R_T^T) [rad] in world axes into ``error[3:6]``."""
-    product = rotation @ target.T
+    product = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            product[i, j] = 0.0
+            for k in range(3):
+                product[i, j] += rotation[i, k] * target[j, k]
     x = 0.5 * (product[2, 1] - product[1, 2])
     y = 0.5 * (product[0, 2] - product[2, 0])
     z = 0.5 * (product[1, 0] - product[0, 1])
@@ -116,6 +121,7 @@ def spring_efforts(
     rotation: Array,
     translation: Array,
     jacobian: Array,
+    moved_by: Indices,
     target_rotation: Array,
     target_translation: Array,
     scale: float,
@@ -125,21 +131,22 @@ def spring_efforts(
 ) -> float:
     """Writes wrench (springs, 6) and effort (springs, n) of every spring; returns their energy [J].
 
-    ``scale`` in [0, 1] multiplies stiffness (a relaxed potential), not damping or axis forces.
+    ``scale`` in [0, 1] multiplies stiffness (a relaxed potential), not damping or axis forces. ``moved_by`` (2, frames)
+    holds the first and one past the last joint that moves each frame; torques on others are not written.
     """
     total = 0.0
     error = np.empty(6)
     gradient = np.empty(6)
     twist = np.empty(6)
-    n = v.size
     for s in range(slots.size):
         f = slots[s]
+        first, last = moved_by[0, f], moved_by[1, f]
         for k in range(3):
             error[k] = translation[f, k] - target_translation[s, k]
         rotation_error(rotation[f], target_rotation[s], error)
         for i in range(6):
             twist[i] = 0.0
-            for j in range(n):
+            for j in range(first, last):
                 twist[i] += jacobian[f, i, j] * v[j]
         for i in range(6):
             gradient[i] = 0.0
@@ -151,9 +158,9 @@ def spring_efforts(
             wrench[s, i] = force[s, i] - gradient[i]
             for j in range(6):
                 wrench[s, i] -= damping[s, i, j] * twist[j]
-        for j in range(n):
-            effort[s, j] = 0.0
-            for i in range(6):
+        effort[s, first:last] = 0.0
+        for i in range(6):
+            for j in range(first, last):
                 effort[s, j] += jacobian[f, i, j] * wrench[s, i]
     return total
 
@@ -173,19 +180,23 @@ def bias_efforts(
     damping: Array,
     rest: Array,
     limb_of_joint: Indices,
+    coupled: Indices,
     scale: float,
     q: Array,
     v: Array,
     effort: Array,
 ) -> float:
-    """Writes -K_j (q - rest) - D_j v of each limb into effort (limbs, n); returns the energy [J]."""
+    """Writes -K_j (q - rest) - D_j v of each limb into effort (limbs, n); returns the energy [J].
+
+    ``coupled`` (2, n) holds the first and one past the last joint that a joint's damping can couple it with.
+    """
     total = 0.0
     effort[:, :] = 0.0
     for j in range(q.size):
         limb = limb_of_joint[j]
         pull = scale * stiffness[j] * (q[j] - rest[j])
         total += 0.5 * pull * (q[j] - rest[j])
-        for k in range(q.size):
+        for k in range(coupled[0, j], coupled[1, j]):
             pull += damping[j, k] * v[k]
         effort[limb, j] -= pull
     return total

@@ -120,9 +120,9 @@ def _bias_terms(arm: ArmModule, targets: Equilibrium, q: Array, v: Array, dampin
 
 
 def _object_terms(held: HeldObject, kinematics: Kinematics) -> Iterator[Term]:
-    poses = tuple(kinematics.pose(hand) for hand in held.hands)
-    origin = held.pose_from(poses).translation
-    offsets = np.array([pose.translation - origin for pose in poses])
+    # The grasps are rigid: where the hands are on the object is fixed in its axes, and measured noise stays out.
+    first = kinematics.pose(held.hands[0]).rotation @ held.grasps[0].rotation.T
+    offsets = np.array([first @ grasp.translation for grasp in held.grasps])
     wrenches: list[tuple[str, Array]] = []
     if held.spec.squeeze > 0.0:
         forces = squeeze_forces(offsets, held.spec.squeeze)

@@ -22,6 +22,7 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -36,6 +37,9 @@ class Kinematics:
         jacobian: (frames, 6, n) J_WF.
         inverse_inertia: (n, n) (M + I_r)^-1.
         bias: (n,) C(q, v) v [N.m].
+        coupled: (2, n) for each joint the first and one past the last joint that shares its tree: everything
+            else in its row of the inverse inertia is zero, always.
+        moved_by: (2, frames) likewise the joints that can move each frame: its other columns of J are zero.
         pin_data: Pinocchio's results of the last update; for robot/ and plant/ only.
     """
 
@@ -57,6 +61,7 @@ class Kinematics:
         self.jacobian: Array = np.zeros((count, 6, n))
         self.inverse_inertia: Array = np.zeros((n, n))
         self.bias: Array = np.zeros(n)
+        self.coupled, self.moved_by = _coupled(model), _moved_by(model, self.frames)
 
     def update(self, q: Array, v: Array) -> None:
         """Recomputes everything at positions q [rad] and velocities v [rad/s], both (n,)."""
@@ -78,3 +83,28 @@ class Kinematics:
     def jacobian_of(self, frame: str) -> Array:
         """Returns J_WF (6, n) of one of the frames, as a view."""
         return np.asarray(self.jacobian[self.frames.index(frame)])
+
+
+def _joints_of_tree(model: RobotModel, joint: int) -> list[int]:
+    """Finds the velocity indices of all joints behind the same first joint as ``joint``."""
+    pin_model = model.pin_model
+    root = pin_model.supports[joint][1]
+    return [int(pin_model.idx_vs[i]) for i in pin_model.subtrees[root]]
+
+
+def _coupled(model: RobotModel) -> Indices:
+    found = np.zeros((2, model.n), dtype=np.int64)
+    for joint in range(1, model.pin_model.njoints):
+        tree = _joints_of_tree(model, joint)
+        found[:, int(model.pin_model.idx_vs[joint])] = min(tree), max(tree) + 1
+    return found
+
+
+def _moved_by(model: RobotModel, frames: Sequence[str]) -> Indices:
+    found = np.zeros((2, len(frames)), dtype=np.int64)
+    for slot, frame in enumerate(frames):
+        joint = model.pin_model.frames[model.frame_id(frame)].parentJoint
+        if joint > 0:
+            tree = _joints_of_tree(model, joint)
+            found[:, slot] = min(tree), max(tree) + 1
+    return found

@@ -76,13 +76,19 @@ def fill_row(
         row: (columns without the phase,), overwritten.
         time: [s].
         extras: Tank level and the other scalars.
-        q, v, command, effort: (n,).
-        rotation, translation: Poses of the frames, hands first.
+        q: (n,) [rad].
+        v: (n,) [rad/s].
+        command: (n,) torque that left [N.m].
+        effort: (n,) measured [N.m].
+        rotation: (frames, 3, 3), hands first.
+        translation: (frames, 3) [m].
         hands: How many.
         target_slots: Springs whose targets are recorded.
-        target_rotation, target_translation: Of all springs.
+        target_rotation: (springs, 3, 3).
+        target_translation: (springs, 3) [m].
         wrench: (hands, 6) of the surroundings on each hand.
-        module_rows, module_joints: Which entries of ``efforts`` are recorded.
+        module_rows: Of the entries of ``efforts`` that are recorded.
+        module_joints: Likewise.
         efforts: (modules, n) torque of every module.
     """
     n = q.size

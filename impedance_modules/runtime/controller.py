@@ -25,12 +25,28 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime import compiled_cycle
 from impedance_modules.runtime.assembly import Assembly
-from impedance_modules.runtime.gains import cycle_sizes, write_fixed, write_phase
-from impedance_modules.runtime.memory import AVAILABLE, CLOCK, GRANTED, PAID, STATUS, TOO_FAST, CycleMemory
+from impedance_modules.runtime.compiled_place import place_start
+from impedance_modules.runtime.constants import filter_workspace, module_names, write_constants
+from impedance_modules.runtime.gains import cycle_sizes, write_phase
+from impedance_modules.runtime.memory import (
+    AVAILABLE,
+    CLOCK,
+    EFFORT_NOT_FINITE,
+    FINE,
+    FOUND,
+    GRANTED,
+    PAID,
+    STATE_NOT_FINITE,
+    STATUS,
+    TOO_FAST,
+    TRIED,
+    UNSOLVED,
+    CycleMemory,
+)
 from impedance_modules.safety import compiled_ledger
+from impedance_modules.safety.compiled_lane import INSIDE, UNDECIDED
 from impedance_modules.safety.compiled_ledger import LEVEL, POTENTIAL, SCALE, STARVED
-from impedance_modules.safety.metric import HEAVIEST_HAND, POSTURE_WEIGHT, relative_penalty
-from impedance_modules.safety.problem import FilterLayout, FilterWorkspace, RowKind
+from impedance_modules.safety.problem import FilterLayout
 from impedance_modules.safety.solvers.make import make_solver
 from impedance_modules.safety.solvers.solution import FilterSolution
 from impedance_modules.safety.tank import Tank, filled_tank
@@ -38,7 +54,10 @@ from impedance_modules.spec.task import PhaseSpec
 
 Array = NDArray[np.float64]
 
-STATE_NOT_FINITE, EFFORT_NOT_FINITE = 1, 2
+__all__ = ["EFFORT_NOT_FINITE", "STATE_NOT_FINITE", "Controller"]
+
+FAST_LANE_FOR = "daqp"
+"""The exact solver whose answers the fast lane may anticipate: both give the optimum to 1e-8 N.m."""
 
 
 class Controller:
@@ -51,7 +70,8 @@ class Controller:
         modules: With the gains of the current phase.
         motion: Of the current phase.
         module_names: Of the rows of ``memory["efforts"]``.
-        solution: Of the last filter problem; None when it was not reached.
+        workspace: The last filter problem.
+        solver: Asked where the compiled cycle cannot prove an optimum by itself.
     """
 
     def __init__(self, assembly: Assembly) -> None:
@@ -62,17 +82,25 @@ class Controller:
         pairs = assembly.robot.collision.pairs
         limits = assembly.limits
         self.distances = Distances(
-            self.kinematics, pairs, limits.margin, limits.approach_time, assembly.period
+            self.kinematics,
+            pairs,
+            margin=limits.margin,
+            approach_time=limits.approach_time,
+            horizon=limits.horizon,
+            period=assembly.period,
         )
         layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
-        self.workspace = FilterWorkspace(layout)
         self.solver = make_solver(assembly.robot.solver)
         size = cycle_sizes(modules, model.n, len(pairs), assembly.tank.delay)
         self.memory = CycleMemory(size)
-        self.module_names = _module_names(modules)
-        self.solution: FilterSolution | None = None
-        self._effort = np.zeros(model.n)
-        self._write_constants()
+        self.workspace = filter_workspace(layout, self.memory, limits.effort_max)
+        self.module_names = module_names(modules)
+        self._solution: FilterSolution | None = None
+        self._effort = self.memory["effort"]
+        self._result = self.memory["result"]
+        self._booked: RobotState | None = None
+        write_constants(self.memory, assembly, self.kinematics, layout)
+        self._blocks = self.memory.floats, self.memory.float_at, self.memory.integers, self.memory.integer_at
         self.motion: PhaseMotion
 
     @property
@@ -108,12 +136,26 @@ class Controller:
     @property
     def too_fast(self) -> int:
         """First joint beyond its speed bound in the last interval, or n."""
-        return int(self.memory["result"][TOO_FAST])
+        return int(self._result[TOO_FAST])
 
     @property
     def paid(self) -> float:
         """Scale in [0, 1] that the guarantee put on the last torque."""
-        return float(self.memory["result"][PAID])
+        return float(self._result[PAID])
+
+    @property
+    def solved(self) -> bool:
+        """Whether the last tick found a filtered torque."""
+        if self._solution is not None:
+            return self._solution.solved
+        return bool(self._result[FOUND] != UNDECIDED)
+
+    @property
+    def solution(self) -> FilterSolution | None:
+        """Of the last filter problem; None when it was not reached."""
+        if self._solution is None and self._result[FOUND] != UNDECIDED:
+            self._solution = self._lane_solution()
+        return self._solution
 
     def start(self, first: FirstState, phase: PhaseSpec) -> None:
         """Begins a run at its first state, with a full tank and relaxed springs.
@@ -126,6 +168,7 @@ class Controller:
             raise SafetyStop("the robot's first state is not finite; nothing was sent")
         memory = self.memory
         self.kinematics.update(state.position, state.velocity)
+        self.distances.update(state.position, state.velocity)
         memory["wind"][:] = state.effort * self.assembly.tank.compliance
         memory["motor_velocity"][:] = state.velocity
         self._begin(phase, self.assembly.modules, None)
@@ -145,13 +188,14 @@ class Controller:
         """Computes the torque for a state; ``effort`` holds it. Returns 0, or why there is none.
 
         Returns:
-            0, STATE_NOT_FINITE, or EFFORT_NOT_FINITE. ``solution`` tells whether the filter solved.
+            0, STATE_NOT_FINITE, or EFFORT_NOT_FINITE. ``solved`` tells whether the filter found one.
         """
-        kinematics, problem = self.kinematics, self.workspace.problem
+        kinematics, distances = self.kinematics, self.distances
         self._position = state.position
         kinematics.update(state.position, state.velocity)
-        self.distances.update(state.velocity)
-        status = compiled_cycle.before(
+        distances.update(state.position, state.velocity)
+        self._solution = None
+        status = compiled_cycle.tick(
             *self._blocks,
             state.position,
             state.velocity,
@@ -161,23 +205,35 @@ class Controller:
             kinematics.jacobian,
             kinematics.bias,
             kinematics.inverse_inertia,
-            self.distances.distance,
-            self.distances.gradient,
-            problem.matrix,
-            problem.lower,
-            problem.upper,
-            problem.penalty,
-            problem.metric,
+            distances.distance,
+            distances.gradient,
+            self.solver.name == FAST_LANE_FOR,
         )
-        self.solution = None
-        if status:
-            return int(status)
-        np.copyto(problem.desired, self._desired)
-        self.solution = self.solver.solve(problem)
-        if self.solution.effort is None:
-            return 0
-        np.copyto(self._effort, self.solution.effort)
-        return int(self.pay(stopping=False))
+        if status != STATE_NOT_FINITE:
+            self._booked = state
+        return self._ask_solver() if status == UNSOLVED else int(status)
+
+    def _ask_solver(self) -> int:
+        """Lets the robot's solver have the problem that the compiled cycle left; returns a status."""
+        self._solution = self.solver.solve(self.workspace.problem)
+        if self._solution.effort is None:
+            return FINE
+        np.copyto(self._effort, self._solution.effort)
+        return self.pay(stopping=False)
+
+    def _lane_solution(self) -> FilterSolution:
+        """Puts what the fast lane found into the words that every solver uses."""
+        duals, n = self.memory["duals"].copy(), self._effort.size
+        inside = self._result[FOUND] == INSIDE
+        return FilterSolution(
+            effort=self.memory["filtered"].copy(),
+            row_duals=duals[n:],
+            box_duals=duals[:n],
+            active=duals[n:] != 0.0,
+            iterations=int(self._result[TRIED]),
+            solved=True,
+            status="inside all limits" if inside else "optimal, certified",
+        )
 
     @property
     def effort(self) -> Array:
@@ -187,9 +243,7 @@ class Controller:
     def pay(self, *, stopping: bool) -> int:
         """Scales ``effort`` to what the tank can answer for; returns 0 or EFFORT_NOT_FINITE."""
         memory = self.memory
-        return int(
-            compiled_cycle.after(memory.floats, memory.float_at, self._effort.size, self._effort, stopping)
-        )
+        return int(compiled_cycle.after(memory.floats, memory.float_at, self._effort.size, stopping))
 
     def relax(self) -> None:
         """Lets go of all springs, for a stop: what they hold goes back to the tank."""
@@ -198,17 +252,22 @@ class Controller:
         scalars[SCALE], scalars[POTENTIAL] = 0.0, 0.0
 
     def brake(self, state: RobotState, effort: Array) -> int:
-        """Books a stop's interval and pays a braking torque (n,), springs being relaxed.
+        """Books a stop's interval, unless ``tick`` has done so for this state, and pays a braking torque (n,).
+
+        The springs are relaxed by then.
 
         Returns:
             0; the torque that may leave is ``effort``.
         """
-        compiled_ledger.measure(*self._book, state.position, state.effort, 0.0)
+        if state is not self._booked:
+            compiled_ledger.measure(*self._book, state.position, state.effort, 0.0)
+            self._booked = state
         np.copyto(self._effort, effort)
         return self.pay(stopping=True)
 
     def miss(self) -> None:
-        """Books a cycle without a usable state, or whose torque came too late."""
+        """Books a cycle without a usable state."""
+        self.distances.skip()
         compiled_cycle.missed(self.memory.floats, self.memory.float_at, self._effort.size)
 
     def withdraw(self) -> None:
@@ -241,38 +300,7 @@ class Controller:
 
     def _place(self, q: Array) -> float:
         kinematics = self.kinematics
-        return float(compiled_cycle.start(*self._blocks, q, kinematics.rotation, kinematics.translation))
-
-    def _write_constants(self) -> None:
-        memory, limits = self.memory, self.assembly.limits
-        lag = self.assembly.robot.sensors.velocity_filter
-        write_fixed(memory, self.modules, self.assembly.period, lag)
-        memory["joint_limits"][:] = (
-            limits.effort_max,
-            limits.effort_rate_max,
-            limits.position_min,
-            limits.position_max,
-            limits.velocity_max,
-            limits.deceleration,
-            limits.return_speed,
-        )
-        memory["scalar_limits"][:] = (
-            limits.power_horizon,
-            limits.horizon,
-            limits.period,
-            limits.margin,
-            limits.approach_time,
-            limits.separation_speed,
-            limits.separation_acceleration,
-        )
-        soft = (RowKind.RATE, RowKind.DISTANCE, RowKind.POSITION, RowKind.VELOCITY)
-        memory["kappa"][:] = [relative_penalty(kind) for kind in soft]
-        mass, inertia = HEAVIEST_HAND
-        memory["metric_constants"][:] = POSTURE_WEIGHT, 1.0 / mass, 1.0 / inertia
-        problem = self.workspace.problem
-        problem.effort_max[:] = limits.effort_max
-        self._blocks = memory.floats, memory.float_at, memory.integers, memory.integer_at
-        self._desired = memory["desired"]
+        return float(place_start(*self._blocks, q, kinematics.rotation, kinematics.translation))
 
     def _fill_tank(self, tank: Tank) -> None:
         """Opens the ledger in the cycle's memory."""
@@ -293,10 +321,4 @@ class Controller:
             memory[name][:] = value
         self._book = compiled_ledger.Book(*(memory[name] for name in names))
         memory["result"][:] = 0.0
-        memory["result"][[STATUS, AVAILABLE, PAID]] = 0.0, tank.level, 1.0
-
-
-def _module_names(modules: TaskModules) -> tuple[str, ...]:
-    springs = [spring.name for arm in modules.arms for spring in arm.springs]
-    biases = [f"{arm.limb.name}.joint_bias" for arm in modules.arms]
-    return (*springs, *biases, "squeeze", "weight")
+        memory["result"][[STATUS, AVAILABLE, PAID, FOUND]] = 0.0, tank.level, 1.0, UNDECIDED

@@ -8,6 +8,7 @@ and one of integers, and both sides know where each begins. ``CycleMemory`` is t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -59,7 +60,7 @@ def float_shapes(size: CycleSizes) -> dict[str, tuple[int, ...]]:
 
     Gains come as (from, to, now): a phase blends from the last phase's into its own.
     """
-    n, S, L = size.joints, size.springs, size.limbs
+    n, S = size.joints, size.springs
     return {
         "stiffness": (3, S, 6, 6),
         "damping": (3, S, 6, 6),
@@ -96,7 +97,16 @@ def float_shapes(size: CycleSizes) -> dict[str, tuple[int, ...]]:
         "wrenches": (S, 6),
         "desired": (n,),
         "clock": (8,),
-        "result": (6,),
+        "result": (7,),
+        "matrix": (size.rows, n),
+        "lower": (size.rows,),
+        "upper": (size.rows,),
+        "penalty": (size.rows,),
+        "metric": (n, n),
+        "kappa_of_row": (size.rows,),
+        "filtered": (n,),
+        "effort": (n,),
+        "duals": (n + size.rows,),
     }
 
 
@@ -109,6 +119,9 @@ def integer_shapes(size: CycleSizes) -> dict[str, tuple[int, ...]]:
         "limb_of_joint": (size.joints,),
         "hand_slots": (size.hands,),
         "mover_count": (1,),
+        "moved_by": (2, size.frames),
+        "coupled": (2, size.joints),
+        "reach": (2, size.rows),
     }
 
 
@@ -117,9 +130,12 @@ DURATION, BLEND_TIME, CLOCK, PERIOD, LIFT, BLENDED, GRANTED, SHARE = range(8)
 carried [N]; 1 once the gains are those of the phase; part of the last motion that the tank granted; share of a new
 sample in the filtered rate of the springs' wind-up."""
 
-STATUS, ENERGY, PAID, AVAILABLE, TOO_FAST, WORST = range(6)
-"""Places in ``result``: 0 fine, 1 state not finite, 2 torque not finite; energy of the springs [J]; scale of the
-guarantee; tank level above its floor [J]; first joint beyond its speed bound, or n."""
+STATUS, ENERGY, PAID, AVAILABLE, TOO_FAST, FOUND, TRIED = range(7)
+"""Places in ``result``: one of the statuses below; energy of the springs [J]; scale of the guarantee; tank level
+above its floor [J]; first joint beyond its speed bound, or n; what the fast lane found, and after how many trials."""
+
+FINE, STATE_NOT_FINITE, EFFORT_NOT_FINITE, UNSOLVED = range(4)
+"""How far a cycle came: a torque may leave; there is none; there is none; the robot's solver is asked for one."""
 
 
 class CycleMemory:
@@ -133,8 +149,18 @@ class CycleMemory:
 
     def __init__(self, size: CycleSizes) -> None:
         self.size = size
-        self.floats, self.float_at, self._float_views = _block(float_shapes(size), np.float64)
-        self.integers, self.integer_at, self._integer_views = _block(integer_shapes(size), np.int64)
+        floats, whole = float_shapes(size), integer_shapes(size)
+        self.float_at, self.integer_at = _starts(floats), _starts(whole)
+        self.floats: Array = np.zeros(int(self.float_at[-1]))
+        self.integers: Indices = np.zeros(int(self.integer_at[-1]), dtype=np.int64)
+        self._float_views = {
+            name: self.floats[start : start + math.prod(shape)].reshape(shape)
+            for (name, shape), start in zip(floats.items(), self.float_at, strict=False)
+        }
+        self._integer_views = {
+            name: self.integers[start : start + math.prod(shape)].reshape(shape)
+            for (name, shape), start in zip(whole.items(), self.integer_at, strict=False)
+        }
         self.index("sizes")[:] = (
             size.joints,
             size.springs,
@@ -154,14 +180,7 @@ class CycleMemory:
         return self._integer_views[name]
 
 
-def _block(
-    shapes: Mapping[str, tuple[int, ...]], kind: type[np.generic]
-) -> tuple[NDArray[np.generic], Indices, dict[str, NDArray[np.generic]]]:
-    sizes = [int(np.prod(shape)) for shape in shapes.values()]
-    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    block = np.zeros(int(starts[-1]), dtype=kind)
-    views = {
-        name: block[start : start + count].reshape(shape)
-        for (name, shape), start, count in zip(shapes.items(), starts, sizes, strict=False)
-    }
-    return block, starts, views
+def _starts(shapes: Mapping[str, tuple[int, ...]]) -> Indices:
+    """Where each array begins, and where the last one ends."""
+    sizes = [math.prod(shape) for shape in shapes.values()]
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)

@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 POWER_HORIZON, HORIZON, PERIOD, MARGIN, APPROACH_TIME, SEPARATION_SPEED, SEPARATION_ACCELERATION = range(7)
 """Places of the scalar limits, names as in ``limits.FilterLimits``."""
@@ -25,9 +26,26 @@ deceleration, return_speed."""
 
 @njit(cache=True)
 def metric(
-    inverse_inertia: Array, jacobian: Array, eps: float, floor_linear: float, floor_angular: float, out: Array
+    inverse_inertia: Array,
+    jacobian: Array,
+    moved_by: Indices,
+    eps: float,
+    floor_linear: float,
+    floor_angular: float,
+    out: Array,
 ) -> None:
-    r"""Writes W = sum_hands Minv J^T Lambda J Minv + eps Minv (see ``metric.metric``)."""
+    r"""Writes W = sum_hands Minv J^T Lambda J Minv + eps Minv (see ``metric.metric``).
+
+    Args:
+        inverse_inertia: (n, n).
+        jacobian: (hands, 6, n).
+        moved_by: (2, hands or more) first and one past the last joint that can move each hand: what a hand feels
+            of a torque stays within its own arm, so all sums run over those alone.
+        eps: Weight of the posture.
+        floor_linear: Mobility of the heaviest hand the filter believes in [1/kg].
+        floor_angular: Likewise [1/(kg.m^2)].
+        out: (n, n), overwritten.
+    """
     n = inverse_inertia.shape[0]
     for i in range(n):
         for j in range(n):
@@ -35,37 +53,21 @@ def metric(
     acceleration = np.empty((6, n))
     factor = np.empty((6, 6))
     for hand in range(jacobian.shape[0]):
-        first, last = _columns(jacobian[hand])
+        first, last = moved_by[0, hand], moved_by[1, hand]
         for r in range(6):
-            for j in range(n):
-                total = 0.0
-                for k in range(first, last):
-                    total += jacobian[hand, r, k] * inverse_inertia[k, j]
-                acceleration[r, j] = total
+            for j in range(first, last):
+                acceleration[r, j] = 0.0
+            for k in range(first, last):
+                motion = jacobian[hand, r, k]
+                for j in range(first, last):
+                    acceleration[r, j] += motion * inverse_inertia[k, j]
         _cholesky_of_mobility(acceleration, jacobian[hand], first, last, floor_linear, floor_angular, factor)
-        _divide(factor, acceleration)
-        low, high = _columns(acceleration)
-        for i in range(low, high):
-            for j in range(low, i + 1):
-                total = 0.0
-                for r in range(6):
-                    total += acceleration[r, i] * acceleration[r, j]
-                out[i, j] += total
-                if i != j:
-                    out[j, i] += total
-
-
-@njit(cache=True)
-def _columns(matrix: Array) -> tuple[int, int]:
-    """Finds the first and one past the last column that is not all zero: a limb's part of the robot."""
-    n = matrix.shape[1]
-    first, last = n, 0
-    for j in range(n):
-        for r in range(matrix.shape[0]):
-            if matrix[r, j] != 0.0:
-                first = min(first, j)
-                last = j + 1
-    return first, last
+        _divide(factor, acceleration, first, last)
+        for r in range(6):
+            for i in range(first, last):
+                share = acceleration[r, i]
+                for j in range(first, last):
+                    out[i, j] += share * acceleration[r, j]
 
 
 @njit(cache=True)
@@ -92,14 +94,16 @@ def _cholesky_of_mobility(
 
 
 @njit(cache=True)
-def _divide(factor: Array, rows: Array) -> None:
-    """Replaces rows by L^-1 rows."""
-    for j in range(rows.shape[1]):
-        for r in range(6):
-            total = rows[r, j]
-            for k in range(r):
-                total -= factor[r, k] * rows[k, j]
-            rows[r, j] = total / factor[r, r]
+def _divide(factor: Array, rows: Array, first: int, last: int) -> None:
+    """Replaces rows by L^-1 rows, in the columns from ``first`` to ``last``."""
+    for r in range(6):
+        for k in range(r):
+            share = factor[r, k]
+            for j in range(first, last):
+                rows[r, j] -= share * rows[k, j]
+        inverse = 1.0 / factor[r, r]
+        for j in range(first, last):
+            rows[r, j] *= inverse
 
 
 @njit(cache=True)
@@ -126,6 +130,7 @@ def fill(
     joints: Array,
     scalars: Array,
     kappa: Array,
+    coupled: Indices,
     q: Array,
     v: Array,
     motor_velocity: Array,
@@ -139,13 +144,24 @@ def fill(
     """Writes power, rate, distance, position and velocity rows, in that order.
 
     Args:
-        matrix, lower, upper, penalty: (m, n), (m,): the workspace's arrays.
-        joints: (7, n) per-joint limits, scalars: (7,) limits; see the places above.
+        matrix: (m, n), the workspace's like the next three.
+        lower: (m,).
+        upper: (m,).
+        penalty: (m,).
+        joints: (7, n) per-joint limits; see the places above.
+        scalars: (7,) limits; likewise.
         kappa: (4,) relative penalties of rate, distance, position and velocity rows.
-        q, v, motor_velocity, bias, previous: (n,) as in ``build.FilterState``.
+        coupled: (2, n) first and one past the last joint that each joint's inertia couples it with; the matrix
+            must be zero elsewhere, and stays so.
+        q: (n,) [rad].
+        v: (n,) [rad/s].
+        motor_velocity: (n,) [rad/s].
         inverse_inertia: (n, n).
+        bias: (n,) as in ``build.FilterState`` [N.m].
+        previous: (n,) torque of the last cycle [N.m].
         available: Tank level above its floor [J].
-        distance: (pairs,), gradient: (pairs, n) of each pair, zero gradient where far.
+        distance: (pairs,) [m].
+        gradient: (pairs, n) of each pair, zero where far.
     """
     n, pairs = q.size, distance.size
     _power(matrix, upper, motor_velocity, available, scalars[POWER_HORIZON])
@@ -160,7 +176,7 @@ def fill(
         penalty[position + i] = kappa[2] / mobility
         penalty[velocity + i] = kappa[3] / mobility
         free = 0.0
-        for j in range(n):
+        for j in range(coupled[0, i], coupled[1, i]):
             free += inverse_inertia[i, j] * bias[j]
             matrix[position + i, j] = inverse_inertia[i, j]
             matrix[velocity + i, j] = inverse_inertia[i, j]
@@ -173,18 +189,9 @@ def fill(
         lower[velocity + i] = min((-joints[SPEED, i] - v[i]) / horizon, brake) + free
         upper[velocity + i] = max((joints[SPEED, i] - v[i]) / horizon, -brake) + free
     for p in range(pairs):
+        row = 1 + n + p
         _distance(
-            matrix,
-            lower,
-            penalty,
-            1 + n + p,
-            distance[p],
-            gradient[p],
-            scalars,
-            kappa[1],
-            v,
-            inverse_inertia,
-            bias,
+            matrix, lower, penalty, row, distance[p], gradient[p], scalars, kappa[1], v, inverse_inertia, bias
         )
 
 
@@ -218,18 +225,21 @@ def _distance(
     bias: Array,
 ) -> None:
     n = v.size
-    rate, mobility, free = 0.0, 0.0, 0.0
+    far = True
     for j in range(n):
-        total = 0.0
-        for i in range(n):
-            total += gradient[i] * inverse_inertia[i, j]
-        matrix[row, j] = total
-        mobility += total * gradient[j]
-        free += total * bias[j]
-        rate += gradient[j] * v[j]
-    if mobility == 0.0:
+        far = far and gradient[j] == 0.0
+        matrix[row, j] = 0.0
+    if far:
         lower[row], penalty[row] = -np.inf, 1.0
         return
+    for i in range(n):
+        for j in range(n):
+            matrix[row, j] += gradient[i] * inverse_inertia[i, j]
+    rate, mobility, free = 0.0, 0.0, 0.0
+    for j in range(n):
+        mobility += matrix[row, j] * gradient[j]
+        free += matrix[row, j] * bias[j]
+        rate += gradient[j] * v[j]
     allowed = min((scalars[MARGIN] - distance) / scalars[APPROACH_TIME], scalars[SEPARATION_SPEED])
     wanted = min((allowed - rate) / scalars[HORIZON], scalars[SEPARATION_ACCELERATION])
     lower[row] = wanted + free

@@ -197,13 +197,13 @@ def missed(
 @njit(cache=True)
 def change_cost(scalars: Array, potential: float) -> float:
     """Returns what a new potential at an unmoved robot costs, r (U_new - U) [J]."""
-    return scalars[SCALE] * (potential - scalars[POTENTIAL])
+    return float(scalars[SCALE] * (potential - scalars[POTENTIAL]))
 
 
 @njit(cache=True)
 def budget(scalars: Array, constants: Array) -> float:
     """Returns what a change of equilibrium or gain may cost [J]."""
-    return max(0.0, scalars[LEVEL] - constants[FLOOR] - scalars[NEED])
+    return max(0.0, float(scalars[LEVEL] - constants[FLOOR] - scalars[NEED]))
 
 
 @njit(cache=True)
