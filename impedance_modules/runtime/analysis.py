@@ -20,7 +20,8 @@ from impedance_modules.robot.model import Limb
 from impedance_modules.runtime.assembly import Assembly
 from impedance_modules.runtime.predict.mechanism import Mechanism, Setting
 from impedance_modules.runtime.predict.rehearsal import rehearse
-from impedance_modules.runtime.predict.statics import Rest, analyse_state, find_rest
+from impedance_modules.runtime.predict.rehearsed import Rest
+from impedance_modules.runtime.predict.statics import analyse_state, find_rest
 from impedance_modules.superposition.arm import ArmImpedance
 from impedance_modules.superposition.held import HeldImpedance
 from impedance_modules.superposition.inertia import OperationalInertia

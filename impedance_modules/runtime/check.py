@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,8 @@ from impedance_modules.runtime.assembly import Assembly
 from impedance_modules.runtime.predict.energy import TankForecast, forecast_tank
 from impedance_modules.runtime.predict.mechanism import Mechanism
 from impedance_modules.runtime.predict.rehearsal import rehearse
-from impedance_modules.runtime.predict.rehearsed import PhaseRehearsal, Rehearsal
-from impedance_modules.runtime.predict.statics import find_rest
+from impedance_modules.runtime.predict.rehearsed import PhaseRehearsal, Rehearsal, Rest
+from impedance_modules.runtime.predict.statics import rests_of
 from impedance_modules.spec.task import Sine
 
 Array = NDArray[np.float64]
@@ -23,14 +24,22 @@ TELLING = 0.05
 """Share of the tank's need from which a cost is named."""
 
 
-def refuse_unfit(assembly: Assembly) -> Rehearsal:
+@dataclass(frozen=True)
+class Outlook:
+    """A rehearsal and where each of its phases comes to rest, None where it does not."""
+
+    rehearsal: Rehearsal
+    rests: tuple[Rest | None, ...]
+
+
+def refuse_unfit(assembly: Assembly) -> Outlook:
     """Refuses a task that cannot run as written; nothing has moved.
 
     A sine that the control rate cannot follow; a torque beyond a joint's limit, in the rehearsal or at rest; a tank
     that cannot pay for the task.
 
     Returns:
-        The rehearsal on which the judgement rests.
+        What the judgement is based on.
 
     Raises:
         BadFile: With the place in the task file of every reason.
@@ -39,13 +48,14 @@ def refuse_unfit(assembly: Assembly) -> Rehearsal:
     if too_fast:
         raise BadFile(too_fast)
     rehearsal, mechanism = rehearse(assembly), Mechanism(assembly)
+    outlook = Outlook(rehearsal, rests_of(mechanism, rehearsal))
     problems = [
-        *_too_strong(assembly, mechanism, rehearsal),
+        *_too_strong(assembly, outlook),
         *_too_dear(assembly, forecast_tank(assembly, mechanism, rehearsal)),
     ]
     if problems:
         raise BadFile(problems)
-    return rehearsal
+    return outlook
 
 
 def _too_fast(assembly: Assembly) -> Iterator[Problem]:
@@ -61,11 +71,11 @@ def _too_fast(assembly: Assembly) -> Iterator[Problem]:
                     )
 
 
-def _too_strong(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal) -> Iterator[Problem]:
+def _too_strong(assembly: Assembly, outlook: Outlook) -> Iterator[Problem]:
     """Finds joints whose commanded torque would pass the limit."""
     limit = assembly.limits.effort_max
-    for index, phase in enumerate(rehearsal.phases):
-        demand = _demand(mechanism, rehearsal, phase)
+    for index, phase in enumerate(outlook.rehearsal.phases):
+        demand = _demand(outlook.rehearsal, phase, outlook.rests[index])
         worst = int(np.argmax(demand / limit))
         if demand[worst] > limit[worst]:
             yield assembly.task.document.problem(
@@ -76,10 +86,9 @@ def _too_strong(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal) 
             )
 
 
-def _demand(mechanism: Mechanism, rehearsal: Rehearsal, phase: PhaseRehearsal) -> Array:
+def _demand(rehearsal: Rehearsal, phase: PhaseRehearsal, rest: Rest | None) -> Array:
     """Gives the largest commanded torque of a phase, (n,) [N.m]."""
     efforts = [np.abs(sample.effort) for sample in rehearsal.samples[phase.samples]]
-    rest = find_rest(mechanism, phase.setting, phase.q)
     if rest is not None:
         efforts.append(np.abs(rest.effort))
     return np.asarray(np.max(efforts, axis=0))

@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from impedance_modules.runtime.assembly import Assembly
 from impedance_modules.runtime.predict.energy import TankForecast, forecast_tank
 from impedance_modules.runtime.predict.loads import ArmForecast, Yielding, forecast_arm, object_yielding
 from impedance_modules.runtime.predict.mechanism import Mechanism
-from impedance_modules.runtime.predict.rehearsed import PhaseRehearsal, Rehearsal
+from impedance_modules.runtime.predict.rehearsed import PhaseRehearsal, Rehearsal, Rest
 from impedance_modules.runtime.predict.stability import StabilityForecast, forecast_stability
-from impedance_modules.runtime.predict.statics import Rest, analyse_state, find_rest
+from impedance_modules.runtime.predict.statics import analyse_state
 
 
 @dataclass(frozen=True)
@@ -64,26 +64,33 @@ class Forecast:
     notes: tuple[str, ...]
 
 
-def forecast_task(assembly: Assembly, rehearsal: Rehearsal) -> Forecast:
-    """Predicts everything that ``check`` prints, from a task and its rehearsal."""
+def forecast_task(assembly: Assembly, rehearsal: Rehearsal, rests: Sequence[Rest | None]) -> Forecast:
+    """Predicts everything that ``check`` prints.
+
+    Args:
+        assembly: The task.
+        rehearsal: Of it.
+        rests: Where each phase comes to rest.
+    """
     mechanism = Mechanism(assembly)
     loops: dict[bytes, tuple[StabilityForecast, ...]] = {}
     phases = tuple(
-        _forecast_phase(assembly, mechanism, rehearsal, phase, loops) for phase in rehearsal.phases
+        _forecast_phase(assembly, mechanism, rehearsal, phase, rest, loops)
+        for phase, rest in zip(rehearsal.phases, rests, strict=True)
     )
     notes = tuple(dict.fromkeys(note for phase in phases for note in _notes(phase)))
     return Forecast(phases, forecast_tank(assembly, mechanism, rehearsal), notes)
 
 
-def _forecast_phase(
+def _forecast_phase(  # noqa: PLR0917 - a phase, how it went, and where it rests
     assembly: Assembly,
     mechanism: Mechanism,
     rehearsal: Rehearsal,
     phase: PhaseRehearsal,
+    rest: Rest | None,
     loops: dict[bytes, tuple[StabilityForecast, ...]],
 ) -> PhaseForecast:
     modules = phase.modules
-    rest = find_rest(mechanism, phase.setting, phase.q)
     arms = tuple(forecast_arm(mechanism, arm.limb, phase, rehearsal, rest) for arm in modules.arms)
     state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
     folds = [limb for limb, arm in state.arms.items() if arm.stiffness.folds]

@@ -13,8 +13,7 @@ from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.spring import displacement
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.runtime.predict.mechanism import Mechanism
-from impedance_modules.runtime.predict.rehearsed import PhaseRehearsal, Rehearsal
-from impedance_modules.runtime.predict.statics import Rest
+from impedance_modules.runtime.predict.rehearsed import PhaseRehearsal, Rehearsal, Rest
 
 Array = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +78,21 @@ class Sample:
     kinetic: float
     rubbed: float
     friction: float
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A static equilibrium.
+
+    Attributes:
+        q: (n,) [rad].
+        effort: (n,) torque that the modules command [N.m].
+        pressure: Hand frame or ``object`` -> (6,) of the surfaces on it, at its origin, world axes [N, N.m].
+    """
+
+    q: Array
+    effort: Array
+    pressure: Mapping[str, Array]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from impedance_modules.modules.equilibrium import OBJECT
 from impedance_modules.modules.total import desired_effort
 from impedance_modules.runtime.predict.contact import Contact
 from impedance_modules.runtime.predict.mechanism import Mechanism, Setting
+from impedance_modules.runtime.predict.rehearsed import Rehearsal, Rest
 from impedance_modules.superposition.arm import ArmImpedance, arm_impedance
 from impedance_modules.superposition.held import HeldImpedance, held_impedance
 from impedance_modules.superposition.object import turning_stiffness
@@ -54,21 +55,6 @@ class Loads:
 
 SURROUNDINGS = Loads({}, True)
 """The task's own surfaces and nothing else."""
-
-
-@dataclass(frozen=True)
-class Rest:
-    """A static equilibrium.
-
-    Attributes:
-        q: (n,) [rad].
-        effort: (n,) torque that the modules command [N.m].
-        pressure: Hand frame or ``object`` -> (6,) of the surfaces on it, at its origin, world axes [N, N.m].
-    """
-
-    q: Array
-    effort: Array
-    pressure: Mapping[str, Array]
 
 
 @dataclass(frozen=True)
@@ -121,6 +107,11 @@ def find_rest(
             if slowing > 1e9:
                 return None
     return None
+
+
+def rests_of(mechanism: Mechanism, rehearsal: Rehearsal) -> tuple[Rest | None, ...]:
+    """Finds where every phase would come to rest; None where one would not."""
+    return tuple(find_rest(mechanism, phase.setting, phase.q) for phase in rehearsal.phases)
 
 
 class _Balance:
