@@ -1,34 +1,60 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The effects this version knows, by id, and how a robot wears a patch of them."""
+"""The effects this version knows, by id."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
-from impedance_modules.effects import reflected_inertia
-from impedance_modules.errors import BadInput
-from impedance_modules.spec.patch import EffectSpec, PatchSpec
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.effects.bodies import BaseTilt, LinkInertia, Payload
+from impedance_modules.effects.contact import ExternalContact
+from impedance_modules.effects.controller import ControllerGain
+from impedance_modules.effects.coupling import TransmissionCoupling
+from impedance_modules.effects.drive import ActuatorLag, CommandDelay, TorqueSaturation
+from impedance_modules.effects.effect import Effect
+from impedance_modules.effects.friction import (
+    CoulombFriction,
+    QuadraticDrag,
+    StribeckFriction,
+    ViscousFriction,
+)
+from impedance_modules.effects.friction_varied import AsymmetricFriction, FrictionDrift, LoadDependentFriction
+from impedance_modules.effects.hysteresis import Hysteresis
+from impedance_modules.effects.readings import Crosstalk, EncoderOffset
+from impedance_modules.effects.reporting import ClockDrift, VelocityFilterLag
+from impedance_modules.effects.sensing import TorqueGain, TorqueOffset
+from impedance_modules.effects.springs import ParallelSpring, TorqueRipple
+from impedance_modules.effects.transmission import Backlash, JointElasticity, ReflectedInertia
 
-WEAR: Mapping[str, Callable[[RobotSpec, EffectSpec], RobotSpec]] = {
-    reflected_inertia.ID: reflected_inertia.wear,
-}
-"""Effects that change numbers of the robot file, and so both the plant and the model."""
+_EFFECTS: tuple[Effect, ...] = (
+    CoulombFriction(),
+    ViscousFriction(),
+    StribeckFriction(),
+    QuadraticDrag(),
+    AsymmetricFriction(),
+    LoadDependentFriction(),
+    FrictionDrift(),
+    TorqueOffset(),
+    ReflectedInertia(),
+    TorqueGain(),
+    EncoderOffset(),
+    Backlash(),
+    Hysteresis(),
+    JointElasticity(),
+    Payload(),
+    LinkInertia(),
+    BaseTilt(),
+    ParallelSpring(),
+    TorqueRipple(),
+    CommandDelay(),
+    ActuatorLag(),
+    TorqueSaturation(),
+    Crosstalk(),
+    VelocityFilterLag(),
+    ClockDrift(),
+    ExternalContact(),
+    ControllerGain(),
+    TransmissionCoupling(),
+)
 
-
-def wear_patch(robot: RobotSpec, patch: PatchSpec) -> RobotSpec:
-    """Returns the robot as the patch describes it.
-
-    Raises:
-        BadInput: The patch is for another robot, or holds an effect that cannot be worn.
-    """
-    if patch.robot != robot.name:
-        raise BadInput(f"{patch.path}: the patch is for robot '{patch.robot}', the task uses '{robot.name}'")
-    for effect in patch.effects:
-        if effect.effect not in WEAR:
-            raise BadInput(
-                f"{patch.path}: effect '{effect.effect}' cannot be worn by this version"
-                f" (valid: {', '.join(WEAR)})"
-            )
-        robot = WEAR[effect.effect](robot, effect)
-    return robot
+CATALOGUE: Mapping[str, Effect] = {effect.id: effect for effect in _EFFECTS}
+"""Effect id -> effect, in the contract's order (design 3.3)."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.robot.pose import Pose
-from impedance_modules.spec.robot import JointSpec, RobotSpec
+from impedance_modules.spec.robot import BodyChange, JointSpec, RobotSpec
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,9 @@ class RobotModel:
         self.joints: tuple[JointSpec, ...] = tuple(spec.joints[name] for name in self.joint_names)
         self.reflected_inertia: Array = self.column("reflected_inertia")
         self.pin_model.armature = self.reflected_inertia
+        self.pin_model.gravity.linear = np.array(spec.gravity)
+        for change in spec.body_changes:
+            add_to_body(self.pin_model, change)
         self.limbs: Mapping[str, Limb] = {name: self._limb(name) for name in spec.limbs}
         self.frames: tuple[str, ...] = tuple(
             frame.name for frame in self.pin_model.frames if frame.type == pin.FrameType.BODY
@@ -133,9 +136,13 @@ class RobotModel:
         return Pose(placement.rotation.copy(), placement.translation.copy())
 
     def gravity(self, q: Array) -> Array:
-        """Computes the torque that holds the arms' weight at q, (n,) [N.m]."""
+        """Computes the torque that holds the arms' weight, and winds their parallel springs, at q, (n,) [N.m]."""
         data = self.pin_model.createData()
-        return np.array(pin.computeGeneralizedGravity(self.pin_model, data, q))
+        weight = np.array(pin.computeGeneralizedGravity(self.pin_model, data, q))
+        for name, spring in self.spec.parallel_springs.items():
+            index = self.joint_names.index(name)
+            weight[index] += spring.stiffness * q[index] - spring.preload
+        return weight
 
     def mass_matrix(self, q: Array) -> Array:
         """Computes M + I_r at q, (n, n) [kg.m^2]."""
@@ -149,6 +156,30 @@ class RobotModel:
         for shape in reduced.geometryObjects:
             shape.geometry.computeLocalAABB()
         return reduced
+
+
+def add_to_body(model: pin.Model, change: BodyChange) -> None:
+    """Adds to a link's inertia, in place.
+
+    Raises:
+        BadInput: No joint moves the link, or what results is no physical body.
+    """
+    links = [f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint > 0]
+    if change.link not in links:
+        raise BadInput(
+            f"no joint moves a link '{change.link}'{nearest(change.link, links)} (valid: {', '.join(links)})"
+        )
+    frame = model.frames[model.getFrameId(change.link, pin.FrameType.BODY)]
+    before = pin.PseudoInertia.FromDynamicParameters(model.inertias[frame.parentJoint].toDynamicParameters())
+    added = pin.PseudoInertia.FromDynamicParameters(np.array(change.parameters))
+    T = frame.placement.homogeneous
+    total = before.toMatrix() + T @ added.toMatrix() @ T.T
+    if np.linalg.eigvalsh(total)[0] <= 0.0:
+        raise BadInput(
+            f"link '{change.link}': with {change.parameters[0]:+g} kg and its moments it is no physical body"
+            " (valid: mass above 0, a positive definite pseudo-inertia)"
+        )
+    model.inertias[frame.parentJoint] = pin.PseudoInertia.FromMatrix(total).toInertia()
 
 
 def with_reflected_inertia(spec: RobotSpec, values: Mapping[str, float]) -> RobotSpec:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.catalogue import wear_patch
+from impedance_modules.effects.wear import wear_patch
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.build import build_modules

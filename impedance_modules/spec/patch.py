@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from impedance_modules.errors import BadFile
 from impedance_modules.spec.schema import schema_problems
-from impedance_modules.spec.source import read_document
+from impedance_modules.spec.source import Document, read_document
 
 
 @dataclass(frozen=True)
@@ -31,22 +31,40 @@ class EffectSpec:
         joints: Joints that wear it.
         port: ``actuator``, ``link``, ``sensor``, ``timing`` or ``contact``.
         parameters: Joint, body, ``base`` or ``log`` -> symbol -> quantity.
+        range: ``position``, ``velocity`` or ``effort`` -> joint -> lowest and highest value of the data it was
+            fitted to; empty where it holds everywhere.
     """
 
     effect: str
     joints: tuple[str, ...]
     port: str
     parameters: Mapping[str, Mapping[str, Quantity]]
+    range: Mapping[str, Mapping[str, tuple[float, float]]]
 
 
 @dataclass(frozen=True)
 class PatchSpec:
-    """A whole patch file."""
+    """A whole patch file.
+
+    Attributes:
+        robot: Name of the robot it is for.
+        effects: They add.
+        document: The file, which knows where every value stood.
+    """
 
     robot: str
     effects: tuple[EffectSpec, ...]
-    path: Path
-    text: str
+    document: Document = field(repr=False)
+
+    @property
+    def path(self) -> Path:
+        """As the user wrote it."""
+        return self.document.path
+
+    @property
+    def text(self) -> str:
+        """The whole file."""
+        return self.document.text
 
 
 def read_patch(path: Path) -> PatchSpec:
@@ -62,7 +80,7 @@ def read_patch(path: Path) -> PatchSpec:
         raise BadFile(problems)
     data = document.data
     effects = tuple(_effect(entry) for entry in data["effects"])
-    return PatchSpec(data["robot"], effects, path, document.text)
+    return PatchSpec(data["robot"], effects, document)
 
 
 def _effect(entry: Mapping[str, Any]) -> EffectSpec:
@@ -73,4 +91,8 @@ def _effect(entry: Mapping[str, Any]) -> EffectSpec:
         }
         for key, symbols in entry["parameters"].items()
     }
-    return EffectSpec(entry["effect"], tuple(entry["joints"]), entry["port"], parameters)
+    valid = {
+        quantity: {joint: (float(low), float(high)) for joint, (low, high) in joints.items()}
+        for quantity, joints in entry.get("range", {}).items()
+    }
+    return EffectSpec(entry["effect"], tuple(entry["joints"]), entry["port"], parameters, valid)

@@ -7,7 +7,7 @@ No joint or limb name of any robot is known here; they come from ``robots/<name>
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 
@@ -127,6 +127,28 @@ class CollisionSpec:
 
 
 @dataclass(frozen=True)
+class BodyChange:
+    """What a link has beyond its URDF, e.g. a tool that a patch describes.
+
+    Attributes:
+        link: Name in the URDF.
+        parameters: Ten numbers in the link's frame, inertia about its origin: mass [kg], first moments x, y, z
+            [kg.m], inertia xx, xy, yy, xz, yz, zz [kg.m^2].
+    """
+
+    link: str
+    parameters: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ParallelSpringSpec:
+    """A spring beside a joint's drive: torque preload - stiffness q on the joint [N.m/rad], [N.m]."""
+
+    stiffness: float
+    preload: float
+
+
+@dataclass(frozen=True)
 class RobotSpec:
     """A whole robot folder.
 
@@ -137,6 +159,9 @@ class RobotSpec:
         joints: URDF joint name -> its numbers, for every joint of every limb.
         locked: URDF joints that stay where they are -> their angle [rad].
         folder: The robot's folder; ``urdf`` lies in it.
+        body_changes: What a patch adds to links; none in a robot file.
+        parallel_springs: URDF joint name -> spring that a patch adds; none in a robot file.
+        gravity: Acceleration in the base's axes [m/s^2]; upright unless a patch tilts the base.
     """
 
     name: str
@@ -153,3 +178,6 @@ class RobotSpec:
     control_modes: tuple[str, ...]
     solver: str
     folder: Path
+    body_changes: tuple[BodyChange, ...] = ()
+    parallel_springs: Mapping[str, ParallelSpringSpec] = field(default_factory=dict)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)

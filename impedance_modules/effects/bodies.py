@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Masses where the model has none or others, and a base that does not stand upright."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.effect import Effect, Regressor, Values, unbounded
+from impedance_modules.effects.residuals import Residual, uses_motion
+from impedance_modules.effects.sample import Shape
+from impedance_modules.effects.signals import Signals
+from impedance_modules.robot.rotation import exp3
+from impedance_modules.spec.robot import BodyChange, RobotSpec
+
+Array = NDArray[np.float64]
+
+CENTRE = ("cx", "cy", "cz")
+
+
+def point_mass(mass: float, centre: Array) -> Array:
+    """Ten inertial parameters of a point mass at a point of the body's frame, about the frame's origin."""
+    x, y, z = centre
+    around = np.array([y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y])
+    return np.concatenate([[mass], mass * centre, mass * around])
+
+
+def all_rows(signals: Signals, columns: Array, lower: Array, upper: Array) -> Regressor:
+    """Makes a regressor of all joints from columns (N, n, p)."""
+    return Regressor(tuple(range(signals.n)), columns, np.zeros(columns.shape[:2]), lower, upper)
+
+
+class Payload(Effect):
+    """A small heavy thing fixed to a link."""
+
+    description = Description(
+        id="payload",
+        sentence="Something is fixed to a link that the model does not know: a tool, a gripper, a thing in the hand.",
+        equation="tau = Y(q, v, a) pi, pi of a point mass m at (cx, cy, cz) in the link's frame",
+        parameters=(
+            Parameter("m", "kg", "mass", lower=0.0),
+            *(Parameter(name, "m", f"its place along the link's {name[1]} axis") for name in CENTRE),
+        ),
+        ports=("link",),
+        keys=("body",),
+        signature="weight and inertia on all joints before the link, in fixed proportions",
+        confusable_with=("link_inertia", "torque_gain", "base_tilt", "encoder_offset"),
+        excitation="static poses and rich motion of several joints",
+        reference="Khalil & Gautier 1986; Swevers et al. 2002",
+        worn="Plant and model: the link's inertia. The robot's own gravity compensation does not know it.",
+    )
+    shape = CENTRE
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Columns of m and of the first moments m c; the inertia is that of m at the present guess of c."""
+        if not uses_motion(residual):
+            return None
+        whole = signals.body_columns(key)
+        guess = point_mass(1.0, np.array([float(shape[name]) for name in CENTRE]))
+        heavy = whole[:, :, 0] + whole[:, :, 4:] @ guess[4:]
+        columns = np.concatenate([heavy[:, :, None], whole[:, :, 1:4]], axis=2)
+        return all_rows(signals, columns, np.array([0.0, -np.inf, -np.inf, -np.inf]), np.full(4, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts at the link's origin."""
+        return (dict.fromkeys(CENTRE, 0.0),)
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """Coefficients m and m c."""
+        centre = {name: values[name] for name in CENTRE}
+        return values["m"] * np.array([1.0, *centre.values()]), centre
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """C = (m c) / m; without mass there is no place."""
+        m = float(coefficients[0])
+        centre = coefficients[1:] / m if m > 0.0 else np.zeros(3)
+        return {"m": m, **dict(zip(CENTRE, map(float, centre), strict=True))}
+
+    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """Adds point masses to links."""
+        changes = [
+            BodyChange(link, tuple(point_mass(v["m"], np.array([v[name] for name in CENTRE]))))
+            for link, v in parameters.items()
+        ]
+        return replace(robot, body_changes=(*robot.body_changes, *changes))
+
+
+MOMENTS = ("dhx", "dhy", "dhz")
+INERTIAS = ("dIxx", "dIxy", "dIyy", "dIxz", "dIyz", "dIzz")
+CHANGES = ("dm", *MOMENTS, *INERTIAS)
+
+
+class LinkInertia(Effect):
+    """A link whose ten inertial parameters are not those of the model."""
+
+    description = Description(
+        id="link_inertia",
+        sentence="A link's mass, centre of mass or inertia is not what the robot description says.",
+        equation="tau = Y(q, v, a) dpi, dpi = (dm, dh, dI) in the link's frame, inertia about its origin, h = m c",
+        parameters=(
+            Parameter("dm", "kg", "mass beyond the model's", left_out="as in the model"),
+            *(
+                Parameter(s, "kg.m", f"first moment beyond the model's, {s[-1]}", left_out="as in the model")
+                for s in MOMENTS
+            ),
+            *(
+                Parameter(s, "kg.m^2", f"inertia beyond the model's, {s[-2:]}", left_out="as in the model")
+                for s in INERTIAS
+            ),
+        ),
+        ports=("link",),
+        keys=("body",),
+        signature="weight and inertia on all joints before the link, in fixed proportions",
+        confusable_with=("payload", "torque_gain", "reflected_inertia"),
+        excitation="static poses and rich motion; only base combinations can be found",
+        reference="Khalil & Gautier 1986; Wensing, Kim & Slotine 2018",
+        worn="Plant and model: the link's inertia, refused if what results is no physical body.",
+    )
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Ten columns."""
+        if not uses_motion(residual):
+            return None
+        return all_rows(signals, signals.body_columns(key), *unbounded(10))
+
+    def relations(self, values: Values) -> list[str]:
+        """At least one number must be given."""
+        return [] if values else [f"gives none of its numbers ({', '.join(CHANGES)})"]
+
+    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """Changes links."""
+        changes = [
+            BodyChange(link, tuple(float(values.get(symbol, 0.0)) for symbol in CHANGES))
+            for link, values in parameters.items()
+        ]
+        return replace(robot, body_changes=(*robot.body_changes, *changes))
+
+
+class BaseTilt(Effect):
+    """A base that leans."""
+
+    description = Description(
+        id="base_tilt",
+        sentence="The robot leans: gravity does not point down its own z axis, and every weight pulls askew.",
+        equation="gravity in the base's axes = exp([rx, ry, 0])^T g; tau = (d weight / d gravity) (gravity - g)",
+        parameters=(
+            Parameter("rx", "rad", "lean about the base's x axis", lower=-0.6, upper=0.6),
+            Parameter("ry", "rad", "lean about the base's y axis", lower=-0.6, upper=0.6),
+        ),
+        ports=("link",),
+        keys=("base",),
+        signature="like weight on all joints, by two numbers that they share",
+        confusable_with=("torque_offset", "encoder_offset", "payload"),
+        excitation="poses all around, the first joint included",
+        reference="Yoshikawa 1990 (gravity in an inclined base)",
+        worn="Plant and model: gravity. The robot's own gravity compensation does not know it.",
+    )
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Weight by gravity's change for a small lean about x and y, -r x g."""
+        if not uses_motion(residual):
+            return None
+        changes = [-np.cross(axis, signals.model.gravity) for axis in np.eye(3)[:2]]
+        columns = np.stack([signals.weight_columns @ change for change in changes], axis=2)
+        return all_rows(signals, columns, *unbounded(2))
+
+    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """Turns gravity."""
+        for values in parameters.values():
+            turn = exp3(np.array([values["rx"], values["ry"], 0.0])).T
+            x, y, z = turn @ np.array(robot.gravity)
+            robot = replace(robot, gravity=(float(x), float(y), float(z)))
+        return robot
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Turns the plant's gravity too."""
+        for values in parameters.values():
+            builder.tilt += [values["rx"], values["ry"]]

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Collects what a patch's effects do to a plant; several effects on one joint add up or follow one another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.description import Port
+from impedance_modules.effects.drive_path import DrivePath
+from impedance_modules.effects.law_torque import LawTorque
+from impedance_modules.effects.motion import WornTorque
+from impedance_modules.effects.worn import SensorErrors, WornPlant
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.rotation import exp3
+
+if TYPE_CHECKING:
+    from impedance_modules.effects.effect import JointLaw
+
+Array = NDArray[np.float64]
+
+
+class PlantBuilder:
+    """The plant's numbers before they are frozen; effects write into them.
+
+    Attributes:
+        model: The robot as plant and model wear it.
+        torques: Torques on joints.
+        gap, drive_delay, drive_limit, drive_gain, drive_lag: (n,) see ``WornPlant`` and ``DrivePath``.
+        spring_stiffness, spring_preload, coupling: Likewise.
+        offset, effort_gain, effort_bias, crosstalk, velocity_lag, clock: See ``SensorErrors``.
+        tilt: (2,) rotation of the base about x and y [rad].
+        modelled_delay: Part of the model's command delay that the drives make, joint by joint [s].
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        n = model.n
+        self.model = model
+        self.torques: list[WornTorque] = []
+        self.gap, self.drive_delay, self.drive_lag = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.drive_limit, self.drive_gain = np.full(n, np.inf), np.ones(n)
+        self.spring_stiffness, self.spring_preload = np.zeros(n), np.zeros(n)
+        self.coupling, self.crosstalk = np.zeros((n, n)), np.zeros((n, n))
+        self.offset, self.effort_bias, self.velocity_lag = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.effort_gain = np.ones(n)
+        self.clock = 1.0
+        self.tilt = np.zeros(2)
+        self.modelled_delay = 0.0
+
+    def joint(self, name: str) -> int:
+        """Finds a joint's index."""
+        return self.model.joint_names.index(name)
+
+    def joints(self, names: Mapping[str, object]) -> NDArray[np.intp]:
+        """Finds the indices of a mapping's joints, in its order."""
+        return np.array([self.joint(name) for name in names], dtype=np.intp)
+
+    def add_law(self, law: JointLaw, port: Port, parameters: Mapping[str, Mapping[str, float]]) -> None:
+        """Puts a law of motion on joints, as a torque against them."""
+        pieces = [law.linear(values) for values in parameters.values()]
+        shape = {name: np.array([shape[name] for _, shape in pieces]) for name in law.shape}
+        coefficients = np.array([coefficient for coefficient, _ in pieces])
+        side: Literal["motor", "link"] = "motor" if port == "actuator" else "link"
+        self.torques.append(LawTorque(law.basis, side, self.joints(parameters), coefficients, shape))
+
+    def finish(self) -> WornPlant:
+        """Freezes the numbers."""
+        drive = DrivePath(self.drive_delay, self.drive_limit, self.drive_gain, self.drive_lag)
+        sensors = SensorErrors(
+            self.offset, self.effort_gain, self.effort_bias, self.crosstalk, self.velocity_lag, self.clock
+        )
+        return WornPlant(
+            torques=(*((drive,) if drive.does_anything else ()), *self.torques),
+            gap=self.gap,
+            coupling=self.coupling,
+            drive_gain=self.drive_gain,
+            spring_stiffness=self.spring_stiffness,
+            spring_preload=self.spring_preload,
+            sensors=sensors,
+            command_delay=max(0.0, self.model.spec.timing.command_delay - self.modelled_delay),
+            gravity_turn=exp3(np.array([*self.tilt, 0.0])).T,
+        )

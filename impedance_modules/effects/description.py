@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is known about an effect before any number: its law, symbols, units, bounds, signature and rivals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+Port = Literal["actuator", "link", "sensor", "timing", "contact"]
+"""Where an effect acts: command to effort, effort to motion, what is reported, when, or on the outside."""
+
+KeyKind = Literal["joint", "pair", "body", "base", "log"]
+"""What carries an effect's numbers: a joint, ``JOINT<-OTHER``, a link, the base, or the whole recording."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes:
+        symbol: As patches and diagnoses write it.
+        unit: For a revolute joint.
+        meaning: In words.
+        lower, upper: Physical bounds.
+        positive: The lower bound itself is excluded.
+        left_out: What its absence means; None if it must be given.
+        linear_unit: For a prismatic joint; empty where the unit is the same.
+    """
+
+    symbol: str
+    unit: str
+    meaning: str
+    lower: float = -math.inf
+    upper: float = math.inf
+    positive: bool = False
+    left_out: str | None = None
+    linear_unit: str = ""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """All units that are right, revolute first."""
+        return (self.unit, self.linear_unit) if self.linear_unit else (self.unit,)
+
+    @property
+    def bounds(self) -> str:
+        """The physical bounds in words; empty if there are none."""
+        low = f"{'above' if self.positive else 'at least'} {self.lower:g}" if self.lower > -math.inf else ""
+        high = f"at most {self.upper:g}" if self.upper < math.inf else ""
+        return ", ".join(part for part in (low, high) if part)
+
+    def admits(self, value: float) -> bool:
+        """Says whether a value is finite and within the physical bounds."""
+        above = value > self.lower if self.positive else value >= self.lower
+        return math.isfinite(value) and above and value <= self.upper
+
+
+@dataclass(frozen=True)
+class Description:
+    """An effect in words.
+
+    Attributes:
+        id: Of the contract.
+        sentence: What happens, physically.
+        equation: Its law; torques are those that the real joint consumes beyond the nominal model.
+        parameters: Its numbers.
+        ports: Where it can act.
+        keys: What can carry its numbers.
+        signature: How it shows in a residual.
+        confusable_with: Ids that look alike.
+        excitation: The motion that tells it apart.
+        reference: Where the law comes from.
+        worn: How the plant and the model wear it.
+    """
+
+    id: str
+    sentence: str
+    equation: str
+    parameters: tuple[Parameter, ...]
+    ports: tuple[Port, ...]
+    keys: tuple[KeyKind, ...]
+    signature: str
+    confusable_with: tuple[str, ...]
+    excitation: str
+    reference: str
+    worn: str
+
+    def parameter(self, symbol: str) -> Parameter:
+        """Finds a parameter by its symbol; ``KeyError`` if there is none."""
+        return {parameter.symbol: parameter for parameter in self.parameters}[symbol]
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """All symbols, in order."""
+        return tuple(parameter.symbol for parameter in self.parameters)
+
+
+def same_unit(given: str, valid: tuple[str, ...]) -> bool:
+    """Says whether a unit is one of the valid ones, however its product and power signs are written."""
+    return _plain(given) in {_plain(unit) for unit in valid}
+
+
+def _plain(unit: str) -> str:
+    text = unit.strip()
+    for sign in ("·", "*", "⋅"):
+        text = text.replace(sign, ".")
+    return text.replace("^", "").replace("²", "2").replace(" ", "")

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""An effect with its two faces: worn by plant and model, searched for in a recording.
+
+A searched effect is a regression. For given values of the parameters that enter nonlinearly (its *shape*),
+the torque that the real joint consumes beyond the nominal model is
+
+    r = fixed + columns @ coefficients
+
+and ``values`` turns coefficients into the effect's own parameters. Where those differ from the shape they
+came from (a delay, a payload's centre), the regression is repeated with the new shape: Gauss-Newton.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.description import Description, Port
+from impedance_modules.effects.residuals import COVERS, STAGE_OF_PORT, Residual, Stage
+from impedance_modules.effects.sample import Sample, Shape
+from impedance_modules.effects.signals import Signals
+from impedance_modules.spec.robot import RobotSpec
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+"""An effect's parameters by symbol, in the units of its description."""
+
+PAIR = "<-"
+"""Between the two joints of a key: ``JOINT<-OTHER``."""
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """An effect's torque in one residual, for one shape.
+
+    Attributes:
+        rows: Joints whose residual it enters.
+        columns: (N, rows, p); the coefficients are common to all rows.
+        fixed: (N, rows) part that has no coefficient.
+        lower, upper: (p,) physical bounds of the coefficients.
+    """
+
+    rows: tuple[int, ...]
+    columns: Array
+    fixed: Array
+    lower: Array
+    upper: Array
+
+    def torque(self, coefficients: Array) -> Array:
+        """Evaluates the regression, (N, rows) [N.m], or [rad/s] in the velocity residual."""
+        return np.asarray(self.fixed + self.columns @ coefficients)
+
+
+class Effect(ABC):
+    """One entry of the catalogue.
+
+    Attributes:
+        description: In words.
+        shape: Names of what enters nonlinearly; empty for a linear effect.
+        replaces: It replaces a number of the robot file instead of adding to it.
+    """
+
+    description: Description
+    shape: tuple[str, ...] = ()
+    replaces: bool = False
+
+    @property
+    def id(self) -> str:
+        """Of the contract."""
+        return self.description.id
+
+    def stage(self, port: Port) -> Stage | None:
+        """Names the stage that consumes the torque; None for what is only reported wrongly."""
+        return STAGE_OF_PORT.get(port)
+
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """Says whether the effect at this port can be seen in a residual."""
+        return self.stage(port) in COVERS[residual]
+
+    def relations(self, values: Values) -> list[str]:
+        """Lists violated relations between an effect's own numbers, in words."""
+        return []
+
+    @abstractmethod
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Computes the columns in one residual; None where the effect cannot show or is not recorded."""
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Proposes the shapes to try; one empty shape for a linear effect."""
+        return ({},)
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """Turns parameters into the regression's coefficients and the shape in which they are meant.
+
+        Unless said otherwise the coefficients are the parameters outside the shape, zero where left out.
+        """
+        return self.linear(values)
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """Does the same where neither the nominal model nor the port matters."""
+        coefficients = np.array([values.get(name, 0.0) for name in self.free])
+        return coefficients, {name: values[name] for name in self.shape}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """Turns a regression's result into the effect's parameters."""
+        found = dict(zip(self.free, map(float, coefficients), strict=True))
+        return {
+            name: found[name] if name in found else float(shape[name]) for name in self.description.symbols
+        }
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Symbols that are coefficients of the regression."""
+        return tuple(symbol for symbol in self.description.symbols if symbol not in self.shape)
+
+    def next_shape(self, values: Values, shape: Mapping[str, float]) -> dict[str, float]:
+        """Gives the shape for the next round of the regression; the same one when it has converged."""
+        return {name: values.get(name, old) for name, old in shape.items()}
+
+    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """Returns the robot as the effect changes its numbers: what both plant and model know."""
+        return robot
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:  # noqa: B027
+        """Tells the plant what reality does and the model does not know."""
+
+
+class JointLaw(Effect):
+    """A torque that one joint consumes by a law of its own motion.
+
+    The law is written once, as ``basis``: plant and diagnosis both evaluate it.
+    """
+
+    @abstractmethod
+    def basis(self, sample: Sample, shape: Shape) -> Array:
+        """Computes what the consumed torque is linear in, (..., p)."""
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Physical bounds of the coefficients."""
+        count = len(self.free)
+        return np.zeros(count), np.full(count, np.inf)
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Evaluates the law over a recording."""
+        if not self.shows(port, residual):
+            return None
+        joint = signals.joint(key)
+        sample = signals.sample(joint, motor_side=port == "actuator")
+        return one_row(joint, self.basis(sample, shape), None, *self.bounds())
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Puts the same law on the plant's joints, as a torque against the motion."""
+        builder.add_law(self, port, parameters)
+
+
+def predicted(
+    effect: Effect, signals: Signals, key: str, port: Port, *, residual: Residual, values: Values
+) -> Array:
+    """Computes what an effect with known parameters adds to a residual, (N, n); zero where it does not show."""
+    total = np.zeros((signals.samples, signals.n))
+    coefficients, shape = effect.coefficients(values, signals, key, port)
+    found = effect.regressor(signals, key, port, residual, shape)
+    if found is not None:
+        total[:, list(found.rows)] += found.torque(coefficients)
+    return total
+
+
+def unbounded(count: int) -> tuple[Array, Array]:
+    """Gives bounds that allow every coefficient."""
+    return np.full(count, -np.inf), np.full(count, np.inf)
+
+
+def one_row(joint: int, columns: Array, fixed: Array | None, lower: Array, upper: Array) -> Regressor:
+    """Makes a regressor of one joint from columns (N, p) and a fixed part (N,)."""
+    steady = np.zeros(columns.shape[0]) if fixed is None else fixed
+    return Regressor((joint,), columns[:, None, :], steady[:, None], lower, upper)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Friction that remembers: bristles bend before they slip (Dahl's model).
+
+    \dot z = v (1 - (s0 z / fc) sgn(v)),   tau = s0 z
+
+It depends on the path only, not on the speed: over a displacement dq in one direction,
+zeta = s0 z / fc moves towards sgn(dq) by the share 1 - exp(-s0 |dq| / fc), which is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
+from impedance_modules.effects.friction import BOTH_SIDES, WORN
+from impedance_modules.effects.motion import JointMotion
+from impedance_modules.effects.residuals import Residual
+from impedance_modules.effects.sample import Shape
+from impedance_modules.effects.signals import Signals
+
+Array = NDArray[np.float64]
+
+STRETCH = "stretch"
+"""Shape: displacement fc / s0 over which the bristles turn over [rad]."""
+
+
+def bent(bristle: Array, moved: Array, stretch: Array | float) -> Array:
+    """Gives the bristles' bend zeta in [-1, 1] after a displacement in one direction."""
+    direction = np.sign(moved)
+    return np.asarray(direction + (bristle - direction) * np.exp(-np.abs(moved) / stretch))
+
+
+class Hysteresis(Effect):
+    """Dahl friction."""
+
+    description = Description(
+        id="hysteresis",
+        sentence="Asperities bend before they slip: after a reversal the friction builds up over a short way.",
+        equation="dz/dt = v (1 - (s0 z / fc) sgn(v)), tau = s0 z",
+        parameters=(
+            Parameter(
+                "s0",
+                "N.m/rad",
+                "stiffness of the bristles",
+                lower=0.0,
+                positive=True,
+                linear_unit="N/m",
+            ),
+            Parameter("fc", "N.m", "friction once slipping", lower=0.0, positive=True, linear_unit="N"),
+        ),
+        ports=BOTH_SIDES,
+        keys=("joint",),
+        signature="a loop in the position after each reversal that does not depend on the speed",
+        confusable_with=("coulomb_friction", "stribeck_friction", "backlash"),
+        excitation="tiny reversals of several amplitudes",
+        reference="Dahl 1968; Canudas de Wit et al. 1995",
+        worn=WORN,
+    )
+    shape = (STRETCH,)
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Follows the bristles along the recorded positions, unbent at the start."""
+        if not self.shows(port, residual):
+            return None
+        joint = signals.joint(key)
+        position = signals.sample(joint, motor_side=port == "actuator").position
+        column = _follow(position, float(shape[STRETCH]))
+        return one_row(joint, column[:, None], None, np.zeros(1), np.full(1, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Tries lengths from a thousandth to a tenth of the joint's travel."""
+        position = signals.position[:, signals.joint(key)]
+        travel = max(float(np.ptp(position)), 1e-3)
+        return tuple({STRETCH: float(x)} for x in np.geomspace(1e-3 * travel, 0.1 * travel, 8))
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """Coefficient fc, shape fc / s0."""
+        return np.array([values["fc"]]), {STRETCH: values["fc"] / values["s0"]}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The coefficient is fc; s0 = fc / stretch."""
+        fc = float(coefficients[0])
+        return {"s0": fc / shape[STRETCH], "fc": fc}
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Puts bristles on joints."""
+        friction = np.array([values["fc"] for values in parameters.values()])
+        stiffness = np.array([values["s0"] for values in parameters.values()])
+        side: Literal["motor", "link"] = "motor" if port == "actuator" else "link"
+        joints = builder.joints(parameters)
+        builder.torques.append(BristleTorque(side, joints, friction, friction / stiffness))
+
+
+def _follow(position: Array, stretch: float) -> Array:
+    """Computes zeta (N,) along a path."""
+    out = np.zeros(position.size)
+    steps = np.diff(position)
+    keep, direction = np.exp(-np.abs(steps) / stretch), np.sign(steps)
+    bristle = 0.0
+    for i in range(steps.size):
+        bristle = direction[i] + (bristle - direction[i]) * keep[i]
+        out[i + 1] = bristle
+    return out
+
+
+class BristleTorque:
+    """Bristles on some joints of the plant."""
+
+    def __init__(
+        self, port: Literal["motor", "link"], joints: NDArray[np.intp], friction: Array, stretch: Array
+    ) -> None:
+        """Takes joint indices (k,), fc (k,) [N.m] and fc / s0 (k,) [rad]."""
+        self._side: Literal["motor", "link"] = port
+        self._joints, self._friction, self._stretch = joints, friction, stretch
+        self._bend = np.zeros(joints.size)
+        self._at = np.zeros(joints.size)
+
+    @property
+    def port(self) -> Literal["motor", "link"]:
+        """Motor or link."""
+        return self._side
+
+    def start(self, motion: JointMotion, step: float) -> None:
+        """Unbends every bristle."""
+        self._bend = np.zeros(self._joints.size)
+        self._at = self._position(motion)
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Gives the torque (n,) after the way since the step began."""
+        out = np.zeros(motion.position.size)
+        out[self._joints] = -self._friction * self._bent(motion)
+        return out
+
+    def settle(self, motion: JointMotion) -> None:
+        """Keeps the bend at the step's end."""
+        self._bend, self._at = self._bent(motion), self._position(motion)
+
+    def _bent(self, motion: JointMotion) -> Array:
+        moved = self._position(motion) - self._at
+        # A joint that has not moved keeps its bristles as they are.
+        return bent(self._bend, moved, self._stretch)
+
+    def _position(self, motion: JointMotion) -> Array:
+        position = motion.motor_position if self._side == "motor" else motion.position
+        return np.array(position[self._joints])

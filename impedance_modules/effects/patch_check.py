@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a patch's meaning can be wrong in, beyond its schema; every problem at its place in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.description import Description, KeyKind, Parameter, same_unit
+from impedance_modules.effects.effect import PAIR, Effect
+from impedance_modules.effects.rigid import RigidModel
+from impedance_modules.errors import Problem, nearest
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
+from impedance_modules.spec.robot import RobotSpec
+
+KIND_IN_WORDS: dict[KeyKind, str] = {
+    "joint": "a joint",
+    "pair": "JOINT<-OTHER",
+    "body": "a link that moves",
+    "base": "'base'",
+    "log": "'log'",
+}
+
+
+@dataclass
+class _Check:
+    """One effect of a patch, with what is needed to judge it."""
+
+    patch: PatchSpec
+    robot: RobotSpec
+    index: int
+    bodies: Collection[str]
+
+    @cached_property
+    def spec(self) -> EffectSpec:
+        return self.patch.effects[self.index]
+
+    @property
+    def effect(self) -> Effect:
+        return CATALOGUE[self.spec.effect]
+
+    @property
+    def description(self) -> Description:
+        return self.effect.description
+
+    def problem(
+        self, *inside: str | int, message: str, valid: tuple[str, ...] = (), at: str = "value"
+    ) -> Problem:
+        return self.patch.document.problem(("effects", self.index, *inside), message, valid, at)
+
+
+def patch_problems(patch: PatchSpec, robot: RobotSpec) -> list[Problem]:
+    """Lists everything in a patch that does not fit the catalogue or the robot."""
+    if patch.robot != robot.name:
+        message = f"the patch is for robot '{patch.robot}', not for '{robot.name}'"
+        return [patch.document.problem(("robot",), message)]
+    bodies = RigidModel.of_robot(RobotModel(robot)).bodies
+    checks = [_Check(patch, robot, index, bodies) for index in range(len(patch.effects))]
+    found: list[Problem] = []
+    for check in checks:
+        found.extend(_effect_problems(check))
+    found.extend(_repeat_problems(checks))
+    return found or list(_one_way_problems(checks))
+
+
+def _effect_problems(check: _Check) -> Iterator[Problem]:
+    spec = check.spec
+    if spec.effect not in CATALOGUE:
+        message = f"this version cannot wear '{spec.effect}'{nearest(spec.effect, tuple(CATALOGUE))}"
+        yield check.problem("effect", message=message, valid=tuple(CATALOGUE))
+        return
+    if spec.port not in check.description.ports:
+        message = f"{spec.effect} does not act at port '{spec.port}'"
+        yield check.problem("port", message=message, valid=check.description.ports)
+    yield from _joint_problems(check)
+    for key in spec.parameters:
+        yield from _key_problems(check, key)
+        yield from _number_problems(check, key)
+
+
+def _joint_problems(check: _Check) -> Iterator[Problem]:
+    spec, known = check.spec, tuple(check.robot.joints)
+    for place, joint in enumerate(spec.joints):
+        if joint not in known:
+            message = f"robot '{check.robot.name}' has no joint '{joint}'{nearest(joint, known)}"
+            yield check.problem("joints", place, message=message, valid=known)
+        elif check.description.keys == ("joint",) and joint not in spec.parameters:
+            message = f"joint '{joint}' is listed but has no parameters"
+            yield check.problem("joints", place, message=message)
+
+
+def _key_problems(check: _Check, key: str) -> Iterator[Problem]:
+    kinds, joints = check.description.keys, check.robot.joints
+    words = " or ".join(KIND_IN_WORDS[kind] for kind in kinds)
+    if "pair" in kinds:
+        joint, arrow, other = key.partition(PAIR)
+        fits = bool(arrow) and joint in joints and other in joints and joint != other
+        named: tuple[str, ...] = (joint,)
+    elif "joint" in kinds:
+        fits, named = key in joints, (key,)
+    else:
+        fits, named = (key in check.bodies) if "body" in kinds else key in kinds, ()
+    if not fits:
+        choices = (
+            tuple(check.bodies)
+            if "body" in kinds
+            else tuple(joints)
+            if kinds[0] in {"joint", "pair"}
+            else kinds
+        )
+        message = (
+            f"{check.spec.effect} takes its numbers for {words}; '{key}' is not one{nearest(key, choices)}"
+        )
+        yield check.problem("parameters", key, message=message, valid=choices, at="key")
+    elif any(joint not in check.spec.joints for joint in named):
+        message = f"'{named[0]}' has parameters but is not listed under joints"
+        yield check.problem("parameters", key, message=message, at="key")
+
+
+def _number_problems(check: _Check, key: str) -> Iterator[Problem]:
+    description, given = check.description, check.spec.parameters[key]
+    fine = True
+    for symbol, quantity in given.items():
+        if symbol not in description.symbols:
+            fine = False
+            message = f"{description.id} has no parameter '{symbol}'{nearest(symbol, description.symbols)}"
+            yield check.problem(
+                "parameters", key, symbol, message=message, valid=description.symbols, at="key"
+            )
+            continue
+        found = list(_quantity_problems(check, key, description.parameter(symbol), quantity))
+        fine = fine and not found
+        yield from found
+    for parameter in description.parameters:
+        if parameter.left_out is None and parameter.symbol not in given:
+            fine = False
+            message = f"lacks '{parameter.symbol}' [{parameter.unit}], {parameter.meaning}"
+            yield check.problem("parameters", key, message=message, at="key")
+    if fine:
+        for message in check.effect.relations(numbers(given)):
+            yield check.problem("parameters", key, message=message, at="key")
+
+
+def _quantity_problems(
+    check: _Check, key: str, parameter: Parameter, quantity: Quantity
+) -> Iterator[Problem]:
+    symbol = parameter.symbol
+    if not same_unit(quantity.unit, (parameter.unit,)):
+        message = f"{symbol} is in {parameter.unit}, not in '{quantity.unit}'"
+        yield check.problem("parameters", key, symbol, "unit", message=message, valid=(parameter.unit,))
+    if not parameter.admits(quantity.value):
+        message = f"{symbol} = {quantity.value:g} {parameter.unit} is not physical"
+        yield check.problem("parameters", key, symbol, "value", message=message, valid=(parameter.bounds,))
+
+
+def numbers(quantities: Mapping[str, Quantity]) -> dict[str, float]:
+    """Strips units: symbol -> value."""
+    return {symbol: quantity.value for symbol, quantity in quantities.items()}
+
+
+def _repeat_problems(checks: list[_Check]) -> Iterator[Problem]:
+    """Finds numbers of the robot that are replaced twice."""
+    seen: set[tuple[str, str]] = set()
+    for check in checks:
+        if check.spec.effect not in CATALOGUE or not check.effect.replaces:
+            continue
+        for key in check.spec.parameters:
+            if (check.spec.effect, key) in seen:
+                message = f"'{key}' has a {check.spec.effect} already; it replaces a number and cannot add up"
+                yield check.problem("parameters", key, message=message, at="key")
+            seen.add((check.spec.effect, key))
+
+
+def _one_way_problems(checks: list[_Check]) -> Iterator[Problem]:
+    """Finds viscous friction that would push in one direction: |dv| above the joint's viscous friction."""
+    for check in checks:
+        if check.spec.effect != "asymmetric_friction":
+            continue
+        for key, quantities in check.spec.parameters.items():
+            own = check.robot.joints[key].motor_damping if check.spec.port == "actuator" else 0.0
+            viscous = own + sum(
+                other.spec.parameters[key]["fv"].value
+                for other in checks
+                if other.spec.effect == "viscous_friction"
+                and other.spec.port == check.spec.port
+                and key in other.spec.parameters
+            )
+            dv = abs(quantities["dv"].value) if "dv" in quantities else 0.0
+            if dv > viscous:
+                message = (
+                    f"|dv| {dv:g} N.m.s/rad is above the joint's viscous friction {viscous:g}: it would push"
+                )
+                yield check.problem("parameters", key, "dv", message=message)

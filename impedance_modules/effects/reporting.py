@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Speeds that are reported late, and a clock that runs at a rate of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.bodies import all_rows
+from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.drive import lagged
+from impedance_modules.effects.effect import Effect, Regressor, Values, one_row, unbounded
+from impedance_modules.effects.residuals import Residual, uses_motion
+from impedance_modules.effects.sample import Shape
+from impedance_modules.effects.signals import Signals
+
+Array = NDArray[np.float64]
+
+
+class VelocityFilterLag(Effect):
+    """A reported velocity that lags."""
+
+    description = Description(
+        id="velocity_filter_lag",
+        sentence="The reported velocity is filtered more than stated: it follows the true one as a first-order lag.",
+        equation="T d(v_reported)/dt = v - v_reported, beyond the robot file's velocity_filter",
+        parameters=(Parameter("T", "s", "time constant beyond the robot file's", lower=0.0, upper=10.0),),
+        ports=("sensor",),
+        keys=("joint",),
+        signature="the reported velocity trails the differences of the reported position",
+        confusable_with=("command_delay", "clock_drift"),
+        excitation="fast reversals; compare the reported velocity with differences of position",
+        reference="Brown, Schneider & Mulligan 1992",
+        worn="The plant: the velocity that its sensors report.",
+    )
+    shape = ("T",)
+
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """In the reported velocity alone."""
+        return residual == "velocity"
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """The lag at T, and its slope by T."""
+        if not self.shows(port, residual):
+            return None
+        joint, T = signals.joint(key), float(shape["T"])
+        true, change = signals.velocity[:, joint], 0.02 * T + 1e-5
+        slow = lagged(true, signals.time, T)
+        slope = (lagged(true, signals.time, T + change) - slow) / change
+        return one_row(joint, slope[:, None], slow - true, np.array([-T]), np.full(1, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts between an instant and a quarter of a second."""
+        return tuple({"T": T} for T in (0.0, 0.01, 0.04, 0.15))
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """The shape says it all."""
+        return np.zeros(1), {"T": values["T"]}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The shape plus the step."""
+        return {"T": float(shape["T"] + coefficients[0])}
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Filters reported velocities once more."""
+        builder.velocity_lag[builder.joints(parameters)] += [values["T"] for values in parameters.values()]
+
+
+class ClockDrift(Effect):
+    """Time stamps of a clock that runs fast or slow."""
+
+    description = Description(
+        id="clock_drift",
+        sentence="The clock that stamps the samples runs fast: recorded seconds are shorter than true ones.",
+        equation="t recorded = (1 + 1e-6 ppm) t; v reported - dq/dt = 1e-6 ppm dq/dt; tau = 2e-6 ppm (ID - weight)",
+        parameters=(
+            Parameter("ppm", "ppm", "rate beyond the true one, in millionths", lower=-1e5, upper=1e5),
+        ),
+        ports=("timing",),
+        keys=("log",),
+        signature="all joints alike: reported velocities and differences of position differ by a factor",
+        confusable_with=("command_delay", "velocity_filter_lag"),
+        excitation="a long recording, fast motion",
+        reference="IEEE 1588 (clock rate offset)",
+        worn="The plant: the time it reports.",
+    )
+
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """Where velocities are compared, or accelerations used."""
+        return residual == "velocity" or uses_motion(residual)
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Velocity in its own residual, twice the inertial torque in the others."""
+        if not self.shows(port, residual):
+            return None
+        values = signals.velocity if residual == "velocity" else 2.0 * (signals.rigid - signals.weight)
+        return all_rows(signals, 1e-6 * values[:, :, None], *unbounded(1))
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Speeds the reported clock up."""
+        for values in parameters.values():
+            builder.clock *= 1.0 + 1e-6 * values["ppm"]

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The rigid model of the links as the diagnosis needs it: torque, and what it is linear in.
+
+    ID(q, v, a) = M(q) a + C(q, v) v + g(q) = Y(q, v, a) \pi
+
+without rotors; \pi are ten numbers per body (mass, first moments, inertia at the body's origin). Joints may
+be revolute, continuous or prismatic. Every method takes whole recordings, (N, n), one sample per row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from impedance_modules.errors import BadInput, nearest
+from impedance_modules.robot.model import RobotModel
+
+Array = NDArray[np.float64]
+
+WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class RigidModel:
+    """Inverse dynamics of the links and its derivatives, sample by sample.
+
+    Attributes:
+        joint_names: Names of the n joints, in the order of every column.
+        bodies: Links that the joints move or carry.
+        gravity: Acceleration [m/s^2] in the robot's base axes.
+    """
+
+    def __init__(self, model: pin.Model, joint_names: Sequence[str]) -> None:
+        """Takes a pinocchio model whose joints are exactly those named, in any order."""
+        self._model = pin.Model(model)
+        self._model.armature = np.zeros(model.nv)
+        self._data = self._model.createData()
+        self.joint_names = tuple(joint_names)
+        ids = [self._model.getJointId(name) for name in self.joint_names]
+        self._columns = np.array([self._model.joints[i].idx_v for i in ids], dtype=np.intp)
+        self._places = [(self._model.joints[i].idx_q, self._model.joints[i].nq) for i in ids]
+        self.bodies = tuple(
+            frame.name
+            for frame in self._model.frames
+            if frame.type == pin.FrameType.BODY and frame.parentJoint > 0
+        )
+
+    @classmethod
+    def of_robot(cls, model: RobotModel) -> RigidModel:
+        """Takes the links of a robot folder, all its joints."""
+        return cls(model.pin_model, model.joint_names)
+
+    @classmethod
+    def from_urdf(cls, urdf: Path, joint_names: Sequence[str]) -> RigidModel:
+        """Reads a URDF and keeps the named joints; every other joint stands at its neutral angle.
+
+        Raises:
+            BadInput: The file is no URDF, or lacks a joint.
+        """
+        try:
+            full = pin.buildModelFromUrdf(str(urdf))
+        except ValueError as error:
+            raise BadInput(f"{urdf}: not a robot description that can be read: {error}") from None
+        known = tuple(full.names)[1:]
+        for name in joint_names:
+            if name not in known:
+                raise BadInput(
+                    f"{urdf}: has no joint '{name}'{nearest(name, known)} (valid: {', '.join(known)})"
+                )
+        others = [full.getJointId(name) for name in known if name not in joint_names]
+        return cls(pin.buildReducedModel(full, others, pin.neutral(full)), joint_names)
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity's acceleration (3,) in base axes [m/s^2]."""
+        return np.array(self._model.gravity.linear)
+
+    def torque(self, q: Array, v: Array, a: Array) -> Array:
+        """Computes ID(q, v, a), (N, n) [N.m]."""
+        out = np.empty_like(q)
+        for i, (x, u, w) in enumerate(self._rows(q, v, a)):
+            out[i] = pin.rnea(self._model, self._data, x, u, w)[self._columns]
+        return out
+
+    def weight(self, q: Array) -> Array:
+        """Computes g(q), (N, n) [N.m]."""
+        still = np.zeros_like(q)
+        return self.torque(q, still, still)
+
+    def weight_columns(self, q: Array) -> Array:
+        """Computes dg(q) / d(gravity), (N, n, 3): the weight is linear in gravity's acceleration."""
+        axes = pin.Model(self._model)
+        out = np.empty((*q.shape, 3))
+        still = np.zeros(self._model.nv)
+        for axis in range(3):
+            axes.gravity.linear = np.eye(3)[axis]
+            for i, (x, _, _) in enumerate(self._rows(q, q, q)):
+                out[i, :, axis] = pin.rnea(axes, self._data, x, still, still)[self._columns]
+        return out
+
+    def position_derivative(self, q: Array, v: Array, a: Array) -> Array:
+        """Computes d ID / dq, (N, n, n); entry [:, i, j] is joint i's torque by joint j's angle."""
+        out = np.empty((*q.shape, q.shape[1]))
+        pick = np.ix_(self._columns, self._columns)
+        for i, (x, u, w) in enumerate(self._rows(q, v, a)):
+            pin.computeRNEADerivatives(self._model, self._data, x, u, w)
+            out[i] = self._data.dtau_dq[pick]
+        return out
+
+    def inertia_diagonal(self, q: Array) -> Array:
+        """Computes the diagonal of M(q), (N, n) [kg.m^2]."""
+        out = np.empty_like(q)
+        for i, (x, _, _) in enumerate(self._rows(q, q, q)):
+            out[i] = np.diag(pin.crba(self._model, self._data, x))[self._columns]
+        return out
+
+    def body_columns(self, body: str, q: Array, v: Array, a: Array) -> Array:
+        r"""Computes d ID / d\pi of a link, (N, n, 10).
+
+        \pi = (m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz) in the link's frame, inertia at its
+        origin.
+
+        Raises:
+            BadInput: The robot has no such link, or it never moves.
+        """
+        frame = self._model.frames[self._frame(body)]
+        onto_joint = _carried(frame.placement)
+        first = 10 * (frame.parentJoint - 1)
+        out = np.empty((*q.shape, 10))
+        for i, (x, u, w) in enumerate(self._rows(q, v, a)):
+            whole = pin.computeJointTorqueRegressor(self._model, self._data, x, u, w)
+            out[i] = whole[self._columns, first : first + 10] @ onto_joint
+        return out
+
+    def jacobian(self, body: str, q: Array) -> Array:
+        """Computes J of a link's origin in base axes, (N, 6, n), linear then angular."""
+        index = self._frame(body)
+        out = np.empty((q.shape[0], 6, q.shape[1]))
+        for i, (x, _, _) in enumerate(self._rows(q, q, q)):
+            J = pin.computeFrameJacobian(self._model, self._data, x, index, WORLD_AXES)
+            out[i] = J[:, self._columns]
+        return out
+
+    def _frame(self, body: str) -> int:
+        if body not in self.bodies:
+            raise BadInput(
+                f"the robot moves no link '{body}'{nearest(body, self.bodies)} (valid: {', '.join(self.bodies)})"
+            )
+        return int(self._model.getFrameId(body, pin.FrameType.BODY))
+
+    def _rows(self, q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]]:
+        """Walks through the samples in pinocchio's own order and coordinates."""
+        x, u, w = np.zeros(self._model.nq), np.zeros(self._model.nv), np.zeros(self._model.nv)
+        for angles, speeds, pushes in zip(q, v, a, strict=True):
+            for (place, size), angle in zip(self._places, angles, strict=True):
+                # A continuous joint is a point on the unit circle.
+                x[place : place + size] = angle if size == 1 else (np.cos(angle), np.sin(angle))
+            u[self._columns], w[self._columns] = speeds, pushes
+            yield x, u, w
+
+
+def _carried(placement: pin.SE3) -> Array:
+    """Gives the (10, 10) map of inertial parameters from a frame to the frame it is placed in."""
+    out = np.empty((10, 10))
+    T = placement.homogeneous
+    for k, unit in enumerate(np.eye(10)):
+        matrix = T @ pin.PseudoInertia.FromDynamicParameters(unit).toMatrix() @ T.T
+        out[:, k] = pin.PseudoInertia.FromMatrix(matrix).toDynamicParameters()
+    return out

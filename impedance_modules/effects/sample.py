@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Motion of joints at one side of their gears: what an effect's law is a function of.
+
+The same law reads it twice: the plant hands over the joints of one instant, the diagnosis one joint over a
+whole recording. All arrays have one shape, (k,) joints or (N,) samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Shape = Mapping[str, Array | float]
+"""Values of the parameters that enter a law nonlinearly, by symbol; numbers or one per joint."""
+
+SMOOTHING = 0.01
+"""Speed v_0 over which dry friction turns over, sgn(v) ~ tanh(v / v_0) [rad/s or m/s]."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Motion and torques that a joint's law may depend on.
+
+    Attributes:
+        time: Since the start [s].
+        position, velocity, acceleration: Of the side at which the effect acts [rad], [rad/s], [rad/s^2];
+            the plant, which is still to find the acceleration, gives zeros.
+        load: Torque between gear and link [N.m].
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    load: Array
+
+
+def sign(velocity: Array) -> Array:
+    """Gives the regularised sign tanh(v / v_0): plant and diagnosis use the same one."""
+    return np.asarray(np.tanh(velocity / SMOOTHING))

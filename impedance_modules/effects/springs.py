@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Torques that depend on where the joint stands: springs beside it, and ripple from teeth and magnets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.effect import JointLaw, Values, unbounded
+from impedance_modules.effects.friction import BOTH_SIDES, WORN
+from impedance_modules.effects.sample import Sample, Shape
+from impedance_modules.effects.signals import Signals
+from impedance_modules.spec.robot import ParallelSpringSpec, RobotSpec
+
+Array = NDArray[np.float64]
+
+MOST_ORDERS = 400
+"""Largest number of ripple orders tried."""
+
+
+class ParallelSpring(JointLaw):
+    """k (q - q0)."""
+
+    description = Description(
+        id="parallel_spring",
+        sentence="A spring beside the joint's drive: it carries weight, or it is a bundle of cables that bends.",
+        equation="tau = k (q - q0) = k q - preload; the spring's own torque on the joint is -k (q - q0)",
+        parameters=(
+            Parameter("k", "N.m/rad", "stiffness", lower=0.0, linear_unit="N/m"),
+            Parameter(
+                "q0",
+                "rad",
+                "angle at which it is relaxed",
+                left_out="preload is given instead",
+                linear_unit="m",
+            ),
+            Parameter(
+                "preload",
+                "N.m",
+                "its torque on the joint at q = 0, k q0",
+                left_out="q0 is given instead",
+                linear_unit="N",
+            ),
+        ),
+        ports=("link",),
+        keys=("joint",),
+        signature="linear in the joint's angle, at rest too",
+        confusable_with=("reflected_inertia", "payload", "torque_offset", "base_tilt"),
+        excitation="a grid of static poses; a single tone cannot tell it from inertia",
+        reference="thesis 2.1 (shoulder springs); Agarwal & Deshpande 2017",
+        worn="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
+    )
+
+    def basis(self, sample: Sample, shape: Shape) -> Array:
+        """Computes q and -1."""
+        return np.stack([sample.position, -np.ones_like(sample.position)], axis=-1)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """The stiffness is not negative."""
+        return np.array([0.0, -np.inf]), np.full(2, np.inf)
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """Coefficients k and preload."""
+        return np.array([values["k"], preload_of(values)]), {}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The coefficients are k and preload."""
+        return {"k": float(coefficients[0]), "preload": float(coefficients[1])}
+
+    def relations(self, values: Values) -> list[str]:
+        """Exactly one of q0 and preload says where it is relaxed."""
+        given = [symbol for symbol in ("q0", "preload") if symbol in values]
+        return [] if len(given) == 1 else ["needs exactly one of q0 and preload"]
+
+    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """Tells the model, whose joints carry the spring."""
+        springs = dict(robot.parallel_springs)
+        for joint, values in parameters.items():
+            before = springs.get(joint, ParallelSpringSpec(0.0, 0.0))
+            springs[joint] = ParallelSpringSpec(
+                before.stiffness + values["k"], before.preload + preload_of(values)
+            )
+        return replace(robot, parallel_springs=springs)
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Puts the spring on the links and tells the robot, whose maker knows it."""
+        super().wear_plant(builder, port, parameters)
+        joints = builder.joints(parameters)
+        builder.spring_stiffness[joints] += [values["k"] for values in parameters.values()]
+        builder.spring_preload[joints] += [preload_of(values) for values in parameters.values()]
+
+
+def preload_of(values: Values) -> float:
+    """Gives a parallel spring's torque on its joint at q = 0 [N.m]."""
+    return values["preload"] if "preload" in values else values["k"] * values["q0"]
+
+
+class TorqueRipple(JointLaw):
+    """A sin(N q + phi)."""
+
+    description = Description(
+        id="torque_ripple",
+        sentence="Magnets cog and teeth mesh: a torque that repeats N times per turn of the joint.",
+        equation="tau = A sin(N q + phi)",
+        parameters=(
+            Parameter("A", "N.m", "amplitude", lower=0.0, linear_unit="N"),
+            Parameter(
+                "N", "1", "periods per turn (per 2 pi m for a sliding joint)", lower=0.0, positive=True
+            ),
+            Parameter("phi", "rad", "phase at q = 0", left_out="0"),
+        ),
+        ports=BOTH_SIDES,
+        keys=("joint",),
+        signature="a line in the spectrum over position, at the same place for every speed",
+        confusable_with=("parallel_spring",),
+        excitation="slow sweeps over the whole range, both ways",
+        reference="Ghorbel, Gandhi & Alpeter 2001 (harmonic drives)",
+        worn=WORN,
+    )
+    shape = ("N",)
+
+    def basis(self, sample: Sample, shape: Shape) -> Array:
+        """Computes sin(N q) and cos(N q)."""
+        turned = sample.position * shape["N"]
+        return np.stack([np.sin(turned), np.cos(turned)], axis=-1)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Any phase."""
+        return unbounded(2)
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """Coefficients A cos(phi) and A sin(phi)."""
+        phase = values.get("phi", 0.0)
+        return values["A"] * np.array([np.cos(phase), np.sin(phase)]), {"N": values["N"]}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """Amplitude and phase of the two."""
+        across, along = map(float, coefficients)
+        return {
+            "A": float(np.hypot(across, along)),
+            "N": float(shape["N"]),
+            "phi": float(np.arctan2(along, across)),
+        }
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Tries orders as finely as the joint's travel can tell apart, up to what the sampling can follow."""
+        position = signals.position[:, signals.joint(key)]
+        travel, jump = float(np.ptp(position)), float(np.abs(np.diff(position)).max())
+        if travel < 1e-3 or jump == 0.0:
+            return ()
+        spacing = 1.5 / travel
+        orders = np.arange(2.0 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
+        return tuple({"N": float(order)} for order in orders)
