@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import PhaseMotion, phase_motion, start_equilibrium
-from impedance_modules.modules.pose_motion import minimum_jerk
+from impedance_modules.modules.pose_motion import minimum_jerk, minimum_jerk_slope
 from impedance_modules.modules.total import desired_effort
 from impedance_modules.runtime.assembly import Assembly
 from impedance_modules.runtime.predict.feel import Feel, PhaseEnd
@@ -105,7 +105,10 @@ class _Stage:
         """Solves for one step of ``step`` seconds."""
         mechanism, joints = self._mechanism, self._mechanism.joints
         self._record(modules, damping, motion, clock)
-        effort, v = self.samples[-1].effort[joints], self._v[joints]
+        v, ahead = self._v[joints], MIDDLE * step
+        effort = self.samples[-1].effort[joints] + ahead * _drift(
+            mechanism, modules, motion, clock + 0.5 * ahead
+        )
         bias = mechanism.kinematics.bias[joints]
         stiffness, dampers = mechanism.gains(modules, damping)
         motion_now = Motion(
@@ -193,3 +196,22 @@ class _Stage:
                 self._friction,
             )
         )
+
+
+def _drift(mechanism: Mechanism, modules: TaskModules, motion: PhaseMotion, clock: float) -> Array:
+    """Gives how fast the torque grows because the equilibria move, (k,) [N.m/s]."""
+    found = np.zeros(mechanism.k)
+    slope = minimum_jerk_slope(clock / motion.duration) / motion.duration
+    for limb, goal in motion.goals.items():
+        bias = modules.arm(limb).bias
+        if bias is not None:
+            found[mechanism.parts[limb]] += bias.stiffness * (goal - motion.start.rests[limb]) * slope
+    if not motion.moved:
+        return found
+    twists = motion.velocities(clock)
+    for arm in modules.arms:
+        for spring in arm.springs:
+            if np.any(twists[spring.name]):
+                pull = spring.in_world(spring.stiffness) @ twists[spring.name]
+                found += mechanism.jacobian(spring.frame).T @ pull
+    return found
