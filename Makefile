@@ -11,7 +11,7 @@ run: $(VENV)/run.stamp
 	$(BIN)/impedance run $(TASK) --out "$(OUT)"
 
 test: $(VENV)/develop.stamp
-	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
 
 lint: $(VENV)/develop.stamp
 	$(BIN)/ruff check .

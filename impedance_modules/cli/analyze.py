@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 
 from impedance_modules.cli.options import effects_option, task_argument
-from impedance_modules.cli.threads import use_one_thread
 
 
 @click.command("analyze")
@@ -23,7 +22,6 @@ def command(task: str, phase: str | None, effects: Path | None, json_file: Path 
 
     Matrices are 6x6, linear then angular, in world axes at the frame's origin, SI units. Exit: 0, 2 bad input.
     """
-    use_one_thread()
     from impedance_modules.cli.tables_analyze import print_analysis
     from impedance_modules.runtime.analysis import analyse_task
     from impedance_modules.runtime.analysis_json import write_analysis

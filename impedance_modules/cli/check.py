@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 
 from impedance_modules.cli.options import arm_option, effects_option, rate_option, scale_option, task_argument
-from impedance_modules.cli.threads import use_one_thread
 
 
 @click.command("check")
@@ -23,7 +22,6 @@ def command(task: str, effects: Path | None, rate: float | None, scale: float, a
     Torque margins, yielding under load, stability of the sampled loop, and the energy the tank must cover. Every
     problem is printed as file:line:col: path: message. Exit: 0 good, 2 not.
     """
-    use_one_thread()
     from impedance_modules.cli.tables_check import print_forecast
     from impedance_modules.runtime.assembly import assemble
     from impedance_modules.runtime.check import refuse_unfit

@@ -11,6 +11,7 @@ import sys
 import click
 
 import impedance_modules
+from impedance_modules.cli.threads import use_one_thread
 from impedance_modules.errors import ImpedanceError
 
 VERBS = ("check", "analyze", "run", "replay")
@@ -40,6 +41,7 @@ def impedance() -> None:
 
 def main() -> None:
     """Runs the command line and leaves with the contract's exit codes; errors go to stderr, one per line."""
+    use_one_thread()
     try:
         code = impedance.main(standalone_mode=False)
     except ImpedanceError as error:
