@@ -19,7 +19,9 @@ def main() -> None:
 @main.command()
 @click.option("--block", "blocks", multiple=True, type=click.Choice(list(COUNTS)), help="All when left out.")
 @click.option("--seeds", type=click.Choice(list(SEEDS)), required=True)
-@click.option("--count", type=click.IntRange(1), help="Cases per block; the block's full number when left out.")
+@click.option(
+    "--count", type=click.IntRange(1), help="Cases per block; the block's full number when left out."
+)
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
 @click.option("--jobs", type=click.IntRange(1), default=os.cpu_count, show_default="cores")
 def generate(blocks: tuple[str, ...], seeds: str, count: int | None, out: Path, jobs: int) -> None:

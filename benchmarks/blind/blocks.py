@@ -74,11 +74,18 @@ def make(block: str, index: int, seeds: str, folder: Path) -> list[Made]:
     if block == "F":
         without = [planted[0].injection.effect]
     if block == "G":
-        truth["surroundings"] = ["external_contact", "surface_height", "surface_stiffness", "surface_friction"]
+        truth["surroundings"] = [
+            "external_contact",
+            "surface_height",
+            "surface_stiffness",
+            "surface_friction",
+        ]
     return [_write(folder, bench, episodes, planted, rng, truth, without, phases=block == "G")]
 
 
-def _plant(block: str, index: int, bench: Bench, episodes: list[Episode], rng: np.random.Generator) -> list[Planted]:
+def _plant(
+    block: str, index: int, bench: Bench, episodes: list[Episode], rng: np.random.Generator
+) -> list[Planted]:
     wishes: list[tuple[Draw, float, int | None]] = []
     names = list(CATALOGUE)
     if block == "A":
@@ -97,7 +104,9 @@ def _plant(block: str, index: int, bench: Bench, episodes: list[Episode], rng: n
         return []
     yardstick = measure(bench, episodes, int(rng.integers(2**31)))
     centre = episodes[0].motion.position.mean(axis=0)
-    return [plant_effect(draw, bench, yardstick, centre, size, rng, at, block == "F") for draw, size, at in wishes]
+    return [
+        plant_effect(draw, bench, yardstick, centre, size, rng, at, block == "F") for draw, size, at in wishes
+    ]
 
 
 def _two(index: int, rng: np.random.Generator) -> tuple[str, str]:
@@ -164,6 +173,10 @@ def _write(
         }
         for one in planted
     ]
-    truth = truth | {"effects": effects, "noise_level": bench.noise_level, "inertia_error": bench.inertia_error}
+    truth = truth | {
+        "effects": effects,
+        "noise_level": bench.noise_level,
+        "inertia_error": bench.inertia_error,
+    }
     truth |= {"side": bench.arm.side, "withheld": without}
     return Made(name, {"robot": "baxter", **shown, "without": without}, truth)

@@ -22,7 +22,9 @@ def payload(s: Situation) -> Injection:
     hand = hand_of(s.arm.side)
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
-        return replace(arm, links=tuple(_loaded(link, a, place) if link.name == hand else link for link in arm.links))
+        return replace(
+            arm, links=tuple(_loaded(link, a, place) if link.name == hand else link for link in arm.links)
+        )
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {hand: {"m": a, "cx": float(place[0]), "cy": float(place[1]), "cz": float(place[2])}}
@@ -36,7 +38,12 @@ def link_inertia(s: Situation) -> Injection:
     mass = chosen.inertial.mass if chosen.inertial is not None else 0.0
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
-        return replace(arm, links=tuple(_scaled(link, 1 + a / mass) if link.name == chosen.name else link for link in arm.links))
+        return replace(
+            arm,
+            links=tuple(
+                _scaled(link, 1 + a / mass) if link.name == chosen.name else link for link in arm.links
+            ),
+        )
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {chosen.name: {"dm": a}}

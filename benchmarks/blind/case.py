@@ -64,7 +64,9 @@ def draw_bench(rng: np.random.Generator, noise_level: float) -> Bench:
     faults = Faults.none(len(drive.joints))
     arm = Arm(side, drive, wrong_by(links, error, rng), links, Joints.nominal(drive), faults)
     strong = drive.effort_max > 0.5 * drive.effort_max.max()
-    stiffness = np.where(strong, rng.uniform(60, 140), rng.uniform(10, 20)) * rng.uniform(0.8, 1.2, strong.size)
+    stiffness = np.where(strong, rng.uniform(60, 140), rng.uniform(10, 20)) * rng.uniform(
+        0.8, 1.2, strong.size
+    )
     damping = 2 * rng.uniform(0.5, 0.7) * np.sqrt(stiffness * 1.3 * drive.rotor_inertia)
     return Bench(arm, (stiffness, damping), noise_level, error)
 
@@ -91,7 +93,12 @@ def task_episodes(bench: Bench, rng: np.random.Generator) -> list[Episode]:
     kinds = ("reaching", "point_to_point", "reaching", "point_to_point")
     motions = [rich_motion(RICH[kind], SECONDS, model, bench.arm.drive, rng) for kind in kinds]
     plan = [Episode(motions[0], None, False), Episode(motions[0], 0, False)]
-    return [*plan, Episode(motions[1], None, False), Episode(motions[2], None, False), Episode(motions[3], None, True)]
+    return [
+        *plan,
+        Episode(motions[1], None, False),
+        Episode(motions[2], None, False),
+        Episode(motions[3], None, True),
+    ]
 
 
 def poor_episodes(bench: Bench, shape: PoorShape, joint: int, rng: np.random.Generator) -> list[Episode]:
@@ -155,7 +162,9 @@ def plant_effect(
             continue
         amplitude, size = yardstick.tune(injection, wanted)
         planted = Planted(injection, amplitude, size)
-        if best is None or abs(np.log(max(size.net, 1e-6) / wanted)) < abs(np.log(max(best.size.net, 1e-6) / wanted)):
+        if best is None or abs(np.log(max(size.net, 1e-6) / wanted)) < abs(
+            np.log(max(best.size.net, 1e-6) / wanted)
+        ):
             best = planted
         if wanted <= size.net <= 1.5 * wanted:
             return planted
@@ -173,7 +182,12 @@ def wear_all(bench: Bench, planted: Sequence[Planted], episode: int) -> Arm:
 
 
 def write_logs(
-    folder: Path, bench: Bench, episodes: Sequence[Episode], planted: Sequence[Planted], seed: int, phases: bool
+    folder: Path,
+    bench: Bench,
+    episodes: Sequence[Episode],
+    planted: Sequence[Planted],
+    seed: int,
+    phases: bool,
 ) -> dict[str, list[str]]:
     """Simulates and writes every episode; returns names of the logs and of those held out."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -181,7 +195,7 @@ def write_logs(
     for i, episode in enumerate(episodes):
         arm = wear_all(bench, planted, i)
         raw = simulate(arm, episode.motion, *bench.gains, Noise(seed + 1000 + i, bench.noise_level))
-        columns = record(raw, arm.drive, arm.faults.clock)
+        columns = record(raw, arm.drive, arm.faults)
         touching = ["contact" if touch > 0.5 else "free" for touch in columns["touch"]] if phases else None
         repeat = None if episode.repeats is None else f"run_{episode.repeats + 1}"
         path = folder / f"run_{i + 1}.parquet"

@@ -95,9 +95,25 @@ def link_torque(joint, state, q):
 
 
 @njit(cache=True)
-def apply_drives(  # fmt: skip
-    joints, friction, state, coupling, commands, support, q, v, theta, w, spring, errors, time, age, delay, lost,
-    step, out,
+def apply_drives(
+    joints,
+    friction,
+    state,
+    coupling,
+    commands,
+    support,
+    q,
+    v,
+    theta,
+    w,
+    spring,
+    errors,
+    time,
+    age,
+    delay,
+    lost,
+    step,
+    out,
 ):
     """Fills ``out`` (2n,): torque on the links, then on the motors, for one step of the physics.
 
@@ -113,7 +129,7 @@ def apply_drives(  # fmt: skip
         rub, state[i].z_motor = bristle(friction[0, i], state[i].z_motor, w[i], spring[i], theta[i], step)
         torque -= rub + drag(friction[0, i], w[i], age)
         for j in range(n):
-            torque -= coupling[i, j] * (w[i] + w[j]) + coupling[j, i] * (w[i] + w[j])
+            torque -= (coupling[i, j] + coupling[j, i]) * math.tanh((w[i] + w[j]) / 0.02)
         out[n + i] = torque
         rub, state[i].z_link = bristle(friction[1, i], state[i].z_link, v[i], spring[i], q[i], step)
         out[i] = link_torque(joints[i], state[i], q[i]) - rub - drag(friction[1, i], v[i], age)

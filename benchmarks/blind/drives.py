@@ -40,7 +40,9 @@ def reflected_inertia(s: Situation) -> Injection:
     believed = float(s.drive.rotor_inertia[s.joint])
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
-        return replace(arm, joints=replace(arm.joints, rotor_inertia=_set(arm.joints.rotor_inertia, s.joint, sign * a)))
+        return replace(
+            arm, joints=replace(arm.joints, rotor_inertia=_set(arm.joints.rotor_inertia, s.joint, sign * a))
+        )
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {s.name: {"Ia": believed + sign * a}}
@@ -67,7 +69,15 @@ def joint_elasticity(s: Situation) -> Injection:
         stiffness[s.joint] = believed / (1 + a)
         return replace(arm, joints=replace(arm.joints, stiffness=stiffness))
 
-    return Injection("joint_elasticity", (s.name,), "actuator", 0.5, 4.0, wear, lambda a: {s.name: {"K": believed / (1 + a)}})
+    return Injection(
+        "joint_elasticity",
+        (s.name,),
+        "actuator",
+        0.5,
+        4.0,
+        wear,
+        lambda a: {s.name: {"K": believed / (1 + a)}},
+    )
 
 
 def parallel_spring(s: Situation) -> Injection:
@@ -90,7 +100,9 @@ def torque_ripple(s: Situation) -> Injection:
     def wear(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, ripple=a, order=order, phase=phase)
 
-    return Injection("torque_ripple", (s.name,), "actuator", 0.2, 5.0, wear, lambda a: {s.name: {"A": a, "N": order}})
+    return Injection(
+        "torque_ripple", (s.name,), "actuator", 0.2, 5.0, wear, lambda a: {s.name: {"A": a, "N": order}}
+    )
 
 
 def command_delay(s: Situation) -> Injection:
@@ -124,7 +136,15 @@ def torque_saturation(s: Situation) -> Injection:
     def wear(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, limit=peak * (1 - a))
 
-    return Injection("torque_saturation", (s.name,), "actuator", 0.1, 0.5, wear, lambda a: {s.name: {"limit": peak * (1 - a)}})
+    return Injection(
+        "torque_saturation",
+        (s.name,),
+        "actuator",
+        0.1,
+        0.5,
+        wear,
+        lambda a: {s.name: {"limit": peak * (1 - a)}},
+    )
 
 
 def controller_gain(s: Situation) -> Injection:
@@ -133,14 +153,17 @@ def controller_gain(s: Situation) -> Injection:
     def wear(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, dkp=a)
 
-    return Injection("controller_gain", (s.name,), "actuator", 10.0, 300.0, wear, lambda a: {s.name: {"dKp": a}})
+    return Injection(
+        "controller_gain", (s.name,), "actuator", 10.0, 300.0, wear, lambda a: {s.name: {"dkp": a}}
+    )
 
 
 def transmission_coupling(s: Situation) -> Injection:
-    """Two neighbouring motors share a shaft that drags at the sum of their speeds."""
+    """Two neighbouring motors turn one shaft, whose dry friction follows the sum of their speeds."""
     n = len(s.drive.joints)
     other = s.joint + 1 if s.joint + 1 < n else s.joint - 1
     name = s.drive.joints[other]
+    most = 15.0 * float(min(s.drive.rotor_inertia[s.joint], s.drive.rotor_inertia[other]))
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
         faults = replace(arm.faults, coupling=arm.faults.coupling.copy())
@@ -148,9 +171,9 @@ def transmission_coupling(s: Situation) -> Injection:
         return replace(arm, faults=faults)
 
     def truth(a: float) -> dict[str, dict[str, float]]:
-        return {f"{s.name}<-{name}": {"fv": a}}
+        return {f"{s.name}<-{name}": {"fc": a}}
 
-    return Injection("transmission_coupling", (s.name, name), "actuator", 0.3, 10.0, wear, truth)
+    return Injection("transmission_coupling", (s.name, name), "actuator", 0.1, most, wear, truth)
 
 
 def _set(values: NDArray[np.float64], at: int, more: float) -> NDArray[np.float64]:

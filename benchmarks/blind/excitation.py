@@ -45,7 +45,12 @@ def fourier(time: Array, drive: Drive, rng: np.random.Generator) -> Array:
     base = rng.uniform(0.1, 0.16)
     shape = np.zeros((time.size, len(drive.joints)))
     for i in range(shape.shape[1]):
-        shape[:, i] = _tones(time, base * np.arange(1, 6), rng.uniform(0.3, 1.0, 5) / np.arange(1, 6), rng)
+        shape[:, i] = _tones(
+            time,
+            np.asarray(base * np.arange(1, 6), np.float64),
+            rng.uniform(0.3, 1.0, 5) / np.arange(1, 6),
+            rng,
+        )
     return shape
 
 

@@ -30,17 +30,19 @@ def bristles_of(s: Situation, port: str, level: float, bend: float) -> dict[str,
 
 
 def coulomb(s: Situation) -> Injection:
-    """fc sgn v."""
+    """Fc sgn v."""
     port, (bend, also) = _port(s), _presliding(s)
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(arm, port, s.joint, fc=a, **bristles_of(s, port, a, bend))
 
-    return Injection("coulomb_friction", (s.name,), port, 0.2, 15.0, wear, lambda a: {s.name: {"fc": a}}, also)
+    return Injection(
+        "coulomb_friction", (s.name,), port, 0.2, 15.0, wear, lambda a: {s.name: {"fc": a}}, also
+    )
 
 
 def viscous(s: Situation) -> Injection:
-    """fv v."""
+    """Fv v."""
     port = _port(s)
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
@@ -97,7 +99,9 @@ def load_dependent(s: Situation) -> Injection:
     def wear(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(arm, port, s.joint, kl=a, **bristles_of(s, port, a * load, bend))
 
-    return Injection("load_dependent_friction", (s.name,), port, 0.03, 0.5, wear, lambda a: {s.name: {"kl": a}}, also)
+    return Injection(
+        "load_dependent_friction", (s.name,), port, 0.03, 0.5, wear, lambda a: {s.name: {"kl": a}}, also
+    )
 
 
 def drift(s: Situation) -> Injection:

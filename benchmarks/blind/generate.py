@@ -15,7 +15,9 @@ from benchmarks.blind.blocks import COUNTS, Made, make
 CASES, SEALED, SEALS = "cases", "sealed", "seals.txt"
 
 
-def generate(block: str, seeds: str, count: int | None, out: Path, jobs: int, tell: Callable[[str], None]) -> Path:
+def generate(
+    block: str, seeds: str, count: int | None, out: Path, jobs: int, tell: Callable[[str], None]
+) -> Path:
     """Makes the first ``count`` cases of a block (all of them where None).
 
     Writes out/cases/NAME/{run_*.parquet, case.json}, out/sealed/BLOCK.json and a line of out/seals.txt.
@@ -33,11 +35,11 @@ def generate(block: str, seeds: str, count: int | None, out: Path, jobs: int, te
             made += one.result()
             tell(f"{block} {i + 1}/{wanted}")
     random.Random(f"{seeds}{block}").shuffle(made)
-    for one in made:
-        (cases / one.name / "case.json").write_text(json.dumps(one.shown, indent=1) + "\n")
+    for case in made:
+        (cases / case.name / "case.json").write_text(json.dumps(case.shown, indent=1) + "\n")
     sealed = out / SEALED / f"{block}.json"
     sealed.parent.mkdir(exist_ok=True)
-    truth = {"seeds": seeds, "block": block, "cases": {one.name: one.truth for one in made}}
+    truth = {"seeds": seeds, "block": block, "cases": {case.name: case.truth for case in made}}
     sealed.write_text(json.dumps(truth, indent=1) + "\n")
     with (out / SEALS).open("a") as file:
         file.write(f"{seal_of(sealed)}  {SEALED}/{block}.json  {seeds}  {len(made)} cases\n")

@@ -13,7 +13,8 @@ from benchmarks.blind.urdf_numbers import Inertial, Link
 def wrong_by(links: tuple[Link, ...], level: float, rng: np.random.Generator) -> tuple[Link, ...]:
     """Returns links whose inertial numbers are off by a relative standard deviation ``level``."""
     return tuple(
-        link if link.inertial is None else replace(link, inertial=_vary(link.inertial, level, rng)) for link in links
+        link if link.inertial is None else replace(link, inertial=_vary(link.inertial, level, rng))
+        for link in links
     )
 
 

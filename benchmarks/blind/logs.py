@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.plant import PERIOD, RawLog
+from benchmarks.blind.records import Faults
 from benchmarks.blind.urdf_numbers import Drive
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.save import write_episode
@@ -20,17 +21,21 @@ DECIMATION = 10
 CHANNELS = ("position", "velocity", "effort", "effort_command", "position_command")
 
 
-def record(raw: RawLog, drive: Drive, clock: float) -> dict[str, Array]:
+def record(raw: RawLog, drive: Drive, faults: Faults) -> dict[str, Array]:
     """Returns time (m,), touch (m,) and one (m, n) array per channel.
 
     Args:
         raw: Episode at 1 kHz.
         drive: Sensor grids.
-        clock: Relative error of the sensors' clock against the controller's, whose stamps the log carries.
+        faults: Their clocks; the log carries the controller's stamps.
     """
+    clock = faults.clock
     few = np.arange(0, raw.time.size, DECIMATION)
     seen = np.minimum(few * (1.0 + clock), raw.time.size - 1.0)
-    columns = {"time": few * PERIOD, "touch": raw.touch[few]}
+    columns: dict[str, Array] = {
+        "time": np.asarray(few * PERIOD * (1.0 + faults.stamps)),
+        "touch": raw.touch[few],
+    }
     columns["effort_command"], columns["position_command"] = raw.command[few], raw.target[few]
     grids = {"position": drive.position_resolution, "effort": drive.effort_resolution}
     for name, values in (("position", raw.position), ("velocity", raw.velocity), ("effort", raw.effort)):
@@ -43,7 +48,7 @@ def _between(values: Array, index: Array, grid: float | None) -> Array:
     high = np.minimum(low + 1, values.shape[0] - 1)
     share = (index - low)[:, None]
     mixed = (1 - share) * values[low] + share * values[high]
-    return mixed if grid is None else np.round(mixed / grid) * grid
+    return np.asarray(mixed if grid is None else np.round(mixed / grid) * grid)
 
 
 def save(

@@ -38,7 +38,9 @@ class Joints:
     def nominal(cls, drive: Drive) -> Joints:
         """Returns the joints of robot.yaml."""
         gap = np.zeros(len(drive.joints))
-        return cls(drive.rotor_inertia, drive.motor_damping, drive.spring_stiffness, drive.spring_damping, gap)
+        return cls(
+            drive.rotor_inertia, drive.motor_damping, drive.spring_stiffness, drive.spring_damping, gap
+        )
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,9 @@ def write_mjcf(
 
 
 def _body(parent: ET.Element, link: Link) -> ET.Element:
-    body = ET.SubElement(parent, "body", name=link.name, pos=_text(link.position), quat=_text(_quaternion(link.rpy)))
+    body = ET.SubElement(
+        parent, "body", name=link.name, pos=_text(link.position), quat=_text(_quaternion(link.rpy))
+    )
     if link.inertial is not None:
         tensor = link.inertial.inertia
         full = [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
@@ -117,7 +121,9 @@ def _add_drives(root: ET.Element, world: ET.Element, names: Sequence[str], joint
 def _add_surface(world: ET.Element, hand: ET.Element, surface: Surface) -> None:
     contact = {"solref": f"{surface.time_constant} {surface.damping_ratio}", "solimp": "0.9 0.95 0.002 0.5 2"}
     contact |= {"friction": f"{surface.friction} 0.005 0.0001"}
-    ET.SubElement(world, "geom", contact | {"type": "plane", "pos": f"0 0 {surface.height}", "size": "3 3 0.1"})
+    ET.SubElement(
+        world, "geom", contact | {"type": "plane", "pos": f"0 0 {surface.height}", "size": "3 3 0.1"}
+    )
     ET.SubElement(hand, "geom", contact | {"type": "sphere", "size": "0.02", "mass": "0"})
 
 

@@ -64,7 +64,9 @@ def _within_range(
     room = np.minimum(centre - drive.position_min, drive.position_max - centre) - MARGIN
     size = np.minimum(room, 0.6) / np.maximum(np.abs(deviation).max(axis=0), 1e-9)
     speed = np.abs(np.gradient(deviation, 1 / RATE, axis=0)).max(axis=0)
-    return deviation * np.minimum.reduce([size, 0.7 * drive.velocity_max / speed, np.full(size.size, 1.3)]), centre
+    return deviation * np.minimum.reduce(
+        [size, 0.7 * drive.velocity_max / speed, np.full(size.size, 1.3)]
+    ), centre
 
 
 def poor_motion(

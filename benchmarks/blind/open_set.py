@@ -89,7 +89,9 @@ def position_dependent_friction(s: Situation) -> Injection:
     often = float(s.rng.uniform(10.0, 20.0))
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
-        return with_friction(arm, "actuator", s.joint, fc=a, pa=0.9, pn=often, **bristles_of(s, "actuator", a, 4e-4))
+        return with_friction(
+            arm, "actuator", s.joint, fc=a, pa=0.9, pn=often, **bristles_of(s, "actuator", a, 4e-4)
+        )
 
     return Injection("position_dependent_friction", (s.name,), "actuator", 0.3, 12.0, wear, _none)
 

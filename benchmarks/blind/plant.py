@@ -142,11 +142,29 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
         time = (k - settle) * PERIOD
         j = max(k - settle, 0)
         spring = arm.joints.stiffness * _dead(position[n:] - position[:n], arm.joints.gap)
-        read_sensors(faults.joint, state, faults.crosstalk, position[:n], spring, noises[k], scale, PERIOD, frozen[k], seen)
+        read_sensors(
+            faults.joint,
+            state,
+            faults.crosstalk,
+            position[:n],
+            spring,
+            noises[k],
+            scale,
+            PERIOD,
+            frozen[k],
+            seen,
+        )
         reference[0] = motion.position[j] + min(time, 0.0) * motion.velocity[0]
         reference[1], reference[2] = motion.velocity[j], motion.feed_forward[j]
         impedance_law(
-            stiffness, damping, arm.drive.spring_stiffness, reference, seen, estimate, arm.drive.effort_max, commands[k]
+            stiffness,
+            damping,
+            arm.drive.spring_stiffness,
+            reference,
+            seen,
+            estimate,
+            arm.drive.effort_max,
+            commands[k],
         )
         errors[:] = reference[:2] - seen[:2]
         support = support_of.at(seen[0])
@@ -158,14 +176,15 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
             elapsed = k * PERIOD + part * STEP
             if part:
                 spring = arm.joints.stiffness * _dead(position[n:] - position[:n], arm.joints.gap)
+            age = max(elapsed - SETTLE, 0.0)
             apply_drives(
                 faults.joint, faults.friction, state, faults.coupling, commands, support, position[:n], speed[:n],
-                position[n:], speed[n:], spring, errors, elapsed, max(elapsed - SETTLE, 0.0), arm.drive.command_delay, lost[k], STEP, out,
+                position[n:], speed[n:], spring, errors, elapsed, age, arm.drive.command_delay, lost[k], STEP, out,
             )  # fmt: skip
             data.qfrc_applied[:] = out
             mujoco.mj_step(model, data)
     kept = rows[settle:]
-    times = np.arange(kept.shape[0]) * PERIOD
+    times = np.asarray(np.arange(kept.shape[0]) * PERIOD, dtype=np.float64)
     return RawLog(times, kept[:, 0], kept[:, 1], kept[:, 2], kept[:, 3], motion.position, touch[settle:])
 
 

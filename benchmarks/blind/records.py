@@ -78,7 +78,10 @@ JOINT = np.dtype(
 )
 
 STATE = np.dtype(
-    [(name, np.float64) for name in ("z_motor", "z_link", "lagged", "caught", "last", "slow", "slower", "started")]
+    [
+        (name, np.float64)
+        for name in ("z_motor", "z_link", "lagged", "caught", "last", "slow", "slower", "started")
+    ]
 )
 
 
@@ -90,8 +93,9 @@ class Faults:
         friction: (2, n) records: on the motors, on the links.
         joint: (n,) records.
         crosstalk: (n, n) share of joint j's torque that sensor i reads too.
-        coupling: (n, n) viscous torque on motors i and j per relative speed of both [N.m.s/rad].
-        clock: Relative error of the sensors' clock.
+        coupling: (n, n) dry friction of a shaft that motors i and j share [N.m].
+        clock: Relative error of the sensors' clock against the controller's.
+        stamps: Relative error of all time stamps.
     """
 
     friction: NDArray[np.void]
@@ -99,6 +103,7 @@ class Faults:
     crosstalk: Array
     coupling: Array
     clock: float = 0.0
+    stamps: float = 0.0
     drop_times: list[tuple[float, float]] = field(default_factory=list)
     freeze_times: list[tuple[float, float]] = field(default_factory=list)
 

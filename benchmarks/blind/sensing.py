@@ -16,7 +16,9 @@ def encoder_offset(s: Situation) -> Injection:
     def wear(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, dq0=sign * a)
 
-    return Injection("encoder_offset", (s.name,), "sensor", 0.02, 0.25, wear, lambda a: {s.name: {"dq0": sign * a}})
+    return Injection(
+        "encoder_offset", (s.name,), "sensor", 0.02, 0.25, wear, lambda a: {s.name: {"dq0": sign * a}}
+    )
 
 
 def crosstalk(s: Situation) -> Injection:
@@ -42,16 +44,22 @@ def velocity_filter_lag(s: Situation) -> Injection:
     def wear(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, velocity_lag=a)
 
-    return Injection("velocity_filter_lag", (s.name,), "sensor", 0.01, 0.1, wear, lambda a: {s.name: {"T": a}})
+    return Injection(
+        "velocity_filter_lag", (s.name,), "sensor", 0.01, 0.1, wear, lambda a: {s.name: {"T": a}}
+    )
 
 
 def clock_drift(s: Situation) -> Injection:
-    """The sensors' clock runs fast against the controller's: their stamps drift apart along the log."""
+    """A clock runs fast: all stamps, or the sensors' against the controller's, which drift apart along the log."""
+    which = str(s.rng.choice(["stamps", "clock"]))
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
-        return replace(arm, faults=replace(arm.faults, clock=a * 1e-6))
+        error = a * 1e-6
+        faults = replace(arm.faults, stamps=error) if which == "stamps" else replace(arm.faults, clock=error)
+        return replace(arm, faults=faults)
 
-    return Injection("clock_drift", (), "timing", 500.0, 20000.0, wear, lambda a: {"log": {"ppm": a}})
+    most = 80000.0 if which == "stamps" else 20000.0
+    return Injection("clock_drift", (), "timing", 1000.0, most, wear, lambda a: {"log": {"ppm": a}})
 
 
 SENSING: dict[str, Draw] = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,10 @@ class Size:
     joint: int
 
 
+def _worn(injection: Injection, amplitude: float, arm: Arm, episode: int) -> Arm:
+    return injection.wear(arm, amplitude, episode)
+
+
 class Yardstick:
     """Runs the arm without and with an effect, both without noise, and compares."""
 
@@ -51,7 +56,9 @@ class Yardstick:
         quiet = [self._columns(arm, motion, None) for motion in motions]
         self._quiet = [residual(one, arm.drive, self._model) for one in quiet]
         noisy = [self._columns(arm, motion, Noise(seed + i, level)) for i, motion in enumerate(motions)]
-        excess = [residual(one, arm.drive, self._model) - base for one, base in zip(noisy, self._quiet, strict=True)]
+        excess = [
+            residual(one, arm.drive, self._model) - base for one, base in zip(noisy, self._quiet, strict=True)
+        ]
         self.noise: Array = np.sqrt(np.mean(np.concatenate(excess, axis=1) ** 2, axis=1))
         inertia = [inertia_columns(one, arm.believed, arm.side, PRIOR) for one in quiet]
         self._inertia = np.concatenate(inertia, axis=0)
@@ -75,7 +82,7 @@ class Yardstick:
         """Returns the amplitude that gives a net size of 1 to 1.3 times the wanted, or as near as physics lets."""
         amplitude, tried = injection.first, []
         for _ in range(5):
-            size = self.size(lambda arm, i, a=amplitude: injection.wear(arm, a, i))
+            size = self.size(partial(_worn, injection, amplitude))
             tried.append((abs(np.log(max(size.net, 1e-6) / (1.1 * wanted))), amplitude, size))
             if wanted <= size.net <= 1.3 * wanted:
                 break
@@ -88,4 +95,4 @@ class Yardstick:
         return amplitude, size
 
     def _columns(self, arm: Arm, motion: Motion, noise: Noise | None) -> dict[str, Array]:
-        return record(simulate(arm, motion, *self._gains, noise), arm.drive, arm.faults.clock)
+        return record(simulate(arm, motion, *self._gains, noise), arm.drive, arm.faults)

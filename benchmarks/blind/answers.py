@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A tool's answer laid beside the truth: what was right in one case."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+VERDICTS = ("no_gap", "explained", "partly_explained", "unexplained", "ambiguous", "insufficient_data")
+NO_ANSWER = "no answer"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a tool said of one case.
+
+    Attributes:
+        verdict: One of `VERDICTS`, or "no answer".
+        causes: As in design 3.3, without those that only name known surroundings.
+        shrink: Held-out share of the gap that was closed, or None.
+        seconds: Wall time.
+        memory: Peak [MB].
+    """
+
+    verdict: str
+    causes: tuple[Mapping[str, Any], ...]
+    shrink: float | None
+    seconds: float
+    memory: float
+
+    @property
+    def first(self) -> str:
+        """Id of the first cause, or the verdict where there is none."""
+        return str(self.causes[0]["effect"]) if self.causes else self.verdict
+
+    @property
+    def named(self) -> bool:
+        """Whether it claims to have explained the gap by a cause."""
+        return self.verdict == "explained" and bool(self.causes)
+
+    @property
+    def reported(self) -> set[str]:
+        """Every effect id among causes and equivalents."""
+        same = {str(other["effect"]) for cause in self.causes for other in cause.get("equivalent", [])}
+        return same | {str(cause["effect"]) for cause in self.causes}
+
+
+def read_answer(folder: Path, name: str, surroundings: Sequence[str]) -> Answer | None:
+    """Reads what a tool said of a case; None where it was not asked."""
+    record = folder / f"{name}.run.json"
+    if not record.exists():
+        return None
+    run = json.loads(record.read_text())
+    path = folder / f"{name}.json"
+    if not path.exists():
+        return Answer(NO_ANSWER, (), None, run["seconds"], run["memory_mb"])
+    said = json.loads(path.read_text())
+    causes = tuple(cause for cause in said.get("causes", []) if cause["effect"] not in surroundings)
+    verdict = said["verdict"] if said["verdict"] in VERDICTS else NO_ANSWER
+    shrink = (said.get("gap") or {}).get("shrink")
+    return Answer(verdict, causes, shrink, run["seconds"], run["memory_mb"])
+
+
+def is_cause(cause: Mapping[str, Any], truth: Mapping[str, Any], place: bool = True) -> bool:
+    """Tells whether a cause is a true effect, and at its joints (or body) where ``place`` asks for that."""
+    if cause["effect"] not in (truth["effect"], *truth["also"]):
+        return False
+    if not place or not truth["joints"]:
+        return True
+    if truth["effect"] in ("payload", "link_inertia"):
+        keys = set(cause.get("parameters", {}))
+        return bool(keys & set(truth["parameters"])) or truth["effect"] == "payload"
+    joints = set(cause.get("joints", []))
+    whole_robot = len(truth["joints"]) > 2
+    return (whole_robot and not joints) or (bool(joints) and joints <= set(truth["joints"]))
+
+
+def parameter_pairs(
+    cause: Mapping[str, Any], truth: Mapping[str, Any]
+) -> list[tuple[float, float, float | None]]:
+    """Returns (value, true value, standard error) of every parameter that both state under the same key."""
+    found = []
+    for key, symbols in truth["parameters"].items():
+        said = cause.get("parameters", {}).get(key, {})
+        for symbol, true in symbols.items():
+            value = said.get(symbol)
+            if value is not None and value.get("value") is not None:
+                found.append((float(value["value"]), float(true), value.get("std")))
+    return found

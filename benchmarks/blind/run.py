@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Puts every case before one tool, in processes of its own, and keeps its answer, time and memory.
+
+A tool sees copies of a case's logs in a folder of their own, nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from benchmarks.blind.generate import CASES, SEALED
+
+ANSWERS = "answers"
+
+
+def run_all(
+    out: Path, tool: str, blocks: Sequence[str], timeout: float, jobs: int, tell: Callable[[str], None]
+) -> None:
+    """Diagnoses all cases of some blocks (all where empty) that have no answer yet."""
+    folder = out / ANSWERS / tool
+    folder.mkdir(parents=True, exist_ok=True)
+    waiting = [name for name in names_of(out, blocks) if not (folder / f"{name}.run.json").exists()]
+
+    def one(name: str) -> str:
+        record = run_case(out / CASES / name, tool, folder / f"{name}.json", timeout)
+        (folder / f"{name}.run.json").write_text(json.dumps(record) + "\n")
+        return f"{name} exit {record['exit']} {record['seconds']:.1f} s"
+
+    with ThreadPoolExecutor(jobs) as pool:
+        for i, line in enumerate(pool.map(one, waiting)):
+            tell(f"{tool} {i + 1}/{len(waiting)} {line}")
+
+
+def names_of(out: Path, blocks: Sequence[str]) -> list[str]:
+    """Returns the case names of some blocks, in alphabetic order, which says nothing about the truth."""
+    found: list[str] = []
+    for sealed in sorted((out / SEALED).glob("*.json")):
+        if not blocks or sealed.stem in blocks:
+            found += list(json.loads(sealed.read_text())["cases"])
+    return sorted(found)
+
+
+def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, Any]:
+    """Runs one tool on one case.
+
+    Returns:
+        exit (None after a timeout), seconds, peak memory [MB] and the end of what it printed as errors.
+    """
+    shown = json.loads((case / "case.json").read_text())
+    with tempfile.TemporaryDirectory(prefix="blind-") as room:
+        for name in (*shown["logs"], *shown["holdout"]):
+            shutil.copy(case / name, room)
+        command = _command(tool, shown, answer.resolve())
+        errors = Path(room) / "errors.txt"
+        start = time.monotonic()
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        environment["PYTHONPATH"] = os.pathsep.join([os.getcwd(), environment.get("PYTHONPATH", "")])
+        with errors.open("wb") as sink:
+            process = subprocess.Popen(
+                command, cwd=room, stdout=subprocess.DEVNULL, stderr=sink, env=environment
+            )
+            status, memory = _wait(process, timeout)
+        seconds = time.monotonic() - start
+        said = errors.read_text(errors="replace")[-2000:]
+    return {"exit": status, "seconds": seconds, "memory_mb": memory, "errors": said}
+
+
+def _wait(process: subprocess.Popen[bytes], timeout: float) -> tuple[int | None, float]:
+    """Waits for a child and reads its peak memory; kills it when the time is up."""
+    end = time.monotonic() + timeout
+    while time.monotonic() < end:
+        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+        if pid:
+            process.returncode = os.waitstatus_to_exitcode(status)
+            return process.returncode, usage.ru_maxrss / 1024
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    return None, float("nan")
+
+
+def _command(tool: str, shown: dict[str, Any], answer: Path) -> list[str]:
+    held = [word for name in shown["holdout"] for word in ("--holdout", name)]
+    if tool == "impedance":
+        without = [word for name in shown["without"] for word in ("--without", name)]
+        words = [
+            "diagnose",
+            *shown["logs"],
+            *held,
+            "--robot",
+            shown["robot"],
+            "--json",
+            str(answer),
+            *without,
+        ]
+        return [sys.executable, "-m", "impedance_modules", *words]
+    module = {"least-squares": "baseline_least_squares", "sysid": "baseline_sysid"}[tool]
+    return [sys.executable, "-m", f"benchmarks.blind.{module}", str(answer), *shown["logs"], *held]

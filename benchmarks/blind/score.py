@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Opens the seals, lays every answer beside its truth, and writes the tables."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from benchmarks.blind.answers import Answer, read_answer
+from benchmarks.blind.confusion import confusion, worst_cells
+from benchmarks.blind.figures import FIGURES, Judged, by_size
+from benchmarks.blind.generate import SEALED, SEALS, seal_of
+from benchmarks.blind.run import ANSWERS
+
+TITLES = {"impedance": "impedance diagnose", "least-squares": "least squares", "sysid": "mujoco.sysid"}
+
+
+def score_all(out: Path) -> str:
+    """Scores every tool that was run, writes score.md and score.json, and returns the text of the first.
+
+    Raises:
+        ValueError: A sealed file is not the one whose hash was written when it was made.
+    """
+    check_seals(out)
+    judged = {tool: judge(out, tool) for tool in TITLES if (out / ANSWERS / tool).is_dir()}
+    lines = ["| figure | target (floor) | " + " | ".join(TITLES[tool] for tool in judged) + " |"]
+    lines.append("|---" * (2 + len(judged)) + "|")
+    numbers: dict[str, dict[str, str]] = {}
+    for figure in FIGURES:
+        values = {tool: figure.count(cases) for tool, cases in judged.items()}
+        numbers[figure.title] = values
+        lines.append(f"| {figure.title} | {figure.target} | " + " | ".join(values.values()) + " |")
+    for tool, cases in judged.items():
+        lines += ["", f"{TITLES[tool]}: single effects (block A) by size over noise", "", *by_size(cases)]
+        lines += ["", f"{TITLES[tool]}: most frequent wrong first causes", "", *worst_cells(cases)]
+    text = "\n".join(lines) + "\n"
+    (out / "score.md").write_text(text)
+    tables = {tool: confusion(cases) for tool, cases in judged.items()}
+    (out / "score.json").write_text(json.dumps({"figures": numbers, "confusion": tables}, indent=1) + "\n")
+    return text
+
+
+def check_seals(out: Path) -> None:
+    """Compares every sealed file with the last hash written for it.
+
+    Raises:
+        ValueError: They differ.
+    """
+    seals = {}
+    for line in (out / SEALS).read_text().splitlines():
+        words = line.split()
+        seals[words[1]] = words[0]
+    for path in sorted((out / SEALED).glob("*.json")):
+        if seals.get(f"{SEALED}/{path.name}") != seal_of(path):
+            raise ValueError(f"{path}: not the truth that was sealed (its SHA-256 is {seal_of(path)})")
+
+
+def judge(out: Path, tool: str) -> list[Judged]:
+    """Returns every case that a tool was asked about."""
+    found = []
+    for sealed in sorted((out / SEALED).glob("*.json")):
+        cases: dict[str, dict[str, Any]] = json.loads(sealed.read_text())["cases"]
+        for name, truth in cases.items():
+            answer: Answer | None = read_answer(out / ANSWERS / tool, name, truth.get("surroundings", []))
+            if answer is not None:
+                found.append(Judged(name, truth, answer))
+    return found

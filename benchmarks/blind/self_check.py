@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Checks the generator itself: `python -m benchmarks.blind.self_check`; every check can fail."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from benchmarks.blind.blocks import make
+from benchmarks.blind.case import draw_bench, measure, plant_effect, rich_episodes
+from benchmarks.blind.catalogue import CATALOGUE
+from benchmarks.blind.excitation import Motion
+from benchmarks.blind.figures import FIGURES
+from benchmarks.blind.generate import SEALED
+from benchmarks.blind.logs import record
+from benchmarks.blind.mjcf import Joints, write_mjcf
+from benchmarks.blind.motion import inverse_dynamics
+from benchmarks.blind.open_set import OPEN_SET
+from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
+from benchmarks.blind.pretend import pretend
+from benchmarks.blind.residual import residual
+from benchmarks.blind.score import check_seals, judge, score_all
+from benchmarks.blind.urdf_numbers import ROBOT_FOLDER, hand_of, read_arm, read_drive
+
+Array = NDArray[np.float64]
+Result = tuple[bool, str]
+
+
+def same_dynamics() -> Result:
+    """M, C and g of the exact nominal arm equal pinocchio's."""
+    model = pin.buildModelFromUrdf(str(ROBOT_FOLDER / "baxter.urdf"))
+    data, rng, worst = model.createData(), np.random.default_rng(0), 0.0
+    for side in ("left", "right"):
+        joints = [model.joints[model.getJointId(name)] for name in read_drive(side).joints]
+        at, to = [joint.idx_q for joint in joints], [joint.idx_v for joint in joints]
+        arm = rigid_model(read_arm(side), side)
+        q, v, a = np.zeros((3, 50, len(joints)))
+        expected = np.zeros_like(q)
+        for k in range(50):
+            q[k], v[k], a[k] = rng.uniform(-1, 1, (3, len(joints)))
+            whole = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+            whole[0][at], whole[1][to], whole[2][to] = q[k], v[k], a[k]
+            expected[k] = pin.rnea(model, data, *whole)[to]
+        worst = max(worst, float(np.abs(inverse_dynamics(arm, q, v, a) - expected).max()))
+    return worst < 1e-10, f"largest difference {worst:.1e} N.m"
+
+
+def keeps_energy() -> Result:
+    """Without damping and gravity the springs, rotors and links together keep their energy."""
+    side = "left"
+    drive = read_drive(side)
+    n = len(drive.joints)
+    joints = replace(Joints.nominal(drive), motor_damping=np.zeros(n), damping=np.zeros(n))
+    text = write_mjcf(read_arm(side), joints, np.zeros(3), hand_of(side))
+    model = mujoco.MjModel.from_xml_string(
+        text.replace("<option ", '<option ><flag energy="enable"/></option><option ', 1)
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = np.tile(np.random.default_rng(1).uniform(-0.5, 0.5, n), 2)
+    data.qpos[n:] += 0.005
+    mujoco.mj_forward(model, data)
+    energies = []
+    for _ in range(4000):
+        mujoco.mj_step(model, data)
+        energies.append(float(data.energy.sum()))
+    drift = (np.mean(energies[-400:]) - np.mean(energies[:400])) / energies[0]
+    return bool(abs(drift) < 0.02), f"drift in 2 s {100 * drift:.2f} % of {energies[0]:.2f} J"
+
+
+def nominal_is_silent() -> Result:
+    """With exact inertias, no fault and no sensor grid the residual is below 15 % of the noise's rms."""
+    bench = draw_bench(np.random.default_rng(2), 1.0)
+    fine = replace(bench.arm.drive, position_resolution=1e-9, effort_resolution=1e-9)
+    bench = replace(bench, arm=replace(bench.arm, links=bench.arm.believed, drive=fine))
+    motion = rich_episodes(bench, np.random.default_rng(3))[0].motion
+    model = rigid_model(bench.arm.believed, bench.arm.side)
+
+    def left(noise: Noise | None) -> Array:
+        raw = simulate(bench.arm, motion, *bench.gains, noise)
+        return residual(record(raw, fine, bench.arm.faults), fine, model)
+
+    quiet, noisy = left(None), left(Noise(4, 1.0))
+    ratio = np.sqrt(np.mean(quiet**2, axis=1)) / np.sqrt(np.mean((noisy - quiet) ** 2, axis=1))
+    return bool(ratio.max() < 0.15), f"largest residual {ratio.max():.2f} of the noise"
+
+
+def sizes_hold() -> Result:
+    """An effect sized on noiseless runs has that size, within a third, in the noisy logs it goes into."""
+    rng = np.random.default_rng(5)
+    bench = draw_bench(rng, 1.0)
+    episodes = rich_episodes(bench, rng)
+    yardstick = measure(bench, episodes, 6)
+    centre = episodes[0].motion.position.mean(axis=0)
+    model, drive = rigid_model(bench.arm.believed, bench.arm.side), bench.arm.drive
+    lines, fine = [], True
+    for effect in ("viscous_friction", "torque_ripple", "crosstalk"):
+        one = plant_effect(CATALOGUE[effect], bench, yardstick, centre, 3.0, rng)
+        worn = one.injection.wear(bench.arm, one.amplitude, 0)
+        change = _noisy_change(bench.arm, worn, episodes[0].motion, bench.gains)
+        port = ("actuator", "link", "sensor").index(one.size.port)
+        column = residual(change[0], drive, model) - residual(change[1], drive, model)
+        rms = (
+            float(np.sqrt(np.mean(column[port][:, one.size.joint] ** 2)))
+            / yardstick.noise[port, one.size.joint]
+        )
+        expected = float(np.hypot(one.size.raw, np.sqrt(2.0)))
+        fine &= 0.67 < rms / expected < 1.5
+        lines.append(f"{effect} {rms:.1f} of {expected:.1f}")
+    return fine, ", ".join(lines)
+
+
+def _noisy_change(
+    clean: Arm, worn: Arm, motion: Motion, gains: tuple[Array, Array]
+) -> list[dict[str, Array]]:
+    logs = []
+    for i, arm in enumerate((worn, clean)):
+        logs.append(record(simulate(arm, motion, *gains, Noise(7 + i, 1.0)), arm.drive, arm.faults))
+    return logs
+
+
+def nothing_leaks() -> Result:
+    """Neither files nor names nor metadata of a case carry a word of the truth."""
+    words = set(CATALOGUE) | set(OPEN_SET) | {"truth", "amplitude", "seed"}
+    with tempfile.TemporaryDirectory() as place:
+        made = make("A", 0, "dev", Path(place))[0]
+        text = json.dumps(made.shown) + made.name
+        for path in (Path(place) / made.name).iterdir():
+            schema = pq.read_schema(path)
+            text += path.name + str(schema.metadata) + " ".join(schema.names)
+        again = make("A", 0, "dev", Path(place))[0]
+    found = sorted(word for word in words if word in text)
+    same = again.truth == made.truth and again.name == made.name
+    return not found and same, f"words found: {found or 'none'}; made twice the same: {same}"
+
+
+def scorer_is_fair() -> Result:
+    """Right answers score full marks in every block, confident wrong ones none, and a changed truth is refused."""
+    with tempfile.TemporaryDirectory() as place:
+        out = Path(place)
+        pretend(out)
+        right = {figure.title: figure.count(judge(out, "impedance")) for figure in FIGURES}
+        wrong = {figure.title: figure.count(judge(out, "least-squares")) for figure in FIGURES}
+        text = score_all(out)
+        (out / SEALED / "A.json").write_text("{}")
+        try:
+            check_seals(out)
+            refused = False
+        except ValueError:
+            refused = True
+    rates = [title for title, value in right.items() if "% (" in value]
+    bad = {
+        title for title in rates if any(word in title for word in ("alarm", "wrong", "contain", "no answer"))
+    }
+    good = [title for title in rates if title not in bad]
+    bad.discard("no answer at all")
+    fair = all(
+        right[t].startswith("100.0 %") and wrong[t].startswith("0.0 %") for t in good if "cover" not in t
+    )
+    fair &= all(right[t].startswith("0.0 %") and wrong[t].startswith("100.0 %") for t in bad)
+    return (
+        fair and refused and "impedance diagnose" in text,
+        f"{len(rates)} rates; changed truth refused: {refused}",
+    )
+
+
+CHECKS: tuple[Callable[[], Result], ...] = (
+    scorer_is_fair,
+    same_dynamics,
+    keeps_energy,
+    nominal_is_silent,
+    sizes_hold,
+    nothing_leaks,
+)
+
+
+def main() -> int:
+    """Prints one line per check; returns 1 if any failed."""
+    failed = 0
+    for check in CHECKS:
+        fine, text = check()
+        failed += not fine
+        print(f"{'ok  ' if fine else 'FAIL'} {check.__name__}: {text}")
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
