@@ -251,15 +251,17 @@ class Controller:
         scalars[LEVEL] += scalars[SCALE] * scalars[POTENTIAL]
         scalars[SCALE], scalars[POTENTIAL] = 0.0, 0.0
 
-    def brake(self, state: RobotState, effort: Array) -> int:
-        """Books a stop's interval, unless ``tick`` has done so for this state, and pays a braking torque (n,).
+    def brake(self, state: RobotState | None, effort: Array) -> int:
+        """Books a stop's interval, unless that is done, and pays a braking torque; springs are relaxed by then.
 
-        The springs are relaxed by then.
+        Args:
+            state: Of this cycle; None where ``miss`` has booked a cycle without one.
+            effort: (n,) braking torque [N.m].
 
         Returns:
             0; the torque that may leave is ``effort``.
         """
-        if state is not self._booked:
+        if state is not None and state is not self._booked:
             compiled_ledger.measure(*self._book, state.position, state.effort, 0.0)
             self._booked = state
         np.copyto(self._effort, effort)

@@ -88,7 +88,7 @@ def run_loop(
     state: RobotState | None = first
     end = np.inf if duration is None else first.time + duration - 0.5 * assembly.period
     nothing = np.zeros(assembly.model.n)
-    late = False
+    late, newest = False, first.time
     try:
         while supervisor.ending is None:
             began = time.perf_counter()
@@ -102,11 +102,17 @@ def run_loop(
             if state is not None:
                 on_cycle(state, leaves, missed, request is not None)
             if supervisor.ending is None:
-                state = backend.read()
+                state = _fresh(backend.read(), newest)
+                newest = newest if state is None else state.time
     except EndOfRecording as end_of_recording:
         supervisor.note(str(end_of_recording))
     finally:
         backend.finish("release" if supervisor.released else "hold")
+
+
+def _fresh(state: RobotState | None, newest: float) -> RobotState | None:
+    """Passes on a sample that is newer than the last [s]; the same one again means that the robot's clock stands."""
+    return state if state is not None and state.time > newest else None
 
 
 def _stop_request(interrupt: Interrupt, state: RobotState | None, end: float) -> str | None:

@@ -78,6 +78,8 @@ class Supervisor:
         self._interrupted = False
         self._age = 0.0
         self._speeds = dict.fromkeys(self.ladder, 0.0)
+        self._velocity: Array = np.zeros(assembly.model.n)
+        self._time = 0.0
         limits = assembly.limits
         self._braking = np.diag(BRAKING_SHARE * limits.effort_max / limits.velocity_max)
         self._low = limits.position_min - BEYOND_LIMIT
@@ -110,6 +112,7 @@ class Supervisor:
         """
         self.controller.start(first, self.sequence.phase)
         self.touch.reset(first.state)
+        self._velocity, self._time = first.state.velocity, first.state.time
         self._say(first.state.time, f"phase '{self.sequence.phase.name}'")
 
     def step(self, state: RobotState | None, *, late: bool, stop_request: str | None) -> Array | None:
@@ -133,6 +136,7 @@ class Supervisor:
         elif running and not events:
             events = self._run(state)
             if not events:
+                self._velocity, self._time = state.velocity, state.time
                 return None if self.ending is not None else self.controller.effort
         return self._descend(state, events, entering=running)
 
@@ -145,8 +149,8 @@ class Supervisor:
             return [Occurrence(Event.STATE_NOT_FINITE, None, "a position, velocity or effort is not finite")]
         if status == EFFORT_NOT_FINITE:
             return [Occurrence(Event.EFFORT_NOT_FINITE, None, "the modules' torque is not finite")]
-        solution = controller.solution
-        if solution is None or not solution.solved:
+        if not controller.solved:
+            solution = controller.solution
             status_text = "no solution" if solution is None else solution.status
             return [Occurrence(Event.SOLVER_FAILED, None, status_text)]
         if controller.too_fast < state.position.size:
@@ -178,32 +182,31 @@ class Supervisor:
 
     def _descend(self, state: RobotState | None, events: list[Occurrence], *, entering: bool) -> Array | None:
         """Applies the ladder, and brakes where it says so."""
-        if state is not None and np.isfinite(state.velocity).all():
+        sound = state is not None and _is_finite(state)
+        if state is not None and sound:
+            self._velocity, self._time = state.velocity, state.time
             self._speeds = self._arm_speeds(state.velocity)
+        elif state is not None:
+            # Nothing was booked for a state that cannot be read; for one that did not come, ``step`` has done so.
+            self.controller.miss()
         before = self.ladder
         self.ladder = descend(before, events, self._speeds, self.assembly.period, self.stop_limits)
         hardest = max(self.ladder.values(), key=lambda decision: decision.rung)
-        time = np.nan if state is None else state.time
         if hardest.rung < Rung.DAMP:
             return None
         if hardest.reason != max(before.values(), key=lambda decision: decision.rung).reason:
-            self._say(time, hardest.reason)
+            self._say(self._time, hardest.reason)
         self.reason = hardest.reason
         if hardest.rung > Rung.DAMP:
             self.ending = Ending.INTERRUPTED if self._interrupted else Ending.STOPPED
             return None
         if entering:
             self.controller.relax()
-        return self._brake(state)
+        return self._brake(state if sound else None)
 
     def _brake(self, state: RobotState | None) -> Array | None:
-        """Damps every joint of every arm; a state that cannot be trusted sends nothing."""
-        if (
-            state is None
-            or not np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all()
-        ):
-            return None
-        effort = damping_effort(self._braking, state.velocity, self.assembly.limits.effort_max)
+        """Damps every joint of every arm; without a sound state, on the last velocity seen."""
+        effort = damping_effort(self._braking, self._velocity, self.assembly.limits.effort_max)
         return self.controller.effort if self.controller.brake(state, effort) == 0 else None
 
     def _clock_events(self, state: RobotState | None, late: bool) -> list[Occurrence]:
@@ -234,6 +237,10 @@ class Supervisor:
 
     def _say(self, time: float, text: str) -> None:
         self.messages.append((time, text))
+
+
+def _is_finite(state: RobotState) -> bool:
+    return bool(np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all())
 
 
 def stop_limits(period: float) -> StopLimits:
