@@ -84,7 +84,7 @@ def carry_out(
     """
     supervisor = Supervisor(assembly)
     supervisor.controller.warm()
-    simulated = options.backend != "baxter"
+    simulated = options.backend in ("sim", "replay")
     first = backend.start()
     recorder = Recorder(
         options.out, supervisor, first.acting, options.seed, options.backend, simulated=simulated
