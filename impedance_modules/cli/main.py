@@ -14,7 +14,7 @@ import impedance_modules
 from impedance_modules.cli.threads import use_one_thread
 from impedance_modules.errors import ImpedanceError
 
-VERBS = ("check", "analyze", "run", "replay")
+VERBS = ("check", "analyze", "run", "replay", "import")
 
 
 class Verbs(click.Group):
@@ -28,7 +28,8 @@ class Verbs(click.Group):
         """Imports one verb."""
         if cmd_name not in VERBS:
             return None
-        module = __import__(f"impedance_modules.cli.{cmd_name}", fromlist=["command"])
+        name = "import_" if cmd_name == "import" else cmd_name  # a keyword cannot name a module
+        module = __import__(f"impedance_modules.cli.{name}", fromlist=["command"])
         command: click.Command = module.command
         return command
 

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""MATLAB's .mat and NumPy's .npz files: variables, structs and matrices become columns."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.episode.imports.table import CHUNK_ROWS, Chunk, Vector, refuse_nonfinite
+from impedance_modules.errors import BadInput
+
+LARGEST_FILE = 1_000_000_000
+"""Bytes; these formats can only be read whole."""
+
+_DEEPEST = 4
+"""Structs within structs."""
+
+_DAMAGE = (
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    OverflowError,
+    EOFError,
+    zlib.error,
+    zipfile.BadZipFile,
+)
+
+
+class ArrayTable:
+    """The numeric variables of one file.
+
+    A vector ``q`` is the column ``q``; of a matrix ``q`` the columns are ``q[1]``, ``q[2]`` ... along its shorter
+    side; a field of a struct is ``s.q``.
+
+    Attributes:
+        path, names, scalars, row_word, notes: See `Table`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Reads the file.
+
+        Raises:
+            BadInput: Missing, damaged, too large, or without any series of numbers.
+        """
+        self.path = path
+        self.row_word = "sample"
+        self.notes: list[str] = []
+        self._series: dict[str, Vector] = {}
+        scalars: dict[str, float] = {}
+        for name, value in _numeric(_variables(path), _DEEPEST):
+            if value.size == 1:
+                scalars[name] = float(value.reshape(-1)[0])
+            elif value.size:
+                self._series.update(_columns(name, value))
+        self.scalars: Mapping[str, float] = scalars
+        self.names = tuple(self._series)
+        if not self.names:
+            raise BadInput(f"{path}: no variable of it is a series of numbers (valid: vectors and matrices)")
+
+    def chunks(self, wanted: Sequence[str]) -> Iterator[Chunk]:
+        """Yields the wanted columns; see `Table`."""
+        lengths = {name: len(self._series[name]) for name in wanted}
+        if len(set(lengths.values())) > 1:
+            listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise BadInput(
+                f"{self.path}: variables of different lengths: {listed} (valid: one value per sample)"
+            )
+        for start in range(0, max(lengths.values(), default=0), CHUNK_ROWS):
+            columns = {
+                name: self._series[name][start : start + CHUNK_ROWS].astype(np.float64) for name in wanted
+            }
+            count = len(next(iter(columns.values())))
+            places = np.arange(start + 1, start + 1 + count, dtype=np.int64)
+            yield refuse_nonfinite(self.path, self.row_word, Chunk(columns, places))
+
+
+def _variables(path: Path) -> Mapping[str, Any]:
+    try:
+        size = path.stat().st_size
+        if size == 0:
+            raise BadInput(f"{path}: the file is empty (valid: a .mat or .npz file)")
+        if size > LARGEST_FILE:
+            raise BadInput(
+                f"{path}: {size} bytes, and it can only be read whole (valid: up to {LARGEST_FILE})"
+            )
+        return _load(path)
+    except FileNotFoundError:
+        raise BadInput(f"{path}: no such file") from None
+    except NotImplementedError as error:
+        raise BadInput(f"{path}: a MATLAB 7.3 file (valid: save it again with save(..., '-v7'))") from error
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error}") from error
+    except _DAMAGE as error:
+        raise BadInput(f"{path}: damaged or cut off: {error}") from error
+
+
+def _load(path: Path) -> Mapping[str, Any]:
+    if path.suffix == ".npz":
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and few logs need it
+    from scipy.io.matlab import MatReadError  # noqa: PLC0415
+
+    try:
+        found: dict[str, Any] = loadmat(path, struct_as_record=False, squeeze_me=True)
+    except MatReadError as error:
+        raise BadInput(f"{path}: no MATLAB file, or cut off: {error}") from error
+    return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _numeric(variables: Mapping[str, Any], depth: int) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yields every real array under its dotted name."""
+    for name, value in variables.items():
+        if hasattr(value, "_fieldnames"):
+            fields = {f"{name}.{field}": getattr(value, field) for field in value._fieldnames}
+            if depth:
+                yield from _numeric(fields, depth - 1)
+            continue
+        array = np.asarray(value)
+        if array.dtype.kind in "fiub" and array.ndim <= 2:
+            yield name, array
+
+
+def _columns(name: str, value: NDArray[Any]) -> Iterator[tuple[str, Any]]:
+    if value.ndim == 2 and min(value.shape) > 1:
+        tall = value if value.shape[0] >= value.shape[1] else value.T
+        yield from ((f"{name}[{index + 1}]", tall[:, index]) for index in range(tall.shape[1]))
+    else:
+        yield name, value.reshape(-1)

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Logs that need no map: a joint recorder's file and a bag with joint states name their joints themselves.
+
+A map is made for them as text and read like any other, so that what was assumed stands in the episode.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from impedance_modules.episode.columns import TIME
+from impedance_modules.episode.imports.robot_facts import facts_of_robot, recognise
+from impedance_modules.episode.imports.table import list_names
+from impedance_modules.episode.imports.text_table import open_text, read_line
+from impedance_modules.errors import BadInput
+from impedance_modules.spec.robot import RobotSpec
+
+STATE_TOPIC = "joint_states"
+"""What robots call the topic of their measured joints; another topic with the same joints is a reference."""
+
+_UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N.m", "N")}
+
+
+def recorder_map(path: Path) -> tuple[str, list[str]]:
+    """Makes the map of a text file in the form of Rethink's joint recorder.
+
+    The header begins with ``time`` and names joints; the values are positions [rad].
+
+    Returns:
+        The map's text, and notes.
+
+    Raises:
+        BadInput: Another kind of text; the message says what a map for it would begin with.
+    """
+    with open_text(path) as stream:
+        header = read_line(path, stream, 1).strip()
+    names = [name.strip() for name in header.split(",")]
+    robot = recognise(names) if names[0] == TIME else None
+    if robot is None:
+        raise BadInput(
+            f"{path}: a table whose columns nobody explains (valid: --map FILE, see docs/import.md; without one, a"
+            f" header 'time,JOINT,...' with the joints of a shipped robot). It begins: {header[:120]!r}"
+        )
+    joints = [joint for joint in robot.joints if joint in names]
+    aside = [name for name in names[1:] if name not in joints]
+    notes = [f"left aside: {', '.join(aside)}"] if aside else []
+    columns = {"position": "{joint}"}
+    table = ["separator: comma", "header: true", f"time: {{column: {TIME}, unit: s}}"]
+    return _map_text(robot, joints, table, columns, effort_source=None), notes
+
+
+def bag_map(path: Path) -> tuple[str, list[str]]:
+    """Makes the map of a recording with the joint states of a shipped robot.
+
+    Returns:
+        The map's text, and notes.
+
+    Raises:
+        BadInput: No joint states, of no known robot, or several that could be meant.
+    """
+    # The readers of bags take half a second to import, which only those who read bags should pay.
+    from impedance_modules.episode.imports.bag_file import open_bag  # noqa: PLC0415
+    from impedance_modules.episode.imports.bag_table import column_places, first_messages  # noqa: PLC0415
+
+    filled: dict[str, dict[str, set[str]]] = {}
+    unstamped: set[str] = set()
+    with open_bag(path) as bag:
+        column_places(bag)
+        for message in first_messages(bag):
+            if not message.stamp:
+                unstamped.add(message.topic)
+            for field in bag.topics[message.topic].fields:
+                values = message.numbers(field)
+                if field in _UNITS and len(values) == len(message.names):
+                    kept = [
+                        joint
+                        for joint, value in zip(message.names, values, strict=True)
+                        if np.isfinite(value)
+                    ]
+                    filled.setdefault(message.topic, {}).setdefault(field, set()).update(kept)
+    topic, robot, notes = _state_topic(path, filled)
+    fields = filled[topic]
+    joints = [joint for joint in robot.joints if joint in fields["position"]]
+    clock = "received" if topic in unstamped else "header"
+    if clock == "received":
+        notes.append(f"the messages of {topic} have no stamp: time is when they were received")
+    columns = {
+        field: f"{topic}.{field}.{{joint}}" for field in _UNITS if fields.get(field, set()).issuperset(joints)
+    }
+    notes += [
+        f"{field} is not filled in for every joint, and left aside"
+        for field in _UNITS
+        if field not in columns
+    ]
+    source = _effort_source(path, robot, joints) if "effort" in columns else None
+    text = _map_text(robot, joints, [f"time: {{clock: {clock}}}"], columns, effort_source=source)
+    return text, notes
+
+
+def _state_topic(
+    path: Path, filled: Mapping[str, Mapping[str, set[str]]]
+) -> tuple[str, RobotSpec, list[str]]:
+    """Chooses the topic with measured positions of a known robot."""
+    with_position = {topic: fields["position"] for topic, fields in filled.items() if "position" in fields}
+    robots = {
+        topic: robot for topic, names in with_position.items() if (robot := recognise(names)) is not None
+    }
+    if not robots:
+        listed = [f"{topic}: {', '.join(sorted(names)[:8])}" for topic, names in with_position.items()]
+        raise BadInput(
+            f"{path}: no joint states of a shipped robot (valid: --map FILE that names robot and joints, with columns"
+            f" TOPIC.FIELD.JOINT; present: {list_names(listed, 4)})"
+        )
+    named = [topic for topic in robots if topic.rpartition("/")[2] == STATE_TOPIC]
+    chosen = named if named else list(robots)
+    if len(chosen) > 1:
+        raise BadInput(
+            f"{path}: several topics hold the robot's joints: {', '.join(chosen)} (valid: --map FILE that says which,"
+            f' as in columns: "{chosen[0]}.position.{{joint}}")'
+        )
+    others = sorted(set(filled) - set(chosen))
+    notes = [f"topics left aside: {', '.join(others)}"] if others else []
+    return chosen[0], robots[chosen[0]], notes
+
+
+def _effort_source(path: Path, robot: RobotSpec, joints: Sequence[str]) -> str:
+    """A joint with a series spring measures torque by it."""
+    if all(robot.joints[joint].spring_stiffness is not None for joint in joints):
+        return "joint_sensor"
+    raise BadInput(
+        f"{path}: the robot file of '{robot.name}' has rigid joints, so it is open where effort was measured (valid:"
+        " --map FILE that says 'effort_source: joint_sensor' or 'motor')"
+    )
+
+
+def _map_text(
+    robot: RobotSpec,
+    joints: Sequence[str],
+    table: Sequence[str],
+    columns: Mapping[str, str],
+    *,
+    effort_source: str | None,
+) -> str:
+    facts = facts_of_robot(robot.name, Path())
+    sliding = facts.prismatic if facts is not None else frozenset[str]()
+    lines = ["format: 1", f"robot: {json.dumps(robot.name)}", f"joints: {json.dumps(list(joints))}"]
+    if effort_source is not None:
+        lines.append(f"effort_source: {effort_source}")
+    lines.append(f"gravity_compensation: {robot.gravity_compensation}")
+    lines.append("tables:")
+    for kind, column in columns.items():
+        units = {joint: _UNITS[kind][joint in sliding] for joint in joints}
+        same = len(set(units.values())) == 1
+        unit = units[joints[0]] if same else json.dumps(units)
+        table = [*table, f"{kind}: {{columns: {json.dumps(column)}, unit: {unit}}}"]
+    lines += [f"  {'-' if index == 0 else ' '} {line}" for index, line in enumerate(table)]
+    return "\n".join(lines) + "\n"
