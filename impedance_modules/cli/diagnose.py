@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``impedance diagnose``: where recordings and model differ, what causes it, how far the gap shrinks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from impedance_modules.errors import BadInput
+
+if TYPE_CHECKING:
+    from impedance_modules.diagnosis.model import NominalModel
+    from impedance_modules.diagnosis.result import Diagnosis
+    from impedance_modules.episode.data import Episode
+
+PATH = click.Path(path_type=Path)
+
+
+@click.command("diagnose")
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.option(
+    "--holdout", multiple=True, type=PATH, metavar="LOG", help="Recording that no step of the fit may see."
+)
+@click.option("--robot", metavar="NAME", help="Robot whose model is compared.")
+@click.option("--urdf", type=PATH, help="URDF whose model is compared, instead of a robot.")
+@click.option("--effects", type=PATH, metavar="PATCH", help="Start from the model that wears this patch.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue.")
+@click.option("--json", "json_path", type=PATH, metavar="F", help="Write the answer as JSON.")
+@click.option(
+    "--report", type=PATH, metavar="F.html", help="Write a report that needs nothing but a browser."
+)
+@click.option("--patch", type=PATH, metavar="F.yaml", help="Write what was found as a patch.")
+def command(
+    logs: tuple[Path, ...],
+    holdout: tuple[Path, ...],
+    robot: str | None,
+    urdf: Path | None,
+    effects: Path | None,
+    without: tuple[str, ...],
+    json_path: Path | None,
+    report: Path | None,
+    patch: Path | None,
+) -> int:
+    """Compare LOG..., episodes of one robot, with the model that was to predict them.
+
+    Exit: 0 no gap or explained, 2 bad input, 5 partly or not explained, 6 ambiguous, 7 data insufficient.
+    """
+    from rich.console import Console
+
+    from impedance_modules.cli.diagnosis_tables import print_diagnosis
+    from impedance_modules.diagnosis.diagnose import diagnose, insufficient
+    from impedance_modules.diagnosis.log import InsufficientData
+    from impedance_modules.episode.reader import read_episode
+
+    if (robot is None) == (urdf is None):
+        raise BadInput("diagnose needs the model to compare: give --robot NAME or --urdf FILE, one of them")
+    _refuse_unknown(without)
+    kinds = ("position", "velocity", "effort", "effort_command", "position_command")
+    fitted = [read_episode(path, kinds) for path in logs]
+    tested = [read_episode(path, kinds) for path in holdout]
+    episodes = [*fitted, *tested]
+    model, file = _model(robot, urdf, effects, episodes)
+    console = Console()
+    try:
+        with console.status("diagnosing") as status:
+            found = diagnose(
+                episodes,
+                model,
+                file,
+                heldout=[episode.name for episode in tested],
+                without=without,
+                progress=lambda sentence: status.update(sentence),
+            )
+    except InsufficientData as error:
+        found = insufficient(model.robot, [episode.name for episode in episodes], str(error))
+    _write(found, json_path, report, patch)
+    print_diagnosis(found, console)
+    return found.exit_code
+
+
+def _refuse_unknown(without: tuple[str, ...]) -> None:
+    from impedance_modules.effects.catalogue import CATALOGUE
+    from impedance_modules.errors import nearest
+
+    for name in without:
+        if name not in CATALOGUE:
+            raise BadInput(
+                f"--without {name}: no such effect{nearest(name, tuple(CATALOGUE))} (valid: {', '.join(CATALOGUE)})"
+            )
+
+
+def _model(
+    robot: str | None, urdf: Path | None, effects: Path | None, episodes: list[Episode]
+) -> tuple[NominalModel, Path]:
+    """Builds the model of the recorded joints."""
+    from impedance_modules.diagnosis.model import model_of_spec, model_of_urdf
+    from impedance_modules.effects.catalogue import wear_patch
+    from impedance_modules.spec.patch import read_patch
+    from impedance_modules.spec.robot_reader import read_robot
+
+    joints = [joint for joint in episodes[0].joints if all(joint in episode.position for episode in episodes)]
+    if not joints:
+        raise BadInput("the recordings have no joint in common (valid: recordings of one robot)")
+    if urdf is not None:
+        if effects is not None:
+            raise BadInput(
+                "--effects needs --robot: a patch is for a robot, a bare URDF has no name to check"
+            )
+        return model_of_urdf(urdf, joints), urdf
+    spec = read_robot(str(robot))
+    if effects is not None:
+        spec = wear_patch(spec, read_patch(effects))
+    return model_of_spec(spec, joints), spec.urdf
+
+
+def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch: Path | None) -> None:
+    from impedance_modules.diagnosis.to_json import diagnosis_object
+
+    if json_path is None and report is None and patch is None:
+        return
+    answer: dict[str, Any] = diagnosis_object(found)
+    if json_path is not None:
+        _save(json_path, json.dumps(answer, indent=2, allow_nan=False) + "\n")
+    if report is not None:
+        from impedance_modules.diagnosis.report import html_report
+
+        _save(report, html_report(found, answer))
+    if patch is not None:
+        import yaml
+
+        if answer["patch"] is None:
+            click.echo(f"{patch}: not written, no effect shrank the held-out gap", err=True)
+        else:
+            _save(patch, yaml.safe_dump(answer["patch"], sort_keys=False, allow_unicode=True))
+
+
+def _save(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror} (valid: a writable place)") from error

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A diagnosis on the terminal."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from impedance_modules.diagnosis.result import Cause, Diagnosis
+
+WORDS = {
+    "no_gap": "no gap beyond noise and the links' inertia tolerance",
+    "explained": "the gap is explained",
+    "partly_explained": "the gap is partly explained",
+    "unexplained": "there is a gap, not explained by the catalogue",
+    "ambiguous": "these recordings cannot tell some causes apart",
+    "insufficient_data": "the data do not suffice",
+}
+
+
+def print_diagnosis(found: Diagnosis, console: Console) -> None:
+    """Prints verdict, gaps, causes, remainder and the next motion."""
+    console.print(f"[bold]{found.verdict}[/bold]: {WORDS[found.verdict]}")
+    if found.reason:
+        console.print(found.reason)
+    if found.data is not None:
+        for warning in found.data.warnings:
+            console.print(f"[yellow]note:[/yellow] {warning}")
+    if found.gaps:
+        console.print(_gaps(found))
+    if found.causes:
+        console.print(_causes(found))
+    if found.remainder.structure:
+        console.print(f"remainder: {found.remainder.structure}")
+    purpose = found.next_motion.get("purpose")
+    if purpose and purpose != "none needed":
+        console.print(f"next motion: to {purpose}: {found.next_motion.get('excitation')}")
+
+
+def _gaps(found: Diagnosis) -> Table:
+    table = Table(title="held-out residual, rms")
+    for name in ("joint", "port", "before", "after", "noise", "unit", "shrink"):
+        table.add_column(name, justify="left" if name in ("joint", "port", "unit") else "right")
+    for gap in found.gaps:
+        shrink = "" if gap.shrink is None else f"{100 * gap.shrink:.0f} %"
+        numbers = (f"{x:.3g}" for x in (gap.before, gap.after, gap.noise_floor))
+        table.add_row(gap.joint, gap.residual, *numbers, gap.unit, shrink)
+    return table
+
+
+def _causes(found: Diagnosis) -> Table:
+    table = Table(title="causes")
+    for name in ("effect", "on", "port", "weight", "alone", "parameters", "or instead"):
+        table.add_column(name, overflow="fold")
+    for cause in found.causes:
+        alone = "" if cause.shrink is None else f"{100 * cause.shrink:.0f} %"
+        others = ", ".join(f"{rival.effect} {' '.join(rival.joints)}" for rival in cause.equivalent)
+        carriers = ", ".join(cause.joints) or ", ".join(cause.parameters)
+        table.add_row(
+            cause.effect, carriers, cause.port, f"{cause.weight:.2f}", alone, _numbers(cause), others
+        )
+    return table
+
+
+def _numbers(cause: Cause) -> str:
+    lines = []
+    for key, symbols in cause.parameters.items():
+        numbers = (f"{symbol} {e.value:.4g} ± {e.std:.2g} {e.unit}" for symbol, e in symbols.items())
+        lines.append(f"{key}: {', '.join(numbers)}")
+    return "\n".join(lines)

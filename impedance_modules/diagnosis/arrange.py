@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 2b: which recordings are fitted, in which folds, and which no step of the fit ever sees."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from impedance_modules.diagnosis.log import InsufficientData, Log
+from impedance_modules.errors import BadInput
+
+STRETCHES = 5
+"""Pieces that the only motion there is, is cut into; the last is held out."""
+
+STRETCH_MIN = 3.0
+"""Shortest piece that is worth a fold [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arrangement:
+    """Logs by their role.
+
+    Attributes:
+        logs: All, in the order of every index below.
+        folds: Indices of the fitted logs, one tuple per fold: one motion with its repeats.
+        heldout: Indices of the logs that no step of the fit sees.
+        warnings: What the reader should know about it.
+    """
+
+    logs: tuple[Log, ...]
+    folds: tuple[tuple[int, ...], ...]
+    heldout: tuple[int, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def fitted(self) -> tuple[int, ...]:
+        """Indices of all fitted logs."""
+        return tuple(index for fold in self.folds for index in fold)
+
+
+def arrange(logs: Sequence[Log], heldout: Collection[str]) -> Arrangement:
+    """Gives every log its role.
+
+    A motion and its repeats stay together. Without a named holdout the last motion is held out.
+
+    Args:
+        logs: Admitted recordings.
+        heldout: Names of those the user holds out; empty lets the last motion be it.
+
+    Raises:
+        BadInput: All recordings are held out.
+        InsufficientData: Too short to fit on one part and to test on another.
+    """
+    groups: dict[str, list[Log]] = {}
+    for log in logs:
+        groups.setdefault(log.group, []).append(log)
+    warnings: list[str] = []
+    if heldout:
+        tested = [log for log in logs if log.name in heldout]
+        fitted = {name: [log for log in found if log.name not in heldout] for name, found in groups.items()}
+        motions = [found for found in fitted.values() if found]
+        if not motions:
+            raise BadInput("--holdout: every recording is held out (valid: at least one LOG to fit)")
+    elif len(groups) > 1:
+        *motions, tested = groups.values()
+    else:
+        motions, tested = list(groups.values()), []
+        warnings.append("one motion only: held-out parts are stretches of the same recording")
+    if not tested or len(motions) == 1:
+        return _stretched(motions[0], tested, warnings)
+    return _numbered(motions, tested, warnings)
+
+
+def _stretched(motion: Sequence[Log], tested: Sequence[Log], warnings: list[str]) -> Arrangement:
+    """Cuts the only fitted motion into stretches of time, the same ones of each repeat."""
+    pieces = min(STRETCHES, int(min(log.duration for log in motion) / STRETCH_MIN))
+    if pieces < 3:
+        raise InsufficientData(
+            f"{motion[0].name}: {motion[0].duration:.3g} s is too short to fit one part and test on another"
+            f" (valid: {3 * STRETCH_MIN:g} s, or several recordings)"
+        )
+    cut = [[_piece(log, index, pieces) for log in motion] for index in range(pieces)]
+    if tested:
+        warnings.append("one fitted motion only: the folds are stretches of it")
+        return _numbered(cut, tested, warnings)
+    return _numbered(cut[:-1], cut[-1], warnings)
+
+
+def _numbered(motions: Sequence[Sequence[Log]], tested: Sequence[Log], warnings: list[str]) -> Arrangement:
+    logs = [log for motion in motions for log in motion] + list(tested)
+    folds, first = [], 0
+    for motion in motions:
+        folds.append(tuple(range(first, first + len(motion))))
+        first += len(motion)
+    return Arrangement(tuple(logs), tuple(folds), tuple(range(first, len(logs))), tuple(warnings))
+
+
+def _piece(log: Log, index: int, pieces: int) -> Log:
+    start, stop = (log.samples * index) // pieces, (log.samples * (index + 1)) // pieces
+    part = slice(start, stop)
+    return replace(
+        log,
+        name=f"{log.name}[{index + 1}/{pieces}]",
+        group=f"{log.group}[{index + 1}/{pieces}]",
+        position=log.position[part],
+        velocity=None if log.velocity is None else log.velocity[part],
+        effort=None if log.effort is None else log.effort[part],
+        command=None if log.command is None else log.command[part],
+        position_command=None if log.position_command is None else log.position_command[part],
+    )

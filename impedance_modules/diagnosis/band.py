@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The frequency band in which recordings are compared, and the zero-phase filter for everything.
+
+Differentiating a noisy position twice multiplies its noise by (2 \pi f)^2. The band ends where that noise
+would reach a twentieth of the acceleration itself; one filter, forwards and backwards, then treats measured
+torque, predicted torque and every candidate's column alike, so that it can favour none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from impedance_modules.diagnosis.log import Log
+
+Array = NDArray[np.float64]
+
+NOISE_SHARE = 0.05
+"""Noise of the acceleration over the acceleration, at the end of the band."""
+
+BAND_MIN, BAND_MAX = 3.0, 20.0
+"""Least and greatest end of the band [Hz]."""
+
+WORK_RATE = 200.0
+"""Recordings above it are thinned to it, behind a zero-phase filter [Hz]."""
+
+MARGIN = 0.4
+"""Cut off at both ends, where a filter has seen only one side [s]."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """How recordings of one rate are filtered and thinned.
+
+    Attributes:
+        rate: Of the samples that go in [Hz].
+        cutoff: End of the band [Hz].
+        motion_cutoff: Cutoff of the motion that enters models and columns [Hz].
+    """
+
+    rate: float
+    cutoff: float
+
+    @property
+    def motion_cutoff(self) -> float:
+        """Far enough above the band to leave it flat."""
+        return min(2.5 * self.cutoff, 0.4 * self.rate)
+
+    @property
+    def step(self) -> int:
+        """Every which sample is kept: at least two and a half per period of the highest frequency."""
+        return max(1, int(self.rate / (2.5 * self.cutoff)))
+
+    @property
+    def margin(self) -> int:
+        """Samples cut off at each end."""
+        return int(MARGIN * self.rate)
+
+    @cached_property
+    def _sections(self) -> Array:
+        return np.asarray(butter(4, self.cutoff / (0.5 * self.rate), output="sos"))
+
+    def smooth(self, values: Array) -> Array:
+        """Filters motion without a phase, along the first axis."""
+        return _zero_phase(values, self.rate, self.motion_cutoff)
+
+    def condense(self, values: Array) -> Array:
+        """Filters samples along the first axis, cuts the margins off and keeps every `step`-th."""
+        filtered = sosfiltfilt(self._sections, values, axis=0)
+        return np.ascontiguousarray(filtered[self.margin : len(values) - self.margin : self.step])
+
+    def pick(self, values: Array) -> Array:
+        """Keeps the samples that `condense` keeps, unfiltered."""
+        return values[self.margin : len(values) - self.margin : self.step]
+
+
+def thin(values: Array, rate: float) -> tuple[Array, float]:
+    """Brings (N, n) samples to at most `WORK_RATE`; returns them with their new rate."""
+    step = int(rate // WORK_RATE)
+    if step < 2:
+        return values, rate
+    return _zero_phase(values, rate, 0.4 * rate / step)[::step], rate / step
+
+
+def choose_cutoff(logs: Sequence[Log]) -> float:
+    """Finds the end of the band that all recordings can bear [Hz]."""
+    found = [
+        _cutoff(log.position[:, joint], log.rate) for log in logs for joint in range(log.position.shape[1])
+    ]
+    known = [cutoff for cutoff in found if cutoff is not None]
+    highest = min(BAND_MAX, min(log.rate for log in logs) / 5.0)
+    return float(np.clip(np.median(known) if known else BAND_MIN, min(BAND_MIN, highest), highest))
+
+
+def _cutoff(position: Array, rate: float) -> float | None:
+    """End of the band of one joint; None where it hardly moves."""
+    window = np.hanning(len(position))
+    power = np.abs(np.fft.rfft(window * (position - position.mean()))) ** 2
+    frequency = np.fft.rfftfreq(len(position), 1.0 / rate)
+    noise = float(np.median(power[frequency > 0.35 * rate])) / np.log(2.0)
+    lift = (2.0 * np.pi * frequency) ** 4
+    noise_power = np.cumsum(lift * noise)
+    signal_power = np.cumsum(lift * np.clip(power - noise, 0.0, None) * (power > 10.0 * noise))
+    if signal_power[-1] == 0.0:
+        return None
+    within = noise_power <= NOISE_SHARE**2 * signal_power[-1]
+    return float(frequency[np.flatnonzero(within)[-1]]) if within.any() else None
+
+
+def _zero_phase(values: Array, rate: float, cutoff: float) -> Array:
+    sections = butter(4, cutoff / (0.5 * rate), output="sos")
+    return np.asarray(sosfiltfilt(sections, values, axis=0))

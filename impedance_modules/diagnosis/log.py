@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Admitted recordings: one even time base, one joint order, and what was said about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.errors import ImpedanceError
+
+Array = NDArray[np.float64]
+
+
+class InsufficientData(ImpedanceError):
+    """Recordings from which no cause can be told, however they are read."""
+
+    exit_code = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One recording on an even time base, N samples of n joints; what was not measured is None.
+
+    Attributes:
+        name: Name of the recording.
+        group: Recordings of one group repeat each other.
+        rate: Samples per second [Hz].
+        position: (N, n) [rad].
+        velocity: (N, n) as reported [rad/s].
+        effort: (N, n) measured [N.m].
+        command: (N, n) commanded torque [N.m].
+        position_command: (N, n) [rad].
+        effort_source: ``joint_sensor`` or ``motor``; None without ``effort``.
+        gravity_compensation: ``robot``, ``command`` or ``none``.
+    """
+
+    name: str
+    group: str
+    rate: float
+    position: Array
+    velocity: Array | None
+    effort: Array | None
+    command: Array | None
+    position_command: Array | None
+    effort_source: str | None
+    gravity_compensation: str
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return len(self.position)
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return self.samples / self.rate
+
+
+@dataclass(frozen=True, eq=False)
+class DataReport:
+    """What admission found out about the recordings.
+
+    Attributes:
+        rates: Recording -> rate [Hz].
+        jitter: Recording -> rms of the steps' deviation over the step [-].
+        weak_joints: Joints that hardly move in any recording.
+        repeats: Groups of recordings that repeat each other.
+        torque: What the torque channels mean, in words.
+        delay: Common lag of effort behind command [s]; None where it cannot be seen.
+        warnings: Sentences for the reader.
+    """
+
+    rates: dict[str, float]
+    jitter: dict[str, float]
+    weak_joints: tuple[str, ...]
+    repeats: tuple[tuple[str, ...], ...]
+    torque: str
+    delay: float | None
+    warnings: tuple[str, ...]

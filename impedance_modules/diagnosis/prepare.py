@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Stage 2: from a log to residuals, all in one band: torque that the real joints consume beyond the model.
+
+Which residuals exist follows from what was measured (see `effects.residuals`): actuator and link with a joint
+sensor, motor with a motor's torque, whole with a command alone, and velocity, the reported against the
+differentiated one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.band import Band, thin
+from impedance_modules.diagnosis.dynamics import gravity_regressor, inertial_regressor
+from impedance_modules.diagnosis.log import Log
+from impedance_modules.diagnosis.model import NominalModel
+from impedance_modules.diagnosis.rigid import BatchedRigidModel
+from impedance_modules.diagnosis.tree import RigidTree
+from impedance_modules.effects.residuals import Residual
+from impedance_modules.effects.signals import Signals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """One recording, ready to be explained.
+
+    Attributes:
+        log: The recording, thinned.
+        tree: The rigid bodies.
+        band: Its filter.
+        signals: Motion and torques for the effects' columns, at the log's rate.
+        residuals: Name -> (M, n) residual in the band, thinned to M samples.
+        link_nuisance: (M, n, 10 n) columns of the bodies' inertial parameters.
+        weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
+        time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
+    """
+
+    log: Log
+    tree: RigidTree
+    band: Band
+    signals: Signals
+    residuals: Mapping[Residual, Array]
+    link_nuisance: Array
+    weight_nuisance: Array
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    load: Array
+
+    @property
+    def samples(self) -> int:
+        """M, the number of samples kept."""
+        return len(self.time)
+
+    @contextmanager
+    def remembered(self) -> Iterator[None]:
+        """Keeps the regressor of all bodies while candidates are evaluated; it is too large to stay."""
+        rigid, s = self.signals.model, self.signals
+        if not isinstance(rigid, BatchedRigidModel):
+            yield
+            return
+        rigid.keep(s.position, inertial_regressor(rigid.tree, s.position, s.velocity, s.acceleration))
+        yield
+        rigid.forget()
+        s.__dict__.pop("_body_columns", None)
+
+
+def prepare(log: Log, model: NominalModel, rigid: BatchedRigidModel, cutoff: float) -> Prepared:
+    """Computes a log's residuals."""
+    log = _thinned(log)
+    band = Band(log.rate, cutoff)
+    q = band.smooth(log.position)
+    v = np.gradient(q, 1.0 / log.rate, axis=0)
+    a = np.gradient(v, 1.0 / log.rate, axis=0)
+    regressor = inertial_regressor(model.tree, q, v, a)
+    weight = gravity_regressor(model.tree, q)
+    effort = None if log.effort is None else band.smooth(log.effort)
+    signals = Signals(
+        model=rigid,
+        time=np.arange(log.samples) / log.rate,
+        position=q,
+        velocity=v,
+        acceleration=a,
+        effort=effort,
+        drive=_drive(log, model, weight @ model.tree.inertia, band),
+        position_command=log.position_command,
+        reflected_inertia=model.reflected_inertia,
+        motor_damping=model.motor_damping,
+        effort_source=log.effort_source,
+        spring_compliance=model.compliance if log.effort_source == "joint_sensor" else 0.0 * model.compliance,
+    )
+    torque = regressor @ model.tree.inertia
+    residuals = {
+        name: band.condense(values) for name, values in _residuals(log, model, signals, torque).items()
+    }
+    load = effort if effort is not None else torque
+    return Prepared(
+        log=log,
+        tree=model.tree,
+        band=band,
+        signals=signals,
+        residuals=residuals,
+        link_nuisance=band.condense(regressor),
+        weight_nuisance=band.condense(weight),
+        time=band.pick(signals.time),
+        position=band.pick(q),
+        velocity=band.pick(v),
+        acceleration=band.pick(a),
+        load=band.pick(load),
+    )
+
+
+def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict[Residual, Array]:
+    """What goes in at one place minus what the model says comes out at the next."""
+    found: dict[Residual, Array] = {}
+    rotor = s.motor_acceleration * model.reflected_inertia + s.motor_velocity * model.motor_damping
+    if s.effort is not None and log.effort_source == "joint_sensor":
+        found["link"] = s.effort - torque
+        if s.drive is not None:
+            found["actuator"] = s.drive - s.effort - rotor
+    elif s.effort is not None:
+        found["motor"] = s.effort - torque - rotor
+        if s.drive is not None:
+            found["drive"] = s.drive - s.effort
+    elif s.drive is not None:
+        found["whole"] = s.drive - torque - rotor
+    if log.velocity is not None:
+        found["velocity"] = log.velocity - _lagged(s.velocity, model.velocity_filter, log.rate)
+    return found
+
+
+def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | None:
+    """Torque asked of the motors: the command when it acts, plus the weight where the robot adds it."""
+    if log.command is None:
+        return None
+    time = np.arange(log.samples) / log.rate
+    late = np.column_stack([np.interp(time - model.command_delay, time, column) for column in log.command.T])
+    smooth = band.smooth(late)
+    return smooth + weight if log.gravity_compensation == "robot" else smooth
+
+
+def _lagged(values: Array, time_constant: float, rate: float) -> Array:
+    """First-order lag by its time constant, as a shift: enough far below 1 / T."""
+    time = np.arange(len(values)) / rate
+    return np.column_stack([np.interp(time - time_constant, time, column) for column in values.T])
+
+
+def _thinned(log: Log) -> Log:
+    def take(values: Array | None) -> Array | None:
+        return None if values is None else thin(values, log.rate)[0]
+
+    position, rate = thin(log.position, log.rate)
+    return Log(
+        name=log.name,
+        group=log.group,
+        rate=rate,
+        position=position,
+        velocity=take(log.velocity),
+        effort=take(log.effort),
+        command=take(log.command),
+        position_command=take(log.position_command),
+        effort_source=log.effort_source,
+        gravity_compensation=log.gravity_compensation,
+    )

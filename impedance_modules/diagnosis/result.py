@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a diagnosis says, as frozen data: everything that JSON, report and terminal print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.log import DataReport
+
+Array = NDArray[np.float64]
+
+EXIT_CODES: Mapping[str, int] = {
+    "no_gap": 0,
+    "explained": 0,
+    "partly_explained": 5,
+    "unexplained": 5,
+    "ambiguous": 6,
+    "insufficient_data": 7,
+}
+"""Verdict -> exit code of the command line."""
+
+
+@dataclass(frozen=True)
+class JointGap:
+    """Held-out residual of one joint at one port.
+
+    Attributes:
+        joint: Name.
+        residual: Which comparison: actuator, link, motor, whole, drive or velocity.
+        before, after, noise_floor: Rms, in ``unit``.
+        unit: N.m, N or rad/s.
+    """
+
+    joint: str
+    residual: str
+    before: float
+    after: float
+    noise_floor: float
+    unit: str
+
+    @property
+    def shrink(self) -> float | None:
+        """1 - sqrt(excess after / excess before); None where there was none before."""
+        start = self.before**2 - self.noise_floor**2
+        left = max(0.0, self.after**2 - self.noise_floor**2)
+        return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+
+
+@dataclass(frozen=True)
+class Place:
+    """A part of the gap: joint, port, regime and band [Hz], with its share of the excess residual power."""
+
+    joint: str
+    port: str
+    regime: str
+    band: tuple[float, float]
+    share: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An identified number with its standard deviation and unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A candidate that lost, or could not be told apart."""
+
+    effect: str
+    joints: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A named effect.
+
+    Attributes:
+        effect: Id.
+        joints: Joints it acts on.
+        port: actuator, link, sensor, timing or contact.
+        parameters: Carrier -> symbol -> estimate.
+        weight: Its part of the explained gap.
+        shrink: Held-out shrink with this cause alone; None without a gap.
+        equivalent: Candidates that these recordings cannot tell from it.
+        rivals: Others, and why they lost.
+        position_range, velocity_range: Joint -> range of the data that the fit rests on.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    port: str
+    parameters: Mapping[str, Mapping[str, Estimate]]
+    weight: float
+    shrink: float | None
+    equivalent: tuple[Rival, ...]
+    rivals: tuple[Rival, ...]
+    position_range: Mapping[str, tuple[float, float]]
+    velocity_range: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What the causes leave: lack of fit (worst residual power over noise), whether that is fine, and words."""
+
+    lack_of_fit: float
+    explained: bool
+    structure: str
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One joint's held-out residual for the report: time [s], before and after, one value per sample."""
+
+    joint: str
+    residual: str
+    time: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The whole answer."""
+
+    verdict: str
+    robot: str
+    episodes: tuple[str, ...]
+    heldout: tuple[str, ...]
+    data: DataReport | None
+    reason: str
+    gaps: tuple[JointGap, ...]
+    shrink: float | None
+    rollout: Mapping[str, Mapping[str, float]]
+    where: tuple[Place, ...]
+    causes: tuple[Cause, ...]
+    unexplained_weight: float
+    remainder: Remainder
+    next_motion: Mapping[str, object]
+    series: tuple[Series, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return EXIT_CODES[self.verdict]

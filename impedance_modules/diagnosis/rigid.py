@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The effects' rigid model, computed for all samples at once: the same numbers, many times sooner."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.dynamics import gravity_regressor, inertial_regressor
+from impedance_modules.diagnosis.tree import RigidTree
+from impedance_modules.effects.rigid import RigidModel
+
+Array = NDArray[np.float64]
+
+
+class BatchedRigidModel(RigidModel):
+    """A `RigidModel` whose inverse dynamics and body columns come from `dynamics`.
+
+    Attributes:
+        tree: The rigid bodies.
+    """
+
+    tree: RigidTree
+    _kept: tuple[Array, Array] | None = None
+
+    @classmethod
+    def of_tree(cls, urdf: Path, tree: RigidTree) -> BatchedRigidModel:
+        """Takes a URDF and its tree of recorded joints."""
+        model = cls.from_urdf(urdf, tree.joints)
+        if not isinstance(model, BatchedRigidModel):
+            raise TypeError("RigidModel.from_urdf builds the class it is called on")
+        model.tree = tree
+        return model
+
+    def torque(self, q: Array, v: Array, a: Array) -> Array:
+        """Computes ID(q, v, a), (N, n) [N.m]."""
+        return np.asarray(inertial_regressor(self.tree, q, v, a) @ self.tree.inertia)
+
+    def weight(self, q: Array) -> Array:
+        """Computes g(q), (N, n) [N.m]."""
+        return np.asarray(gravity_regressor(self.tree, q) @ self.tree.inertia)
+
+    def body_columns(self, body: str, q: Array, v: Array, a: Array) -> Array:
+        r"""Computes d ID / d\pi of a link, (N, n, 10)."""
+        links = [item.link for item in self.tree.bodies]
+        if body not in links:
+            return super().body_columns(body, q, v, a)
+        first = 10 * links.index(body)
+        return self._whole(q, v, a)[:, :, first : first + 10]
+
+    def keep(self, q: Array, whole: Array) -> None:
+        """Remembers the regressor (N, n, 10 n) of the motion whose positions are this very array."""
+        self._kept = (q, whole)
+
+    def forget(self) -> None:
+        """Gives the remembered regressor's memory back."""
+        self._kept = None
+
+    def _whole(self, q: Array, v: Array, a: Array) -> Array:
+        if self._kept is not None and self._kept[0] is q:
+            return self._kept[1]
+        return inertial_regressor(self.tree, q, v, a)
