@@ -149,6 +149,15 @@ class LinkInertia(Effect):
         return replace(robot, body_changes=(*robot.body_changes, *changes))
 
 
+SMALL_LEAN = 1e-6
+"""Step of the derivative by the lean [rad]."""
+
+
+def _leaning(gravity: Array, lean: Array) -> Array:
+    """Gives gravity (3,) in the axes of a base that leans about its x and y axes."""
+    return np.asarray(exp3(np.array([*lean, 0.0])).T @ gravity)
+
+
 class BaseTilt(Effect):
     """A base that leans."""
 
@@ -168,22 +177,42 @@ class BaseTilt(Effect):
         reference="Yoshikawa 1990 (gravity in an inclined base)",
         worn="Plant and model: gravity. The robot's own gravity compensation does not know it.",
     )
+    shape = ("rx", "ry")
 
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
     ) -> Regressor | None:
-        """Weight by gravity's change for a small lean about x and y, -r x g."""
+        """The weight's change at the guessed lean, and its slope by the lean."""
         if not uses_motion(residual):
             return None
-        changes = [-np.cross(axis, signals.model.gravity) for axis in np.eye(3)[:2]]
-        columns = np.stack([signals.weight_columns @ change for change in changes], axis=2)
-        return all_rows(signals, columns, *unbounded(2))
+        lean = np.array([float(shape["rx"]), float(shape["ry"])])
+        here = _leaning(signals.model.gravity, lean)
+        slopes = [
+            (_leaning(signals.model.gravity, lean + step) - here) / SMALL_LEAN
+            for step in SMALL_LEAN * np.eye(2)
+        ]
+        columns = np.stack([signals.weight_columns @ slope for slope in slopes], axis=2)
+        fixed = signals.weight_columns @ (here - signals.model.gravity)
+        return Regressor(tuple(range(signals.n)), columns, fixed, -0.6 - lean, 0.6 - lean)
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts upright."""
+        return ({"rx": 0.0, "ry": 0.0},)
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The guess plus the step."""
+        return {name: float(shape[name] + step) for name, step in zip(self.shape, coefficients, strict=True)}
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """The shape says it all."""
+        return np.zeros(2), {name: values[name] for name in self.shape}
 
     def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Turns gravity."""
         for values in parameters.values():
-            turn = exp3(np.array([values["rx"], values["ry"], 0.0])).T
-            x, y, z = turn @ np.array(robot.gravity)
+            x, y, z = _leaning(np.array(robot.gravity), np.array([values["rx"], values["ry"]]))
             robot = replace(robot, gravity=(float(x), float(y), float(z)))
         return robot
 

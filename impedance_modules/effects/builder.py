@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.effects.description import Port
@@ -64,7 +65,24 @@ class PlantBuilder:
         shape = {name: np.array([shape[name] for _, shape in pieces]) for name in law.shape}
         coefficients = np.array([coefficient for coefficient, _ in pieces])
         side: Literal["motor", "link"] = "motor" if port == "actuator" else "link"
-        self.torques.append(LawTorque(law.basis, side, self.joints(parameters), coefficients, shape))
+        lightness = self.motor_mobility if side == "motor" else self.link_mobility
+        joints = self.joints(parameters)
+        self.torques.append(
+            LawTorque(law.basis, side, joints, coefficients=coefficients, shape=shape, mobility=lightness)
+        )
+
+    def link_mobility(self, position: Array) -> Array:
+        """Computes the links' acceleration per torque on each (n,) [1/(kg.m^2)]; rigid joints carry rotors."""
+        links = pin.Model(self.model.pin_model)
+        rigid = [joint.spring_stiffness is None for joint in self.model.joints]
+        links.armature = np.where(rigid, self.model.reflected_inertia, 0.0)
+        return np.array(np.diag(pin.computeMinverse(links, links.createData(), position)))
+
+    def motor_mobility(self, position: Array) -> Array:
+        """Computes the motors' acceleration per torque (n,) [1/(kg.m^2)]; rigid and ideal ones move links."""
+        alone = [j.spring_stiffness is not None and j.reflected_inertia > 0.0 for j in self.model.joints]
+        rotors = np.where(alone, self.model.reflected_inertia, 1.0)
+        return np.where(alone, 1.0 / rotors, self.link_mobility(position))
 
     def finish(self) -> WornPlant:
         """Freezes the numbers."""

@@ -38,6 +38,10 @@ class DriveLaw(Effect):
     def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
         """Computes the torque given (N,) and its derivative by the parameter (N,)."""
 
+    def asked(self, signals: Signals, drive: Array) -> Array:
+        """Gives the torque (N, n) on which the effect acts; all of it unless said otherwise."""
+        return drive
+
     def stage(self, port: Port) -> Stage | None:
         """The drive."""
         return "drive"
@@ -49,7 +53,7 @@ class DriveLaw(Effect):
         if not self.shows(port, residual) or signals.drive is None:
             return None
         joint, value = signals.joint(key), float(shape[self.symbol])
-        asked = signals.drive[:, joint]
+        asked = self.asked(signals, signals.drive)[:, joint]
         given, slope = self.given(asked, signals.time, value)
         lowest = self.description.parameter(self.symbol).lower - value
         return one_row(joint, -slope[:, None], asked - given, np.array([lowest]), np.full(1, np.inf))
@@ -86,6 +90,10 @@ class CommandDelay(DriveLaw):
         worn="The plant: each joint's command; what the robot adds by itself is not late. The model's delay"
         " grows by the largest T.",
     )
+
+    def asked(self, signals: Signals, drive: Array) -> Array:
+        """Leaves out what the robot adds by itself."""
+        return drive if signals.assistance is None else drive - signals.assistance
 
     def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
         """Shifts by interpolation; before the recording began the first value acted."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.description import Description, Parameter, Port
 from impedance_modules.effects.effect import JointLaw, Values
-from impedance_modules.effects.sample import Sample, Shape, sign
+from impedance_modules.effects.sample import Sample, Shape
 from impedance_modules.effects.signals import Signals
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ class CoulombFriction(JointLaw):
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes sgn(v)."""
-        return sign(sample.velocity)[..., None]
+        return sample.direction[..., None]
 
 
 class ViscousFriction(JointLaw):
@@ -96,7 +96,7 @@ class StribeckFriction(JointLaw):
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes sgn(v) outside and inside the bump."""
         slow = np.exp(-((sample.velocity / shape["vs"]) ** 2))
-        return np.asarray(sign(sample.velocity)[..., None] * np.stack([1.0 - slow, slow], axis=-1))
+        return np.asarray(sample.direction[..., None] * np.stack([1.0 - slow, slow], axis=-1))
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Tries speeds from just above the sign's smoothing to a third of the largest one."""

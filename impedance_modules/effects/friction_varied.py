@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impedance_modules.effects.description import Description, Parameter, Port
 from impedance_modules.effects.effect import JointLaw, Values
 from impedance_modules.effects.friction import BOTH_SIDES, COULOMB, VISCOUS, WORN
-from impedance_modules.effects.sample import Sample, Shape, sign
+from impedance_modules.effects.sample import Sample, Shape
 from impedance_modules.effects.signals import Signals
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ class AsymmetricFriction(JointLaw):
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes sgn(v), |sgn(v)|, |v|."""
-        s = sign(sample.velocity)
+        s = sample.direction
         return np.stack([s, np.abs(s), np.abs(sample.velocity)], axis=-1)
 
     def bounds(self) -> tuple[Array, Array]:
@@ -81,7 +81,7 @@ class LoadDependentFriction(JointLaw):
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes |load| sgn(v)."""
-        return np.asarray(np.abs(sample.load) * sign(sample.velocity))[..., None]
+        return np.asarray(np.abs(sample.load) * sample.direction)[..., None]
 
     def bounds(self) -> tuple[Array, Array]:
         """From no friction to a gear that locks itself."""

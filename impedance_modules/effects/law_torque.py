@@ -4,30 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.motion import JointMotion
-from impedance_modules.effects.sample import Sample, Shape
+from impedance_modules.effects.sample import SMOOTHING, Sample, Shape
 
 Array = NDArray[np.float64]
 Side = Literal["motor", "link"]
 
-
-def sample_of(motion: JointMotion, side: Side, joints: NDArray[np.intp]) -> Sample:
-    """Picks some joints' motion on one side of their gears."""
-    motor = side == "motor"
-    position = motion.motor_position if motor else motion.position
-    velocity = motion.motor_velocity if motor else motion.velocity
-    return Sample(
-        time=np.full(joints.size, motion.time),
-        position=position[joints],
-        velocity=velocity[joints],
-        acceleration=np.zeros(joints.size),
-        load=motion.load[joints],
-    )
+FAST = 5.0
+"""Multiple of the turnover speed at which dry friction is measured."""
 
 
 class LawTorque:
@@ -38,30 +28,63 @@ class LawTorque:
         basis: Callable[[Sample, Shape], Array],
         port: Side,
         joints: NDArray[np.intp],
+        *,
         coefficients: Array,
         shape: Shape,
+        mobility: Callable[[Array], Array],
     ) -> None:
-        """Takes the law, its joints' indices (k,), coefficients (k, p), and shape values (k,) each."""
+        """Takes the law, its joints' indices (k,), coefficients (k, p), and shape values (k,) each.
+
+        ``mobility`` gives the acceleration per torque (n,) of the port's side at a posture (n,).
+        """
         self._basis = basis
         self._side: Side = port
         self._joints = joints
         self._coefficients = coefficients
         self._shape = shape
+        self._mobility = mobility
+        self._turnover = np.full(joints.size, SMOOTHING)
 
     @property
     def port(self) -> Side:
         """Motor or link."""
         return self._side
 
+    def start(self, motion: JointMotion, step: float) -> None:
+        """Widens dry friction's turnover where it would stop a light part within less than a step.
+
+        Over a step h a torque F changes a speed by F h / I: below that speed no friction of size F can be told
+        from sticking, and an explicit integrator would shake.
+        """
+        still = replace(self._sample(motion), velocity=np.zeros(self._joints.size))
+        speed = np.full(self._joints.size, FAST * SMOOTHING)
+        there = self._consumed(replace(still, velocity=speed))
+        back = self._consumed(replace(still, velocity=-speed))
+        dry = 0.5 * np.abs(there - back)
+        self._turnover = np.maximum(SMOOTHING, dry * self._mobility(motion.position)[self._joints] * step)
+
     def torque(self, motion: JointMotion) -> Array:
         """Evaluates the law (n,) [N.m]."""
         out = np.zeros(motion.position.size)
-        basis = self._basis(sample_of(motion, self._side, self._joints), self._shape)
-        out[self._joints] = -np.sum(basis * self._coefficients, axis=-1)
+        out[self._joints] = -self._consumed(self._sample(motion))
         return out
 
     def settle(self, motion: JointMotion) -> None:
         """Remembers nothing."""
 
-    def start(self, motion: JointMotion, step: float) -> None:
-        """Has nothing to forget."""
+    def _consumed(self, sample: Sample) -> Array:
+        return np.asarray(np.sum(self._basis(sample, self._shape) * self._coefficients, axis=-1))
+
+    def _sample(self, motion: JointMotion) -> Sample:
+        """Picks the joints' motion on their side of the gear."""
+        motor = self._side == "motor"
+        position = motion.motor_position if motor else motion.position
+        velocity = motion.motor_velocity if motor else motion.velocity
+        return Sample(
+            time=np.full(self._joints.size, motion.time),
+            position=position[self._joints],
+            velocity=velocity[self._joints],
+            acceleration=np.zeros(self._joints.size),
+            load=motion.load[self._joints],
+            turnover=self._turnover,
+        )

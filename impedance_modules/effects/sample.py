@@ -18,7 +18,10 @@ Shape = Mapping[str, Array | float]
 """Values of the parameters that enter a law nonlinearly, by symbol; numbers or one per joint."""
 
 SMOOTHING = 0.01
-"""Speed v_0 over which dry friction turns over, sgn(v) ~ tanh(v / v_0) [rad/s or m/s]."""
+"""Speed v_0 over which dry friction turns over, sgn(v) ~ tanh(v / v_0) [rad/s or m/s].
+
+The diagnosis always uses this one, the plant a larger one where a light link would demand a shorter step.
+"""
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,7 @@ class Sample:
         position, velocity, acceleration: Of the side at which the effect acts [rad], [rad/s], [rad/s^2];
             the plant, which is still to find the acceleration, gives zeros.
         load: Torque between gear and link [N.m].
+        turnover: Speed v_0 over which dry friction turns over.
     """
 
     time: Array
@@ -37,8 +41,14 @@ class Sample:
     velocity: Array
     acceleration: Array
     load: Array
+    turnover: Array | float = SMOOTHING
+
+    @property
+    def direction(self) -> Array:
+        """The regularised sign of the velocity."""
+        return sign(self.velocity, self.turnover)
 
 
-def sign(velocity: Array) -> Array:
-    """Gives the regularised sign tanh(v / v_0): plant and diagnosis use the same one."""
-    return np.asarray(np.tanh(velocity / SMOOTHING))
+def sign(velocity: Array, turnover: Array | float = SMOOTHING) -> Array:
+    """Gives the regularised sign tanh(v / v_0)."""
+    return np.asarray(np.tanh(velocity / turnover))

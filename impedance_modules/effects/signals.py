@@ -36,6 +36,8 @@ class Signals:
         spring_compliance: (n,) nominal 1 / K_sea [rad/(N.m)], 0 for a rigid joint.
         effort_source: ``joint_sensor``: between gear and link; ``motor``: before rotor inertia and friction.
         encoder: Side of the gear whose position is recorded.
+        assistance: Part of ``drive`` that the robot adds by itself, which no delay of the command touches;
+            None where it adds nothing.
     """
 
     model: RigidModel
@@ -51,6 +53,7 @@ class Signals:
     spring_compliance: Array
     effort_source: Literal["joint_sensor", "motor"]
     encoder: Literal["link", "motor"] = "link"
+    assistance: Array | None = None
 
     @property
     def samples(self) -> int:

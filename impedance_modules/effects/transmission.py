@@ -26,8 +26,8 @@ from impedance_modules.spec.robot import RobotSpec
 
 Array = NDArray[np.float64]
 
-TURNOVER = 0.05
-"""Share of a joint's typical load over which the play is taken to be crossed."""
+UNLOADED = 0.02
+"""Share of a joint's typical load below which its teeth are taken to be apart."""
 
 
 def cost_of_deflection(signals: Signals, joint: int, deflection: Array, residual: Residual) -> Array | None:
@@ -171,13 +171,12 @@ class Backlash(Effect):
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
     ) -> Regressor | None:
-        """What crossing a gap of one radian costs, smoothed over a small load."""
+        """What crossing a gap of one radian costs."""
         joint = signals.joint(key)
-        load = signals.load[:, joint]
-        small = TURNOVER * float(np.sqrt(np.mean(load**2)))
-        if small == 0.0:
+        place = place_in_play(signals.load[:, joint])
+        if np.ptp(place) == 0.0:
             return None
-        column = cost_of_deflection(signals, joint, 0.5 * np.tanh(load / small), residual)
+        column = cost_of_deflection(signals, joint, place, residual)
         if column is None:
             return None
         return one_row(joint, column[:, None], None, np.zeros(1), np.full(1, np.inf))
@@ -192,3 +191,21 @@ class Backlash(Effect):
                     " (valid: a joint with spring_stiffness in robot.yaml, or joint_elasticity in the same patch)"
                 )
             builder.gap[joint] += values["b"]
+
+
+def place_in_play(load: Array) -> Array:
+    """Says where in a gap of one the motor stands (N,), from which side its teeth are loaded.
+
+    Between two loads of opposite sign it crosses under a nearly constant torque, from rest: along a parabola.
+    Where a joint is never loaded nothing is known, and it is taken to stand in the middle.
+    """
+    touching = np.flatnonzero(np.abs(load) > UNLOADED * np.sqrt(np.mean(load**2)))
+    if touching.size == 0:
+        return np.zeros(load.size)
+    side = 0.5 * np.sign(load[touching])
+    every = np.arange(load.size)
+    after = np.searchsorted(touching, every, side="left").clip(0, touching.size - 1)
+    before = (np.searchsorted(touching, every, side="right") - 1).clip(0)
+    begin, end = touching[before], touching[after]
+    share = np.where(end > begin, (every - begin) / np.maximum(end - begin, 1), 0.0)
+    return np.asarray(side[before] + (side[after] - side[before]) * np.clip(share, 0.0, 1.0) ** 2)

@@ -61,7 +61,7 @@ def open_step(state: Array, hands: Table, body: Table, contacts: Table) -> None:
 
 
 @compiled
-def evaluate(  # noqa: PLR0917 - compiled code takes the tables one by one
+def evaluate(
     joints: Table,
     hands: Table,
     body: Table,
@@ -104,9 +104,9 @@ def _joint(joint: Row, i: int, stage: Array, rate: Array, work: Array) -> float:
     loss = joint.motor_damping * w
     rate[i], rate[2 * n + i] = v, w
     if joint.kind == ELASTIC:
-        load = joint.stiffness * (theta - q) + joint.spring_damping * (w - v)
+        load = _spring(joint, theta - q, w - v)
         rate[3 * n + i] = (motor - load - loss) / joint.reflected_inertia
-        work[SPRING_LOSS] += joint.spring_damping * (w - v) ** 2
+        work[SPRING_LOSS] += (load - joint.stiffness * _wound(joint, theta - q)) * (w - v)
     elif joint.kind == RIGID:
         load = motor - loss
     else:
@@ -119,6 +119,26 @@ def _joint(joint: Row, i: int, stage: Array, rate: Array, work: Array) -> float:
     work[STOP] += stop * v
     joint.motor, joint.load = motor, load
     return float(load + stop + joint.extra_link)
+
+
+@compiled
+def _wound(joint: Row, ahead: float) -> float:
+    """Gives how far the spring is wound when the motor is ahead of its link: what the play leaves of it."""
+    if ahead > joint.half_gap:
+        return float(ahead - joint.half_gap)
+    if ahead < -joint.half_gap:
+        return float(ahead + joint.half_gap)
+    return 0.0
+
+
+@compiled
+def _spring(joint: Row, ahead: float, speed: float) -> float:
+    """Gives the torque through the gear; where there is play, teeth push and never pull."""
+    wound = _wound(joint, ahead)
+    load = joint.stiffness * wound + joint.spring_damping * speed
+    if joint.half_gap > 0.0:
+        return float(max(load, 0.0) if wound > 0.0 else min(load, 0.0) if wound < 0.0 else 0.0)
+    return float(load)
 
 
 @compiled
@@ -172,7 +192,7 @@ def absorb(index: int, step: float, joints: Table, state: Array, acceleration: A
 
 
 @compiled
-def close_step(  # noqa: PLR0917 - the same tables
+def close_step(
     joints: Table,
     hands: Table,
     body: Table,
@@ -204,7 +224,7 @@ def _read_loads(joints: Table, state: Array) -> None:
         if joint.kind == ELASTIC:
             wound = state[START, 2 * n + i] - state[START, i]
             speed = state[START, 3 * n + i] - state[START, n + i]
-            joint.load = joint.stiffness * wound + joint.spring_damping * speed
+            joint.load = _spring(joint, wound, speed)
         elif joint.kind == RIGID:
             joint.load -= joint.reflected_inertia * state[RATE, n + i]
         elif joint.kind == IDEAL:
@@ -212,7 +232,7 @@ def _read_loads(joints: Table, state: Array) -> None:
 
 
 @compiled
-def stage(  # noqa: PLR0917 - the same tables
+def stage(
     index: int,
     step: float,
     joints: Table,

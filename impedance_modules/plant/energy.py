@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.plant.joints import wound
 from impedance_modules.plant.records import (
     COMMAND,
     CONTACT,
@@ -98,7 +99,7 @@ def potential_energies(memory: Memory) -> dict[str, float]:
     joints, hands, contacts = memory.joints, memory.hands, memory.contacts
     q, theta = memory.part("position"), memory.part("motor_position")
     beyond = np.maximum(q - joints["upper"], 0.0) + np.maximum(joints["lower"] - q, 0.0)
-    wound = np.where(joints["kind"] == ELASTIC, theta - q, 0.0)
+    turned = np.where(joints["kind"] == ELASTIC, wound(joints, theta - q), 0.0)
     held = hands[hands["holds"] == 1]
     grasp = held["linear_stiffness"] * _elastic_square(held)
     grasp = grasp + held["angular_stiffness"] * np.sum(held["twist"] ** 2, axis=1)
@@ -106,7 +107,7 @@ def potential_energies(memory: Memory) -> dict[str, float]:
     depth = np.maximum(-near["distance"], 0.0)
     touch = near["stiffness"] * (depth**2 + np.sum(near["slip"] ** 2, axis=1))
     return {
-        "springs": 0.5 * float(np.sum(joints["stiffness"] * wound**2)),
+        "springs": 0.5 * float(np.sum(joints["stiffness"] * turned**2)),
         "stops": 0.5 * float(np.sum(joints["stop_stiffness"] * beyond**2)),
         "grasp": 0.5 * float(np.sum(grasp)),
         "contact": 0.5 * float(np.sum(touch)),

@@ -13,7 +13,7 @@ from impedance_modules.plant import compiled_stage
 from impedance_modules.plant.contact.compiled_contact import find_near
 from impedance_modules.plant.contact.surfaces import NEAR, Surfaces
 from impedance_modules.plant.effects_port import JointMotion, JointTorque
-from impedance_modules.plant.records import RIGID, STAGE, START, Memory
+from impedance_modules.plant.records import ELASTIC, RATE, RIGID, STAGE, START, Memory
 from impedance_modules.robot.kinematics import WORLD_AXES
 from impedance_modules.robot.model import RobotModel
 
@@ -27,6 +27,7 @@ class Integrator:
         step: Integration step [s].
         links: Pinocchio model whose armature holds only the rotors fixed to their links.
         torques: Effects that add torque at motors or links, in the order in which they are asked.
+        aim, aim_velocity: (n,) the joint motion that the controller aims at, for effects that know it.
         time: Since the start [s].
         tables, arrays: Arguments of the compiled stages, in their order.
     """
@@ -40,12 +41,17 @@ class Integrator:
         surfaces: Surfaces,
         step: float,
         gravity: Array,
+        coupling: Array,
     ) -> None:
         self.step = step
         self.memory = memory
         self.surfaces = surfaces
         self.time = 0.0
         self.torques: list[JointTorque] = []
+        self.aim, self.aim_velocity = np.zeros(model.n), np.zeros(model.n)
+        self._coupling = coupling
+        self._load = np.zeros(model.n)
+        self._worn = bool(coupling.any())
         self.links = pin.Model(model.pin_model)
         fixed = memory.joints["kind"] == RIGID
         self.links.armature = np.where(fixed, model.reflected_inertia, 0.0)
@@ -97,7 +103,7 @@ class Integrator:
         """Moves on by one step."""
         if self._touches:
             self.place()
-        if self.torques:
+        if self.torques or self._worn:
             self._advance_with_effects()
             return
         stage, aba, links, data = compiled_stage.stage, pin.aba, self.links, self._data
@@ -118,7 +124,29 @@ class Integrator:
         """Writes the rate of the stage row, effects included; returns the links' acceleration (n,)."""
         self._ask_effects()
         compiled_stage.evaluate(*self.tables, *self.arrays)
+        if self._worn:
+            self._couple(self.acceleration())
+            compiled_stage.evaluate(*self.tables, *self.arrays)
         return self.acceleration()
+
+    def _couple(self, links: Array) -> None:
+        r"""Adds the torque with which one rotor's acceleration loads another motor, at the stage row.
+
+        e = -C \ddot z, with \ddot z = (1 + S C)^{-1} \ddot z_0: z are the motors of elastic joints and the links
+        of all others, S what a torque on them accelerates.
+        """
+        joints, n = self.memory.joints, self.memory.n
+        elastic = joints["kind"] == ELASTIC
+        alone = np.where(elastic, self.memory.part("motor_velocity", RATE), links)
+        lightness = np.where(np.outer(elastic, elastic), 0.0, self.stage_mobility())
+        lightness[elastic] = lightness[:, elastic] = 0.0
+        lightness[np.diag_indices(n)] += elastic / np.where(elastic, joints["reflected_inertia"], 1.0)
+        together = np.linalg.solve(np.eye(n) + lightness @ self._coupling, alone)
+        joints["extra_motor"] -= self._coupling @ together
+
+    def stage_mobility(self) -> Array:
+        """Computes the inverse mass matrix (n, n) of the links without elastic rotors at the stage row."""
+        return np.array(pin.computeMinverse(self.links, self._data, self._q))
 
     def acceleration(self) -> Array:
         """Computes the links' acceleration (n,) at the stage row under the torque now on them."""
@@ -127,13 +155,14 @@ class Integrator:
     def _advance_with_effects(self) -> None:
         """Takes the same step with effects asked before each stage."""
         memory, joints = self.memory, self.memory.joints
+        self._load = joints["load"].copy()
         compiled_stage.open_step(memory.state, memory.hands, memory.body, memory.contacts)
         for index in range(1, 5):
             acceleration = self.rate()
             compiled_stage.absorb(index, self.step, joints, memory.state, acceleration)
         compiled_stage.close_step(*self.tables, memory.jacobian, memory.motion)
         self.time += self.step
-        motion = self._motion(START)
+        motion = self.motion(START)
         for effect in self.torques:
             effect.settle(motion)
 
@@ -142,12 +171,13 @@ class Integrator:
         joints["extra_motor"], joints["extra_link"] = 0.0, 0.0
         if not self.torques:
             return
-        motion = self._motion(STAGE)
+        motion = self.motion(STAGE)
         for effect in self.torques:
             port = "extra_motor" if effect.port == "motor" else "extra_link"
             joints[port] += effect.torque(motion)
 
-    def _motion(self, row: int) -> JointMotion:
+    def motion(self, row: int) -> JointMotion:
+        """Gives what effects are told, at a row of the state."""
         part, joints = self.memory.part, self.memory.joints
         return JointMotion(
             time=self.time,
@@ -156,5 +186,8 @@ class Integrator:
             motor_position=part("motor_position", row),
             motor_velocity=part("motor_velocity", row),
             command=joints["command"],
-            load=joints["load"],
+            load=joints["load"] if row == START else self._load,
+            drive=joints["command"] + joints["assist"],
+            position_command=self.aim,
+            velocity_command=self.aim_velocity,
         )

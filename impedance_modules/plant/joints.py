@@ -2,6 +2,7 @@
 r"""Drives of all joints as one table, with the robot's stiff position hold and its joint stops.
 
 elastic  I_r w' + D w = tau_m - tau_s,  tau_s = K (theta - q) + B (w - v)      (thesis eq. 3.2, 3.3)
+         with play b: tau_s acts only beyond |theta - q| = b/2, from there on
 rigid    the rotor moves with the link: tau_s = tau_m - D v - I_r v'
 ideal    I_r = 0: tau_s = tau_m and theta = q + tau_m / K; motor damping does not act
 """
@@ -51,6 +52,22 @@ def structural_stiffness(joint: JointSpec) -> float:
     if joint.spring_stiffness is not None:
         return joint.spring_stiffness
     return joint.effort_max / RIGID_DEFLECTION
+
+
+def wound(joints: Table, ahead: Array) -> Array:
+    """Gives how far each spring is wound (n,) [rad] when its motor is ahead of the link: what the play leaves."""
+    gap = joints["half_gap"]
+    return np.asarray(ahead - np.clip(ahead, -gap, gap))
+
+
+def spring_torque(joints: Table, ahead: Array, speed: Array) -> Array:
+    """Gives the torque through each elastic gear (n,) [N.m]; where there is play, teeth push and never pull."""
+    turned = wound(joints, ahead)
+    load = joints["stiffness"] * turned + joints["spring_damping"] * speed
+    pushing = np.where(
+        turned > 0.0, np.maximum(load, 0.0), np.where(turned < 0.0, np.minimum(load, 0.0), 0.0)
+    )
+    return np.where(joints["half_gap"] > 0.0, pushing, load)
 
 
 def motor_position(joints: Table, position: Array, rotor: Array) -> Array:

@@ -4,23 +4,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.effects.drive_path import DrivePath
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.plant.assembly import build_memory
 from impedance_modules.plant.commands import CommandLine, Mode, Order, checked_effort
 from impedance_modules.plant.contact.surfaces import Surfaces
-from impedance_modules.plant.effects_port import JointTorque
+from impedance_modules.plant.effects_port import JointTorque, WornPlant, unworn
 from impedance_modules.plant.energy import EnergyBook
 from impedance_modules.plant.grasp.coupling import take_hold
 from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import hold_gains, motor_position
 from impedance_modules.plant.options import PlantOptions, divide
-from impedance_modules.plant.records import COMMAND, IDEAL
+from impedance_modules.plant.records import COMMAND, IDEAL, START
 from impedance_modules.plant.sensors import Sensors
 from impedance_modules.plant.stability import check_step
 from impedance_modules.plant.truth import Truth
@@ -52,7 +54,20 @@ class Plant(Truth):
         surfaces: Sequence[SurfaceSpec],
         held: HeldObject | None,
         options: PlantOptions,
+        worn: WornPlant | None = None,
     ) -> None:
+        """Builds the plant.
+
+        Args:
+            model: The robot.
+            surfaces: Its surroundings.
+            held: What its hands hold, or None.
+            options: How it is stepped.
+            worn: What reality does beyond the model (``effects.wear.wear_plant``); None for nothing.
+        """
+        self._worn = unworn(model) if worn is None else worn
+        gravity = self._worn.gravity_turn @ np.array(options.gravity)
+        self._gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
         self.model = model
         self.division = divide(options)
         self._held = held
@@ -60,16 +75,22 @@ class Plant(Truth):
         self._timing = model.spec.timing
         self._compensates = _checked_compensation(model.spec.gravity_compensation) == "robot"
         frames = tuple(limb.hand for limb in model.limbs.values())
-        memory = build_memory(model, frames, surfaces, held, np.array(options.gravity))
-        shapes = Surfaces(surfaces, memory.contacts)
-        gravity = np.array(options.gravity)
+        memory = build_memory(model, frames, surfaces, held, gravity)
+        memory.joints["half_gap"] = 0.5 * self._worn.gap
         integrator = Integrator(
-            model, memory, frames=frames, surfaces=shapes, step=self.division.step, gravity=gravity
+            model,
+            memory,
+            frames=frames,
+            surfaces=Surfaces(surfaces, memory.contacts),
+            step=self.division.step,
+            gravity=gravity,
+            coupling=self._worn.coupling,
         )
         super().__init__(model, memory, integrator, frames)
-        self._sensors = Sensors(model.spec.sensors, self.division.loop, None)
-        self._gravity_data = integrator.links.createData()
-        self._robot_view = pin.Model(integrator.links)
+        integrator.torques.extend(self._worn.torques)
+        self._sensors = Sensors(model.spec.sensors, self._worn.sensors, self.division.loop, None)
+        self._robot_view = _as_the_maker_knows(model, options.gravity)
+        self._gravity_data = self._robot_view.createData()
         self._ideal = bool(np.any(memory.joints["kind"] == IDEAL))
         self._line: CommandLine | None = None
         self._standing: Order | None = None
@@ -105,6 +126,7 @@ class Plant(Truth):
         self._memory.part("position")[:] = position
         self._memory.part("motor_position")[:] = position
         self._clear_torques()
+        self.aim(position, np.zeros(self.model.n))
         wrench = self._grasp()
         self._integrator.refresh()
         self._balance(position, wrench)
@@ -127,24 +149,44 @@ class Plant(Truth):
     def _balance(self, position: Array, wrench: Array) -> None:
         """Winds the joints' springs for the start load and finds the command that carries it."""
         memory, joints = self._memory, self._memory.joints
-        load = self._weight(position)
-        carried = np.zeros(self.model.n)
+        load = self._link_weight(position)
         for jacobian, on_hand in zip(memory.jacobian, wrench, strict=True):
-            carried -= jacobian.T @ on_hand
-        wind = np.array(self.model.spring_compliance()) * (joints["kind"] != IDEAL)
-        memory.part("motor_position")[:] = position + wind * (load + carried)
-        joints["load"] = joints["motor"] = load + carried
-        self.start_command = carried if self._compensates else load + carried
-        joints["assist"] = load if self._compensates else 0.0
+            load -= jacobian.T @ on_hand
+        joints["assist"] = self._assistance(position + self._worn.sensors.offset)
+        self._start_effects()
+        at_rest = self._integrator.motion(START)
+        for effect in self._worn.torques:
+            load -= effect.torque(at_rest) if effect.port == "link" else 0.0
+        ahead = np.array(self.model.spring_compliance()) * load + joints["half_gap"] * np.sign(load)
+        memory.part("motor_position")[:] = position + ahead * (joints["kind"] != IDEAL)
+        joints["load"] = joints["motor"] = load
+        self.start_command = self._motor_start(load) / self._worn.drive_gain - joints["assist"]
         joints["command"] = self.start_command
+        self._start_effects()
+
+    def _motor_start(self, load: Array) -> Array:
+        """Finds what the drives must give at rest (n,) [N.m]: the load, and what effects take on the way."""
+        needed = load.copy()
+        at_rest = self._integrator.motion(START)
+        for effect in self._worn.torques:
+            if effect.port == "motor" and not isinstance(effect, DrivePath):
+                needed -= effect.torque(at_rest)
+        return needed
+
+    def _start_effects(self) -> None:
+        """Tells what is worn that everything begins here."""
+        at_rest = self._integrator.motion(START)
+        for effect in self._worn.torques:
+            effect.start(at_rest, self.division.step)
 
     def _start_robot(self, position: Array) -> None:
         """Starts sensors, command line and clock."""
         source = np.random.default_rng(self._options.seed) if self._options.noise else None
-        self._sensors = Sensors(self.model.spec.sensors, self.division.loop, source)
+        self._sensors = Sensors(self.model.spec.sensors, self._worn.sensors, self.division.loop, source)
         self._sensors.reset(position)
         start = Order(Mode.TORQUE, self.start_command.copy())
-        self._line = CommandLine(self._timing, self._options.rate, start)
+        timing = replace(self._timing, command_delay=self._worn.command_delay)
+        self._line = CommandLine(timing, self._options.rate, start)
         self._standing = None
         self._periods = 0
         self._integrator.time = 0.0
@@ -209,7 +251,7 @@ class Plant(Truth):
     def _robot_loop(self) -> None:
         """Lives through one loop of the robot: its gravity compensation, the steps, its sensors."""
         if self._compensates:
-            self._memory.joints["assist"] = self._weight(self._sensors.position)
+            self._memory.joints["assist"] = self._assistance(self._sensors.position)
         if self._ideal:
             self._wind_ideal_joints()
         advance = self._integrator.advance
@@ -217,9 +259,26 @@ class Plant(Truth):
             advance()
         self._sensors.update(self._memory.part("position"))
 
-    def _weight(self, position: Array) -> Array:
-        """Computes the torque that carries the links at a measured position (n,) [N.m]."""
-        return np.asarray(pin.computeGeneralizedGravity(self._robot_view, self._gravity_data, position))
+    def _assistance(self, position: Array) -> Array:
+        """Computes what the robot adds by itself at a measured position (n,) [N.m]: it carries what it knows."""
+        if not self._compensates:
+            return np.zeros(self.model.n)
+        weight = pin.computeGeneralizedGravity(self._robot_view, self._gravity_data, position)
+        spring = self._worn.spring_stiffness * position - self._worn.spring_preload
+        return np.asarray(weight + spring)
+
+    def _link_weight(self, position: Array) -> Array:
+        """Computes the torque that really carries the links (n,) [N.m]."""
+        links = self._integrator.links
+        return np.array(pin.computeGeneralizedGravity(links, links.createData(), position))
+
+    def aim(self, position: Array, velocity: Array) -> None:
+        """Tells the joint motion (n,) [rad], [rad/s] that the controller aims at; the start posture until then.
+
+        Only an effect that adds torque from the tracking error listens (``controller_gain``).
+        """
+        self._integrator.aim[:] = position
+        self._integrator.aim_velocity[:] = velocity
 
     def _wind_ideal_joints(self) -> None:
         """Books the work of winding an ideal joint's spring: the new torque times theta's jump."""
@@ -241,7 +300,16 @@ class Plant(Truth):
 
     def energy(self) -> EnergyBook:
         """Closes the books: every energy and work since ``reset`` [J]."""
-        return self.energy_book(self._options.gravity)
+        return self.energy_book(self._gravity)
+
+
+def _as_the_maker_knows(model: RobotModel, gravity: tuple[float, float, float]) -> pin.Model:
+    """Builds the links as the robot's own gravity compensation has them: upright, without a patch's bodies."""
+    spec = model.spec
+    known = RobotModel(replace(spec, body_changes=())) if spec.body_changes else model
+    view = pin.Model(known.pin_model)
+    view.gravity.linear = np.array(gravity)
+    return view
 
 
 def _checked_compensation(who: str) -> str:

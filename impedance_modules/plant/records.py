@@ -40,6 +40,7 @@ JOINT = np.dtype(
     [
         ("kind", np.int64),
         ("stiffness", np.float64),
+        ("half_gap", np.float64),
         ("spring_damping", np.float64),
         ("motor_damping", np.float64),
         ("reflected_inertia", np.float64),

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.plant.joints import spring_torque
 from impedance_modules.plant.records import ELASTIC, IDEAL, RIGID, STAGE, START, Memory, Row
 from impedance_modules.robot.rotation import exp3
 
@@ -59,7 +60,7 @@ def joint_torques(memory: Memory) -> tuple[Array, Array]:
     hold = joints["hold_stiffness"] * (joints["hold_position"] - theta) - joints["hold_damping"] * w
     hold = np.clip(hold, -joints["effort_max"], joints["effort_max"])
     motor = joints["command"] + joints["assist"] + hold + joints["extra_motor"]
-    spring = joints["stiffness"] * (theta - q) + joints["spring_damping"] * (w - v)
+    spring = spring_torque(joints, theta - q, w - v)
     loss = joints["motor_damping"] * w
     kinds = [joints["kind"] == kind for kind in (ELASTIC, RIGID, IDEAL)]
     load = np.select(kinds, [spring, motor - loss, motor])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.plant.energy import EnergyBook, potential_energies, works
 from impedance_modules.plant.integrator import Integrator
-from impedance_modules.plant.joints import motor_position
+from impedance_modules.plant.joints import motor_position, wound
 from impedance_modules.plant.records import COMMAND, ELASTIC, Memory
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
@@ -74,8 +74,8 @@ class Truth:
         joint without a spring has its sensor in the load path.
         """
         joints = self._memory.joints
-        wound = self._memory.part("motor_position") - self._memory.part("position")
-        return np.where(joints["kind"] == ELASTIC, joints["stiffness"] * wound, joints["load"])
+        turned = wound(joints, self._memory.part("motor_position") - self._memory.part("position"))
+        return np.where(joints["kind"] == ELASTIC, joints["stiffness"] * turned, joints["load"])
 
     @property
     def command_acting(self) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from impedance_modules.backends.backend import Backend
 from impedance_modules.backends.replay import ReplayBackend
 from impedance_modules.backends.sim import SimBackend
+from impedance_modules.effects.wear import wear_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
@@ -27,7 +28,8 @@ def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBack
     task, model = assembly.task, assembly.model
     held = None if task.object is None else HeldObject.of_task(model, task.object)
     options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
-    plant = Plant(model, task.environment, held, options)
+    worn = None if assembly.patch is None else wear_plant(model, assembly.patch)
+    plant = Plant(model, task.environment, held, options, worn)
     return SimBackend(plant, assembly.modules.posture, assembly.period)
 
 

@@ -25,7 +25,7 @@ FRESH = 1e-4
 
 
 @compiled
-def find_near(  # noqa: PLR0917 - compiled code takes the tables one by one
+def find_near(
     contacts: Table, surfaces: Table, hands: Table, body: Table, object_position: Array, margin: float
 ) -> int:
     """Places every point in world, marks those within ``margin`` [m] of their surface, counts the stale.

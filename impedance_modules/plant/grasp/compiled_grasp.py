@@ -82,7 +82,7 @@ def grasp_forces(hands: Table, body: Table, motion: Array, wrench: Array) -> flo
 
 
 @compiled
-def _coupling(  # noqa: PLR0917 - compiled code has no keywords
+def _coupling(
     hand: Row, body: Row, lever: Array, stretch: Array, own: Array, other: Array, wrench: Array
 ) -> None:
     """Writes the wrench on the hand; ``lever`` from the object's origin to its grasped point."""
