@@ -51,7 +51,7 @@ class Payload(Effect):
         signature="weight and inertia on all joints before the link, in fixed proportions",
         confusable_with=("link_inertia", "torque_gain", "base_tilt", "encoder_offset"),
         excitation="static poses and rich motion of several joints",
-        reference="Khalil & Gautier 1986; Swevers et al. 2002",
+        reference="Gautier & Khalil 1990; Swevers et al. 2002",
         worn="Plant and model: the link's inertia. The robot's own gravity compensation does not know it.",
     )
     shape = CENTRE
@@ -124,7 +124,7 @@ class LinkInertia(Effect):
         signature="weight and inertia on all joints before the link, in fixed proportions",
         confusable_with=("payload", "torque_gain", "reflected_inertia"),
         excitation="static poses and rich motion; only base combinations can be found",
-        reference="Khalil & Gautier 1986; Wensing, Kim & Slotine 2018",
+        reference="Gautier & Khalil 1990; Wensing, Kim & Slotine 2018",
         worn="Plant and model: the link's inertia, refused if what results is no physical body.",
     )
 
@@ -174,7 +174,7 @@ class BaseTilt(Effect):
         signature="like weight on all joints, by two numbers that they share",
         confusable_with=("torque_offset", "encoder_offset", "payload"),
         excitation="poses all around, the first joint included",
-        reference="Yoshikawa 1990 (gravity in an inclined base)",
+        reference="Newton's law of weight, in turned axes",
         worn="Plant and model: gravity. The robot's own gravity compensation does not know it.",
     )
     shape = ("rx", "ry")

@@ -52,7 +52,7 @@ class ParallelSpring(JointLaw):
         signature="linear in the joint's angle, at rest too",
         confusable_with=("reflected_inertia", "payload", "torque_offset", "base_tilt"),
         excitation="a grid of static poses; a single tone cannot tell it from inertia",
-        reference="thesis 2.1 (shoulder springs); Agarwal & Deshpande 2017",
+        reference="thesis 2.1 (shoulder springs)",
         worn="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
     )
 
