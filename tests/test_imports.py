@@ -14,6 +14,7 @@ PACKAGE = Path(__file__).parent.parent / "impedance_modules"
 
 RANK = {
     "errors": 0,
+    "compiled": 0,
     "spec": 1,
     "robot": 2,
     "effects": 3,

@@ -4,7 +4,6 @@
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -17,8 +16,8 @@ from impedance_modules.safety.problem import FilterProblem
 from impedance_modules.safety.solvers import make_solver
 
 TOLERANCE = {"daqp": 1e-8, "proxsuite": 1e-3, "qpsolvers:daqp": 1e-3}
-SECONDS = 0.1
-"""Of the processor. The usual is below a millisecond; a solve that takes longer than this hangs."""
+MOST_ITERATIONS = 2000
+"""The usual is below a hundred; a solver that needs more than this goes round in circles."""
 
 
 def ordinary(rng: np.random.Generator) -> FilterProblem:
@@ -114,24 +113,22 @@ def answered() -> list[tuple[str, FilterProblem, np.ndarray]]:
     return [(*problems[i], filter_reference.solve(problems[i][1])) for i in order]
 
 
-def answers(name: str, problems: list) -> Iterator[tuple[str, float, np.ndarray, np.ndarray]]:
+def answers(name: str, problems: list) -> Iterator[tuple[str, int, np.ndarray, np.ndarray]]:
     solver = make_solver(name)
     for _, problem, _ in problems[:5]:
         solver.solve(problem)
     for kind, problem, exact in problems:
-        start = time.thread_time()
         solution = solver.solve(problem)
-        seconds = time.thread_time() - start
         assert solution.solved, f"{kind}: {solution.status}"
-        yield kind, seconds, solution.effort, exact
+        yield kind, solution.iterations, solution.effort, exact
 
 
 @pytest.mark.parametrize("name", TOLERANCE)
-def test_hard_set_is_solved_fast_and_right(name: str, answered: list) -> None:
+def test_hard_set_is_solved_right_in_few_iterations(name: str, answered: list) -> None:
     assert len(answered) >= 400
     worst: dict[str, float] = {}
-    for kind, seconds, effort, exact in answers(name, answered):
-        assert seconds < SECONDS, kind
+    for kind, iterations, effort, exact in answers(name, answered):
+        assert iterations <= MOST_ITERATIONS, kind
         worst[kind] = max(worst.get(kind, 0.0), float(np.abs(effort - exact).max()))
     assert max(worst.values()) < TOLERANCE[name], worst
 

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.equilibrium import OBJECT, PhaseMotion
 from impedance_modules.modules.pose_motion import PoseMotion
@@ -99,14 +99,14 @@ def _mover(motion: PoseMotion) -> Array:
     return row
 
 
-@njit(cache=True)
+@compiled
 def minimum_jerk(fraction: float) -> float:
     """Returns 10 x^3 - 15 x^4 + 6 x^5, held at its ends outside [0, 1]."""
     x = min(max(fraction, 0.0), 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
 
 
-@njit(cache=True)
+@compiled
 def exponential(x: float, y: float, z: float, rotation: Array) -> None:
     """Writes the rotation matrix of a rotation vector [rad] (Rodrigues)."""
     square = x * x + y * y + z * z
@@ -123,7 +123,7 @@ def exponential(x: float, y: float, z: float, rotation: Array) -> None:
     rotation[1, 2], rotation[2, 1] = second * y * z - first * x, second * y * z + first * x
 
 
-@njit(cache=True)
+@compiled
 def _mover_pose(row: Array, s: float, clock: float, turn: Array, rotation: Array, translation: Array) -> None:
     """Writes X_WT of one mover."""
     wave = np.empty(6)
@@ -150,7 +150,7 @@ def _mover_pose(row: Array, s: float, clock: float, turn: Array, rotation: Array
             translation[k] += reference[k, j] * local[j]
 
 
-@njit(cache=True)
+@compiled
 def multiply(a: Array, b: Array, out: Array) -> None:
     """Writes the product of two 3x3 matrices; a call into a library would cost more than the arithmetic."""
     for i in range(3):
@@ -158,7 +158,7 @@ def multiply(a: Array, b: Array, out: Array) -> None:
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@njit(cache=True)
+@compiled
 def targets(
     movers: Array,
     rides: Indices,

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.modules.compiled_motion import multiply
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.squeeze import squeeze_forces
@@ -60,7 +60,7 @@ def object_shares(held: HeldObject | None, frames: tuple[str, ...]) -> ObjectSha
     )
 
 
-@njit(cache=True)
+@compiled
 def object_efforts(
     squeeze: Array,
     weight: Array,
@@ -103,7 +103,7 @@ def object_efforts(
         _add(R_WO, share, jacobian[slots[h]], first, last, weight_effort)
 
 
-@njit(cache=True)
+@compiled
 def _add(R_WO: Array, wrench: Array, jacobian: Array, first: int, last: int, effort: Array) -> None:
     """Adds J^T (R_WO wrench)."""
     for i in range(3):

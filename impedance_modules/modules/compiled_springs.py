@@ -14,14 +14,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from impedance_modules.compiled import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@njit(cache=True)
+@compiled
 def rotation_error(rotation: Array, target: Array, error: Array) -> None:
     r"""Writes \phi = log(R R_T^T) [rad] in world axes into ``error[3:6]``."""
     product = np.empty((3, 3))
@@ -46,7 +47,7 @@ def rotation_error(rotation: Array, target: Array, error: Array) -> None:
     error[3], error[4], error[5] = scale * x, scale * y, scale * z
 
 
-@njit(cache=True)
+@compiled
 def _error_near_cut(
     product: Array, x: float, y: float, z: float, angle: float, cosine: float, error: Array
 ) -> None:
@@ -68,7 +69,7 @@ def _error_near_cut(
         error[3 + k] *= scale
 
 
-@njit(cache=True)
+@compiled
 def turn_moment(error: Array, moment: Array) -> None:
     r"""Replaces the gradient with respect to \phi by the one with respect to a world rotation.
 
@@ -89,7 +90,7 @@ def turn_moment(error: Array, moment: Array) -> None:
     moment[5] = z + 0.5 * w + second * (a * v - b * u)
 
 
-@njit(cache=True)
+@compiled
 def spring_energies(
     stiffness: Array,
     slots: Indices,
@@ -112,7 +113,7 @@ def spring_energies(
     return total
 
 
-@njit(cache=True)
+@compiled
 def spring_efforts(
     stiffness: Array,
     damping: Array,
@@ -165,7 +166,7 @@ def spring_efforts(
     return total
 
 
-@njit(cache=True)
+@compiled
 def bias_energy(stiffness: Array, rest: Array, q: Array) -> float:
     """Returns (q - rest)^T K_j (q - rest) / 2 [J]; all (n,)."""
     total = 0.0
@@ -174,7 +175,7 @@ def bias_energy(stiffness: Array, rest: Array, q: Array) -> float:
     return total
 
 
-@njit(cache=True)
+@compiled
 def bias_efforts(
     stiffness: Array,
     damping: Array,

@@ -6,39 +6,14 @@ The plain versions, with their derivations, are in ``robot.rotation``; a test ke
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
+
 Array = NDArray[np.float64]
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def _fingerprint() -> str:
-    """Digests every compiled source of the plant."""
-    sources = sorted(Path(__file__).parent.rglob("compiled*.py"))
-    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-
-
-FINGERPRINT = _fingerprint()
-
-
-def compiled(function: Function) -> Function:
-    """Compiles a function to machine code on its first call, and keeps the code on disk.
-
-    Numba discards kept code when the function's own file changes, but callers hold the code of what they
-    call: here code is kept only as long as no compiled source of the plant has changed.
-    """
-    dispatcher: Any = numba.njit(cache=True, error_model="numpy")(function)
-    kept = dispatcher._cache._cache_file
-    kept._source_stamp = (kept._source_stamp, FINGERPRINT)
-    return cast(Function, dispatcher)
 
 
 @compiled

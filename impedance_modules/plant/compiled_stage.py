@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.plant.compiled_algebra import compiled
+from impedance_modules.compiled import compiled
 from impedance_modules.plant.contact.compiled_contact import contact_forces, place_contacts, settle_contacts
 from impedance_modules.plant.grasp.compiled_grasp import (
     grasp_forces,

@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.runtime.compiled_memory import (
     APPLIED,
     COMPLIANCE,
@@ -74,7 +74,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@njit(cache=True)
+@compiled
 def _finite(vector: Array) -> bool:
     finite = True
     for value in vector:
@@ -82,7 +82,7 @@ def _finite(vector: Array) -> bool:
     return finite
 
 
-@njit(cache=True)
+@compiled
 def tick(
     memory: Array,
     at: Indices,
@@ -133,7 +133,7 @@ def tick(
     return after(memory, at, q.size, False)
 
 
-@njit(cache=True)
+@compiled
 def _desire(
     memory: Array,
     at: Indices,
@@ -177,7 +177,7 @@ def _desire(
     return FINE if _finite(one(memory, at, DESIRED)) else EFFORT_NOT_FINITE
 
 
-@njit(cache=True)
+@compiled
 def _fill(
     memory: Array,
     at: Indices,
@@ -226,7 +226,7 @@ def _fill(
     )
 
 
-@njit(cache=True)
+@compiled
 def after(memory: Array, at: Indices, n: int, stopping: bool) -> int:
     """Scales the memory's ``effort`` to what the tank can answer for; returns ``STATUS``."""
     result, effort = one(memory, at, RESULT), one(memory, at, EFFORT)
@@ -248,7 +248,7 @@ def after(memory: Array, at: Indices, n: int, stopping: bool) -> int:
     return FINE
 
 
-@njit(cache=True)
+@compiled
 def missed(memory: Array, at: Indices, n: int) -> None:
     """Books a cycle without a usable state, or whose torque came too late."""
     compiled_ledger.missed(

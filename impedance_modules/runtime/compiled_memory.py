@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.runtime.memory import CycleSizes, float_shapes, integer_shapes
 
 Array = NDArray[np.float64]
@@ -47,33 +47,33 @@ SIZES, SLOTS, RIDES, LIMB_OF_JOINT, HAND_SLOTS, MOVER_COUNT, MOVED_BY, COUPLED, 
 )
 
 
-@njit(cache=True)
+@compiled
 def one(block: Array, at: Indices, which: int) -> Array:
     """Cuts a vector out of the block of floats."""
     return block[at[which] : at[which + 1]]
 
 
-@njit(cache=True)
+@compiled
 def two(block: Array, at: Indices, which: int, columns: int) -> Array:
     """Cuts out a matrix with so many columns."""
     flat = block[at[which] : at[which + 1]]
     return flat.reshape((flat.size // columns if columns else 0, columns))
 
 
-@njit(cache=True)
+@compiled
 def three(block: Array, at: Indices, which: int, rows: int, columns: int) -> Array:
     """Cuts out a stack of matrices of one size."""
     flat = block[at[which] : at[which + 1]]
     return flat.reshape((flat.size // (rows * columns), rows, columns))
 
 
-@njit(cache=True)
+@compiled
 def whole(integers: Indices, where: Indices, which: int) -> Indices:
     """Cuts a vector out of the block of integers."""
     return integers[where[which] : where[which + 1]]
 
 
-@njit(cache=True)
+@compiled
 def ranges(integers: Indices, where: Indices, which: int) -> Indices:
     """Cuts (2, k) out of the block of integers: where ranges begin, and one past where they end."""
     flat = integers[where[which] : where[which + 1]]

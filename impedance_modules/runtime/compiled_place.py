@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.modules.compiled_motion import COLUMNS, minimum_jerk, targets
 from impedance_modules.modules.compiled_springs import bias_energy, spring_energies
 from impedance_modules.runtime.compiled_memory import (
@@ -44,7 +44,7 @@ TRIALS = 12
 """Bisections for the largest affordable part of a motion, as in ``ledger.grant``."""
 
 
-@njit(cache=True)
+@compiled
 def _blend(memory: Array, at: Indices, springs: int, n: int, clock: float) -> None:
     """Sets the gains now in force: minimum jerk from the last phase's to this phase's."""
     time = one(memory, at, TIME)
@@ -64,7 +64,7 @@ def _blend(memory: Array, at: Indices, springs: int, n: int, clock: float) -> No
     time[BLENDED] = 1.0 if clock >= time[BLEND_TIME] else 0.0
 
 
-@njit(cache=True)
+@compiled
 def _place(
     memory: Array, at: Indices, integers: Indices, where: Indices, n: int, springs: int, clock: float
 ) -> None:
@@ -86,7 +86,7 @@ def _place(
     )
 
 
-@njit(cache=True)
+@compiled
 def potential_energy(
     memory: Array,
     at: Indices,
@@ -110,7 +110,7 @@ def potential_energy(
     return total + bias_energy(one(memory, at, BIAS_STIFFNESS), one(memory, at, REST), q)
 
 
-@njit(cache=True)
+@compiled
 def place_start(
     memory: Array,
     at: Indices,
@@ -127,7 +127,7 @@ def place_start(
     return potential_energy(memory, at, integers, where, sizes[1], q, rotation, translation)
 
 
-@njit(cache=True)
+@compiled
 def move(
     memory: Array,
     at: Indices,

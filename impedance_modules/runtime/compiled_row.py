@@ -6,14 +6,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from impedance_modules.compiled import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@njit(cache=True)
+@compiled
 def quaternion(rotation: Array, out: Array) -> None:
     """Writes the unit quaternion (x, y, z, w), w >= 0, of a rotation matrix."""
     a, b, c = rotation[0, 0], rotation[1, 1], rotation[2, 2]
@@ -42,7 +43,7 @@ def quaternion(rotation: Array, out: Array) -> None:
             out[m] = -out[m]
 
 
-@njit(cache=True)
+@compiled
 def _pose(row: Array, at: int, rotation: Array, translation: Array) -> int:
     for k in range(3):
         row[at + k] = translation[k]
@@ -50,7 +51,7 @@ def _pose(row: Array, at: int, rotation: Array, translation: Array) -> int:
     return at + 7
 
 
-@njit(cache=True)
+@compiled
 def fill_row(
     row: Array,
     time: float,

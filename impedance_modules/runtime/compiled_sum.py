@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.modules.compiled_object import object_efforts
 from impedance_modules.modules.compiled_springs import bias_efforts, spring_efforts
 from impedance_modules.runtime.compiled_memory import (
@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@njit(cache=True)
+@compiled
 def sum_modules(
     memory: Array,
     at: Indices,
@@ -113,7 +113,7 @@ def sum_modules(
     return energy
 
 
-@njit(cache=True)
+@compiled
 def estimate_motor_velocity(memory: Array, at: Indices, v: Array, effort: Array) -> None:
     """Estimates the rotors' speed, v + d(effort / K_sea)/dt, as ``modules.motor_velocity`` does."""
     velocity, wind, rate = (

@@ -44,7 +44,7 @@ from impedance_modules.runtime.memory import (
     CycleMemory,
 )
 from impedance_modules.safety import compiled_ledger
-from impedance_modules.safety.compiled_lane import INSIDE, UNDECIDED
+from impedance_modules.safety.compiled_lane import CERTIFIED, INSIDE, UNDECIDED
 from impedance_modules.safety.compiled_ledger import LEVEL, POTENTIAL, SCALE, STARVED
 from impedance_modules.safety.problem import FilterLayout
 from impedance_modules.safety.solvers.make import make_solver
@@ -149,6 +149,13 @@ class Controller:
         if self._solution is not None:
             return self._solution.solved
         return bool(self._result[FOUND] != UNDECIDED)
+
+    @property
+    def changed(self) -> bool:
+        """Whether the filter gave another torque than the modules desired in the last tick."""
+        if self._solution is not None:
+            return self._solution.solved and self._solution.iterations > 0
+        return bool(self._result[FOUND] == CERTIFIED)
 
     @property
     def acting(self) -> int:

@@ -86,8 +86,6 @@ class Recorder:
         """Records one cycle: a state, and the torque that left for it (zero where none did)."""
         supervisor = self._supervisor
         controller = supervisor.controller
-        solution = controller.solution
-        active = 0 if solution is None or solution.active is None else int(np.count_nonzero(solution.active))
         self._extras[:] = (
             controller.level,
             controller.spring_scale,
@@ -95,7 +93,7 @@ class Recorder:
             controller.paid,
             controller.clock,
             supervisor.rung,
-            active,
+            controller.acting,
             late,
             interrupted,
         )

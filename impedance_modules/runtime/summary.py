@@ -53,8 +53,7 @@ class Summary:
         self._lowest = min(self._lowest, controller.level)
         self._softest = min(self._softest, controller.spring_scale)
         self._slowed += controller.granted < 1.0 or controller.paid < 1.0
-        solution = controller.solution
-        if solution is not None and solution.solved and solution.iterations > 0:
+        if controller.changed:
             self._changed += 1
             if self._changed % self._every == 0:
                 self._attribute()

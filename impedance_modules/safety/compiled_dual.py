@@ -6,8 +6,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from impedance_modules.compiled import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -19,7 +20,7 @@ CANCELLING = 1e6
 """Multipliers beyond this nearly cancel in the torque: left to the solver, which polishes."""
 
 
-@njit(cache=True)
+@compiled
 def unit_row(
     constraint: int, matrix: Array, reach: Indices, coupled: Indices, factor: Array, row: Array
 ) -> float:
@@ -46,7 +47,7 @@ def unit_row(
     return length
 
 
-@njit(cache=True)
+@compiled
 def meet(rows: Array, last: int, softness: float, gram: Array) -> None:
     """Writes how the last row meets all others, g_r . g_s, and itself."""
     for s in range(last + 1):
@@ -56,7 +57,7 @@ def meet(rows: Array, last: int, softness: float, gram: Array) -> None:
         gram[last, s] = gram[s, last] = total
 
 
-@njit(cache=True)
+@compiled
 def solve_multipliers(gram: Array, bound: Array, count: int, multiplier: Array) -> bool:
     """Solves gram lambda = -bound; False where rows are parallel or multipliers nearly cancel."""
     half = np.empty((count, count))
@@ -83,7 +84,7 @@ def solve_multipliers(gram: Array, bound: Array, count: int, multiplier: Array) 
     return largest < CANCELLING
 
 
-@njit(cache=True)
+@compiled
 def write_change(
     rows: Array, multiplier: Array, count: int, coupled: Indices, factor: Array, change: Array
 ) -> None:
@@ -100,7 +101,7 @@ def write_change(
             change[j] -= factor[i, j] * change[i]
 
 
-@njit(cache=True)
+@compiled
 def factor_metric(metric: Array, coupled: Indices, factor: Array) -> bool:
     """Factors W = L L^T within each tree of joints; False if W is not positive definite."""
     for i in range(metric.shape[0]):

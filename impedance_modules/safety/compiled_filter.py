@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from impedance_modules.compiled import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -24,7 +25,7 @@ EFFORT, RATE, LOW, HIGH, SPEED, BRAKING, RETURN = range(7)
 deceleration, return_speed."""
 
 
-@njit(cache=True)
+@compiled
 def metric(
     inverse_inertia: Array,
     jacobian: Array,
@@ -70,7 +71,7 @@ def metric(
                     out[i, j] += share * acceleration[r, j]
 
 
-@njit(cache=True)
+@compiled
 def _cholesky_of_mobility(
     acceleration: Array,
     jacobian: Array,
@@ -93,7 +94,7 @@ def _cholesky_of_mobility(
             factor[r, c] = math.sqrt(total) if r == c else total / factor[c, c]
 
 
-@njit(cache=True)
+@compiled
 def _divide(factor: Array, rows: Array, first: int, last: int) -> None:
     """Replaces rows by L^-1 rows, in the columns from ``first`` to ``last``."""
     for r in range(6):
@@ -106,7 +107,7 @@ def _divide(factor: Array, rows: Array, first: int, last: int) -> None:
             rows[r, j] *= inverse
 
 
-@njit(cache=True)
+@compiled
 def _braking(room: float, speed: float, deceleration: float, return_speed: float, horizon: float) -> float:
     """Largest acceleration towards a limit, ``rows.braking_acceleration``."""
     if room > 0.0:
@@ -121,7 +122,7 @@ def _braking(room: float, speed: float, deceleration: float, return_speed: float
     return max(bound, -deceleration)
 
 
-@njit(cache=True)
+@compiled
 def fill(
     matrix: Array,
     lower: Array,
@@ -195,7 +196,7 @@ def fill(
         )
 
 
-@njit(cache=True)
+@compiled
 def _power(matrix: Array, upper: Array, motor_velocity: Array, available: float, horizon: float) -> None:
     speed = 0.0
     for i in range(motor_velocity.size):
@@ -210,7 +211,7 @@ def _power(matrix: Array, upper: Array, motor_velocity: Array, available: float,
     upper[0] = available / speed / horizon
 
 
-@njit(cache=True)
+@compiled
 def _distance(
     matrix: Array,
     lower: Array,

@@ -18,9 +18,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.safety.compiled_dual import (
     factor_metric,
     meet,
@@ -47,7 +47,7 @@ TOLERANCE = 1e-11
 """Most that a constraint may be broken, as a part of the largest demand, in the metric's units."""
 
 
-@njit(cache=True)
+@compiled
 def solve(
     desired: Array,
     effort_max: Array,
@@ -107,7 +107,7 @@ def solve(
     return CERTIFIED, tried
 
 
-@njit(cache=True)
+@compiled
 def _shift(
     desired: Array,
     effort_max: Array,
@@ -155,7 +155,7 @@ def _shift(
     return INSIDE if inside else CERTIFIED
 
 
-@njit(cache=True)
+@compiled
 def _search(
     matrix: Array,
     penalty: Array,
@@ -218,7 +218,7 @@ def _search(
     return 0
 
 
-@njit(cache=True)
+@compiled
 def _worst(values: Array, low: Array, high: Array, weight: Array, length: Array) -> tuple[int, float]:
     """Finds the constraint broken most among those that do not act; its breach squared, in the metric's units."""
     worst, breach = 0, 0.0
@@ -229,7 +229,7 @@ def _worst(values: Array, low: Array, high: Array, weight: Array, length: Array)
     return worst, breach
 
 
-@njit(cache=True)
+@compiled
 def _values(matrix: Array, reach: Indices, change: Array, low: Array, high: Array, values: Array) -> None:
     """Writes a . d of every constraint that is present."""
     n = change.size
@@ -243,7 +243,7 @@ def _values(matrix: Array, reach: Indices, change: Array, low: Array, high: Arra
         values[n + r] = total
 
 
-@njit(cache=True)
+@compiled
 def _wrong_sign(multiplier: Array, side: Array, count: int) -> int:
     """Finds the acting constraint that pulls instead of pushing most, or ``count`` if none does."""
     wrong, least = count, 0.0

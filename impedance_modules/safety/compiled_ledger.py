@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.safety.ledger import DEVIATIONS
 from impedance_modules.safety.tank import Tank, TankSettings
 
@@ -107,7 +107,7 @@ def record(book: Book, overspeed: tuple[int, ...] = ()) -> Tank:
     )
 
 
-@njit(cache=True)
+@compiled
 def absolute_dot(effort: Array, weight: Array) -> float:
     """Returns sum |tau_i| weight_i."""
     total = 0.0
@@ -116,7 +116,7 @@ def absolute_dot(effort: Array, weight: Array) -> float:
     return total
 
 
-@njit(cache=True)
+@compiled
 def measure(
     scalars: Array,
     constants: Array,
@@ -173,7 +173,7 @@ def measure(
     return too_fast
 
 
-@njit(cache=True)
+@compiled
 def missed(
     scalars: Array,
     constants: Array,
@@ -194,19 +194,19 @@ def missed(
     _advance(pending)
 
 
-@njit(cache=True)
+@compiled
 def change_cost(scalars: Array, potential: float) -> float:
     """Returns what a new potential at an unmoved robot costs, r (U_new - U) [J]."""
     return float(scalars[SCALE] * (potential - scalars[POTENTIAL]))
 
 
-@njit(cache=True)
+@compiled
 def budget(scalars: Array, constants: Array) -> float:
     """Returns what a change of equilibrium or gain may cost [J]."""
     return max(0.0, float(scalars[LEVEL] - constants[FLOOR] - scalars[NEED]))
 
 
-@njit(cache=True)
+@compiled
 def take_change(scalars: Array, constants: Array, potential: float) -> None:
     """Pays, or takes back, a change of potential at an unmoved robot."""
     scalars[LEVEL] -= change_cost(scalars, potential)
@@ -214,7 +214,7 @@ def take_change(scalars: Array, constants: Array, potential: float) -> None:
     _cap(scalars, constants)
 
 
-@njit(cache=True)
+@compiled
 def settle(scalars: Array, constants: Array, applied: Array, sensing_error: Array) -> None:
     """Relaxes the springs when the tank alone is below its floor, tightens them as it can pay."""
     declared = scalars[SCALE] * scalars[POTENTIAL]
@@ -243,7 +243,7 @@ def settle(scalars: Array, constants: Array, applied: Array, sensing_error: Arra
         scalars[SHORT] = 1.0
 
 
-@njit(cache=True)
+@compiled
 def pay(
     scalars: Array,
     constants: Array,
@@ -280,20 +280,20 @@ def pay(
     return scale
 
 
-@njit(cache=True)
+@compiled
 def _part(available: float, wanted: float) -> float:
     if wanted <= 0.0:
         return 1.0
     return min(1.0, max(0.0, available / wanted))
 
 
-@njit(cache=True)
+@compiled
 def _advance(pending: Array) -> None:
     for k in range(pending.shape[0] - 1):
         pending[k, :] = pending[k + 1, :]
 
 
-@njit(cache=True)
+@compiled
 def _cap(scalars: Array, constants: Array) -> None:
     excess = max(0.0, scalars[LEVEL] - constants[MAX])
     scalars[LEVEL] -= excess

@@ -64,7 +64,8 @@ def _build(data: Mapping[str, Any], folder: Path) -> RobotSpec:
     collision = data["collision"]
     return RobotSpec(
         name=data["name"],
-        urdf=folder / data["urdf"],
+        # Resolved: a task may reach the folder through a link that does not last.
+        urdf=(folder / data["urdf"]).resolve(),
         limbs={
             name: LimbSpec(name, limb["hand"], dict(limb["joints"])) for name, limb in data["limbs"].items()
         },

@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
 CALLER = """
-from impedance_modules.plant.compiled_algebra import compiled
+from impedance_modules.compiled import compiled
 from impedance_modules.plant.contact.compiled_callee import callee
 
 @compiled
@@ -18,7 +18,7 @@ def caller(x):
     return callee(x)
 """
 CALLEE = """
-from impedance_modules.plant.compiled_algebra import compiled
+from impedance_modules.compiled import compiled
 
 @compiled
 def callee(x):
@@ -44,7 +44,7 @@ def test_a_changed_callee_recompiles_its_caller(tmp_path: Path) -> None:
     (plant / "contact").mkdir(parents=True)
     for folder in (plant.parent, plant, plant / "contact"):
         (folder / "__init__.py").touch()
-    shutil.copy(ROOT / "impedance_modules" / "plant" / "compiled_algebra.py", plant)
+    shutil.copy(ROOT / "impedance_modules" / "compiled.py", plant.parent)
     (plant / "compiled_caller.py").write_text(CALLER)
     callee = plant / "contact" / "compiled_callee.py"
     callee.write_text(CALLEE.format("1.0"))

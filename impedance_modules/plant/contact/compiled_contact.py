@@ -15,7 +15,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.plant.compiled_algebra import add_cross, compiled, dot, turn
+from impedance_modules.compiled import compiled
+from impedance_modules.plant.compiled_algebra import add_cross, dot, turn
 from impedance_modules.plant.records import Row, Table
 
 Array = NDArray[np.float64]

@@ -16,10 +16,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.plant.compiled_algebra import (
     add_cross,
     add_rotation_rate,
-    compiled,
     compose,
     dot,
     exponential,

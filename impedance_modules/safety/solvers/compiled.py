@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Passes over small arrays around every solve, compiled: in numpy they cost more than the solve itself."""
 
-
-
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from impedance_modules.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -17,7 +16,7 @@ UNUSABLE, INSIDE, OUTSIDE = -1, 0, 1
 """What `shift` found: not a problem at all; zero change is allowed everywhere; it is not."""
 
 
-@njit(cache=True)
+@compiled
 def shift(
     desired: Array,
     effort_max: Array,
@@ -74,7 +73,7 @@ def shift(
     return INSIDE if inside else OUTSIDE
 
 
-@njit(cache=True)
+@compiled
 def unit_rows(
     matrix: Array,
     penalty: Array,
@@ -113,7 +112,7 @@ def unit_rows(
         upper[n + r] = min(high * inverse, infinite) if present and high < infinite else infinite
 
 
-@njit(cache=True)
+@compiled
 def land(
     desired: Array,
     effort_max: Array,
