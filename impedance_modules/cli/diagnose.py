@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from impedance_modules.diagnosis.model import NominalModel
     from impedance_modules.diagnosis.result import Diagnosis
     from impedance_modules.episode.data import Episode
+    from impedance_modules.spec.patch import EffectSpec
 
 PATH = click.Path(path_type=Path)
 
@@ -62,7 +63,8 @@ def command(
     fitted = [read_episode(path, kinds) for path in logs]
     tested = [read_episode(path, kinds) for path in holdout]
     episodes = [*fitted, *tested]
-    model, file = _model(robot, urdf, effects, episodes)
+    model, file = _model(robot, urdf, episodes)
+    worn = _worn(effects, model)
     console = Console()
     try:
         with console.status("diagnosing") as status:
@@ -72,6 +74,7 @@ def command(
                 file,
                 heldout=[episode.name for episode in tested],
                 without=without,
+                worn=worn,
                 progress=lambda sentence: status.update(sentence),
             )
     except InsufficientData as error:
@@ -92,28 +95,30 @@ def _refuse_unknown(without: tuple[str, ...]) -> None:
             )
 
 
-def _model(
-    robot: str | None, urdf: Path | None, effects: Path | None, episodes: list[Episode]
-) -> tuple[NominalModel, Path]:
+def _model(robot: str | None, urdf: Path | None, episodes: list[Episode]) -> tuple[NominalModel, Path]:
     """Builds the model of the recorded joints."""
     from impedance_modules.diagnosis.model import model_of_spec, model_of_urdf
-    from impedance_modules.effects.catalogue import wear_patch
-    from impedance_modules.spec.patch import read_patch
     from impedance_modules.spec.robot_reader import read_robot
 
     joints = [joint for joint in episodes[0].joints if all(joint in episode.position for episode in episodes)]
     if not joints:
         raise BadInput("the recordings have no joint in common (valid: recordings of one robot)")
     if urdf is not None:
-        if effects is not None:
-            raise BadInput(
-                "--effects needs --robot: a patch is for a robot, a bare URDF has no name to check"
-            )
         return model_of_urdf(urdf, joints), urdf
     spec = read_robot(str(robot))
-    if effects is not None:
-        spec = wear_patch(spec, read_patch(effects))
     return model_of_spec(spec, joints), spec.urdf
+
+
+def _worn(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...]:
+    """Reads the patch that the model wears to begin with."""
+    from impedance_modules.spec.patch import read_patch
+
+    if effects is None:
+        return ()
+    patch = read_patch(effects)
+    if patch.robot != model.robot:
+        raise BadInput(f"{effects}: the patch is for robot '{patch.robot}', the model is '{model.robot}'")
+    return patch.effects
 
 
 def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch: Path | None) -> None:

@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.where import locate
 
 Array = NDArray[np.float64]
 
-LACK_MEASURED, LACK_WEAK = 1.5, 3.0
+LACK_MEASURED, LACK_WEAK = 1.7, 3.0
 """Largest residual power over noise power that counts as fitted: floor from repeats, or a weak one."""
 
 LEFT_MAX = 0.1

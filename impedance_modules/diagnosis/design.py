@@ -26,6 +26,9 @@ INERTIA_PRIOR = 0.05
 WIDE_PRIOR = 0.5
 """Likewise of a link whose inertia is a candidate: wrong by half, not by several times."""
 
+TIMING_PRIOR = 0.2
+"""Standard deviation of the delay that all joints share, in samples: when in a period a command is stamped."""
+
 WEIGHT_PRIOR = 0.03
 """Likewise of the weights that the robot compensates by itself."""
 
@@ -116,7 +119,7 @@ def build_design(prepared: Sequence[Prepared], shaped: Sequence[Shaped], paramet
     """
     groups = _groups(prepared)
     prior = inertia_prior(parameters)
-    nuisance = len(prior) * (2 if _compensated(prepared[0]) else 1)
+    nuisance = 2 * len(prior) + 1
     wide = WIDE_PRIOR / INERTIA_PRIOR * prior.reshape(-1, 10)
     links = {body.link: wide[index] for index, body in enumerate(prepared[0].tree.bodies)}
     slots, total = _slots(shaped, groups, nuisance, links)
@@ -191,18 +194,16 @@ def _add_nuisance(
     """Adds the inertial parameters that a group's rows see, if any."""
     residual, joint = group
     compensated = _compensated(prepared[0])
-    for first, sees, attribute, share in (
-        (0, residual in ("link", "motor", "whole"), "link_nuisance", 1.0),
-        (
-            len(prior),
-            compensated and residual in ("actuator", "whole", "drive"),
-            "weight_nuisance",
-            WEIGHT_PRIOR / INERTIA_PRIOR,
-        ),
+    drive = residual in ("actuator", "whole", "drive")
+    for first, sees, attribute, scale in (
+        (0, residual in ("link", "motor", "whole"), "link_nuisance", prior),
+        (len(prior), compensated and drive, "weight_nuisance", WEIGHT_PRIOR / INERTIA_PRIOR * prior),
+        (2 * len(prior), drive, "timing_nuisance", np.full(1, TIMING_PRIOR / prepared[0].log.rate)),
     ):
         if not sees:
             continue
-        blocks = [getattr(item, attribute)[:, joint] * (share * prior) for item in prepared]
+        raw = [getattr(item, attribute)[:, joint] for item in prepared]
+        blocks = [values.reshape(len(values), -1) * scale for values in raw]
         seen = np.flatnonzero(np.max([np.abs(block).max(axis=0) for block in blocks], axis=0) > 1e-9)
         ids[index].extend((first + seen).tolist())
         for recording, block in zip(parts, blocks, strict=True):

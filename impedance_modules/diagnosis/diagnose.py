@@ -26,6 +26,7 @@ from impedance_modules.diagnosis.select import select
 from impedance_modules.diagnosis.trial import Bench
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.episode.data import Episode
+from impedance_modules.spec.patch import EffectSpec
 
 UNSEARCHED = ("external_contact",)
 """Bound to one recording's time: no other recording can confirm it, so the common procedure does not look for it."""
@@ -40,6 +41,7 @@ def diagnose(
     *,
     heldout: Collection[str] = (),
     without: Collection[str] = (),
+    worn: Sequence[EffectSpec] = (),
     progress: Progress = lambda sentence: None,
 ) -> Diagnosis:
     """Says where recordings and model differ, what causes it, and how far the gap shrinks.
@@ -50,6 +52,7 @@ def diagnose(
         urdf: File of the model's links.
         heldout: Names of recordings that no step of the fit may see; empty lets it choose.
         without: Ids of effects that are left out of the catalogue.
+        worn: Effects of a patch that the model wears to begin with.
         progress: Called with a sentence for each step.
 
     Raises:
@@ -62,7 +65,7 @@ def diagnose(
     progress("computing residuals")
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
     cutoff = choose_cutoff(arrangement.logs)
-    prepared = tuple(prepare(log, model, rigid, cutoff) for log in arrangement.logs)
+    prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)
     progress("evaluating candidates")
     evidence = _explain(prepared, arrangement, model, cutoff, without, progress)
     progress("judging rivals")

@@ -8,9 +8,10 @@ differentiated one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,12 @@ from impedance_modules.diagnosis.log import Log
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.tree import RigidTree
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.description import Port
+from impedance_modules.effects.effect import predicted
 from impedance_modules.effects.residuals import Residual
 from impedance_modules.effects.signals import Signals
+from impedance_modules.spec.patch import EffectSpec
 
 Array = NDArray[np.float64]
 
@@ -39,6 +44,7 @@ class Prepared:
         residuals: Name -> (M, n) residual in the band, thinned to M samples.
         link_nuisance: (M, n, 10 n) columns of the bodies' inertial parameters.
         weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
+        timing_nuisance: (M, n) by how much the residual changes per second that the drive is later than believed.
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
     """
 
@@ -49,6 +55,7 @@ class Prepared:
     residuals: Mapping[Residual, Array]
     link_nuisance: Array
     weight_nuisance: Array
+    timing_nuisance: Array
     time: Array
     position: Array
     velocity: Array
@@ -73,8 +80,10 @@ class Prepared:
         s.__dict__.pop("_body_columns", None)
 
 
-def prepare(log: Log, model: NominalModel, rigid: BatchedRigidModel, cutoff: float) -> Prepared:
-    """Computes a log's residuals."""
+def prepare(
+    log: Log, model: NominalModel, rigid: BatchedRigidModel, cutoff: float, worn: Sequence[EffectSpec] = ()
+) -> Prepared:
+    """Computes a log's residuals against the model that wears some effects of a patch."""
     log = _thinned(log)
     band = Band(log.rate, cutoff)
     q = band.smooth(log.position)
@@ -99,7 +108,8 @@ def prepare(log: Log, model: NominalModel, rigid: BatchedRigidModel, cutoff: flo
     )
     torque = regressor @ model.tree.inertia
     residuals = {
-        name: band.condense(values) for name, values in _residuals(log, model, signals, torque).items()
+        name: band.condense(values - _worn(worn, signals, name))
+        for name, values in _residuals(log, model, signals, torque).items()
     }
     load = effort if effort is not None else torque
     return Prepared(
@@ -110,6 +120,9 @@ def prepare(log: Log, model: NominalModel, rigid: BatchedRigidModel, cutoff: flo
         residuals=residuals,
         link_nuisance=band.condense(regressor),
         weight_nuisance=band.condense(weight),
+        timing_nuisance=band.condense(
+            signals.rate_of(signals.drive if signals.drive is not None else 0.0 * q)
+        ),
         time=band.pick(signals.time),
         position=band.pick(q),
         velocity=band.pick(v),
@@ -135,6 +148,19 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
     if log.velocity is not None:
         found["velocity"] = log.velocity - _lagged(s.velocity, model.velocity_filter, log.rate)
     return found
+
+
+def _worn(worn: Sequence[EffectSpec], signals: Signals, residual: Residual) -> Array:
+    """What the effects of a patch add to a residual, (N, n); joints that were not recorded count for nothing."""
+    total = np.zeros((signals.samples, signals.n))
+    for spec in worn:
+        effect = CATALOGUE[spec.effect]
+        for key, symbols in spec.parameters.items():
+            values = {symbol: quantity.value for symbol, quantity in symbols.items()}
+            port = cast("Port", spec.port)
+            if all(joint in signals.model.joint_names for joint in spec.joints):
+                total += predicted(effect, signals, key, port, residual=residual, values=values)
+    return total
 
 
 def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | None:

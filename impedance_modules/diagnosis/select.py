@@ -20,19 +20,22 @@ CAUSES_MAX = 30
 TRIED = 10
 """Candidates that are tried on held-out folds in each round."""
 
+SAME_REACH = 0.95
+"""Candidates that explain this part of what the best one does are as good; the cheaper one is taken."""
+
 STAND_INS = 4
 """Generic stand-ins that are tried beside them."""
 
-BIC_MIN = 10.0
+BIC_MIN = 15.0
 """Least improvement of the Bayesian information criterion."""
 
-SIGNIFICANCE = 3.0
+SIGNIFICANCE = 3.5
 """Least mean gain per block over its standard error."""
 
 SPECIFIC = 3.0
 """Standard errors by which a cause must beat the best generic stand-in."""
 
-REDUCTION_MIN = 0.03
+REDUCTION_MIN = 0.05
 """Least part of a group's held-out squares that a cause removes."""
 
 
@@ -91,7 +94,7 @@ def _next(bench: Bench) -> tuple[Slot | None, Refusal | None]:
         bench.trial(look.slot) for look in [x for x in looks if is_generic(x.slot.shaped)][:STAND_INS]
     ]
     refusal: Refusal | None = None
-    for trial in sorted(trials, key=lambda item: -item.reach):
+    for trial in by_merit(bench, trials):
         reason = objection(bench, trial, stand_ins)
         if reason is None:
             return trial.slot, None
@@ -106,6 +109,18 @@ def best_of_each(looks: Sequence[Look], most: int) -> list[Look]:
         if look.physical and not is_generic(look.slot.shaped):
             found.setdefault(look.slot.shaped.key, look)
     return list(found.values())[:most]
+
+
+def by_merit(bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
+    """Sorts trials by what they explain; of those that explain the same, the one whose parameters cost least."""
+    left = sorted(trials, key=lambda item: -item.reach)
+    out: list[Trial] = []
+    while left:
+        near = [item for item in left if item.reach >= SAME_REACH * left[0].reach]
+        chosen = max(near, key=lambda item: adjusted(bench, item), default=left[0])
+        out.append(chosen)
+        left.remove(chosen)
+    return out
 
 
 def promising(looks: Sequence[Look], most: int) -> list[Slot]:

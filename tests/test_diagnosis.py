@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The diagnosis end to end, on recordings made here by a simulator of two joints that shares no code with it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from impedance_modules.cli.diagnose import command
+from impedance_modules.episode.metadata import episode_metadata
+from impedance_modules.episode.save import write_episode
+from impedance_modules.errors import BadInput
+from impedance_modules.spec.schema import load_schema
+
+RATE = 100.0
+JOINTS = ("shoulder", "elbow")
+URDF = """<robot name="pendulum"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0 0 -0.2"/><mass value="2"/>
+<inertia ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.01"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0 0 -0.15"/><mass value="1"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" velocity="9" effort="50"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0 0 -0.4"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="9" effort="50"/></joint></robot>"""
+
+
+def torque(q: np.ndarray, v: np.ndarray, a: np.ndarray, mass: float) -> np.ndarray:
+    """Lagrange's equations of the double pendulum, written out by hand; ``mass`` scales the first link."""
+    m1, m2, c1, c2, l, I1, I2, g = 2.0 * mass, 1.0, 0.2, 0.15, 0.4, 0.03 * mass, 0.01, 9.81
+    cosine, sine = np.cos(q[:, 1]), np.sin(q[:, 1])
+    h = m2 * l * c2
+    M11 = I1 + I2 + m1 * c1**2 + m2 * (l**2 + c2**2) + 2 * h * cosine
+    M12 = I2 + m2 * c2**2 + h * cosine
+    coriolis = -h * sine * (2 * v[:, 0] * v[:, 1] + v[:, 1] ** 2)
+    g2 = m2 * g * c2 * np.sin(q.sum(axis=1))
+    g1 = (m1 * c1 + m2 * l) * g * np.sin(q[:, 0]) + g2
+    tau1 = M11 * a[:, 0] + M12 * a[:, 1] + coriolis + g1
+    tau2 = M12 * a[:, 0] + (I2 + m2 * c2**2) * a[:, 1] + h * sine * v[:, 0] ** 2 + g2
+    return np.column_stack([tau1, tau2])
+
+
+def motion(kind: int, seconds: float) -> tuple[np.ndarray, ...]:
+    random = np.random.default_rng(100 + kind)
+    t = np.arange(int(seconds * RATE)) / RATE
+    q, v, a = (np.zeros((len(t), 2)) for _ in range(3))
+    for joint in range(2):
+        for _ in range(4):
+            w, size, phase = (
+                2 * np.pi * random.uniform(0.08, 0.9),
+                random.uniform(0.1, 0.4),
+                random.uniform(0, 6),
+            )
+            q[:, joint] += size * np.sin(w * t + phase)
+            v[:, joint] += size * w * np.cos(w * t + phase)
+            a[:, joint] -= size * w**2 * np.sin(w * t + phase)
+    return t, q, v, a
+
+
+def record(folder: Path, effect: str, *, seconds: float = 20.0, noise: float = 0.05) -> list[Path]:
+    paths = []
+    for index, (kind, repeat) in enumerate([(0, None), (0, "run0"), (1, None), (2, None), (3, None)]):
+        random = np.random.default_rng(index)
+        t, q, v, a = motion(kind, seconds)
+        tau = torque(q, v, a, mass=1.02)
+        if effect == "viscous_friction":
+            tau[:, 1] += 0.3 * v[:, 1]
+        if effect == "coulomb_friction":
+            tau[:, 1] += 0.25 * np.sign(v[:, 1])
+        if effect == "parallel_spring":
+            tau[:, 0] += 3.0 * q[:, 0] + 1.0
+        if effect == "sudden_stop":
+            tau[:, 1] += np.where(np.abs(q[:, 1] - 0.1) < 0.07, 1.5, 0.0) * (t % 3.0 < 1.5)
+        tau += random.normal(scale=noise, size=tau.shape)
+        q = q + random.normal(scale=1e-5, size=q.shape)
+        columns = {"time": t}
+        columns |= {f"position.{joint}": q[:, i] for i, joint in enumerate(JOINTS)}
+        columns |= {f"effort.{joint}": tau[:, i] for i, joint in enumerate(JOINTS)}
+        metadata = episode_metadata(
+            robot="pendulum",
+            episode=f"run{index}",
+            effort_source="joint_sensor",
+            gravity_compensation="none",
+            repeat_of=repeat,
+            task=None,
+        )
+        paths.append(write_episode(folder / f"run{index}.parquet", columns, metadata))
+    return paths
+
+
+def answer(folder: Path, paths: list[Path], *more: str) -> tuple[int, dict]:
+    (folder / "robot.urdf").write_text(URDF)
+    out = folder / "answer.json"
+    arguments = [*map(str, paths), "--urdf", str(folder / "robot.urdf"), "--json", str(out), *more]
+    code = CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False).return_value
+    found = json.loads(out.read_text())
+    jsonschema.validate(found, load_schema("diagnosis"))
+    return code, found
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint", "symbol", "value"),
+    [
+        ("viscous_friction", "elbow", "fv", 0.3),
+        ("coulomb_friction", "elbow", "fc", 0.25),
+        ("parallel_spring", "shoulder", "k", 3.0),
+    ],
+)
+def test_single_effect_is_named(tmp_path: Path, effect: str, joint: str, symbol: str, value: float) -> None:
+    code, found = answer(tmp_path, record(tmp_path, effect))
+    first = found["causes"][0]
+    assert (first["effect"], first["joints"]) == (effect, [joint])
+    assert first["parameters"][joint][symbol]["value"] == pytest.approx(value, rel=0.15)
+    assert found["gap"]["shrink"] > 0.8
+    assert code in (0, 6)
+
+
+def test_clean_recordings_raise_no_alarm(tmp_path: Path) -> None:
+    code, found = answer(tmp_path, record(tmp_path, "nothing"))
+    assert (code, found["verdict"], found["causes"]) == (0, "no_gap", [])
+
+
+def test_what_is_in_no_catalogue_is_not_called_explained(tmp_path: Path) -> None:
+    code, found = answer(tmp_path, record(tmp_path, "sudden_stop"))
+    assert found["verdict"] in ("unexplained", "partly_explained")
+    assert code == 5
+
+
+def test_report_and_patch_are_written_and_the_patch_closes_the_gap(tmp_path: Path) -> None:
+    paths = record(tmp_path, "viscous_friction")
+    patch, report = tmp_path / "patch.yaml", tmp_path / "report.html"
+    answer(tmp_path, paths, "--patch", str(patch), "--report", str(report))
+    text = report.read_text()
+    assert "<svg" in text and "http-equiv" not in text and "src=" not in text
+    code, again = answer(tmp_path, paths, "--effects", str(patch))
+    assert "viscous_friction" not in [cause["effect"] for cause in again["causes"]]
+    assert code == 0
+
+
+def test_short_and_slow_recordings_are_insufficient(tmp_path: Path) -> None:
+    paths = record(tmp_path, "nothing", seconds=0.5)
+    code, found = answer(tmp_path, paths)
+    assert (code, found["verdict"]) == (7, "insufficient_data")
+    assert "samples" in found["data"]["reason"]
+
+
+def test_unknown_effect_and_missing_model_are_refused(tmp_path: Path) -> None:
+    paths = record(tmp_path, "nothing", seconds=2.0)
+    with pytest.raises(BadInput, match="did you mean 'payload'"):
+        answer(tmp_path, paths, "--without", "payloat")
+    with pytest.raises(BadInput, match="give --robot NAME or --urdf FILE"):
+        CliRunner().invoke(command, [str(paths[0])], standalone_mode=False, catch_exceptions=False)
