@@ -32,14 +32,14 @@ URDF = """<robot name="pendulum"><link name="base"/>
 
 def torque(q: np.ndarray, v: np.ndarray, a: np.ndarray, mass: float) -> np.ndarray:
     """Lagrange's equations of the double pendulum, written out by hand; ``mass`` scales the first link."""
-    m1, m2, c1, c2, l, I1, I2, g = 2.0 * mass, 1.0, 0.2, 0.15, 0.4, 0.03 * mass, 0.01, 9.81
+    m1, m2, c1, c2, length, I1, I2, g = 2.0 * mass, 1.0, 0.2, 0.15, 0.4, 0.03 * mass, 0.01, 9.81
     cosine, sine = np.cos(q[:, 1]), np.sin(q[:, 1])
-    h = m2 * l * c2
-    M11 = I1 + I2 + m1 * c1**2 + m2 * (l**2 + c2**2) + 2 * h * cosine
+    h = m2 * length * c2
+    M11 = I1 + I2 + m1 * c1**2 + m2 * (length**2 + c2**2) + 2 * h * cosine
     M12 = I2 + m2 * c2**2 + h * cosine
     coriolis = -h * sine * (2 * v[:, 0] * v[:, 1] + v[:, 1] ** 2)
     g2 = m2 * g * c2 * np.sin(q.sum(axis=1))
-    g1 = (m1 * c1 + m2 * l) * g * np.sin(q[:, 0]) + g2
+    g1 = (m1 * c1 + m2 * length) * g * np.sin(q[:, 0]) + g2
     tau1 = M11 * a[:, 0] + M12 * a[:, 1] + coriolis + g1
     tau2 = M12 * a[:, 0] + (I2 + m2 * c2**2) * a[:, 1] + h * sine * v[:, 0] ** 2 + g2
     return np.column_stack([tau1, tau2])

@@ -75,7 +75,7 @@ def command(
                 heldout=[episode.name for episode in tested],
                 without=without,
                 worn=worn,
-                progress=lambda sentence: status.update(sentence),
+                progress=status.update,
             )
     except InsufficientData as error:
         found = insufficient(model.robot, [episode.name for episode in episodes], str(error))

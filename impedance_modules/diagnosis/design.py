@@ -183,7 +183,7 @@ def _scale(item: Shaped) -> Array:
     return np.where(scale > 1e-12, scale, 0.0)
 
 
-def _add_nuisance(
+def _add_nuisance(  # noqa: PLR0917 - all of them belong together
     index: int,
     group: Group,
     prepared: Sequence[Prepared],

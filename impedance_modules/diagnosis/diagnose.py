@@ -42,7 +42,7 @@ def diagnose(
     heldout: Collection[str] = (),
     without: Collection[str] = (),
     worn: Sequence[EffectSpec] = (),
-    progress: Progress = lambda sentence: None,
+    progress: Progress = lambda _: None,
 ) -> Diagnosis:
     """Says where recordings and model differ, what causes it, and how far the gap shrinks.
 
@@ -74,7 +74,7 @@ def diagnose(
     return conclude(evidence, causes, model, _with_warnings(report, arrangement))
 
 
-def _explain(
+def _explain(  # noqa: PLR0917 - all of them belong together
     prepared: tuple[Prepared, ...],
     arrangement: Arrangement,
     model: NominalModel,

@@ -86,7 +86,7 @@ def extend(design: Design, recordings: Sequence[int], base: Fit, slot: Slot, wei
 
     The covariance of the result is that of the base; use `fit` where it matters.
     """
-    cross, own, right = against(design, recordings, slot, base.coefficients, base.active, weights)
+    cross, own, right = against(design, recordings, slot, base, weights)
     if slot.fixed is not None:
         right = right - steady_shift(design, recordings, slot, weights)
     pull = base.inverse @ cross.T
@@ -102,9 +102,10 @@ def extend(design: Design, recordings: Sequence[int], base: Fit, slot: Slot, wei
 
 
 def against(
-    design: Design, recordings: Sequence[int], slot: Slot, coefficients: Array, active: Array, weights: Array
+    design: Design, recordings: Sequence[int], slot: Slot, base: Fit, weights: Array
 ) -> tuple[Array, Array, Array]:
     """Candidate against model (p, active), against itself (p, p), and against what is left (p,)."""
+    active, coefficients = base.active, base.coefficients
     size = len(slot.columns)
     cross, own, right = np.zeros((size, len(active))), np.zeros((size, size)), np.zeros(size)
     place = np.full(design.total, len(active), dtype=np.intp)
@@ -125,13 +126,11 @@ def against(
 def steady_shift(design: Design, recordings: Sequence[int], slot: Slot, weights: Array) -> Array:
     """What a candidate's part without a coefficient takes from its right side, (p,)."""
     shift = np.zeros(len(slot.columns))
-    for group in slot.groups:
+    for group in slot.groups if slot.fixed is not None else ():
         ids = design.ids[group]
         gram = sum_gram(design, recordings, group)
-        shift += (
-            weights[group]
-            * gram[np.searchsorted(ids, slot.columns) + 1, int(np.searchsorted(ids, slot.fixed)) + 1]
-        )
+        steady = 1 + int(np.flatnonzero(ids == slot.fixed)[0])
+        shift += weights[group] * gram[np.searchsorted(ids, slot.columns) + 1][:, steady]
     return shift
 
 

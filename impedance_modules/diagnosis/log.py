@@ -13,7 +13,7 @@ from impedance_modules.errors import ImpedanceError
 Array = NDArray[np.float64]
 
 
-class InsufficientData(ImpedanceError):
+class InsufficientData(ImpedanceError):  # noqa: N818 - as its siblings are called
     """Recordings from which no cause can be told, however they are read."""
 
     exit_code = 7

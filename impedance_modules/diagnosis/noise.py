@@ -77,7 +77,7 @@ def independent_part(series: Sequence[Array]) -> float:
 def _difference(design: Design, pair: tuple[int, int], group: int, coefficients: Array) -> Array:
     first, second = (design.residual(index, group, coefficients) for index in pair)
     size = min(len(first), len(second))
-    return (first[:size] - second[:size]) / np.sqrt(2.0)
+    return np.asarray((first[:size] - second[:size]) / np.sqrt(2.0))
 
 
 def _upper_power(values: Array, share: float) -> float:
@@ -86,4 +86,4 @@ def _upper_power(values: Array, share: float) -> float:
     place = np.linspace(0.0, 1.0, len(power)) / share
     upper = power[(place > UPPER[0]) & (place < UPPER[1])]
     level = float(np.median(upper)) / np.log(2.0) / (np.sum(np.hanning(len(values)) ** 2))
-    return level * share
+    return float(level * share)

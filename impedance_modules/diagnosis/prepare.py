@@ -103,7 +103,8 @@ def prepare(
         position_command=log.position_command,
         reflected_inertia=model.reflected_inertia,
         motor_damping=model.motor_damping,
-        effort_source=log.effort_source,
+        # Without a measured effort nobody asks where it was measured.
+        effort_source="motor" if log.effort_source == "motor" else "joint_sensor",
         spring_compliance=model.compliance if log.effort_source == "joint_sensor" else 0.0 * model.compliance,
     )
     torque = regressor @ model.tree.inertia

@@ -18,7 +18,10 @@ matplotlib.use("svg")
 from matplotlib.figure import Figure
 
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}
-table{border-collapse:collapse}td,th{padding:.2em .8em;border-bottom:1px solid #ddd;text-align:left;vertical-align:top}
+table{border-collapse:collapse}
+td,th{padding:.2em .8em;border-bottom:1px solid #ddd;text-align:left}
+
+td{vertical-align:top}
 .verdict{font-size:1.6em;font-weight:600}svg{max-width:100%;height:auto}pre{overflow:auto;background:#f6f6f6;padding:1em}"""
 
 

@@ -24,7 +24,7 @@ EQUAL_LOSS = 0.01
 """... if also no more than this part of the explained power lies between them."""
 
 
-def judge_rivals(
+def judge_rivals(  # noqa: PLR0917 - all of them belong together
     design: Design,
     folds: Sequence[Sequence[int]],
     causes: Sequence[Slot],

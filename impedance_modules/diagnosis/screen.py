@@ -51,7 +51,7 @@ def screen(bench: Bench) -> list[Look]:
 
 def _look(bench: Bench, slot: Slot) -> Look | None:
     design, base = bench.design, bench.whole
-    cross, own, right = against(design, bench.fitted, slot, base.coefficients, base.active, bench.weights)
+    cross, own, right = against(design, bench.fitted, slot, base, bench.weights)
     schur = own - cross @ base.inverse @ cross.T
     seen = np.diag(schur) > COLLINEAR * np.diag(own)
     if not seen.all():
@@ -78,7 +78,7 @@ def _steady_gain(bench: Bench, slot: Slot) -> float:
     for group in slot.groups:
         ids = bench.design.ids[group]
         gram = sum_gram(bench.design, bench.fitted, group)
-        steady = int(np.searchsorted(ids, slot.fixed)) + 1
+        steady = 1 + int(np.flatnonzero(ids == slot.fixed)[0])
         used = np.flatnonzero(bench.whole.coefficients[ids])
         left = gram[steady, 0] - gram[steady, used + 1] @ bench.whole.coefficients[ids[used]]
         gain += bench.weights[group] * float(left - 0.5 * gram[steady, steady])

@@ -65,7 +65,7 @@ def regimes(item: Prepared, model: NominalModel, joint: int) -> dict[str, Mask]:
     return out
 
 
-def locate(
+def locate(  # noqa: PLR0917 - all of them belong together
     design: Design,
     prepared: Sequence[Prepared],
     model: NominalModel,
