@@ -34,6 +34,8 @@ COUNTS: dict[str, int] = {"A": 100, "B": 200, "C": 60, "D": 60, "E": 100, "F": 1
 SEEDS: dict[str, int] = {"dev": 1, "report": 2}
 SIZES = (1.0, 3.0, 0.5)
 NOISES = (1.0, 0.5, 3.0)
+ALIKE = 20.0
+"""Sum of squares over noise below which two causes count as one in a log."""
 
 
 @dataclass
@@ -118,23 +120,56 @@ def _two(index: int, rng: np.random.Generator) -> tuple[str, str]:
 
 
 def _make_pair(index: int, rng: np.random.Generator, folder: Path) -> list[Made]:
-    """Makes one arm with one cause, seen by a motion that cannot tell it and by one that can."""
+    """Makes one arm with one cause, seen by a motion that cannot tell it and by one that can.
+
+    Joint, motion and size are drawn again until the poor logs hold nothing that tells the pair apart; how near
+    that came is in the truth (``apart``, see `Yardstick.apart`), and the scorer leaves out what did not.
+    """
     pair = PAIRS[index % len(PAIRS)]
     bench = draw_bench(rng, NOISES[(index // len(PAIRS)) % len(NOISES)])
-    joint = int(rng.integers(len(bench.arm.drive.joints)))
-    poor = poor_episodes(bench, pair.motion, joint, rng)
+    tries: list[tuple[float, list[Episode], Planted, Injection]] = []
+    for wanted in (2.0, 1.5, 1.2, 1.2):
+        tries.append(_poor_try(pair, bench, wanted, rng))
+        if tries[-1][0] < ALIKE:
+            break
+    apart, poor, planted, partner = min(tries, key=lambda one: one[0])
     rich = rich_episodes(bench, rng)
-    poor_stick = measure(bench, poor, int(rng.integers(2**31)))
     rich_stick = measure(bench, rich, int(rng.integers(2**31)))
-    centre = poor[0].motion.position.mean(axis=0)
-    planted = plant_effect(_at_port(pair), bench, poor_stick, centre, 4.0, rng, joint, True)
     seen = rich_stick.size(lambda arm, i: planted.injection.wear(arm, planted.amplitude, i))
+    _, rich_apart = rich_stick.apart(planted.injection, planted.amplitude, partner)
     as_rich = Planted(planted.injection, planted.amplitude, seen)
     made = []
-    for motion, episodes, one in (("poor", poor, planted), ("rich", rich, as_rich)):
-        truth = {"block": "D", "motion": motion, "pair": [pair.truth, pair.partner], "index": index}
+    for motion, episodes, one, far in (("poor", poor, planted, apart), ("rich", rich, as_rich, rich_apart)):
+        truth = {
+            "block": "D",
+            "motion": motion,
+            "pair": [pair.truth, pair.partner],
+            "index": index,
+            "apart": far,
+        }
         made.append(_write(folder, bench, episodes, [one], rng, truth, [], phases=False))
     return made
+
+
+def _poor_try(
+    pair: Pair, bench: Bench, wanted: float, rng: np.random.Generator
+) -> tuple[float, list[Episode], Planted, Injection]:
+    """Draws joint, motion and shape once; returns how far apart the pair is, infinite where it cannot be seen."""
+    joint = int(rng.integers(len(bench.arm.drive.joints)))
+    poor = poor_episodes(bench, pair.motion, joint, rng)
+    stick = measure(bench, poor, int(rng.integers(2**31)))
+    centre = poor[0].motion.position.mean(axis=0)
+    planted = plant_effect(_at_port(pair), bench, stick, centre, wanted, rng, joint, True)
+    swapped = Pair(pair.partner, pair.truth, pair.motion, _ports_beside(planted.injection.port))
+    partner = _at_port(swapped)(Situation(bench.arm, joint, centre, stick.peak, rng))
+    if planted.size.net < 1.0:
+        return float("inf"), poor, planted, partner
+    return stick.apart(planted.injection, planted.amplitude, partner)[1], poor, planted, partner
+
+
+def _ports_beside(port: str) -> tuple[str, ...]:
+    """Returns the ports where a partner acts on the same torque: a delay is timing, a lag the actuator's."""
+    return ("timing", "actuator") if port == "timing" else (port, "timing")
 
 
 def _at_port(pair: Pair) -> Draw:

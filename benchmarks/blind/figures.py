@@ -10,8 +10,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind.answers import Answer, is_cause, parameter_pairs
+from benchmarks.blind.blocks import ALIKE
 from benchmarks.blind.catalogue import SUPERSETS
 from benchmarks.blind.wilson import Rate
+
+APART = 40.0
+"""Sum of squares over noise above which a good method must tell two causes apart."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +93,24 @@ def _not_even_contained(case: Judged) -> bool:
     return case.answer.named and case.answer.first not in allowed
 
 
-def _motion(kind: str) -> Callable[[Judged], bool]:
-    return lambda case: case.block == "D" and case.truth["motion"] == kind
+def _poor(case: Judged) -> bool:
+    """The logs hold nothing that tells the pair apart, and the cause can be seen."""
+    return (
+        case.block == "D"
+        and case.truth["motion"] == "poor"
+        and case.truth["apart"] < ALIKE
+        and case.size >= 1.0
+    )
+
+
+def _rich(case: Judged) -> bool:
+    """The cause can be seen, and told from its partner."""
+    return (
+        case.block == "D"
+        and case.truth["motion"] == "rich"
+        and case.truth["apart"] > APART
+        and case.size >= 1.0
+    )
 
 
 def _refused_with_pair(case: Judged) -> bool:
@@ -166,8 +186,8 @@ _ROWS: tuple[tuple[str, str, Callable[[Cases], str]], ...] = (
     ("withheld entry answered unexplained or partly (F)", "-", _rate(_block("F"), _left_open)),
     ("confident wrong name (E, F)", "2 % (8)", _rate(_block("E", "F"), _wrongly_named)),
     ("the same, names that contain the truth allowed", "-", _rate(_block("E", "F"), _not_even_contained)),
-    ("poor motion refused with the right pair (D)", "95 % (88)", _rate(_motion("poor"), _refused_with_pair)),
-    ("rich motion of the same decided (D)", "95 % (88)", _rate(_motion("rich"), _first)),
+    ("poor motion refused with the right pair (D)", "95 % (88)", _rate(_poor, _refused_with_pair)),
+    ("rich motion of the same decided (D)", "95 % (88)", _rate(_rich, _first)),
     ("two effects, both found (C)", "90 % (80)", _rate(_block("C"), _all_found)),
     ("first cause and joint, task logs with contact (G)", "-", _rate(_task(True), _first)),
     ("false alarm on clean task logs (G)", "-", _rate(_task(False), _blamed)),

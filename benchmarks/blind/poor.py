@@ -21,7 +21,7 @@ PoorShape = Callable[[Array, np.random.Generator], Array]
 
 def one_speed(time: Array, rng: np.random.Generator) -> Array:
     """Back and forth at one speed, without a rest."""
-    speed, period = rng.uniform(0.12, 0.25), rng.uniform(2.0, 3.0)
+    speed, period = rng.uniform(0.1, 0.2), rng.uniform(4.0, 6.0)
     return _triangle(time + 0.25 * period, period, speed)
 
 

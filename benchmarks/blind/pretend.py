@@ -54,8 +54,8 @@ def _cases() -> dict[str, list[Case]]:
         "B": [({"effects": []}, "no_gap", [])],
         "C": [({"effects": [TRUE, SECOND]}, "explained", [CAUSE, other])],
         "D": [
-            ({"effects": [TRUE], "motion": "poor", "pair": pair}, "ambiguous", both),
-            ({"effects": [TRUE], "motion": "rich", "pair": pair}, "explained", [CAUSE]),
+            ({"effects": [TRUE], "motion": "poor", "pair": pair, "apart": 1.0}, "ambiguous", both),
+            ({"effects": [TRUE], "motion": "rich", "pair": pair, "apart": 500.0}, "explained", [CAUSE]),
         ],
         "E": [({"effects": [strange]}, "unexplained", [])],
         "F": [({"effects": [TRUE]}, "partly_explained", [WRONG])],
