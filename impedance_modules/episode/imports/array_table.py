@@ -96,14 +96,15 @@ def _variables(path: Path) -> Mapping[str, Any]:
     except NotImplementedError as error:
         raise BadInput(f"{path}: a MATLAB 7.3 file (valid: save it again with save(..., '-v7'))") from error
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {error}") from error
+        what = "damaged or cut off" if error.errno is None else "cannot be read"
+        raise BadInput(f"{path}: {what}: {error}") from error
     except _DAMAGE as error:
         raise BadInput(f"{path}: damaged or cut off: {error}") from error
 
 
 def _load(path: Path) -> Mapping[str, Any]:
     if path.suffix == ".npz":
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and few logs need it
     from scipy.io.matlab import MatReadError  # noqa: PLC0415

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from impedance_modules.episode.columns import JOINT_KINDS, TIME, joint_column
 from impedance_modules.episode.imports.blocks import Block, Vector
 from impedance_modules.episode.imports.mapping import EFFORTS, ImportMap, Quantity, TableMap
-from impedance_modules.episode.imports.table import CHUNK_ROWS, Chunk, Table, even_chunks, find_column
+from impedance_modules.episode.imports.table import (
+    CHUNK_ROWS,
+    Chunk,
+    Table,
+    even_chunks,
+    find_column,
+    refuse_nonfinite,
+)
 from impedance_modules.episode.imports.transmission import efforts_at_joints, positions_at_joints
 from impedance_modules.errors import BadFile, BadInput
 
@@ -95,7 +102,9 @@ def blocks(parts: Sequence[Part], what: ImportMap, rate: float | None) -> Iterat
                 columns[name] = chunk.columns[find_column(part.table, reference)] * scale
         places = chunks[0].places
         done += len(places)
-        yield Block(time, {name: columns[name] for name in column_order(what)}, places)
+        ordered = {name: columns[name] for name in column_order(what)}
+        refuse_nonfinite(parts[0].table.path, parts[0].table.row_word, Chunk({TIME: time, **ordered}, places))
+        yield Block(time, ordered, places)
 
 
 def column_order(what: ImportMap) -> tuple[str, ...]:

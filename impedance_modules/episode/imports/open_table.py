@@ -90,7 +90,8 @@ def open_table(path: Path, table: TableMap, what: ImportMap, scratch: Path) -> T
         message = f"'separator' is for text files, and {path.name} is none"
         raise BadFile([what.document.problem((*place, "separator"), message, at="key")])
     if table.time is not None and (kind == "bag") != (table.time.column is None):
-        message = "a bag has 'clock: header' or 'clock: received'; any other file a 'column' and its 'unit'"
+        valid = "'clock: header' or 'clock: received'" if kind == "bag" else "'column' and its 'unit'"
+        message = f"{path.name} has {valid}"
         raise BadFile([what.document.problem((*place, "time"), message, at="key")])
     return _open(kind, path, table, scratch)
 

@@ -133,8 +133,11 @@ class Plausibility:
 
     def _guess(self, joint: str, low: float, high: float) -> str:
         """What the map may have missed."""
-        per, missed = (1000.0, "mm") if joint in self._what.prismatic else (DEGREES, "deg")
-        if low <= self._lowest[joint][0] / per and self._highest[joint][0] / per <= high:
+        sliding = joint in self._what.prismatic
+        per, missed = (1000.0, "mm") if sliding else (DEGREES, "deg")
+        lowest, highest = self._lowest[joint][0], self._highest[joint][0]
+        far = max(-lowest, highest) > (TEN_METRES if sliding else TWO_TURNS)
+        if far and low <= lowest / per and highest / per <= high:
             return f": these look like {missed}, so say 'unit: {missed}' for position"
         return ""
 

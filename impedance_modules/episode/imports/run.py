@@ -82,8 +82,11 @@ def _refuse_twice(sources: Sequence[Path]) -> None:
 
 
 def _refuse_present(recordings: Sequence[Recording], out: Path) -> None:
-    if out.exists() and not out.is_dir():
-        raise BadInput(f"{out}: a file, and episodes go into a directory (valid: another --out)")
+    existing = _closest_existing(out)
+    if not existing.is_dir():
+        raise BadInput(
+            f"{out}: {existing} is a file, and episodes go into a directory (valid: another --out)"
+        )
     for recording in recordings:
         target = out / (recording.name + SUFFIX)
         if target.exists():
@@ -93,9 +96,8 @@ def _refuse_present(recordings: Sequence[Recording], out: Path) -> None:
 @contextmanager
 def _staging(out: Path) -> Iterator[Path]:
     """A hidden directory on the same disk, gone at the end however the import ends."""
-    base = next(folder for folder in (out, *out.absolute().parents) if folder.is_dir())
     try:
-        folder = Path(tempfile.mkdtemp(prefix=".impedance-import-", dir=base))
+        folder = Path(tempfile.mkdtemp(prefix=".impedance-import-", dir=_closest_existing(out)))
     except OSError as error:
         raise BadInput(f"{out}: cannot be written: {error.strerror} (valid: another --out)") from error
     try:
@@ -104,6 +106,11 @@ def _staging(out: Path) -> Iterator[Path]:
         raise BadInput(f"{out}: the import could not be written: {error}") from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _closest_existing(out: Path) -> Path:
+    """The path itself, or the closest of its parents that exists."""
+    return next(path for path in (out, *out.absolute().parents) if path.exists())
 
 
 def _into_place(imported: Imported, out: Path) -> Imported:

@@ -67,14 +67,16 @@ class SpeedMatch:
         ).cumsum(0)
         moved, said = np.diff(position[::SPAN], axis=0), np.diff(summed[::SPAN], axis=0)
         self._spans += len(moved)
-        self._sums += np.array([(moved * moved).sum(0), (moved * said).sum(0), (said * said).sum(0)])
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are judged elsewhere
+            self._sums += np.array([(moved * moved).sum(0), (moved * said).sum(0), (said * said).sum(0)])
 
     def ratios(self) -> dict[str, float]:
         """Returns velocity over rate of change of position, for the joints in which it can be seen."""
         if self._spans < LEAST_SPANS:
             return {}
         found = {}
-        for joint, (moved, both, said) in zip(self._joints, self._sums.T, strict=True):
+        for joint, sums in zip(self._joints, self._sums.T.tolist(), strict=True):
+            moved, both, said = sums
             if moved > 0.0 and said > 0.0 and both * both > LEAST_LIKENESS * moved * said:
                 found[joint] = math.copysign(math.sqrt(said / moved), both)
         return found

@@ -21,6 +21,10 @@ SEPARATORS: Mapping[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "
 LONGEST_LINE = 1_000_000
 """Characters; a longer line belongs to no table."""
 
+_UNFINISHED = (
+    "the last line has no line end: if the recorder was cut off there, its last value may be cut too"
+)
+
 Line = tuple[int, str]
 
 
@@ -92,6 +96,8 @@ class TextTable:
                 line = line.lstrip().removeprefix(comment)
             first = False
             yield number, line.rstrip("\r\n")
+            if not line.endswith("\n") and _UNFINISHED not in self.notes:
+                self.notes.append(_UNFINISHED)
 
     def _fields(self, line: str) -> list[str]:
         if self._separator is None:
@@ -136,7 +142,7 @@ class TextTable:
             for index in indices:
                 value = fields[index].strip()
                 if not _is_number(value):
-                    what = f"is '{value[:40]}'" if value else "is empty"
+                    what = f"is {value[:40]!r}" if value else "is empty"
                     raise BadInput(
                         f"{self.path}:{number}: column '{self.names[index]}' {what}, not a number{_advice(value)}"
                     )
