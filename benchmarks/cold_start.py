@@ -23,12 +23,14 @@ CASES = {
 
 
 def seconds(arguments: list[str]) -> float:
+    """Times one cold process [s]."""
     began = time.perf_counter()
     subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
     return time.perf_counter() - began
 
 
 def main() -> None:
+    """Prints the table."""
     found: dict[str, list[float]] = {name: [] for name in CASES}
     for _ in range(ROUNDS):
         for name, arguments in CASES.items():

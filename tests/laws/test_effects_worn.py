@@ -158,7 +158,9 @@ def test_the_columns_explain_what_the_effect_changed(run: str, case: Worn) -> No
     for kind in residuals_of(case):
         columns, target, truth, whole = seen(case, run, kind)
         left = np.sqrt(np.mean((target - columns @ truth) ** 2)) / np.sqrt(np.mean(whole**2))
-        limit = {"backlash": 0.35, "clock_drift": 0.15, "encoder_offset": 0.2, "base_tilt": 0.15}.get(case.effect, 0.1)
+        limit = {"backlash": 0.35, "clock_drift": 0.15, "encoder_offset": 0.2, "base_tilt": 0.15}.get(
+            case.effect, 0.1
+        )
         assert left < limit, f"{kind}: {100 * left:.1f} % left"
 
 
