@@ -151,12 +151,18 @@ class BagFile:
                 return False
             self._types = latest if not self._types.fielddefs else _merged(latest, self._types)
             return True
-        if not _NAME_LIST.search(definition.data):
+        return bool(_NAME_LIST.search(definition.data)) and self._register(connection)
+
+    def _register(self, connection: Connection) -> bool:
+        """Reads a message definition; a type that nobody can read must not spoil the topics that are wanted."""
+        definition = connection.msgdef
+        try:
+            if definition.format == MessageDefinitionFormat.MSG:
+                self._types.register(get_types_from_msg(definition.data, connection.msgtype))
+            else:
+                self._types.register(get_types_from_idl(definition.data))
+        except TypesysError:
             return False
-        if definition.format == MessageDefinitionFormat.MSG:
-            self._types.register(get_types_from_msg(definition.data, connection.msgtype))
-        else:
-            self._types.register(get_types_from_idl(definition.data))
         return connection.msgtype in self._types.fielddefs
 
 
