@@ -56,10 +56,10 @@ class LawTorque:
         Over a step h a torque F changes a speed by F h / I: below that speed no friction of size F can be told
         from sticking, and an explicit integrator would shake.
         """
-        still = replace(self._sample(motion), velocity=np.zeros(self._joints.size))
+        sharp = replace(self._sample(motion), turnover=SMOOTHING)
         speed = np.full(self._joints.size, FAST * SMOOTHING)
-        there = self._consumed(replace(still, velocity=speed))
-        back = self._consumed(replace(still, velocity=-speed))
+        there = self._consumed(replace(sharp, velocity=speed))
+        back = self._consumed(replace(sharp, velocity=-speed))
         dry = 0.5 * np.abs(there - back)
         self._turnover = np.maximum(SMOOTHING, dry * self._mobility(motion.position)[self._joints] * step)
 

@@ -6,7 +6,8 @@ The links obey M(q) \ddot q + C(q, v) v + g(q) = \tau_s + \tau_ext with \tau_s t
     \tau_ext = M(q) a + C(q, v) v + g(q) - \tau_s,     a = (v - v_f) / T,
 
 both sides through the same first-order filter of time constant T: v_f and \tau_f follow v and \tau_s. M here
-is the links' own inertia; the rotor sits on the other side of the sensor.
+is the links' own inertia; the rotor sits on the other side of the sensor. g holds the torque that winds
+parallel springs too.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ class ExternalTorque:
         self._links = pin.Model(model.pin_model)
         self._links.armature = np.zeros(model.n)
         self._data = self._links.createData()
+        self._winding = model.winding
         self._time_constant = time_constant
         self._blend = period / (time_constant + period)
         self._velocity = np.zeros(model.n)
@@ -54,4 +56,5 @@ class ExternalTorque:
         self._acceleration /= self._time_constant
         model_torque = pin.rnea(self._links, self._data, state.position, state.velocity, self._acceleration)
         np.subtract(model_torque, self._effort, out=self.torque)
+        self.torque += self._winding(state.position)
         return self.torque

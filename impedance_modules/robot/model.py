@@ -68,6 +68,12 @@ class RobotModel:
         self.pin_model.gravity.linear = np.array(spec.gravity)
         for change in spec.body_changes:
             add_to_body(self.pin_model, change)
+        springs = spec.parallel_springs
+        self._spring_stiffness, self._spring_preload = np.zeros(self.n), np.zeros(self.n)
+        for index, name in enumerate(self.joint_names):
+            if name in springs:
+                self._spring_stiffness[index] = springs[name].stiffness
+                self._spring_preload[index] = springs[name].preload
         self.limbs: Mapping[str, Limb] = {name: self._limb(name) for name in spec.limbs}
         self.frames: tuple[str, ...] = tuple(
             frame.name for frame in self.pin_model.frames if frame.type == pin.FrameType.BODY
@@ -138,11 +144,11 @@ class RobotModel:
     def gravity(self, q: Array) -> Array:
         """Computes the torque that holds the arms' weight, and winds their parallel springs, at q, (n,) [N.m]."""
         data = self.pin_model.createData()
-        weight = np.array(pin.computeGeneralizedGravity(self.pin_model, data, q))
-        for name, spring in self.spec.parallel_springs.items():
-            index = self.joint_names.index(name)
-            weight[index] += spring.stiffness * q[index] - spring.preload
-        return weight
+        return np.array(pin.computeGeneralizedGravity(self.pin_model, data, q)) + self.winding(q)
+
+    def winding(self, q: Array) -> Array:
+        """Computes the torque that winds the parallel springs at q, (n,) [N.m]; zero where there are none."""
+        return np.asarray(self._spring_stiffness * q - self._spring_preload)
 
     def mass_matrix(self, q: Array) -> Array:
         """Computes M + I_r at q, (n, n) [kg.m^2]."""

@@ -63,8 +63,7 @@ def _kind_and_size(shape: pin.GeometryObject) -> tuple[str, tuple[float, ...]]:
     if isinstance(solid, coal.Box):
         return "box", tuple(2.0 * float(edge) for edge in solid.halfSide)
     raise BadInput(
-        f"collision shape '{shape.name}' is a {type(solid).__name__}"
-        " (valid: capsule, cylinder, sphere, box)"
+        f"collision shape '{shape.name}' is a {type(solid).__name__} (valid: capsule, cylinder, sphere, box)"
     )
 
 
