@@ -31,7 +31,8 @@ def html_report(found: Diagnosis, answer: dict[str, Any]) -> str:
         "<!doctype html><html lang='en'><meta charset='utf-8'><title>Diagnosis</title>",
         f"<style>{STYLE}</style><h1>Diagnosis of {_text(found.robot)}</h1>",
         f"<p class='verdict'>{_text(found.verdict.replace('_', ' '))}</p><p>{_text(found.reason)}</p>",
-        f"<p>Recordings: {_text(', '.join(found.episodes))}. Held out: {_text(', '.join(found.heldout) or 'none')}.</p>",
+        f"<p>Recordings: {_text(', '.join(found.episodes))}.</p>",
+        f"<p>Held out: {_text(', '.join(found.heldout) or 'none')}.</p>",
         _warnings(found),
     ]
     if found.gaps:
