@@ -335,3 +335,21 @@ def test_summary_is_whole_and_plain(tmp_path):
     with pytest.raises(TypeError):
         write_summary(tmp_path, {"odd": object()})
     assert json.loads(path.read_text())["n"] == 3
+
+
+def test_a_long_recording_can_be_read_thinned_out(tmp_path: Path) -> None:
+    rows = {"time": np.arange(1001) / 1000.0, "position.j": np.arange(1001.0), "phase": ["a"] * 1001}
+    metadata = episode_metadata(
+        robot="r",
+        episode="e",
+        effort_source=None,
+        gravity_compensation="robot",
+        repeat_of=None,
+        task=None,
+    )
+    write_episode(tmp_path / "e.parquet", rows, metadata)
+    thin = read_episode(tmp_path / "e.parquet", most_samples=100)
+    assert len(thin) == 91
+    np.testing.assert_array_equal(thin.position["j"], np.arange(0.0, 1001.0, 11.0))
+    assert thin.phase is not None
+    assert len(thin.phase) == 91

@@ -30,7 +30,9 @@ from impedance_modules.errors import BadInput
 KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, "extra")
 
 
-def read_episode(path: Path | str, kinds: Collection[str] | None = None) -> Episode:
+def read_episode(
+    path: Path | str, kinds: Collection[str] | None = None, *, most_samples: int | None = None
+) -> Episode:
     """Reads one recording.
 
     Time is taken as it was recorded: whether it jitters or repeats is for the diagnosis to judge.
@@ -39,6 +41,7 @@ def read_episode(path: Path | str, kinds: Collection[str] | None = None) -> Epis
         path: A Parquet file, or a run's directory; the parts of a killed run are merged first.
         kinds: What to read beside time, out of `KINDS`; None reads all. A long recording of many columns is
             read in a fraction of the memory when only its joints matter.
+        most_samples: Keeps every n-th sample, n as small as this allows, e.g. for a picture; None keeps all.
 
     Raises:
         BadInput: Missing, empty, truncated or not Parquet; no ``time`` or no ``position.<joint>``; a value
@@ -53,7 +56,9 @@ def read_episode(path: Path | str, kinds: Collection[str] | None = None) -> Epis
     metadata = decode_metadata(schema.metadata, place, has_effort=bool(layout.joints["effort"]))
     if rows == 0:
         raise BadInput(f"{place}: the episode has no samples (valid: at least one row)")
-    columns = _Columns(schema, read, place, frozenset(KINDS if kinds is None else kinds))
+    every = 1 if most_samples is None else max(1, -(-rows // most_samples))
+    columns = _Columns(schema, read, place, frozenset(KINDS if kinds is None else kinds), every)
+    rows = -(-rows // every)
     return Episode(
         time=columns.number(TIME),
         **{kind: columns.joints(kind, layout) for kind in JOINT_KINDS},
@@ -70,7 +75,10 @@ def read_episode(path: Path | str, kinds: Collection[str] | None = None) -> Epis
 class _Columns:
     """Reads and checks one file's columns, one at a time."""
 
-    def __init__(self, schema: pa.Schema, read: ReadColumn, place: str, kinds: Collection[str]) -> None:
+    def __init__(
+        self, schema: pa.Schema, read: ReadColumn, place: str, kinds: Collection[str], every: int
+    ) -> None:
+        self._every = every
         self._schema = schema
         self._read = read
         self._place = place
@@ -102,7 +110,7 @@ class _Columns:
             raise BadInput(f"{self._place}: column '{name}' holds {kind} (valid: float64 numbers)")
         values: Vector = self._read(name).cast(pa.float64()).to_numpy()
         self._check_finite(name, values)
-        return _frozen(values)
+        return _frozen(values if self._every == 1 else values[:: self._every].copy())
 
     def text(self, name: str) -> Texts:
         if not self._is_text(name):
@@ -112,7 +120,7 @@ class _Columns:
         encoded = self._read(name).cast(pa.string()).dictionary_encode().combine_chunks()
         # One object per name, and None, reached by code -1, where there is no text.
         names = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
-        return _frozen(names[encoded.indices.fill_null(-1).to_numpy()])
+        return _frozen(names[encoded.indices.fill_null(-1).to_numpy()[:: self._every]])
 
     def _frame(self, names: Sequence[str | None], rows: int) -> Matrix:
         values = np.full((rows, len(names)), np.nan)

@@ -25,6 +25,10 @@ from impedance_modules.runtime.supervisor import Ending, Supervisor
 Array = NDArray[np.float64]
 
 
+PICTURE_SAMPLES = 20_000
+"""More would not be seen in the picture, and ten minutes of them would fill 400 MB."""
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """What the command line says about a run.
@@ -126,5 +130,5 @@ def carry_out(
             recorder.close(str(found["ending"]), str(found["reason"]))
         finally:
             view.close()
-    write_picture(read_episode(options.out, PICTURE_KINDS), options.out / "picture.png")
+    write_picture(read_episode(options.out, PICTURE_KINDS, most_samples=PICTURE_SAMPLES), options.out / "picture.png")
     return RunResult(supervisor.ending, supervisor.reason, interrupt.asked, options.out, found)
