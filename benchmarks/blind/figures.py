@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.answers import Answer, is_cause, parameter_pairs
+from benchmarks.blind.answers import NO_ANSWER, Answer, is_cause, parameter_pairs
 from benchmarks.blind.blocks import ALIKE
 from benchmarks.blind.catalogue import SUPERSETS
 from benchmarks.blind.wilson import Rate
@@ -77,7 +77,7 @@ def _truth_reported(case: Judged) -> bool:
 
 
 def _alarmed(case: Judged) -> bool:
-    return case.answer.verdict not in ("no_gap", "insufficient_data")
+    return case.answer.verdict not in ("no_gap", "insufficient_data", NO_ANSWER)
 
 
 def _left_open(case: Judged) -> bool:
