@@ -134,12 +134,12 @@ def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch:
 
         _save(report, html_report(found, answer))
     if patch is not None:
-        import yaml
+        from impedance_modules.diagnosis.patch import patch_text
 
         if answer["patch"] is None:
             click.echo(f"{patch}: not written, no effect shrank the held-out gap", err=True)
         else:
-            _save(patch, yaml.safe_dump(answer["patch"], sort_keys=False, allow_unicode=True))
+            _save(patch, patch_text(answer["patch"]))
 
 
 def _save(path: Path, text: str) -> None:

@@ -135,8 +135,7 @@ def shape_candidates(
         instrumented = instrument(item.signals)
         with item.remembered():
             for draft in drafts:
-                signals = instrumented if draft.candidate.port == "sensor" else item.signals
-                _evaluate(draft, item, signals, residuals)
+                _evaluate(draft, item, instrumented, residuals)
     found: dict[tuple[object, ...], Shaped] = {}
     for draft in drafts:
         if draft.bounds is not None:
@@ -194,8 +193,8 @@ def _likeness(shaped: Shaped) -> tuple[object, ...]:
 def instrument(signals: Signals) -> Signals:
     """Replaces the measured effort by its regression on the model's torque and the motion.
 
-    A sensor's error is a part of the torque it reads. Taken from the reading itself the column would carry
-    the reading's noise on both sides of the equation and could explain anything by scaling all away.
+    A column that is computed from the reading carries the reading's noise, and so does the residual: the two
+    would agree where nothing is. A gain could then explain anything by scaling all away, an elasticity clean data.
     """
     if signals.effort is None:
         return signals

@@ -33,6 +33,7 @@ class Evidence:
         heldout: Recordings that no fit has seen.
         prepared: All recordings.
         floor: The noise.
+        heldout_noise: (groups,) its rms at the held-out recordings' poses.
         bench: The accepted model, fitted.
         rate: Of the thinned samples [Hz].
 
@@ -43,6 +44,7 @@ class Evidence:
     heldout: tuple[int, ...]
     prepared: tuple[Prepared, ...]
     floor: Floor
+    heldout_noise: Array
     bench: Bench
     rate: float
 
@@ -63,7 +65,7 @@ class Evidence:
     def excess(self, coefficients: Array) -> float:
         """Held-out residual power beyond the noise, over all groups, in units of the average joint's noise."""
         counts = np.array([self.design.count(self.heldout, g) for g in range(len(self.design.groups))])
-        power = squares(self.design, self.heldout, coefficients) / counts - self.floor.rms**2
+        power = squares(self.design, self.heldout, coefficients) / counts - self.heldout_noise**2
         return float(np.sum(np.clip(power, 0.0, None) / self.unit_power))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.causes import Evidence
-from impedance_modules.diagnosis.fit import squares
+from impedance_modules.diagnosis.fit import prediction_variance, squares
 from impedance_modules.diagnosis.generic import is_generic
 from impedance_modules.diagnosis.log import DataReport
 from impedance_modules.diagnosis.model import NominalModel
@@ -80,7 +80,7 @@ def _gaps(evidence: Evidence, nominal: Array, after: Array, model: NominalModel)
             residual=residual,
             before=float(first[group]),
             after=float(last[group]),
-            noise_floor=float(evidence.floor.rms[group]),
+            noise_floor=float(evidence.heldout_noise[group]),
             unit=units[joint] if residual != "velocity" else "rad/s",
         )
         for group, (residual, joint) in enumerate(design.groups)
@@ -97,17 +97,22 @@ def _shrink(gaps: Sequence[JointGap]) -> float | None:
 
 
 def _remainder(evidence: Evidence, gaps: Sequence[JointGap], share: float) -> Remainder:
-    lack = {f"{gap.joint} ({gap.residual})": (gap.after / gap.noise_floor) ** 2 for gap in gaps}
+    # On new motions even the right model errs, by what its parameters are uncertain.
+    doubt = prediction_variance(evidence.design, evidence.heldout, evidence.bench.whole)
+    lack = {
+        f"{gap.joint} ({gap.residual})": float(gap.after**2 / (gap.noise_floor**2 + variance))
+        for gap, variance in zip(gaps, doubt, strict=True)
+    }
     worst = max(lack, key=lambda name: lack[name])
     limit = LACK_WEAK if evidence.floor.weak else LACK_MEASURED
     fits = lack[worst] <= limit
     explained = fits or (bool(evidence.bench.model) and share <= LEFT_MAX)
-    words = f"residual power is {lack[worst]:.3g} times the noise on {worst}"
+    words = f"residual power is {lack[worst]:.3g} times noise and parameters' uncertainty on {worst}"
     if evidence.floor.weak:
         words += "; the noise floor is weak, no recording repeats another"
     if not explained:
         words += "; not explained by the catalogue" + _structure(evidence)
-    return Remainder(float(lack[worst]), explained, words)
+    return Remainder(lack[worst], bool(explained), words)
 
 
 def _structure(evidence: Evidence) -> str:

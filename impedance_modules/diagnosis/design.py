@@ -9,7 +9,7 @@ parameters, each scaled to one standard deviation of its prior; then every shape
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,6 @@ class Design:
         gram: Recording -> group -> (C + 1, C + 1), y first.
         rows: Recording -> group -> (M, C + 1), y first.
         names: Names of the recordings.
-        totals: Sums over sets of recordings, kept once computed.
     """
 
     groups: tuple[Group, ...]
@@ -78,7 +77,6 @@ class Design:
     gram: tuple[tuple[Array, ...], ...]
     rows: tuple[tuple[Array, ...], ...]
     names: tuple[str, ...]
-    totals: dict[tuple[tuple[int, ...], int], Array] = field(default_factory=dict)
 
     def count(self, recordings: Sequence[int], group: int) -> int:
         """Number of rows of a group in some recordings."""

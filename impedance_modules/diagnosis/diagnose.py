@@ -19,6 +19,7 @@ from impedance_modules.diagnosis.generic import generic_stand_ins
 from impedance_modules.diagnosis.log import DataReport
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.noise import noise_floor
+from impedance_modules.diagnosis.noise_motion import floor_at
 from impedance_modules.diagnosis.prepare import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, Remainder
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
@@ -96,7 +97,8 @@ def _explain(  # noqa: PLR0917 - all of them belong together
     # With the causes known, repeats that did not quite repeat no longer leak into the floor.
     floor = noise_floor(design, pairs, bench.whole.coefficients, share, arrangement.fitted)
     bench = Bench(design, arrangement.folds, found.causes, floor, rate)
-    return Evidence(design, arrangement.folds, arrangement.heldout, prepared, floor, bench, rate)
+    noise = floor_at(floor, design.groups, prepared, pairs, arrangement.heldout)
+    return Evidence(design, arrangement.folds, arrangement.heldout, prepared, floor, noise, bench, rate)
 
 
 def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> list[tuple[int, int]]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.design import Design, Slot
+from impedance_modules.diagnosis.design import Design, Indices, Slot
 
 Array = NDArray[np.float64]
 
@@ -66,14 +66,13 @@ def fit(design: Design, recordings: Sequence[int], model: Sequence[Slot], weight
     A = np.diag(precision[active])
     b = np.zeros(size)
     for group, ids in enumerate(design.ids):
-        inside = np.isin(ids, active, assume_unique=True)
-        here = np.flatnonzero(inside)
+        here = np.flatnonzero(np.isin(ids, active, assume_unique=True))
         there = np.searchsorted(active, ids[here])
-        gram = sum_gram(design, recordings, group)
-        A[np.ix_(there, there)] += weights[group] * gram[np.ix_(here + 1, here + 1)]
-        b[there] += weights[group] * gram[here + 1, 0]
-        for column in np.flatnonzero(np.isin(ids, steady)):
-            b[there] -= weights[group] * gram[here + 1, column + 1]
+        gram = sum_gram(design, recordings, group, here + 1, np.concatenate([[0], here + 1]))
+        A[np.ix_(there, there)] += weights[group] * gram[:, 1:]
+        b[there] += weights[group] * gram[:, 0]
+        fixed = np.flatnonzero(np.isin(ids, steady)) + 1
+        b[there] -= weights[group] * sum_gram(design, recordings, group, here + 1, fixed).sum(axis=1)
     inverse = np.linalg.inv(A)
     coefficients = np.zeros(design.total)
     coefficients[active] = inverse @ b
@@ -112,10 +111,9 @@ def against(
     place[active] = np.arange(len(active))
     for group in slot.groups:
         ids = design.ids[group]
-        gram = sum_gram(design, recordings, group)
         mine = np.searchsorted(ids, slot.columns) + 1
         inside = np.flatnonzero(place[ids] < len(active))
-        block = gram[mine]
+        block = sum_gram(design, recordings, group, mine, np.arange(len(ids) + 1))
         cross[:, place[ids[inside]]] += weights[group] * block[:, inside + 1]
         own += weights[group] * block[:, mine]
         used = np.flatnonzero(coefficients[ids])
@@ -128,9 +126,9 @@ def steady_shift(design: Design, recordings: Sequence[int], slot: Slot, weights:
     shift = np.zeros(len(slot.columns))
     for group in slot.groups if slot.fixed is not None else ():
         ids = design.ids[group]
-        gram = sum_gram(design, recordings, group)
-        steady = 1 + int(np.flatnonzero(ids == slot.fixed)[0])
-        shift += weights[group] * gram[np.searchsorted(ids, slot.columns) + 1][:, steady]
+        steady = np.flatnonzero(ids == slot.fixed) + 1
+        mine = np.searchsorted(ids, slot.columns) + 1
+        shift += weights[group] * sum_gram(design, recordings, group, mine, steady)[:, 0]
     return shift
 
 
@@ -141,14 +139,23 @@ def squares(design: Design, recordings: Sequence[int], coefficients: Array) -> A
         values = coefficients[ids]
         used = np.flatnonzero(values)
         vector = np.concatenate([[1.0], -values[used]])
-        pick = np.ix_(np.concatenate([[0], used + 1]), np.concatenate([[0], used + 1]))
-        out[group] = vector @ sum_gram(design, recordings, group)[pick] @ vector
+        pick = np.concatenate([[0], used + 1])
+        out[group] = vector @ sum_gram(design, recordings, group, pick, pick) @ vector
     return np.maximum(out, 1e-18)
 
 
-def sum_gram(design: Design, recordings: Sequence[int], group: int) -> Array:
-    """Adds the sums of some recordings up, once."""
-    key = (tuple(recordings), group)
-    if key not in design.totals:
-        design.totals[key] = np.sum([design.gram[recording][group] for recording in recordings], axis=0)
-    return design.totals[key]
+def sum_gram(design: Design, recordings: Sequence[int], group: int, rows: Indices, columns: Indices) -> Array:
+    """Adds a block of some recordings' sums up; index 0 is y."""
+    pick = np.ix_(rows, columns)
+    return np.asarray(sum(design.gram[recording][group][pick] for recording in recordings))
+
+
+def prediction_variance(design: Design, recordings: Sequence[int], found: Fit) -> Array:
+    """Mean variance that the coefficients' own uncertainty gives to each group's prediction, (groups,)."""
+    out = np.zeros(len(design.groups))
+    for group, ids in enumerate(design.ids):
+        here = np.flatnonzero(np.isin(ids, found.active, assume_unique=True))
+        there = np.searchsorted(found.active, ids[here])
+        gram = sum_gram(design, recordings, group, here + 1, here + 1)
+        out[group] = np.sum(gram * found.inverse[np.ix_(there, there)]) / design.count(recordings, group)
+    return out

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import datetime
+import json
 import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import impedance_modules
@@ -61,3 +63,34 @@ def _effect(cause: Cause) -> dict[str, Any]:
             "velocity": {joint: list(ends) for joint, ends in cause.velocity_range.items()},
         }
     return out
+
+
+def patch_text(patch: Mapping[str, Any]) -> str:
+    """Writes a patch as YAML that every reader takes alike: block mappings, quoted text, numbers with a point."""
+    return "# yaml-language-server: $schema=patch.schema.json\n" + "".join(_lines(patch, 0))
+
+
+def _lines(value: Mapping[str, Any], depth: int) -> Iterator[str]:
+    for key, item in value.items():
+        head = f"{'  ' * depth}{json.dumps(key)}:"
+        if isinstance(item, Mapping):
+            yield f"{head}\n"
+            yield from _lines(item, depth + 1)
+        elif isinstance(item, list) and item and isinstance(item[0], Mapping):
+            yield f"{head}\n"
+            for entry in item:
+                yield f"{'  ' * (depth + 1)}-\n"
+                yield from _lines(entry, depth + 2)
+        elif isinstance(item, list):
+            yield f"{head} [{', '.join(_scalar(entry) for entry in item)}]\n"
+        else:
+            yield f"{head} {_scalar(item)}\n"
+
+
+def _scalar(value: str | float) -> str:
+    """A number keeps a point before its exponent: without one YAML 1.1 reads text."""
+    if isinstance(value, str):
+        return json.dumps(value)
+    text = repr(value)
+    mantissa, mark, exponent = text.partition("e")
+    return f"{mantissa}.0e{exponent}" if mark and "." not in mantissa else text

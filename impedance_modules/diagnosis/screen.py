@@ -77,11 +77,11 @@ def _steady_gain(bench: Bench, slot: Slot) -> float:
     gain = 0.0
     for group in slot.groups:
         ids = bench.design.ids[group]
-        gram = sum_gram(bench.design, bench.fitted, group)
-        steady = 1 + int(np.flatnonzero(ids == slot.fixed)[0])
+        steady = np.flatnonzero(ids == slot.fixed) + 1
+        row = sum_gram(bench.design, bench.fitted, group, steady, np.arange(len(ids) + 1))[0]
         used = np.flatnonzero(bench.whole.coefficients[ids])
-        left = gram[steady, 0] - gram[steady, used + 1] @ bench.whole.coefficients[ids[used]]
-        gain += bench.weights[group] * float(left - 0.5 * gram[steady, steady])
+        left = row[0] - row[used + 1] @ bench.whole.coefficients[ids[used]]
+        gain += bench.weights[group] * float(left - 0.5 * row[steady[0]])
     return gain
 
 
