@@ -130,5 +130,7 @@ def carry_out(
             recorder.close(str(found["ending"]), str(found["reason"]))
         finally:
             view.close()
-    write_picture(read_episode(options.out, PICTURE_KINDS, most_samples=PICTURE_SAMPLES), options.out / "picture.png")
+    write_picture(
+        read_episode(options.out, PICTURE_KINDS, most_samples=PICTURE_SAMPLES), options.out / "picture.png"
+    )
     return RunResult(supervisor.ending, supervisor.reason, interrupt.asked, options.out, found)
