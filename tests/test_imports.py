@@ -26,7 +26,8 @@ RANK = {
     "backends": 6,
     "runtime": 7,
     "diagnosis": 8,
-    "cli": 9,
+    "experiments": 9,
+    "cli": 10,
 }
 
 ROOMS = {

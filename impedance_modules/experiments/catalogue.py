@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""All experiments, in the thesis's order; a module is imported only when its experiment runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+
+from impedance_modules.errors import BadInput, nearest
+from impedance_modules.experiments.page import Page
+from impedance_modules.experiments.settings import Settings
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment of the thesis.
+
+    Attributes:
+        name: As in ``impedance reproduce NAME``.
+        section: Where the thesis tells of it.
+        question: What it answers, in one line.
+        module: Of this package; its function ``reproduce(settings)`` returns the page.
+    """
+
+    name: str
+    section: str
+    question: str
+    module: str
+
+    def run(self, settings: Settings) -> Page:
+        """Carries the experiment out."""
+        reproduce: Callable[[Settings], Page] = import_module(
+            f"impedance_modules.experiments.{self.module}"
+        ).reproduce
+        return reproduce(settings)
+
+
+_ALL: tuple[Experiment, ...] = (
+    Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
+)
+EXPERIMENTS: dict[str, Experiment] = {entry.name: entry for entry in _ALL}
+
+
+def find_experiment(name: str) -> Experiment:
+    """Returns the experiment of that name.
+
+    Raises:
+        BadInput: There is none.
+    """
+    if name not in EXPERIMENTS:
+        known = tuple(EXPERIMENTS)
+        raise BadInput(f"no experiment '{name}'{nearest(name, known)} (valid: all, {', '.join(known)})")
+    return EXPERIMENTS[name]

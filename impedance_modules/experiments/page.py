@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an experiment found, as frozen data: numbers beside the thesis's, tables, plots, and words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from matplotlib.figure import Figure
+
+Cell = str | float | int | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One number of the thesis beside ours.
+
+    Attributes:
+        quantity: What is measured, with its symbol.
+        thesis: The printed value, as printed; None where the thesis asks for it and prints none.
+        ours: What came out here.
+        unit: Of both.
+        spread: Of ours, as text (standard deviation, interval, range); empty for a deterministic number.
+        reason: Why the two differ, or what makes them agree.
+    """
+
+    quantity: str
+    thesis: Cell
+    ours: Cell
+    unit: str
+    reason: str
+    spread: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of results; cells that are numbers are printed to four digits."""
+
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A drawing; ``name`` becomes part of its file's name."""
+
+    name: str
+    caption: str
+    figure: Figure
+
+
+@dataclass(frozen=True)
+class Page:
+    """An experiment's page.
+
+    Attributes:
+        summary: What was done and what came out, in plain sentences; Markdown.
+        comparisons: Rows of thesis against ours.
+        differences: What could not be matched and why; Markdown, empty when there is nothing to say.
+        facts: Numbers for tests and for other programs, by name.
+    """
+
+    summary: str
+    comparisons: tuple[Comparison, ...]
+    tables: tuple[Table, ...] = ()
+    plots: tuple[Plot, ...] = ()
+    differences: str = ""
+    facts: Mapping[str, float] = field(default_factory=dict)
+
+
+def table_of(caption: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> Table:
+    """Builds a table from any sequences."""
+    return Table(caption, tuple(columns), tuple(tuple(row) for row in rows))

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pages of results as Markdown with their plots beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from impedance_modules.experiments.catalogue import Experiment
+from impedance_modules.experiments.page import Cell, Comparison, Page
+from impedance_modules.experiments.settings import Size
+
+RESOLUTION = 110
+"""Dots per inch."""
+COMPARISON_COLUMNS = ("quantity", "thesis", "ours", "spread", "unit", "why")
+
+
+def command_of(name: str, size: Size) -> str:
+    """Returns the command line that makes a page."""
+    return f"impedance reproduce {name}" + (" --full" if size is Size.FULL else "")
+
+
+def write_page(experiment: Experiment, page: Page, size: Size, folder: Path) -> Path:
+    """Writes ``NAME.md`` and ``NAME-PLOT.png`` into a folder and returns the former's path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = [f"# {experiment.question}", ""]
+    lines += [f"Thesis section {experiment.section}. Made by `{command_of(experiment.name, size)}`.", ""]
+    lines += [page.summary.strip(), ""]
+    if page.comparisons:
+        lines += ["## Thesis against ours", "", *comparison_lines(page.comparisons), ""]
+    for plot in page.plots:
+        file = f"{experiment.name}-{plot.name}.png"
+        FigureCanvasAgg(plot.figure)
+        plot.figure.savefig(folder / file, dpi=RESOLUTION)
+        lines += [f"![{plot.caption}]({file})", "", f"*{plot.caption}*", ""]
+    for table in page.tables:
+        lines += [f"**{table.caption}**", "", *table_lines(table.columns, table.rows), ""]
+    if page.differences:
+        lines += ["## What differs, and why", "", page.differences.strip(), ""]
+    path = folder / f"{experiment.name}.md"
+    path.write_text("\n".join(lines).rstrip() + "\n")
+    return path
+
+
+def comparison_lines(comparisons: Sequence[Comparison]) -> list[str]:
+    """Returns the rows of thesis against ours as a Markdown table."""
+    rows = [
+        (row.quantity, "-" if row.thesis is None else row.thesis, row.ours, row.spread, row.unit, row.reason)
+        for row in comparisons
+    ]
+    return table_lines(COMPARISON_COLUMNS, rows)
+
+
+def table_lines(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[str]:
+    """Returns a Markdown table."""
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    return lines + ["| " + " | ".join(cell_text(cell) for cell in row) + " |" for row in rows]
+
+
+def cell_text(cell: Cell) -> str:
+    """Writes a cell: numbers to four digits, nothing as a dash."""
+    if cell is None:
+        return "-"
+    if isinstance(cell, float):
+        return f"{cell:.4g}"
+    return str(cell).replace("|", "/")
+
+
+def write_index(done: Sequence[tuple[Experiment, Page]], size: Size, folder: Path) -> Path:
+    """Writes ``README.md`` of the folder: every comparison of every experiment in one table."""
+    lines = ["# The thesis, run here", "", f"Made by `{command_of('all', size)}`; a page for each.", ""]
+    rows: list[tuple[Cell, ...]] = []
+    for experiment, page in done:
+        for row in page.comparisons:
+            link = f"[{experiment.name}]({experiment.name}.md)"
+            thesis = "-" if row.thesis is None else row.thesis
+            rows.append((experiment.section, row.quantity, thesis, row.ours, row.spread, row.unit, link))
+    lines += table_lines(("section", "quantity", "thesis", "ours", "spread", "unit", "page"), rows)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "README.md"
+    path.write_text("\n".join(lines) + "\n")
+    return path

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``impedance reproduce``: the list, the pages it writes, and what it refuses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from impedance_modules.cli.reproduce import command
+from impedance_modules.errors import BadInput
+from impedance_modules.experiments.catalogue import EXPERIMENTS, find_experiment
+
+
+def test_the_list_has_one_experiment_per_line() -> None:
+    lines = CliRunner().invoke(command, ["--list"]).output.splitlines()
+    assert [line.split()[0] for line in lines] == list(EXPERIMENTS)
+
+
+def test_every_experiment_has_a_module_of_its_own() -> None:
+    package = Path(__file__).parents[1] / "impedance_modules/experiments"
+    for experiment in EXPERIMENTS.values():
+        path = package.joinpath(*experiment.module.split("."))
+        assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file(), experiment
+
+
+def test_a_page_has_its_table_its_plots_and_its_command(tmp_path: Path) -> None:
+    result = CliRunner().invoke(command, ["planar-arms", "--out", str(tmp_path)], catch_exceptions=False)
+    assert result.exit_code == 0
+    text = (tmp_path / "planar-arms.md").read_text()
+    assert "impedance reproduce planar-arms" in text and "eq. 4.30" in text and "18.36" in text
+    pictures = re.findall(r"\]\((.*?\.png)\)", text)
+    assert pictures and all((tmp_path / picture).stat().st_size > 1000 for picture in pictures)
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_one(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="did you mean 'planar-arms'"):
+        find_experiment("planar-arm")
+    result = CliRunner().invoke(command, ["nonsense", "--out", str(tmp_path / "none")])
+    assert isinstance(result.exception, BadInput) and not (tmp_path / "none").exists()
