@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import click
 
 from benchmarks.blind.blocks import COUNTS, SEEDS
+from benchmarks.blind.run import TOOLS
 
 
 @click.group()
@@ -36,24 +38,31 @@ def generate(blocks: tuple[str, ...], seeds: str, count: int | None, out: Path, 
 
 @main.command()
 @click.option("--out", type=click.Path(path_type=Path, exists=True), required=True)
-@click.option("--tool", type=click.Choice(["impedance", "least-squares", "sysid"]), default="impedance")
+@click.option("--tool", type=click.Choice(TOOLS), default=TOOLS[0], show_default=True)
 @click.option("--block", "blocks", multiple=True, type=click.Choice(list(COUNTS)), help="All when left out.")
+@click.option("--case", "cases", multiple=True, metavar="NAME", help="All of the blocks when left out.")
+@click.option("--again", is_flag=True, help="Ask again where an answer is kept.")
+@click.option("--answers", type=click.Path(path_type=Path), help="Kept here; OUT/answers when left out.")
 @click.option("--timeout", type=float, default=180.0, show_default=True, help="Per case [s].")
-@click.option("--jobs", type=click.IntRange(1), default=os.cpu_count, show_default="cores")
-def run(out: Path, tool: str, blocks: tuple[str, ...], timeout: float, jobs: int) -> None:
-    """Diagnoses every case with one tool; answers go to OUT/answers/TOOL."""
-    from benchmarks.blind.run import run_all
+@click.option("--jobs", type=click.IntRange(1), default=2, show_default=True)
+def run(out: Path, answers: Path | None, **wish: Any) -> None:
+    """Diagnoses the cases that have no answer yet; answers go to OUT/answers/TOOL."""
+    from benchmarks.blind.run import ANSWERS, Wish, run_all
 
-    run_all(out, tool, blocks, timeout, jobs, lambda text: click.echo(text, err=True))
+    run_all(out, answers or out / ANSWERS, Wish(**wish), lambda text: click.echo(text, err=True))
 
 
 @main.command()
 @click.argument("out", type=click.Path(path_type=Path, exists=True))
-def score(out: Path) -> None:
-    """Opens the seals, prints the tables and writes OUT/score.md and OUT/score.json."""
-    from benchmarks.blind.score import score_all
+@click.option("--answers", type=click.Path(path_type=Path), help="Where they are; OUT/answers when left out.")
+@click.option("--case", "case", metavar="NAME", help="Only print truth and answers of this one.")
+def score(out: Path, answers: Path | None, case: str | None) -> None:
+    """Opens the seals; prints the tables, writes them beside the answers, and lists what was wrong."""
+    from benchmarks.blind.run import ANSWERS
+    from benchmarks.blind.score import score_all, show_case
 
-    click.echo(score_all(out))
+    folder = answers or out / ANSWERS
+    click.echo(score_all(out, folder) if case is None else show_case(out, folder, case))
 
 
 if __name__ == "__main__":

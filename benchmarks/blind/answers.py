@@ -23,6 +23,7 @@ class Answer:
         shrink: Held-out share of the gap that was closed, or None.
         seconds: Wall time.
         memory: Peak [MB].
+        errors: End of what was printed there.
     """
 
     verdict: str
@@ -30,6 +31,7 @@ class Answer:
     shrink: float | None
     seconds: float
     memory: float
+    errors: str = ""
 
     @property
     def first(self) -> str:
@@ -56,7 +58,7 @@ def read_answer(folder: Path, name: str, surroundings: Sequence[str]) -> Answer 
     run = json.loads(record.read_text())
     path = folder / f"{name}.json"
     if not path.exists():
-        return Answer(NO_ANSWER, (), None, run["seconds"], run["memory_mb"])
+        return Answer(NO_ANSWER, (), None, run["seconds"], run["memory_mb"], run["errors"])
     said = json.loads(path.read_text())
     causes = tuple(cause for cause in said.get("causes", []) if cause["effect"] not in surroundings)
     verdict = said["verdict"] if said["verdict"] in VERDICTS else NO_ANSWER
@@ -64,18 +66,25 @@ def read_answer(folder: Path, name: str, surroundings: Sequence[str]) -> Answer 
     return Answer(verdict, causes, shrink, run["seconds"], run["memory_mb"])
 
 
-def is_cause(cause: Mapping[str, Any], truth: Mapping[str, Any], place: bool = True) -> bool:
-    """Tells whether a cause is a true effect, and at its joints (or body) where ``place`` asks for that."""
+def is_cause(causes: Sequence[Mapping[str, Any]], at: int, truth: Mapping[str, Any]) -> bool:
+    """Tells whether one of the causes is a true effect, at its joints or body.
+
+    What sits on one or two joints must be named on one of them and on no other. What sits on the whole arm must be
+    named without joints, or on more than half of them, by this cause and others of the same effect together.
+    """
+    cause = causes[at]
     if cause["effect"] not in (truth["effect"], *truth["also"]):
         return False
-    if not place or not truth["joints"]:
+    if truth["effect"] == "link_inertia":
+        return bool(set(cause.get("parameters", {})) & set(truth["parameters"]))
+    if truth["effect"] == "payload" or not truth["joints"]:
         return True
-    if truth["effect"] in ("payload", "link_inertia"):
-        keys = set(cause.get("parameters", {}))
-        return bool(keys & set(truth["parameters"])) or truth["effect"] == "payload"
-    joints = set(cause.get("joints", []))
-    whole_robot = len(truth["joints"]) > 2
-    return (whole_robot and not joints) or (bool(joints) and joints <= set(truth["joints"]))
+    right = set(truth["joints"])
+    if len(right) <= 2:
+        joints = set(cause.get("joints", []))
+        return bool(joints) and joints <= right
+    alike = [set(one.get("joints", [])) for one in causes if one["effect"] == cause["effect"]]
+    return not all(alike) or (set().union(*alike) <= right and 2 * len(set().union(*alike)) > len(right))
 
 
 def parameter_pairs(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from benchmarks.blind.figures import Cases
+from benchmarks.blind.judged import Cases
 
 
 def confusion(cases: Cases) -> dict[str, dict[str, int]]:

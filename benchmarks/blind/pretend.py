@@ -17,6 +17,7 @@ TRUE: dict[str, Any] = {
     "parameters": {"left_e1": {"fv": 2.0}},
     "also": [],
     "size": 3.0,
+    "size_with_inertias": 3.0,
 }
 CAUSE = {
     "effect": "viscous_friction",
@@ -27,6 +28,8 @@ CAUSE = {
 WRONG = {"effect": "backlash", "joints": ["left_w2"], "parameters": {}, "equivalent": []}
 SECOND = {**TRUE, "effect": "torque_offset", "parameters": {"left_e1": {"c": 1.0}}}
 
+BENCH = {"noise_level": 1.0, "inertia_error": 0.01}
+
 Case = tuple[dict[str, Any], str, list[dict[str, Any]]]
 
 
@@ -35,7 +38,7 @@ def pretend(out: Path) -> None:
     for block, cases in _cases().items():
         sealed = out / SEALED / f"{block}.json"
         sealed.parent.mkdir(parents=True, exist_ok=True)
-        truths = {f"{block}{i}": {"block": block, **truth} for i, (truth, _, _) in enumerate(cases)}
+        truths = {f"{block}{i}": {"block": block, **BENCH, **truth} for i, (truth, _, _) in enumerate(cases)}
         sealed.write_text(json.dumps({"cases": truths}))
         with (out / SEALS).open("a") as file:
             file.write(f"{seal_of(sealed)}  {SEALED}/{block}.json  dev  {len(cases)} cases\n")

@@ -15,30 +15,53 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from benchmarks.blind.generate import CASES, SEALED
 
 ANSWERS = "answers"
+TOOLS = ("impedance", "least-squares", "sysid")
 
 
-def run_all(
-    out: Path, tool: str, blocks: Sequence[str], timeout: float, jobs: int, tell: Callable[[str], None]
-) -> None:
-    """Diagnoses all cases of some blocks (all where empty) that have no answer yet."""
-    folder = out / ANSWERS / tool
+@dataclass(frozen=True)
+class Wish:
+    """Which cases to put before which tool, and how.
+
+    Attributes:
+        tool: One of `TOOLS`.
+        blocks: All where empty.
+        cases: Names; all of the blocks where empty.
+        again: Whether cases that have an answer are asked again.
+        timeout: Per case [s].
+        jobs: Cases side by side.
+    """
+
+    tool: str
+    blocks: tuple[str, ...] = ()
+    cases: tuple[str, ...] = ()
+    again: bool = False
+    timeout: float = 180.0
+    jobs: int = 2
+
+
+def run_all(out: Path, answers: Path, wish: Wish, tell: Callable[[str], None]) -> None:
+    """Diagnoses all wanted cases that have no answer yet; stopped and started again it goes on."""
+    folder = answers / wish.tool
     folder.mkdir(parents=True, exist_ok=True)
-    waiting = [name for name in names_of(out, blocks) if not (folder / f"{name}.run.json").exists()]
+    names = [name for name in names_of(out, wish.blocks) if not wish.cases or name in wish.cases]
+    waiting = [name for name in names if wish.again or not (folder / f"{name}.run.json").exists()]
 
     def one(name: str) -> str:
-        record = run_case(out / CASES / name, tool, folder / f"{name}.json", timeout)
+        (folder / f"{name}.json").unlink(missing_ok=True)
+        record = run_case(out / CASES / name, wish.tool, folder / f"{name}.json", wish.timeout)
         (folder / f"{name}.run.json").write_text(json.dumps(record) + "\n")
-        return f"{name} exit {record['exit']} {record['seconds']:.1f} s"
+        return f"{name} exit {record['exit']} {record['seconds']:.1f} s {record['memory_mb']:.0f} MB"
 
-    with ThreadPoolExecutor(jobs) as pool:
+    with ThreadPoolExecutor(wish.jobs) as pool:
         for i, line in enumerate(pool.map(one, waiting)):
-            tell(f"{tool} {i + 1}/{len(waiting)} {line}")
+            tell(f"{wish.tool} {i + 1}/{len(waiting)} {line}")
 
 
 def names_of(out: Path, blocks: Sequence[str]) -> list[str]:
@@ -67,7 +90,7 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
         environment["PYTHONPATH"] = os.pathsep.join([os.getcwd(), environment.get("PYTHONPATH", "")])
         with errors.open("wb") as sink:
             process = subprocess.Popen(
-                command, cwd=room, stdout=subprocess.DEVNULL, stderr=sink, env=environment
+                ["nice", *command], cwd=room, stdout=subprocess.DEVNULL, stderr=sink, env=environment
             )
             status, memory = _wait(process, timeout)
         seconds = time.monotonic() - start

@@ -29,6 +29,7 @@ from benchmarks.blind.open_set import OPEN_SET
 from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
 from benchmarks.blind.pretend import pretend
 from benchmarks.blind.residual import residual
+from benchmarks.blind.run import ANSWERS
 from benchmarks.blind.score import check_seals, judge, score_all
 from benchmarks.blind.urdf_numbers import ROBOT_FOLDER, hand_of, read_arm, read_drive
 
@@ -148,9 +149,9 @@ def scorer_is_fair() -> Result:
     with tempfile.TemporaryDirectory() as place:
         out = Path(place)
         pretend(out)
-        right = {figure.title: figure.count(judge(out, "impedance")) for figure in FIGURES}
-        wrong = {figure.title: figure.count(judge(out, "least-squares")) for figure in FIGURES}
-        text = score_all(out)
+        right = {figure.title: figure.count(judge(out, out / ANSWERS, "impedance")) for figure in FIGURES}
+        wrong = {figure.title: figure.count(judge(out, out / ANSWERS, "least-squares")) for figure in FIGURES}
+        text = score_all(out, out / ANSWERS)
         (out / SEALED / "A.json").write_text("{}")
         try:
             check_seals(out)
