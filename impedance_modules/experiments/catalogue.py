@@ -37,6 +37,7 @@ class Experiment:
 
 
 _ALL: tuple[Experiment, ...] = (
+    Experiment("series-elastic", "3.1", "What do the springs in the joints do?", "series_elastic"),
     Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
 )
 EXPERIMENTS: dict[str, Experiment] = {entry.name: entry for entry in _ALL}
