@@ -8,6 +8,7 @@ nothing is rounded; a float64 array is a tuple of floats.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,8 +16,15 @@ Floats = tuple[float, ...]
 Names = tuple[str, ...]
 
 
+class Message:
+    """What all messages have: the name of their ROS type."""
+
+    __slots__ = ()
+    ros_type: ClassVar[str]
+
+
 @dataclass(frozen=True, slots=True)
-class Header:
+class Header(Message):
     """When and in which frame something was measured; ``stamp`` in ns on the sender's clock."""
 
     ros_type: ClassVar[str] = "std_msgs/Header"
@@ -26,7 +34,7 @@ class Header:
 
 
 @dataclass(frozen=True, slots=True)
-class Bool:
+class Bool(Message):
     """A truth value."""
 
     ros_type: ClassVar[str] = "std_msgs/Bool"
@@ -34,14 +42,14 @@ class Bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Empty:
+class Empty(Message):
     """A signal without content."""
 
     ros_type: ClassVar[str] = "std_msgs/Empty"
 
 
 @dataclass(frozen=True, slots=True)
-class Float64:
+class Float64(Message):
     """A number."""
 
     ros_type: ClassVar[str] = "std_msgs/Float64"
@@ -49,7 +57,7 @@ class Float64:
 
 
 @dataclass(frozen=True, slots=True)
-class String:
+class String(Message):
     """A text."""
 
     ros_type: ClassVar[str] = "std_msgs/String"
@@ -57,7 +65,7 @@ class String:
 
 
 @dataclass(frozen=True, slots=True)
-class UInt16:
+class UInt16(Message):
     """A whole number from 0 to 65535."""
 
     ros_type: ClassVar[str] = "std_msgs/UInt16"
@@ -65,7 +73,7 @@ class UInt16:
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class Point(Message):
     """A place [m]."""
 
     ros_type: ClassVar[str] = "geometry_msgs/Point"
@@ -75,7 +83,7 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class Vector3:
+class Vector3(Message):
     """Three numbers along the axes of a frame."""
 
     ros_type: ClassVar[str] = "geometry_msgs/Vector3"
@@ -85,7 +93,7 @@ class Vector3:
 
 
 @dataclass(frozen=True, slots=True)
-class Quaternion:
+class Quaternion(Message):
     """An orientation as a unit quaternion."""
 
     ros_type: ClassVar[str] = "geometry_msgs/Quaternion"
@@ -96,7 +104,7 @@ class Quaternion:
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(Message):
     """Where a frame is and how it is turned."""
 
     ros_type: ClassVar[str] = "geometry_msgs/Pose"
@@ -105,7 +113,7 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True)
-class Twist:
+class Twist(Message):
     """Linear [m/s] and angular velocity [rad/s]."""
 
     ros_type: ClassVar[str] = "geometry_msgs/Twist"
@@ -114,7 +122,7 @@ class Twist:
 
 
 @dataclass(frozen=True, slots=True)
-class Wrench:
+class Wrench(Message):
     """Force [N] and torque [N.m]."""
 
     ros_type: ClassVar[str] = "geometry_msgs/Wrench"
@@ -123,7 +131,7 @@ class Wrench:
 
 
 @dataclass(frozen=True, slots=True)
-class JointState:
+class JointState(Message):
     """Angles [rad], rates [rad/s] and spring-deflection torques [N.m] of some joints, named one by one."""
 
     ros_type: ClassVar[str] = "sensor_msgs/JointState"
@@ -135,7 +143,7 @@ class JointState:
 
 
 @dataclass(frozen=True, slots=True)
-class JointCommand:
+class JointCommand(Message):
     """What some joints shall do; ``mode`` says whether ``command`` is angles, rates or torques."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/JointCommand"
@@ -149,7 +157,7 @@ class JointCommand:
 
 
 @dataclass(frozen=True, slots=True)
-class AssemblyState:
+class AssemblyState(Message):
     """Whether the robot has power on its motors, and why not."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/AssemblyState"
@@ -171,7 +179,7 @@ class AssemblyState:
 
 
 @dataclass(frozen=True, slots=True)
-class SEAJointState:
+class SEAJointState(Message):
     """The series-elastic joints of one arm in full: what was commanded, measured, and added by the robot."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/SEAJointState"
@@ -192,7 +200,7 @@ class SEAJointState:
 
 
 @dataclass(frozen=True, slots=True)
-class EndpointState:
+class EndpointState(Message):
     """The robot's own idea of a hand: where it is, how it moves, what it feels."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/EndpointState"
@@ -203,7 +211,7 @@ class EndpointState:
 
 
 @dataclass(frozen=True, slots=True)
-class DigitalIOState:
+class DigitalIOState(Message):
     """A button or a lamp."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/DigitalIOState"
@@ -214,7 +222,7 @@ class DigitalIOState:
 
 
 @dataclass(frozen=True, slots=True)
-class CollisionAvoidanceState:
+class CollisionAvoidanceState(Message):
     """What the arm's force field is pushing away from."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/CollisionAvoidanceState"
@@ -224,7 +232,7 @@ class CollisionAvoidanceState:
 
 
 @dataclass(frozen=True, slots=True)
-class CollisionDetectionState:
+class CollisionDetectionState(Message):
     """Whether the arm has just felt an impact or a squeeze and pauses."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/CollisionDetectionState"
@@ -233,7 +241,7 @@ class CollisionDetectionState:
 
 
 @dataclass(frozen=True, slots=True)
-class HeadState:
+class HeadState(Message):
     """The head's pan angle [rad] and what it is doing."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/HeadState"
@@ -244,7 +252,7 @@ class HeadState:
 
 
 @dataclass(frozen=True, slots=True)
-class EndEffectorState:
+class EndEffectorState(Message):
     """A gripper's state; opening and force in percent of their largest."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/EndEffectorState"
@@ -267,7 +275,7 @@ class EndEffectorState:
 
 
 @dataclass(frozen=True, slots=True)
-class URDFConfiguration:
+class URDFConfiguration(Message):
     """A piece of robot description that somebody adds at run time."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/URDFConfiguration"
@@ -277,32 +285,32 @@ class URDFConfiguration:
     urdf: str
 
 
-Message = (
-    Header
-    | Bool
-    | Empty
-    | Float64
-    | String
-    | UInt16
-    | Point
-    | Vector3
-    | Quaternion
-    | Pose
-    | Twist
-    | Wrench
-    | JointState
-    | JointCommand
-    | AssemblyState
-    | SEAJointState
-    | EndpointState
-    | DigitalIOState
-    | CollisionAvoidanceState
-    | CollisionDetectionState
-    | HeadState
-    | EndEffectorState
-    | URDFConfiguration
-)
-"""Any of them."""
-
-MESSAGE_TYPES: dict[str, type[Message]] = {kind.ros_type: kind for kind in Message.__args__}
+MESSAGE_TYPES: Mapping[str, type[Message]] = {
+    kind.ros_type: kind
+    for kind in (
+        Header,
+        Bool,
+        Empty,
+        Float64,
+        String,
+        UInt16,
+        Point,
+        Vector3,
+        Quaternion,
+        Pose,
+        Twist,
+        Wrench,
+        JointState,
+        JointCommand,
+        AssemblyState,
+        SEAJointState,
+        EndpointState,
+        DigitalIOState,
+        CollisionAvoidanceState,
+        CollisionDetectionState,
+        HeadState,
+        EndEffectorState,
+        URDFConfiguration,
+    )
+}
 """ROS type -> plain type."""

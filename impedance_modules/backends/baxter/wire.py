@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from impedance_modules.backends.baxter.message_definition import Field, checksum, definition
 from impedance_modules.backends.baxter.messages import MESSAGE_TYPES, Message
@@ -68,10 +69,10 @@ def decode(message_type: type[M], data: bytes) -> M:
         raise MessageError(f"{name}: {len(data)} bytes cannot be read as it: {error}") from error
     if end != len(data):
         raise MessageError(f"{name}: {len(data)} bytes where the message ends after {end}")
-    return message  # type: ignore[no-any-return]
+    return cast(M, message)
 
 
-def checksum_of(message_type: type[M]) -> str:
+def checksum_of(message_type: type[Message]) -> str:
     """Returns the MD5 of a message type."""
     return checksum(message_type.ros_type)
 
@@ -85,7 +86,7 @@ def _encoder(kind: str) -> Encoder:
         return _write_string
     if kind == "time":
         return lambda value, out: out.append(TIME.pack(*divmod(value, NANOSECONDS)))
-    names = MESSAGE_TYPES[kind].__slots__
+    names = [own.name for own in fields(cast(Any, MESSAGE_TYPES[kind]))]
     parts = [
         (name, _field_encoder(field)) for name, field in zip(names, definition(kind).fields, strict=True)
     ]
@@ -128,7 +129,7 @@ def _decoder(kind: str) -> Decoder:
         return _read_string
     if kind == "time":
         return _read_time
-    make = MESSAGE_TYPES[kind]
+    make: Callable[..., Message] = MESSAGE_TYPES[kind]
     parts = [_field_decoder(field) for field in definition(kind).fields]
 
     def read(data: bytes, at: int) -> tuple[Any, int]:

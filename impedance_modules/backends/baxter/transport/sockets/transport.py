@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A ROS node by the standard library alone; no ROS needs to be installed."""
+
+from __future__ import annotations
+
+import os
+import threading
+from typing import Any, TypeVar
+
+from impedance_modules.backends.baxter.messages import Message
+from impedance_modules.backends.baxter.transport.protocol import (
+    Callback,
+    NoMasterError,
+    Offer,
+    ParameterValue,
+    TransportClosedError,
+)
+from impedance_modules.backends.baxter.transport.sockets.connect import offers_of
+from impedance_modules.backends.baxter.transport.sockets.incoming import SocketSubscription
+from impedance_modules.backends.baxter.transport.sockets.master import MasterClient, own_host
+from impedance_modules.backends.baxter.transport.sockets.node import NodeEvents, NodeServer
+from impedance_modules.backends.baxter.transport.sockets.outgoing import Outlet, SocketPublisher
+
+M = TypeVar("M", bound=Message)
+
+
+class SocketTransport:
+    """One ROS node."""
+
+    def __init__(self, node_name: str, master_uri: str) -> None:
+        """Introduces itself to nobody yet; the master must answer.
+
+        Args:
+            node_name: Full name, e.g. ``/impedance_modules_1234``; a second node of that name would replace this.
+            master_uri: From ``master_uri_of(os.environ)``.
+
+        Raises:
+            NoMasterError: No master answers there, or this machine's own name (ROS_IP) is wrong.
+        """
+        self._node_name = node_name
+        self._master = MasterClient(master_uri, node_name)
+        self._master.check()
+        self._lock = threading.RLock()
+        self._outlets: dict[str, Outlet] = {}
+        self._subscriptions: list[SocketSubscription[Any]] = []
+        self._closed = False
+        host = own_host(os.environ, master_uri)
+        events = NodeEvents(self._follow, self._outlets.get, self._listened, self._published, self.close)
+        try:
+            self._server = NodeServer(host, master_uri, events)
+        except OSError as error:
+            raise NoMasterError(
+                f"'{host}' is not an address of this machine: {error.strerror or error}"
+                " (valid: ROS_IP=the address of this machine in the robot's network)"
+            ) from error
+
+    @property
+    def node_name(self) -> str:
+        """Full name of this node."""
+        return self._node_name
+
+    def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> SocketPublisher[M]:
+        """Becomes a publisher of a topic."""
+        self._check()
+        with self._lock:
+            outlet = self._outlets.get(topic)
+            if outlet is None:
+                outlet = Outlet(self._node_name, topic, message_type)
+                self._outlets[topic] = outlet
+                self._master.ask("registerPublisher", topic, message_type.ros_type, self._server.uri)
+            outlet.users += 1
+            if latch:
+                outlet.keep_last()
+        return SocketPublisher(outlet, lambda: self._withdraw(topic))
+
+    def subscribe(self, topic: str, message_type: type[M], callback: Callback[M]) -> SocketSubscription[M]:
+        """Listens to every publisher of a topic."""
+        self._check()
+        subscription = SocketSubscription(
+            self._node_name, topic, message_type, callback, lambda: self._unsubscribed(subscription)
+        )
+        with self._lock:
+            self._subscriptions.append(subscription)
+        publishers = self._master.ask("registerSubscriber", topic, message_type.ros_type, self._server.uri)
+        subscription.update(publishers)
+        return subscription
+
+    def get_parameter(self, name: str) -> ParameterValue | None:
+        """Returns a parameter, or None if nobody has set it."""
+        self._check()
+        return self._master.get_parameter(name)
+
+    def set_parameter(self, name: str, value: ParameterValue) -> None:
+        """Sets a parameter."""
+        self._check()
+        self._master.set_parameter(name, value)
+
+    def publishers_of(self, topic: str) -> tuple[str, ...]:
+        """Names the nodes registered as publishers of a topic, dead ones too, sorted."""
+        self._check()
+        return self._master.publishers_of(topic)
+
+    def offers_of(self, topic: str) -> tuple[Offer, ...]:
+        """Asks every other publisher of a topic what it sends."""
+        self._check()
+        return offers_of(self._master, self._node_name, topic)
+
+    def close(self) -> None:
+        """Withdraws everything this node has registered; a master that has gone does not matter."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            subscriptions, topics = list(self._subscriptions), list(self._outlets)
+        for subscription in subscriptions:
+            subscription.close()
+        for topic in topics:
+            self._drop(topic)
+        self._server.close()
+
+    def _follow(self, topic: str, publishers: list[str]) -> None:
+        with self._lock:
+            concerned = [s for s in self._subscriptions if s.topic == topic]
+        for subscription in concerned:
+            subscription.update(publishers)
+
+    def _listened(self) -> list[tuple[str, str]]:
+        with self._lock:
+            return [(s.topic, s.kind.ros_type) for s in self._subscriptions]
+
+    def _published(self) -> list[tuple[str, str]]:
+        with self._lock:
+            return [(o.topic, o.kind.ros_type) for o in self._outlets.values()]
+
+    def _unsubscribed(self, subscription: SocketSubscription[Any]) -> None:
+        with self._lock:
+            self._subscriptions.remove(subscription)
+            others = any(s.topic == subscription.topic for s in self._subscriptions)
+        if not others:
+            self._tell("unregisterSubscriber", subscription.topic)
+
+    def _withdraw(self, topic: str) -> None:
+        with self._lock:
+            outlet = self._outlets.get(topic)
+            if outlet is None:
+                return
+            outlet.users -= 1
+            last = outlet.users == 0
+        if last:
+            self._drop(topic)
+
+    def _drop(self, topic: str) -> None:
+        with self._lock:
+            outlet = self._outlets.pop(topic, None)
+        if outlet is not None:
+            self._tell("unregisterPublisher", topic)
+            outlet.close()
+
+    def _tell(self, method: str, topic: str) -> None:
+        try:
+            self._master.ask(method, topic, self._server.uri)
+        except NoMasterError:
+            # A master that is gone remembers nothing that could be withdrawn.
+            return
+
+    def _check(self) -> None:
+        if self._closed:
+            raise TransportClosedError(f"{self._node_name}: the transport is closed")

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nodes among nodes: dead ones, returning ones, wrong masters, and Debian's own rospy as a second opinion."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from itertools import count
+from pathlib import Path
+
+import pytest
+from ros_master import Heard, free_port, until
+
+from impedance_modules.backends.baxter.messages import Bool, Float64, UInt16
+from impedance_modules.backends.baxter.transport.protocol import NoMasterError
+from impedance_modules.backends.baxter.transport.sockets.master import MasterClient, master_uri_of
+from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
+
+NUMBERS = count()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("kind", ["sockets", "rospy"])
+def test_a_dead_publisher_is_survived_and_named(kind: str, master: str, request) -> None:
+    own = request.getfixturevalue("rospy_node") if kind == "rospy" else SocketTransport("/own", master)
+    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
+    registrar = MasterClient(master, f"/dead_{kind}")
+    registrar.ask("registerPublisher", topic, "std_msgs/Bool", f"http://127.0.0.1:{free_port()}/")
+    own.subscribe(topic, Bool, heard)
+    alive = SocketTransport("/alive", master)
+    publisher = alive.advertise(topic, Bool)
+    assert until(lambda: publisher.connections() == 1)
+    publisher.send(Bool(False))
+    assert until(lambda: heard.messages == [Bool(False)])
+    offers = {offer.node: offer.problem for offer in own.offers_of(topic)}
+    assert offers["/alive"] is None
+    assert "refused" in str(offers[f"/dead_{kind}"])
+    alive.close()
+    if kind == "sockets":
+        own.close()
+
+
+@pytest.mark.ros
+def test_a_publisher_that_comes_back_is_heard_again(master: str) -> None:
+    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
+    own = SocketTransport("/own", master)
+    own.subscribe(topic, UInt16, heard)
+    for number in (1, 2):
+        other = SocketTransport("/comes_back", master)
+        publisher = other.advertise(topic, UInt16)
+        assert until(lambda publisher=publisher: publisher.connections() == 1)
+        publisher.send(UInt16(number))
+        assert until(lambda number=number: heard.messages[-1:] == [UInt16(number)])
+        other.close()
+    own.close()
+
+
+@pytest.mark.ros
+def test_nothing_of_a_closed_node_is_left_with_the_master(master: str) -> None:
+    own = SocketTransport("/leaves_nothing", master)
+    own.advertise("/a", Bool, latch=True)
+    own.subscribe("/b", Bool, Heard())
+    own.close()
+    own.close()
+    registered = MasterClient(master, "/test").ask("getSystemState")
+    assert not any("/leaves_nothing" in nodes for part in registered for _, nodes in part)
+
+
+@pytest.mark.ros
+def test_debians_own_tool_understands_our_node(master: str, tmp_path: Path) -> None:
+    """`rostopic`-like second opinion: Debian's rospy with std_msgs' own classes, in its own interpreter."""
+    script = tmp_path / "listen.py"
+    script.write_text(
+        "import rospy, std_msgs.msg as m\n"
+        "rospy.init_node('debian', disable_signals=True)\n"
+        "rospy.Publisher('/to_us', m.UInt16, queue_size=1, latch=True).publish(77)\n"
+        "print(rospy.wait_for_message('/to_debian', m.Float64, timeout=10).data)\n"
+        "rospy.sleep(1.0)\n"
+        "rospy.signal_shutdown('')\n"
+    )
+    if not Path("/usr/lib/python3/dist-packages/rospy").is_dir():
+        pytest.skip("no rospy of Debian's")
+    heard = Heard()
+    own = SocketTransport("/own", master)
+    own.advertise("/to_debian", Float64, latch=True).send(Float64(0.125))
+    own.subscribe("/to_us", UInt16, heard)
+    done = subprocess.run(
+        ["/usr/bin/python3", script], check=False, capture_output=True, text=True, timeout=30
+    )
+    assert "0.125" in done.stdout, done.stderr
+    assert heard.messages == [UInt16(77)]
+    own.close()
+
+
+@pytest.mark.parametrize("uri", ["", "robot.local", "http://robot.local", "ftp://robot.local:11311"])
+def test_a_missing_address_is_refused_with_an_example(uri: str) -> None:
+    with pytest.raises(NoMasterError, match=re.escape("export ROS_MASTER_URI=http://ROBOT.local:11311")):
+        master_uri_of({"ROS_MASTER_URI": uri})
+
+
+def test_no_master_and_something_else_are_told_apart() -> None:
+    with pytest.raises(NoMasterError, match=r"no ROS master answers at .*ping"):
+        SocketTransport("/own", f"http://127.0.0.1:{free_port()}")
+    with pytest.raises(NoMasterError, match=r"no ROS master answers"):
+        SocketTransport("/own", "http://no-such-robot.invalid:11311")
+    with HTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as somebody:
+        threading.Thread(target=somebody.handle_request, daemon=True).start()
+        with pytest.raises(NoMasterError, match=r"is no ROS master"):
+            SocketTransport("/own", f"http://127.0.0.1:{somebody.server_address[1]}")
+
+
+@pytest.mark.ros
+def test_an_address_that_is_not_ours_is_refused(master: str, monkeypatch) -> None:
+    monkeypatch.setenv("ROS_IP", "192.0.2.1")
+    with pytest.raises(NoMasterError, match=r"'192.0.2.1' is not an address of this machine.*ROS_IP="):
+        SocketTransport("/own", master)
+
+
+def test_without_rospy_the_error_says_what_to_install(tmp_path: Path) -> None:
+    """In a Python that cannot see rospy, whatever this one sees."""
+    script = (
+        "import sys; sys.modules['rospy'] = None\n"
+        "from impedance_modules.backends.baxter.transport.with_rospy import *\n"
+        "try:\n    RospyTransport('/x', 'http://127.0.0.1:1')\n"
+        "except NoRospyError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True)
+    assert "apt-get install --no-install-recommends python3-rospy" in done.stdout, done.stderr
+    assert "--system-site-packages" in done.stdout
