@@ -54,15 +54,14 @@ def command(
     from impedance_modules.cli.diagnosis_tables import print_diagnosis
     from impedance_modules.diagnosis.diagnose import diagnose, insufficient
     from impedance_modules.diagnosis.log import InsufficientData
-    from impedance_modules.episode.reader import read_episode
+    from impedance_modules.diagnosis.long_recordings import read_recordings
 
     if (robot is None) == (urdf is None):
         raise BadInput("diagnose needs the model to compare: give --robot NAME or --urdf FILE, one of them")
     _refuse_unknown(without)
-    kinds = ("position", "velocity", "effort", "effort_command", "position_command")
-    fitted = [read_episode(path, kinds) for path in logs]
-    tested = [read_episode(path, kinds) for path in holdout]
-    episodes = [*fitted, *tested]
+    read = read_recordings([*logs, *holdout])
+    episodes = [episode for found in read for episode in found]
+    tested = [episode for found in read[len(logs) :] for episode in found]
     model, file = _model(robot, urdf, episodes)
     worn = _worn(effects, model)
     console = Console()

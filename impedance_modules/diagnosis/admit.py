@@ -8,11 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.company import refuse_company, refuse_copies
 from impedance_modules.diagnosis.log import DataReport, InsufficientData, Log
-from impedance_modules.diagnosis.mistakes import refuse_mistakes
+from impedance_modules.diagnosis.long_recordings import stretch_note, stretch_origin
+from impedance_modules.diagnosis.mistakes import refuse_mistakes, unwrapped
 from impedance_modules.diagnosis.model import NominalModel
+from impedance_modules.diagnosis.rates import one_rate
 from impedance_modules.diagnosis.repeats import group_repeats
-from impedance_modules.diagnosis.timing import common_delay, even_time
+from impedance_modules.diagnosis.timing import common_delay, even_time, resampled
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
 
@@ -23,9 +26,6 @@ RATE_MIN = 25.0
 
 SAMPLES_MIN = 100
 """Fewer say nothing about a joint with a dozen possible causes."""
-
-DURATION_MAX = 1200.0
-"""Longest recording that is used whole [s]; of a longer one the first part is."""
 
 MOTION_MIN = 0.02
 """A joint that moves less than this about its mean is called weak [rad rms]."""
@@ -38,65 +38,92 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
         BadInput: A recording that contradicts itself, its robot or the others.
         InsufficientData: Nothing is wrong, but there is too little to tell a cause.
     """
-    warnings: list[str] = []
-    _refuse_same_names(episodes)
+    warnings = [*_cut_short(episodes), *_stranger(episodes, model), *_standing(model)]
+    refuse_company(episodes)
     found = [_log(episode, model, warnings) for episode in episodes]
-    logs = group_repeats([log for log, _ in found], [episode.repeat_of for episode in episodes])
+    logs = [unwrapped(log, model, warnings) for log, _ in found]
+    refuse_copies(logs)
     for log in logs:
         refuse_mistakes(log, model)
-    if len({log.effort_source for log in logs}) > 1:
+    if len({log.effort_source for log in logs} - {None}) > 1:
         raise BadInput("the recordings measure torque in different places (valid: one effort_source for all)")
-    weak = _weak_joints(logs, model)
+    _say_what_some_lack(logs, warnings)
+    logs = one_rate(logs, warnings)
+    grouped = group_repeats(logs, [episode.repeat_of for episode in episodes], warnings)
+    weak = _weak_joints(grouped, model)
     if len(weak) == model.n:
         raise InsufficientData(
             f"no joint moves more than {MOTION_MIN} rad rms in any recording: constant data"
             " (valid: motions that reverse, at several speeds)"
         )
     groups: dict[str, list[str]] = {}
-    for log in logs:
+    for log in grouped:
         groups.setdefault(log.group, []).append(log.name)
     report = DataReport(
-        rates={log.name: log.rate for log in logs},
-        jitter={log.name: jitter for log, (_, jitter) in zip(logs, found, strict=True)},
+        rates={log.name: log.rate for log, _ in found},
+        jitter={log.name: jitter for log, jitter in found},
         weak_joints=weak,
         repeats=tuple(tuple(names) for names in groups.values() if len(names) > 1),
-        torque=_torque_semantics(logs),
-        delay=common_delay(logs),
+        torque=_torque_semantics(grouped),
+        delay=common_delay(grouped),
         warnings=tuple(warnings),
     )
-    return logs, report
+    return grouped, report
 
 
-def _refuse_same_names(episodes: Sequence[Episode]) -> None:
-    names = [episode.name for episode in episodes]
-    for name in names:
-        if names.count(name) > 1:
-            places = ", ".join(str(episode.source) for episode in episodes if episode.name == name)
-            raise BadInput(f"two recordings are called '{name}' ({places}); valid: each recording once")
+def _cut_short(episodes: Sequence[Episode]) -> list[str]:
+    """Says which recordings are too long to be used whole, and which were not ended cleanly."""
+    said = list(dict.fromkeys(note for episode in episodes if (note := stretch_note(episode))))
+    return said + [f"{e.name}: the run was killed; what it left is used" for e in episodes if not e.complete]
+
+
+def _stranger(episodes: Sequence[Episode], model: NominalModel) -> list[str]:
+    robot = episodes[0].robot
+    if robot in model.robot or model.robot in robot:
+        return []
+    return [
+        f"the recordings say that the robot is '{robot}'; they are compared with the model '{model.robot}'"
+    ]
+
+
+def _standing(model: NominalModel) -> list[str]:
+    """Joints of the model that carry, or are carried by, recorded ones, and are taken as standing."""
+    still = model.tree.standing
+    return [f"not recorded, taken as standing at 0: {', '.join(still)}"] if still else []
+
+
+def _say_what_some_lack(logs: Sequence[Log], warnings: list[str]) -> None:
+    for what, name in (("effort", "effort"), ("command", "effort_command"), ("velocity", "velocity")):
+        lacking = [log.name for log in logs if getattr(log, what) is None]
+        if 0 < len(lacking) < len(logs):
+            warnings.append(
+                f"{name} is missing in {', '.join(lacking[:3])}: it is compared in no recording, because only what"
+                " all have in common is"
+            )
 
 
 def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Log, float]:
     place = episode.source
     if len(episode) < SAMPLES_MIN:
-        raise InsufficientData(f"{place}: {len(episode)} samples (valid: {SAMPLES_MIN} or more)")
+        count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
+        raise InsufficientData(f"{place}: {count} (valid: {SAMPLES_MIN} or more)")
     time, rate, jitter = even_time(episode.time, str(place), warnings)
     if rate < RATE_MIN:
-        raise InsufficientData(
-            f"{place}: {rate:.3g} Hz is too slow for joint-level causes (valid: {RATE_MIN:g} Hz)"
+        hint = (
+            " (or is time in milliseconds? valid: seconds)" if 1e3 * rate >= RATE_MIN and rate < 1.0 else ""
         )
-    keep = time[:, None][:, 0] <= time[0] + DURATION_MAX
-    if not keep.all():
-        warnings.append(f"{episode.name}: only its first {DURATION_MAX:g} s are used")
+        raise InsufficientData(
+            f"{place}: {rate:.3g} Hz is too slow for joint-level causes (valid: {RATE_MIN:g} Hz or more){hint}"
+        )
 
     def take(kind: str) -> Array | None:
         recorded = getattr(episode, kind)
-        if not all(joint in recorded for joint in model.joints):
+        missing = [joint for joint in model.joints if joint not in recorded]
+        if missing:
             if recorded and kind != "velocity":
-                missing = [joint for joint in model.joints if joint not in recorded]
                 warnings.append(f"{episode.name}: {kind} lacks {', '.join(missing)} and is left aside")
             return None
-        values = np.column_stack([np.interp(time[keep], episode.time, recorded[j]) for j in model.joints])
-        return values if np.isfinite(values).all() else None
+        return resampled(np.column_stack([recorded[j] for j in model.joints]), episode.time, time, kind)
 
     position = take("position")
     if position is None:
@@ -111,14 +138,25 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         group=episode.name,
         rate=rate,
         position=position,
-        velocity=take("velocity"),
+        velocity=_speaking(take("velocity"), position, episode.name, warnings),
         effort=effort,
         command=command,
         position_command=take("position_command"),
         effort_source=episode.effort_source if effort is not None else None,
         gravity_compensation=episode.gravity_compensation,
+        start=float(time[0] - stretch_origin(episode)),
     )
     return log, jitter
+
+
+def _speaking(velocity: Array | None, position: Array, name: str, warnings: list[str]) -> Array | None:
+    """Leaves velocities aside of which one stands still although its joint moves."""
+    if velocity is None:
+        return None
+    if np.any((np.ptp(velocity, axis=0) == 0.0) & (np.ptp(position, axis=0) > 0.0)):
+        warnings.append(f"{name}: a velocity is constant while its joint moves; velocities are left aside")
+        return None
+    return velocity
 
 
 def _weak_joints(logs: Sequence[Log], model: NominalModel) -> tuple[str, ...]:

@@ -4,16 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from impedance_modules.diagnosis.log import InsufficientData, Log
+from impedance_modules.diagnosis.log import Log
+from impedance_modules.diagnosis.stretch import cut, most_typical
 from impedance_modules.errors import BadInput
-
-STRETCHES = 5
-"""Pieces that the only motion there is, is cut into; the last is held out."""
-
-STRETCH_MIN = 3.0
-"""Shortest piece that is worth a fold [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +68,12 @@ def arrange(logs: Sequence[Log], heldout: Collection[str]) -> Arrangement:
 
 def _stretched(motion: Sequence[Log], tested: Sequence[Log], warnings: list[str]) -> Arrangement:
     """Cuts the only fitted motion into stretches of time, the same ones of each repeat."""
-    pieces = min(STRETCHES, int(min(log.duration for log in motion) / STRETCH_MIN))
-    if pieces < 3:
-        raise InsufficientData(
-            f"{motion[0].name}: {motion[0].duration:.3g} s is too short to fit one part and test on another"
-            f" (valid: {3 * STRETCH_MIN:g} s, or several recordings)"
-        )
-    cut = [[_piece(log, index, pieces) for log in motion] for index in range(pieces)]
+    pieces = cut(motion)
     if tested:
         warnings.append("one fitted motion only: the folds are stretches of it")
-        return _numbered(cut, tested, warnings)
-    return _numbered(cut[:-1], cut[-1], warnings)
+        return _numbered(pieces, tested, warnings)
+    held = pieces.pop(most_typical(pieces))
+    return _numbered(pieces, held, warnings)
 
 
 def _numbered(motions: Sequence[Sequence[Log]], tested: Sequence[Log], warnings: list[str]) -> Arrangement:
@@ -93,18 +83,3 @@ def _numbered(motions: Sequence[Sequence[Log]], tested: Sequence[Log], warnings:
         folds.append(tuple(range(first, first + len(motion))))
         first += len(motion)
     return Arrangement(tuple(logs), tuple(folds), tuple(range(first, len(logs))), tuple(warnings))
-
-
-def _piece(log: Log, index: int, pieces: int) -> Log:
-    start, stop = (log.samples * index) // pieces, (log.samples * (index + 1)) // pieces
-    part = slice(start, stop)
-    return replace(
-        log,
-        name=f"{log.name}[{index + 1}/{pieces}]",
-        group=f"{log.group}[{index + 1}/{pieces}]",
-        position=log.position[part],
-        velocity=None if log.velocity is None else log.velocity[part],
-        effort=None if log.effort is None else log.effort[part],
-        command=None if log.command is None else log.command[part],
-        position_command=None if log.position_command is None else log.position_command[part],
-    )

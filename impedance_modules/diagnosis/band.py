@@ -81,7 +81,7 @@ class Band:
 
 def thin(values: Array, rate: float) -> tuple[Array, float]:
     """Brings (N, n) samples to at most `WORK_RATE`; returns them with their new rate."""
-    step = int(rate // WORK_RATE)
+    step = int(rate * (1.0 + 1e-3) // WORK_RATE)  # 999.99 Hz is 1000 Hz
     if step < 2:
         return values, rate
     return _zero_phase(values, rate, 0.4 * rate / step)[::step], rate / step

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ class Log:
         position_command: (N, n) [rad].
         effort_source: ``joint_sensor`` or ``motor``; None without ``effort``.
         gravity_compensation: ``robot``, ``command`` or ``none``.
+        start: Of its first sample since the recording began [s]; a stretch of a recording begins later.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Log:
     position_command: Array | None
     effort_source: str | None
     gravity_compensation: str
+    start: float = 0.0
 
     @property
     def samples(self) -> int:
@@ -56,6 +58,25 @@ class Log:
     def duration(self) -> float:
         """Length in time [s]."""
         return self.samples / self.rate
+
+    def part(self, first: int, stop: int, mark: str = "") -> Log:
+        """Cuts samples ``first`` to ``stop`` out; ``mark`` is added to its name and its group's."""
+        piece = slice(first, stop)
+
+        def cut(values: Array | None) -> Array | None:
+            return None if values is None else values[piece]
+
+        return replace(
+            self,
+            name=self.name + mark,
+            group=self.group + mark,
+            position=self.position[piece],
+            velocity=cut(self.velocity),
+            effort=cut(self.effort),
+            command=cut(self.command),
+            position_command=cut(self.position_command),
+            start=self.start + first / self.rate,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -94,7 +94,7 @@ def prepare(
     effort = None if log.effort is None else band.smooth(log.effort)
     signals = Signals(
         model=rigid,
-        time=np.arange(log.samples) / log.rate,
+        time=log.start + np.arange(log.samples) / log.rate,
         position=q,
         velocity=v,
         acceleration=a,
@@ -196,4 +196,5 @@ def _thinned(log: Log) -> Log:
         position_command=take(log.position_command),
         effort_source=log.effort_source,
         gravity_compensation=log.gravity_compensation,
+        start=log.start,
     )

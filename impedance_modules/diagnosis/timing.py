@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from impedance_modules.diagnosis.log import Log
 from impedance_modules.errors import BadInput
@@ -18,6 +19,9 @@ JITTER_WARNING = 0.1
 
 GAP_STEPS = 20
 """A hole longer than this many steps cannot be bridged."""
+
+STILL_STEPS = 1e-3
+"""Stamps that are even to this part of a step need no resampling."""
 
 LAG_MAX = 0.6
 """Longest delay that is looked for [s]."""
@@ -60,6 +64,20 @@ def even_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, floa
     count = round((time[-1] - time[0]) / step) + 1
     even = np.linspace(time[0], time[-1], count)
     return even, float((count - 1) / (even[-1] - even[0])), jitter
+
+
+def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
+    """Brings (N, n) samples to even times: what was measured by a cubic spline, what was asked for by holding.
+
+    A straight line between samples would lose a twentieth of a tenth of the rate's frequency.
+    """
+    if len(time) == len(even) and np.allclose(
+        time, even, rtol=0.0, atol=STILL_STEPS * float(even[1] - even[0])
+    ):
+        return values
+    if kind == "effort_command":
+        return np.asarray(values[np.searchsorted(time, even + 1e-9, side="right") - 1])
+    return np.asarray(CubicSpline(time, values, axis=0)(even))
 
 
 def common_delay(logs: Sequence[Log]) -> float | None:

@@ -56,9 +56,15 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class RigidTree:
-    """All moving bodies, carriers first, in the order of every array of a diagnosis."""
+    """All moving bodies, carriers first, in the order of every array of a diagnosis.
+
+    Attributes:
+        bodies: One per recorded joint.
+        standing: Movable joints that carry recorded ones, or hang on them, and were not recorded.
+    """
 
     bodies: tuple[Body, ...]
+    standing: tuple[str, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -89,14 +95,19 @@ def read_tree(urdf: Path, joints: Sequence[str]) -> RigidTree:
                 f"{urdf}: no moving joint '{joint}'{nearest(joint, movable)} (valid: {', '.join(movable)})"
             )
     root, _ = parse_xml(urdf)
-    return _Walk(root, frozenset(joints), {name: joint.limits for name, joint in facts.joints.items()}).tree()
+    limits = {name: joint.limits for name, joint in facts.joints.items()}
+    return _Walk(root, frozenset(joints), limits, movable).tree()
 
 
 class _Walk:
     """Walks a URDF from its root outwards."""
 
     def __init__(
-        self, root: ET.Element, kept: frozenset[str], limits: Mapping[str, UrdfLimits | None]
+        self,
+        root: ET.Element,
+        kept: frozenset[str],
+        limits: Mapping[str, UrdfLimits | None],
+        movable: Sequence[str],
     ) -> None:
         self._links = {link.attrib["name"]: link for link in root.findall("link")}
         self._children: dict[str, list[ET.Element]] = {name: [] for name in self._links}
@@ -105,6 +116,8 @@ class _Walk:
         below = {_link(joint, "child") for joint in root.findall("joint")}
         self._root = next(name for name in self._links if name not in below)
         self._kept, self._limits = kept, limits
+        self._movable = frozenset(movable)
+        self._standing: list[str] = []
         self._bodies: list[Body] = []
         self._inertia: list[Array] = []
 
@@ -114,7 +127,8 @@ class _Walk:
             tuple(
                 Body(**{**vars(body), "inertia": inertia})
                 for body, inertia in zip(self._bodies, self._inertia, strict=True)
-            )
+            ),
+            tuple(self._standing),
         )
 
     def _visit(self, link: str, body: int | None, rotation: Array, translation: Array) -> None:
@@ -124,8 +138,12 @@ class _Walk:
             turn, shift = _origin(joint.find("origin"))
             R, p = rotation @ turn, translation + rotation @ shift
             child = _link(joint, "child")
-            if joint.attrib["name"] not in self._kept:
+            name = joint.attrib["name"]
+            if name not in self._kept:
+                carried = len(self._bodies)
                 self._visit(child, body, R, p)
+                if name in self._movable and (body is not None or len(self._bodies) > carried):
+                    self._standing.append(name)
                 continue
             self._add(joint, child, body, R, p)
             self._visit(child, len(self._bodies) - 1, np.eye(3), np.zeros(3))

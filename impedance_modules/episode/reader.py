@@ -27,11 +27,17 @@ from impedance_modules.episode.parts import is_required
 from impedance_modules.episode.source import ReadColumn, open_source
 from impedance_modules.errors import BadInput
 
+Indices = NDArray[np.intp]
+
 KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, "extra")
 
 
 def read_episode(
-    path: Path | str, kinds: Collection[str] | None = None, *, most_samples: int | None = None
+    path: Path | str,
+    kinds: Collection[str] | None = None,
+    *,
+    most_samples: int | None = None,
+    rows: Sequence[tuple[int, int]] | None = None,
 ) -> Episode:
     """Reads one recording.
 
@@ -42,6 +48,8 @@ def read_episode(
         kinds: What to read beside time, out of `KINDS`; None reads all. A long recording of many columns is
             read in a fraction of the memory when only its joints matter.
         most_samples: Keeps every n-th sample, n as small as this allows, e.g. for a picture; None keeps all.
+            The metadata then say n as ``kept_every``.
+        rows: Keeps only these stretches, first row and last + 1 of each; None keeps all.
 
     Raises:
         BadInput: Missing, empty, truncated or not Parquet; no ``time`` or no ``position.<joint>``; a value
@@ -51,18 +59,22 @@ def read_episode(
     unknown = sorted(set(kinds or ()) - set(KINDS))
     if unknown:
         raise BadInput(f"{place}: '{unknown[0]}' is no kind of column (valid: {', '.join(KINDS)})")
-    schema, rows, read = open_source(Path(path))
+    schema, count, read = open_source(Path(path))
     layout = parse_columns(schema.names, place)
     metadata = decode_metadata(schema.metadata, place, has_effort=bool(layout.joints["effort"]))
-    if rows == 0:
+    if count == 0:
         raise BadInput(f"{place}: the episode has no samples (valid: at least one row)")
-    every = 1 if most_samples is None else max(1, -(-rows // most_samples))
-    columns = _Columns(schema, read, place, frozenset(KINDS if kinds is None else kinds), every)
-    rows = -(-rows // every)
+    every = 1 if most_samples is None else max(1, -(-count // most_samples))
+    if most_samples is not None:
+        metadata["kept_every"] = every
+    kept = None if rows is None else np.concatenate([np.arange(first, stop) for first, stop in rows])
+    pick = slice(None, None, every) if kept is None else kept
+    columns = _Columns(schema, read, place, frozenset(KINDS if kinds is None else kinds), pick)
+    samples = len(np.arange(count)[pick])
     return Episode(
         time=columns.number(TIME),
         **{kind: columns.joints(kind, layout) for kind in JOINT_KINDS},
-        **{kind: columns.frames(kind, layout, rows) for kind in FRAME_KINDS},
+        **{kind: columns.frames(kind, layout, samples) for kind in FRAME_KINDS},
         phase=columns.text(PHASE) if columns.has(PHASE) else None,
         tank=columns.number(TANK) if columns.has(TANK) else None,
         extra=columns.extra(layout.extra),
@@ -76,9 +88,10 @@ class _Columns:
     """Reads and checks one file's columns, one at a time."""
 
     def __init__(
-        self, schema: pa.Schema, read: ReadColumn, place: str, kinds: Collection[str], every: int
+        self, schema: pa.Schema, read: ReadColumn, place: str, kinds: Collection[str], pick: slice | Indices
     ) -> None:
-        self._every = every
+        self._pick = pick
+        self._whole = isinstance(pick, slice) and pick.step == 1
         self._schema = schema
         self._read = read
         self._place = place
@@ -110,7 +123,7 @@ class _Columns:
             raise BadInput(f"{self._place}: column '{name}' holds {kind} (valid: float64 numbers)")
         values: Vector = self._read(name).cast(pa.float64()).to_numpy()
         self._check_finite(name, values)
-        return _frozen(values if self._every == 1 else values[:: self._every].copy())
+        return _frozen(values if self._whole else values[self._pick].copy())
 
     def text(self, name: str) -> Texts:
         if not self._is_text(name):
@@ -120,7 +133,7 @@ class _Columns:
         encoded = self._read(name).cast(pa.string()).dictionary_encode().combine_chunks()
         # One object per name, and None, reached by code -1, where there is no text.
         names = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
-        return _frozen(names[encoded.indices.fill_null(-1).to_numpy()[:: self._every]])
+        return _frozen(names[encoded.indices.fill_null(-1).to_numpy()[self._pick]])
 
     def _frame(self, names: Sequence[str | None], rows: int) -> Matrix:
         values = np.full((rows, len(names)), np.nan)
