@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The double's constants. [param] parameter server of a real robot; [wiki], [sdk] Rethink's; [assumed] by us."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+TICK = 1e-3
+"""The robot's own loop [s] [wiki]."""
+
+DEFAULT_TIME_OUT = 0.2
+LONGEST_TIME_OUT = 1.0
+"""Silence after which a control mode is left [s] [wiki]; longer ones are cut."""
+
+SUPPRESSION_LAPSE = 0.2
+"""A suppression is forgotten unless it is repeated within this time [s] [wiki]."""
+
+DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 100.0, 1.0, 1000.0
+"""Of the joint states [Hz] [wiki]; the range is [assumed]."""
+
+GRIPPER_RATE = 38.0
+"""Of the gripper's joint states [Hz]: 138 messages of both publishers together on a real robot."""
+
+SLOW_RATE = 10.0
+"""Of cuffs and collision flags [Hz] [assumed]; a change is published at once."""
+
+STATE_RATE = 100.0
+"""Of /robot/state, gravity torques and endpoint states [Hz]; 99.8 measured for the first on a real robot."""
+
+SPEED_RATIO = 0.3
+"""Default of position mode [sdk]."""
+
+POSITION_LAG = 0.4
+"""Time by which position mode trails a moving command [s]: 0.23 rad/s trailed by 0.094 rad on a real arm."""
+
+INTEGRAL_RATE = 3.0
+INTEGRAL_LIMIT = 0.05
+"""Integral action of the position servo [1/s] and its limit [rad] [assumed]."""
+
+BRAKE_SPEED = 0.2
+"""Speed at which full effort would push a powerless joint through its brake [rad/s] [assumed]."""
+
+COLLISION_PAUSE = 2.0
+"""Commands are ignored for so long after a collision [s] [wiki]."""
+
+IMPACT_TIME = 0.05
+SQUISH_TIME = 0.1
+"""A push that rises faster than the first is an impact; one that lasts longer than the second squishes [s] [assumed]."""
+
+IMPACT_THRESHOLD = 0.85
+IMPACT_SCALERS: Mapping[str, float] = {"s0": 3.0, "s1": 3.0, "e0": 2.7, "e1": 3.3, "w0": 1.2, "w1": 2.7}
+SQUISH_THRESHOLDS: Mapping[str, float] = {
+    "s0": 16.0,
+    "s1": 16.0,
+    "e0": 16.0,
+    "e1": 24.0,
+    "w0": 7.0,
+    "w1": 7.0,
+}
+"""[param]; N.m is [assumed], and the last wrist joint has none."""
+
+FORCE_FIELD_STIFFNESS = 550.0
+FORCE_FIELD_DAMPING = 8.0
+"""Of the field that keeps the arms apart [param]; N/m and N.s/m are [assumed]."""
+
+TORQUE_LIMITS: Mapping[str, float] = {"s0": 50, "s1": 50, "e0": 50, "e1": 50, "w0": 15, "w1": 15, "w2": 15}
+SPEED_LIMITS: Mapping[str, float] = {"s0": 2, "s1": 2, "e0": 2, "e1": 2, "w0": 4, "w1": 4, "w2": 4}
+"""Of the joint boards [N.m], [rad/s] [param]."""
+
+STOP_MARGIN = 0.05
+"""The mechanical stops lie this far beyond the published limits [rad] [assumed]: tucked arms rest beyond one."""
+
+SPRING_PRELOAD: Mapping[str, float] = {"s1": -30.0}
+"""Counterbalance spring [N.m]: the default of a public node for the real robot; its stiffness is not known."""
+
+NEUTRAL: Mapping[str, float] = {"s0": 0.0, "s1": -0.55, "e0": 0.0, "e1": 0.75, "w0": 0.0, "w1": 1.26, "w2": 0.0}
+"""Rethink's neutral posture [rad] [sdk]."""
+
+TUCKED: Mapping[str, float] = {
+    "s0": -1.0,
+    "s1": -2.175,
+    "e0": 3.0,
+    "e1": 2.55,
+    "w0": 0.0,
+    "w1": 0.01,
+    "w2": 0.0,
+}
+UNTUCKED: Mapping[str, float] = {
+    "s0": -0.08,
+    "s1": -1.0,
+    "e0": -1.19,
+    "e1": 1.94,
+    "w0": 0.67,
+    "w1": 1.03,
+    "w2": -0.50,
+}
+"""Of the left arm [rad] [sdk]; the right one mirrors them. Tucked, s1 lies outside its published range."""
+
+MIRRORED: Mapping[str, int] = {"s0": -1, "s1": 1, "e0": -1, "e1": 1, "w0": -1, "w1": 1, "w2": -1}
+"""Sign with which the right arm takes the left one's angles."""
