@@ -133,6 +133,11 @@ class DrivenPlant(Plant):
         """What the robot adds by itself in the present period (n,) [N.m]."""
         return np.array(self._memory.joints["assist"])
 
+    def compensation(self, position: Array) -> tuple[Array, Array]:
+        """Gives what the robot would add for the links' weight and for the springs it knows (n,), (n,) [N.m]."""
+        springs = self._worn.spring_stiffness * position - self._worn.spring_preload
+        return super()._assistance(position) - springs, springs
+
     def drive(self, orders: BoardOrders) -> None:
         """Lives through one period under the orders of one command delay ago, and takes new ones."""
         self._boards.append(orders)

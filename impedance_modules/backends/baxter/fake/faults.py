@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What can be made to go wrong, as words: on the command line with a time, or on a topic at once.
+
+    NAME            switches a fault on (or does it once)
+    NAME VALUE      with a number, a side or a word
+    NAME off        switches it off
+
+On the command line ``@5`` in front means five seconds after the start: ``@5 silence``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from impedance_modules.errors import BadInput, nearest
+
+SWITCHES = {
+    "silence": "state topics fall silent",
+    "freeze": "state topics repeat their last message",
+    "duplicate": "a second node publishes the robot's state",
+    "dead": "a node that no longer exists is registered as publisher of the robot's state",
+    "wrong-md5": "the robot's state is sent as another type",
+    "partial": "joint states leave out one arm joint",
+    "nan": "measured efforts are not numbers",
+}
+"""Faults that are on or off."""
+
+NUMBERS = {
+    "drop": ("share of state messages that are lost, 0 to 1", 0.0, 1.0),
+    "delay": ("state messages come this late [s], 0 to 5", 0.0, 5.0),
+    "clock-step": ("the robot's clock jumps by [s]", -1e6, 1e6),
+    "restart": ("the robot's nodes vanish and come back after [s], 0 to 60", 0.0, 60.0),
+}
+"""Faults with a number: what it is, lowest, highest."""
+
+ACTS = {
+    "estop": "somebody presses the e-stop button",
+    "estop-release": "somebody releases it",
+    "joint-fault": "a joint board fails",
+}
+"""What happens once."""
+
+ON_LIMB = {
+    "cuff": "LIMB: somebody squeezes a cuff ('cuff off' lets go of all)",
+    "push": "LIMB FX FY FZ [S]: somebody pushes a hand, base axes [N], for so long (1 s)",
+}
+"""What happens to one limb."""
+
+OFF = "off"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One word of a script.
+
+    Attributes:
+        at: When [s]; None for at once.
+        name: Which.
+        on: False switches it off.
+        limb: For those that concern one.
+        numbers: Its numbers.
+    """
+
+    at: float | None
+    name: str
+    on: bool
+    limb: str | None
+    numbers: tuple[float, ...]
+
+
+def describe() -> str:
+    """Lists every fault."""
+    rows = [*SWITCHES.items(), *((name, text) for name, (text, _, _) in NUMBERS.items())]
+    rows += [*ACTS.items(), *ON_LIMB.items()]
+    return "; ".join(f"{name}: {text}" for name, text in rows)
+
+
+def parse_fault(text: str, limbs: tuple[str, ...]) -> Fault:
+    """Reads one fault.
+
+    Raises:
+        BadInput: It is none; with what would be.
+    """
+    words = text.split()
+    at: float | None = None
+    if words and words[0].startswith("@"):
+        at = _number(words.pop(0)[1:], text, 0.0, math.inf)
+    known = (*SWITCHES, *NUMBERS, *ACTS, *ON_LIMB)
+    if not words or words[0] not in known:
+        name = words[0] if words else ""
+        raise BadInput(f"fault '{text}': no fault '{name}'{nearest(name, known)} (valid: {', '.join(known)})")
+    name, rest = words[0], words[1:]
+    if rest == [OFF] and name not in ACTS and name not in ("clock-step", "restart", "push"):
+        return Fault(at, name, False, None, ())
+    if name in SWITCHES or name in ACTS:
+        if rest:
+            raise BadInput(f"fault '{text}': '{rest[0]}' is too much (valid: {name}, {name} off)")
+        return Fault(at, name, True, None, ())
+    if name in NUMBERS:
+        what, low, high = NUMBERS[name]
+        if len(rest) != 1:
+            raise BadInput(f"fault '{text}': {name} needs one number (valid: {what})")
+        return Fault(at, name, True, None, (_number(rest[0], text, low, high),))
+    return _on_limb(at, name, rest, text, limbs)
+
+
+def _on_limb(at: float | None, name: str, rest: list[str], text: str, limbs: tuple[str, ...]) -> Fault:
+    counts = (1,) if name == "cuff" else (4, 5)
+    if len(rest) not in counts or rest[0] not in limbs:
+        raise BadInput(
+            f"fault '{text}': {name} needs {ON_LIMB[name]} (valid limbs: {', '.join(limbs)})"
+        )
+    numbers = tuple(_number(word, text, -1000.0, 1000.0) for word in rest[1:])
+    return Fault(at, name, True, rest[0], numbers)
+
+
+def _number(word: str, text: str, low: float, high: float) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        raise BadInput(f"fault '{text}': '{word}' is not a number") from None
+    if not low <= value <= high:
+        raise BadInput(f"fault '{text}': {word} (valid: {low:g} to {high:g})")
+    return value

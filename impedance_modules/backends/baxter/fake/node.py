@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The double on the network: its topics, parameters, and the faults that are put on them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from impedance_modules.backends.baxter import messages
+from impedance_modules.backends.baxter.fake.assembly_state import ON
+from impedance_modules.backends.baxter.fake.faults import Fault, parse_fault
+from impedance_modules.backends.baxter.fake.mishaps import Mishaps
+from impedance_modules.backends.baxter.fake.network import Network
+from impedance_modules.backends.baxter.fake.numbers import STATE_RATE
+from impedance_modules.backends.baxter.fake.outlets import (
+    JOINT_STATES,
+    REALTIME_NODE,
+    STATE,
+    Outlet,
+    bounded_rate,
+    outlets,
+)
+from impedance_modules.backends.baxter.fake.push import Push
+from impedance_modules.backends.baxter.fake.readout import Readout, assembly_message
+from impedance_modules.backends.baxter.fake.robot import FakeBaxter
+from impedance_modules.backends.baxter.fake.suppression import SUPPRESSIBLE
+from impedance_modules.backends.baxter.messages import Message
+from impedance_modules.backends.baxter.transport.protocol import Publisher, Transport
+from impedance_modules.errors import BadInput
+
+FAULT_TOPIC = "/fake_baxter/fault"
+"""Takes a String in the words of ``faults``."""
+
+SECOND_NODE = "/another_robot"
+
+DESCRIPTION, VERSION = "/robot_description", "/rethink/software_version"
+"""Parameters."""
+
+LOOK_TICKS = 10
+"""Topics that tell a change at once are looked at every so many ticks."""
+
+PUSH_TIME = 1.0
+"""How long a push lasts unless it says so [s]."""
+
+
+class FakeNode:
+    """One double with its nodes on a network.
+
+    Attributes:
+        robot: The double.
+        mishaps: Faults of its messages.
+        opened: Whether its nodes are up.
+    """
+
+    def __init__(self, robot: FakeBaxter, network: Network, description: str) -> None:
+        """Prepares everything; ``open`` brings the nodes up. ``description`` is the URDF that is served."""
+        self.robot = robot
+        self._network, self._description = network, description
+        self._limbs = tuple(robot.model.limbs.values())
+        self._readout = Readout(robot)
+        last = self._limbs[-1].joint_names[-1]
+        self.mishaps = Mishaps(joint=last, seed=robot.options.seed)
+        self._start = time.time_ns()
+        self._outlets = outlets(self._readout, self._limbs)
+        self._second = Outlet(
+            SECOND_NODE, STATE, messages.AssemblyState, STATE_RATE, lambda _: assembly_message(ON)
+        )
+        self._nodes: dict[str, Transport] = {}
+        self._publishers: dict[tuple[str, str], Publisher[Message]] = {}
+        self._last: dict[tuple[str, str], Message] = {}
+        self._return_at: float | None = None
+        self._script: list[Fault] = []
+        self._ticks = 0
+        self.opened = False
+
+    def open(self) -> None:
+        """Brings the nodes up and sets the parameters."""
+        for outlet in self._outlets:
+            self._advertise(outlet)
+        realtime = self._nodes[REALTIME_NODE]
+        realtime.set_parameter(DESCRIPTION, self._description)
+        realtime.set_parameter(VERSION, self.robot.options.software_version)
+        self._listen(realtime)
+        self.opened = True
+
+    def close(self) -> None:
+        """Takes the nodes down; every registration is withdrawn."""
+        self.opened = False
+        for node in self._nodes.values():
+            node.close()
+        self._nodes.clear()
+        self._publishers.clear()
+
+    def plan(self, faults: list[Fault]) -> None:
+        """Takes faults that happen at their time; those without one happen now."""
+        for fault in faults:
+            if fault.at is None:
+                self.suffer(fault)
+        self._script = sorted((f for f in faults if f.at is not None), key=lambda f: f.at or 0.0)
+
+    def tick(self) -> None:
+        """Lives through one millisecond and sends what is due."""
+        robot = self.robot
+        while self._script and (self._script[0].at or 0.0) <= robot.now:
+            self.suffer(self._script.pop(0))
+        robot.tick()
+        self._ticks += 1
+        if self._return_at is not None and robot.now >= self._return_at:
+            self._return_at = None
+            self.open()
+        if not self.opened:
+            return
+        self.mishaps.release(robot.now)
+        stamp = self._start + round((robot.now + self.mishaps.clock_step) * 1e9)
+        for outlet in self._outlets:
+            self._serve(outlet, stamp)
+
+    def _serve(self, outlet: Outlet, stamp: int) -> None:
+        due = outlet.due()
+        if not (due or (outlet.on_change and self._ticks % LOOK_TICKS == 0)):
+            return
+        place = (outlet.node, outlet.topic)
+        publisher = self._publishers[place]
+        if publisher.connections() == 0:
+            return
+        message = outlet.make(stamp)
+        if not due and _content(message) == _content(self._last.get(place)):
+            return
+        self._last[place] = message
+        if outlet.mishap:
+            self.mishaps.pass_on(place, message, self.robot.now, partial(self._send, place))
+        else:
+            publisher.send(message)
+
+    def _send(self, place: tuple[str, str], message: Message) -> None:
+        """Sends by whatever publisher stands there now."""
+        publisher = self._publishers.get(place)
+        if publisher is not None:
+            publisher.send(message)
+
+    def _advertise(self, outlet: Outlet) -> None:
+        if outlet.node not in self._nodes:
+            self._nodes[outlet.node] = self._network.connect(outlet.node)
+        publisher = self._nodes[outlet.node].advertise(outlet.topic, outlet.kind)
+        self._publishers[outlet.node, outlet.topic] = publisher
+
+    def _listen(self, node: Transport) -> None:
+        """Subscribes to everything that the robot listens to."""
+        robot = self.robot
+        post = robot.post
+        node.subscribe("/robot/set_super_enable", messages.Bool, lambda m, _: post(partial(robot.enable, m.data)))
+        node.subscribe("/robot/set_super_reset", messages.Empty, lambda _, __: post(self._reset))
+        node.subscribe("/robot/set_super_stop", messages.Empty, lambda _, __: post(self._stop))
+        node.subscribe(
+            "/robot/joint_state_publish_rate",
+            messages.UInt16,
+            lambda m, _: post(partial(self._set_rate, m.data)),
+        )
+        node.subscribe(FAULT_TOPIC, messages.String, lambda m, _: post(partial(self._obey, m.data)))
+        for limb in self._limbs:
+            self._listen_for(node, limb.name)
+
+    def _listen_for(self, node: Transport, limb: str) -> None:
+        robot, drive = self.robot, self.robot.limbs[limb]
+        post, place = robot.post, f"/robot/limb/{limb}"
+
+        def ask(name: str) -> Callable[[messages.Empty, float], None]:
+            return lambda _, __: post(lambda: robot.suppressions[limb].ask(name, robot.now))
+
+        node.subscribe(
+            f"{place}/joint_command",
+            messages.JointCommand,
+            lambda m, _: post(partial(robot.command, limb, m.mode, m.names, m.command)),
+        )
+        node.subscribe(
+            f"{place}/joint_command_timeout",
+            messages.Float64,
+            lambda m, _: post(partial(drive.set_time_out, m.data)),
+        )
+        node.subscribe(
+            f"{place}/set_speed_ratio",
+            messages.Float64,
+            lambda m, _: post(partial(drive.set_speed_ratio, m.data)),
+        )
+        for name in SUPPRESSIBLE:
+            node.subscribe(f"{place}/{name}", messages.Empty, ask(name))
+
+    def _reset(self) -> None:
+        self.robot.machine.reset()
+        self.robot.say(f"not reset: {self.robot.machine.refusal}" if self.robot.machine.refusal else "reset")
+
+    def _stop(self) -> None:
+        self.robot.machine.stop()
+        self.robot.say("stopped by software")
+
+    def _set_rate(self, rate: int) -> None:
+        for outlet in self._outlets:
+            if (outlet.node, outlet.topic) == (REALTIME_NODE, JOINT_STATES):
+                outlet.rate = bounded_rate(rate)
+
+    def _obey(self, text: str) -> None:
+        """Carries out a fault that came by topic; nonsense is told, not obeyed."""
+        try:
+            self.suffer(parse_fault(text, tuple(self.robot.limbs)))
+        except BadInput as error:
+            self.robot.say(str(error))
+
+    def suffer(self, fault: Fault) -> None:
+        """Lets a fault happen."""
+        robot = self.robot
+        value = fault.numbers[0] if fault.numbers and fault.on else 0.0
+        words = [fault.name, *([fault.limb] if fault.limb else []), *(f"{x:g}" for x in fault.numbers)]
+        robot.say(f"fault: {' '.join(words)}{'' if fault.on else ' off'}")
+        if fault.name in ("silence", "freeze", "partial", "nan"):
+            setattr(self.mishaps, fault.name, fault.on)
+        elif fault.name in ("drop", "delay"):
+            setattr(self.mishaps, fault.name, value)
+        elif fault.name == "clock-step":
+            self.mishaps.clock_step += value
+        elif fault.name in ("duplicate", "dead", "wrong-md5", "restart"):
+            self._upset_network(fault, value)
+        elif fault.name in ("cuff", "push"):
+            self._touch(fault)
+        else:
+            acts = {
+                "estop": robot.machine.press,
+                "estop-release": robot.machine.release,
+                "joint-fault": robot.machine.fault,
+            }
+            acts[fault.name]()
+
+    def _touch(self, fault: Fault) -> None:
+        robot = self.robot
+        if not fault.on:
+            robot.cuffs.update(dict.fromkeys(robot.cuffs, False))
+        elif fault.limb is not None and fault.name == "cuff":
+            robot.cuffs[fault.limb] = True
+        elif fault.limb is not None:
+            lasts = fault.numbers[3] if len(fault.numbers) > 3 else PUSH_TIME
+            robot.pushes[fault.limb] = Push(np.array(fault.numbers[:3]), robot.now + lasts)
+
+    def _upset_network(self, fault: Fault, value: float) -> None:
+        """Faults of nodes and registrations."""
+        if fault.name == "dead":
+            self._network.haunt(STATE, messages.AssemblyState.ros_type, fault.on)
+        elif fault.name == "restart":
+            self.close()
+            self.robot.machine.disable()
+            self._return_at = self.robot.now + value
+        elif fault.name == "duplicate" and fault.on and self._second not in self._outlets:
+            self._outlets.append(self._second)
+            self._advertise(self._second)
+        elif fault.name == "duplicate" and not fault.on and self._second in self._outlets:
+            self._outlets.remove(self._second)
+            del self._publishers[SECOND_NODE, STATE]
+            self._nodes.pop(SECOND_NODE).close()
+        elif fault.name == "wrong-md5":
+            self._send_as(messages.Bool if fault.on else messages.AssemblyState)
+
+    def _send_as(self, kind: type[Message]) -> None:
+        """Sends the robot's state as another type."""
+        for outlet in self._outlets:
+            if (outlet.node, outlet.topic) == (REALTIME_NODE, STATE):
+                outlet.kind = kind
+                right = kind is messages.AssemblyState
+                outlet.make = lambda _: self._readout.assembly() if right else messages.Bool(data=True)
+                self._publishers[REALTIME_NODE, STATE].close()
+                self._advertise(outlet)
+
+
+def _content(message: Message | None) -> object:
+    """Gives what a message says, without when."""
+    if isinstance(message, messages.CollisionDetectionState):
+        return message.collision_state
+    if isinstance(message, messages.CollisionAvoidanceState):
+        return message.other_arm, message.collision_object
+    return message

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Where a limb's position servo is led: the robot's own position, velocity and hold modes.
+
+    POSITION      eased' = clip(target - eased, +-ratio v_max T),  reference' = (eased - reference) T / lag
+    RAW_POSITION  reference' = clip(target - reference, +-v_max T)
+    VELOCITY      reference' = clip(v, +-v_max) T
+    hold          reference stays
+
+    theta_s = reference + integral of error + weight / K_sea + v D_s / K_s
+
+The weight winds the joint's own spring, so the motor must stand ahead of the link; the integral takes the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.baxter.fake.numbers import (
+    INTEGRAL_LIMIT,
+    INTEGRAL_RATE,
+    POSITION_LAG,
+    TICK,
+)
+
+Array = NDArray[np.float64]
+
+CATCHING_UP = 1.0 - math.exp(-TICK / POSITION_LAG)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far and how fast a limb's joints go, each (k,): [rad], [rad], [rad/s]."""
+
+    low: Array
+    high: Array
+    speed: Array
+
+
+class Reference:
+    """The moving set-point of one limb's servo.
+
+    Attributes:
+        position: (k,) where the links shall be [rad].
+        velocity: (k,) how fast it moves [rad/s].
+        integral: (k,) of the position error times the integral rate [rad].
+    """
+
+    def __init__(self, reach: Reach) -> None:
+        self._reach = reach
+        k = reach.speed.size
+        self.position, self.velocity, self.integral = np.zeros(k), np.zeros(k), np.zeros(k)
+        self._eased = np.zeros(k)
+
+    def settle(self, position: Array) -> None:
+        """Starts to hold at measured positions (k,) [rad]."""
+        self.position = position.copy()
+        self._eased = position.copy()
+        self.velocity[:] = 0.0
+        self.integral[:] = 0.0
+
+    def stay(self) -> None:
+        """Holds."""
+        self.velocity[:] = 0.0
+        self._eased = self.position.copy()
+
+    def approach(self, target: Array, ratio: float) -> None:
+        """Moves on in position mode at a share of the top speed."""
+        target = np.clip(target, self._reach.low, self._reach.high)
+        step = ratio * self._reach.speed * TICK
+        self._eased = self._eased + np.clip(target - self._eased, -step, step)
+        self._move(CATCHING_UP * (self._eased - self.position))
+
+    def follow(self, target: Array) -> None:
+        """Moves on in raw position mode: only the joints' top speed is kept."""
+        step = self._reach.speed * TICK
+        self._move(np.clip(target - self.position, -step, step))
+        self._eased = self.position.copy()
+
+    def run(self, velocity: Array) -> None:
+        """Moves on in velocity mode, up to the limits."""
+        bounded = np.clip(velocity, -self._reach.speed, self._reach.speed)
+        goal = np.clip(self.position + bounded * TICK, self._reach.low, self._reach.high)
+        self._move(goal - self.position)
+        self._eased = self.position.copy()
+
+    def motor_target(self, measured: Array, ahead: Array, lead: Array) -> Array:
+        """Computes theta_s (k,) [rad].
+
+        Args:
+            measured: (k,) link positions [rad].
+            ahead: (k,) by how much the weight winds the joints' springs [rad].
+            lead: (k,) D_s / K_s of the servo [s].
+        """
+        self.integral += INTEGRAL_RATE * TICK * (self.position - measured)
+        np.clip(self.integral, -INTEGRAL_LIMIT, INTEGRAL_LIMIT, out=self.integral)
+        return np.asarray(self.position + self.integral + ahead + lead * self.velocity)
+
+    def _move(self, step: Array) -> None:
+        self.position = self.position + step
+        self.velocity = step / TICK
