@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from impedance_modules.effects.motion import JointMotion
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.plant.effects_port import unworn
-from impedance_modules.plant.joints import hold_gains
+from impedance_modules.plant.joints import structural_stiffness
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
@@ -125,8 +125,9 @@ class DrivenPlant(Plant):
         self._memory.joints["upper"] += by
 
     def servo_gains(self) -> tuple[Array, Array]:
-        """Gives a servo as stiff as the joints' own springs, critically damped where the arms stand, (n,) each."""
-        return hold_gains(self.model, self._integrator.link_mobility())
+        """Gives a servo as stiff as the joints' own springs, critically damped for the rotors alone, (n,) each."""
+        stiffness = np.array([structural_stiffness(joint) for joint in self.model.joints])
+        return stiffness, 2.0 * np.sqrt(stiffness * self.model.reflected_inertia)
 
     @property
     def assistance(self) -> Array:

@@ -108,9 +108,7 @@ def parse_fault(text: str, limbs: tuple[str, ...]) -> Fault:
 def _on_limb(at: float | None, name: str, rest: list[str], text: str, limbs: tuple[str, ...]) -> Fault:
     counts = (1,) if name == "cuff" else (4, 5)
     if len(rest) not in counts or rest[0] not in limbs:
-        raise BadInput(
-            f"fault '{text}': {name} needs {ON_LIMB[name]} (valid limbs: {', '.join(limbs)})"
-        )
+        raise BadInput(f"fault '{text}': {name} needs {ON_LIMB[name]} (valid limbs: {', '.join(limbs)})")
     numbers = tuple(_number(word, text, -1000.0, 1000.0) for word in rest[1:])
     return Fault(at, name, True, rest[0], numbers)
 

@@ -42,7 +42,10 @@ class Journal:
             "commands": {name: drive.received for name, drive in robot.limbs.items()},
             "ignored": {name: drive.ignored for name, drive in robot.limbs.items()},
             "last_command": {name: round(drive.last_received, 6) for name, drive in robot.limbs.items()},
-            "modes": {name: drive.mode.name if drive.mode else drive.doing.value for name, drive in robot.limbs.items()},
+            "modes": {
+                name: drive.mode.name if drive.mode else drive.doing.value
+                for name, drive in robot.limbs.items()
+            },
         }
         self._file.write(json.dumps(line) + "\n")
         self._file.flush()

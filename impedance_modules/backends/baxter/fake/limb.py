@@ -19,7 +19,7 @@ from impedance_modules.backends.baxter.fake.numbers import (
     TORQUE_LIMITS,
 )
 from impedance_modules.backends.baxter.fake.options import FakeOptions
-from impedance_modules.backends.baxter.fake.servo import Reach, Reference
+from impedance_modules.backends.baxter.fake.servo import Reach, Reference, Sensed, Servo
 from impedance_modules.robot.model import Limb, RobotModel
 
 Array = NDArray[np.float64]
@@ -135,7 +135,8 @@ class LimbDrive:
         Args:
             now: Clock [s].
             mode: ``CommandMode``.
-            names, values: Joints and their angle, rate or torque; joints left out keep still.
+            names: Joints; those left out keep still.
+            values: Angle, rate or torque of each.
             position: (k,) measured [rad].
         """
         known = [self._index.get(name) for name in names]
@@ -180,15 +181,10 @@ class LimbDrive:
         """Leaves a mode whose commands have stopped coming; ``expired`` tells."""
         self.expired = self.doing is Doing.OBEYS and now - self._heard > self.time_out
 
-    def orders(self, position: Array, ahead: Array, lead: Array) -> LimbOrders:
-        """Moves on by one tick.
-
-        Args:
-            position: (k,) measured [rad].
-            ahead, lead: See ``Reference.motor_target``.
-        """
+    def orders(self, sensed: Sensed, servo: Servo) -> LimbOrders:
+        """Moves on by one tick, with what the joints report and how their servo is set."""
         if not self.served:
-            return LimbOrders(self.command, position, servo=False)
+            return LimbOrders(self.command, sensed.position, servo=False)
         if self.doing is Doing.HOLDS:
             self.reference.stay()
         elif self.mode is CommandMode.POSITION:
@@ -197,6 +193,4 @@ class LimbDrive:
             self.reference.follow(self.command)
         else:
             self.reference.run(self.command)
-        return LimbOrders(
-            np.zeros(self._k), self.reference.motor_target(position, ahead, lead), servo=True
-        )
+        return LimbOrders(np.zeros(self._k), self.reference.motor_target(sensed, servo), servo=True)

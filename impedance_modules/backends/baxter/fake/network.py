@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import xmlrpc.client
-from collections.abc import Callable
 from typing import Protocol
 
 from impedance_modules.backends.baxter.transport.in_process import InProcessMaster, InProcessTransport
 from impedance_modules.backends.baxter.transport.protocol import Transport
+from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
 
 GONE_NODE, GONE_ADDRESS = "/realtime_loop_of_yesterday", "http://127.0.0.1:9/"
 """A node that was killed without a word; nobody listens at its address."""
@@ -44,15 +44,15 @@ class InProcessNetwork:
 
 
 class RosNetwork:
-    """Nodes on a ROS master."""
+    """Nodes on a ROS master, by plain sockets: one process can be several nodes, and needs no ROS."""
 
-    def __init__(self, master_address: str, connect: Callable[[str], Transport]) -> None:
-        """Args are the master's address and how a node is brought up on it."""
-        self._address, self._connect = master_address, connect
+    def __init__(self, master_address: str) -> None:
+        """Takes the master's address."""
+        self._address = master_address
 
     def connect(self, node_name: str) -> Transport:
         """Brings a node up."""
-        return self._connect(node_name)
+        return SocketTransport(node_name, self._address)
 
     def haunt(self, topic: str, ros_type: str, on: bool) -> None:
         """Registers a publisher that no longer exists, or has it forgotten."""

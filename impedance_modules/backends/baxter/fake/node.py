@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
 from impedance_modules.backends.baxter import messages
 from impedance_modules.backends.baxter.fake.assembly_state import ON
+from impedance_modules.backends.baxter.fake.ears import listen
 from impedance_modules.backends.baxter.fake.faults import Fault, parse_fault
 from impedance_modules.backends.baxter.fake.mishaps import Mishaps
 from impedance_modules.backends.baxter.fake.network import Network
@@ -26,13 +26,9 @@ from impedance_modules.backends.baxter.fake.outlets import (
 from impedance_modules.backends.baxter.fake.push import Push
 from impedance_modules.backends.baxter.fake.readout import Readout, assembly_message
 from impedance_modules.backends.baxter.fake.robot import FakeBaxter
-from impedance_modules.backends.baxter.fake.suppression import SUPPRESSIBLE
 from impedance_modules.backends.baxter.messages import Message
 from impedance_modules.backends.baxter.transport.protocol import Publisher, Transport
 from impedance_modules.errors import BadInput
-
-FAULT_TOPIC = "/fake_baxter/fault"
-"""Takes a String in the words of ``faults``."""
 
 SECOND_NODE = "/another_robot"
 
@@ -83,7 +79,7 @@ class FakeNode:
         realtime = self._nodes[REALTIME_NODE]
         realtime.set_parameter(DESCRIPTION, self._description)
         realtime.set_parameter(VERSION, self.robot.options.software_version)
-        self._listen(realtime)
+        listen(realtime, self.robot, self._set_rate, self._obey)
         self.opened = True
 
     def close(self) -> None:
@@ -146,55 +142,6 @@ class FakeNode:
             self._nodes[outlet.node] = self._network.connect(outlet.node)
         publisher = self._nodes[outlet.node].advertise(outlet.topic, outlet.kind)
         self._publishers[outlet.node, outlet.topic] = publisher
-
-    def _listen(self, node: Transport) -> None:
-        """Subscribes to everything that the robot listens to."""
-        robot = self.robot
-        post = robot.post
-        node.subscribe("/robot/set_super_enable", messages.Bool, lambda m, _: post(partial(robot.enable, m.data)))
-        node.subscribe("/robot/set_super_reset", messages.Empty, lambda _, __: post(self._reset))
-        node.subscribe("/robot/set_super_stop", messages.Empty, lambda _, __: post(self._stop))
-        node.subscribe(
-            "/robot/joint_state_publish_rate",
-            messages.UInt16,
-            lambda m, _: post(partial(self._set_rate, m.data)),
-        )
-        node.subscribe(FAULT_TOPIC, messages.String, lambda m, _: post(partial(self._obey, m.data)))
-        for limb in self._limbs:
-            self._listen_for(node, limb.name)
-
-    def _listen_for(self, node: Transport, limb: str) -> None:
-        robot, drive = self.robot, self.robot.limbs[limb]
-        post, place = robot.post, f"/robot/limb/{limb}"
-
-        def ask(name: str) -> Callable[[messages.Empty, float], None]:
-            return lambda _, __: post(lambda: robot.suppressions[limb].ask(name, robot.now))
-
-        node.subscribe(
-            f"{place}/joint_command",
-            messages.JointCommand,
-            lambda m, _: post(partial(robot.command, limb, m.mode, m.names, m.command)),
-        )
-        node.subscribe(
-            f"{place}/joint_command_timeout",
-            messages.Float64,
-            lambda m, _: post(partial(drive.set_time_out, m.data)),
-        )
-        node.subscribe(
-            f"{place}/set_speed_ratio",
-            messages.Float64,
-            lambda m, _: post(partial(drive.set_speed_ratio, m.data)),
-        )
-        for name in SUPPRESSIBLE:
-            node.subscribe(f"{place}/{name}", messages.Empty, ask(name))
-
-    def _reset(self) -> None:
-        self.robot.machine.reset()
-        self.robot.say(f"not reset: {self.robot.machine.refusal}" if self.robot.machine.refusal else "reset")
-
-    def _stop(self) -> None:
-        self.robot.machine.stop()
-        self.robot.say("stopped by software")
 
     def _set_rate(self, rate: int) -> None:
         for outlet in self._outlets:
@@ -260,15 +207,21 @@ class FakeNode:
         elif fault.name == "wrong-md5":
             self._send_as(messages.Bool if fault.on else messages.AssemblyState)
 
+    def _right_state(self, stamp: int) -> messages.AssemblyState:  # noqa: ARG002 - as every maker of messages
+        return self._readout.assembly()
+
     def _send_as(self, kind: type[Message]) -> None:
         """Sends the robot's state as another type."""
         for outlet in self._outlets:
             if (outlet.node, outlet.topic) == (REALTIME_NODE, STATE):
                 outlet.kind = kind
-                right = kind is messages.AssemblyState
-                outlet.make = lambda _: self._readout.assembly() if right else messages.Bool(data=True)
+                outlet.make = self._right_state if kind is messages.AssemblyState else _wrong_state
                 self._publishers[REALTIME_NODE, STATE].close()
                 self._advertise(outlet)
+
+
+def _wrong_state(stamp: int) -> messages.Bool:  # noqa: ARG001 - as every maker of messages
+    return messages.Bool(data=True)
 
 
 def _content(message: Message | None) -> object:

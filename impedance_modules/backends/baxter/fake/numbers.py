@@ -33,7 +33,10 @@ SPEED_RATIO = 0.3
 POSITION_LAG = 0.4
 """Time by which position mode trails a moving command [s]: 0.23 rad/s trailed by 0.094 rad on a real arm."""
 
-INTEGRAL_RATE = 3.0
+EASE = 0.4
+"""Feedback of the links' swing, over sqrt(M_ii / K_sea) [assumed]."""
+
+INTEGRAL_RATE = 1.0
 INTEGRAL_LIMIT = 0.05
 """Integral action of the position servo [1/s] and its limit [rad] [assumed]."""
 
@@ -45,7 +48,7 @@ COLLISION_PAUSE = 2.0
 
 IMPACT_TIME = 0.05
 SQUISH_TIME = 0.1
-"""A push that rises faster than the first is an impact; one that lasts longer than the second squishes [s] [assumed]."""
+"""A push that rises faster than this is an impact, one that lasts longer than that squishes [s] [assumed]."""
 
 IMPACT_THRESHOLD = 0.85
 IMPACT_SCALERS: Mapping[str, float] = {"s0": 3.0, "s1": 3.0, "e0": 2.7, "e1": 3.3, "w0": 1.2, "w1": 2.7}
@@ -73,7 +76,15 @@ STOP_MARGIN = 0.05
 SPRING_PRELOAD: Mapping[str, float] = {"s1": -30.0}
 """Counterbalance spring [N.m]: the default of a public node for the real robot; its stiffness is not known."""
 
-NEUTRAL: Mapping[str, float] = {"s0": 0.0, "s1": -0.55, "e0": 0.0, "e1": 0.75, "w0": 0.0, "w1": 1.26, "w2": 0.0}
+NEUTRAL: Mapping[str, float] = {
+    "s0": 0.0,
+    "s1": -0.55,
+    "e0": 0.0,
+    "e1": 0.75,
+    "w0": 0.0,
+    "w1": 1.26,
+    "w2": 0.0,
+}
 """Rethink's neutral posture [rad] [sdk]."""
 
 TUCKED: Mapping[str, float] = {

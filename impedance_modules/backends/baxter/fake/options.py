@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 
@@ -16,6 +16,30 @@ OverTorque = Literal["clamp", "fault"]
 
 TIME_OUT_RESULTS: tuple[str, ...] = get_args(TimeOutResult)
 OVER_TORQUE: tuple[str, ...] = get_args(OverTorque)
+
+
+def time_out_result_of(word: str) -> TimeOutResult:
+    """Reads what a time-out leads to.
+
+    Raises:
+        BadInput: It is no such word.
+    """
+    for result in get_args(TimeOutResult):
+        if word == result:
+            return cast(TimeOutResult, result)
+    raise BadInput(f"time-out result '{word}' (valid: {', '.join(TIME_OUT_RESULTS)})")
+
+
+def over_torque_of(word: str) -> OverTorque:
+    """Reads what too much torque leads to.
+
+    Raises:
+        BadInput: It is no such word.
+    """
+    for result in get_args(OverTorque):
+        if word == result:
+            return cast(OverTorque, result)
+    raise BadInput(f"over-torque reaction '{word}' (valid: {', '.join(OVER_TORQUE)})")
 
 
 @dataclass(frozen=True)
@@ -46,11 +70,6 @@ class FakeOptions:
     noise: bool = True
 
     def __post_init__(self) -> None:
-        if self.time_out_result not in TIME_OUT_RESULTS:
-            valid = ", ".join(TIME_OUT_RESULTS)
-            raise BadInput(f"time-out result '{self.time_out_result}' (valid: {valid})")
-        if self.over_torque not in OVER_TORQUE:
-            raise BadInput(f"over-torque reaction '{self.over_torque}' (valid: {', '.join(OVER_TORQUE)})")
         for name, offset in self.mount_offset.items():
             if not (np.isfinite(offset).all() and np.linalg.norm(offset) <= 0.1):
                 raise BadInput(

@@ -93,17 +93,23 @@ def _of_limb(readout: Readout, limb: Limb) -> list[Outlet]:
         ("state", messages.AssemblyState, lambda _: readout.assembly()),
     ]
     slow: list[tuple[str, type[Message], Make]] = [
-        (f"{place}/collision_detection_state", messages.CollisionDetectionState, partial(readout.detection, limb)),
-        (f"{place}/collision_avoidance_state", messages.CollisionAvoidanceState, partial(readout.avoidance, limb)),
+        (
+            f"{place}/collision_detection_state",
+            messages.CollisionDetectionState,
+            partial(readout.detection, limb),
+        ),
+        (
+            f"{place}/collision_avoidance_state",
+            messages.CollisionAvoidanceState,
+            partial(readout.avoidance, limb),
+        ),
         (
             f"/robot/digital_io/{limb.name}_lower_cuff/state",
             messages.DigitalIOState,
             lambda _: readout.cuff(limb),
         ),
     ]
-    found = [
-        Outlet(REALTIME_NODE, f"{place}/{name}", kind, STATE_RATE, make) for name, kind, make in fast
-    ]
+    found = [Outlet(REALTIME_NODE, f"{place}/{name}", kind, STATE_RATE, make) for name, kind, make in fast]
     found += [
         Outlet(REALTIME_NODE, topic, kind, SLOW_RATE, make, mishap=False, on_change=True)
         for topic, kind, make in slow

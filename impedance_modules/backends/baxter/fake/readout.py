@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import messages
 from impedance_modules.backends.baxter.fake.assembly_state import Standing
-from impedance_modules.backends.baxter.fake.limb import CommandMode, Doing, LimbDrive
+from impedance_modules.backends.baxter.fake.limb import CommandMode, Doing
 from impedance_modules.backends.baxter.fake.robot import FakeBaxter
 from impedance_modules.robot.model import Limb
 from impedance_modules.robot.pose import carry
@@ -41,7 +43,9 @@ class Readout:
         heads = [HEAD_NOD] * robot.options.head_nod + sorted(model.spec.locked)
         self._head_angles = tuple(model.spec.locked.get(name, 0.0) for name in heads)
         self._names = (*heads, *(model.joint_names[i] for i in self._sorted))
-        self._fingers = tuple(f"{limb}_gripper_{finger}" for limb in sorted(model.limbs) for finger in FINGERS)
+        self._fingers = tuple(
+            f"{limb}_gripper_{finger}" for limb in sorted(model.limbs) for finger in FINGERS
+        )
         self._seq = 0
 
     def header(self, stamp: int, frame: str) -> messages.Header:
@@ -144,7 +148,9 @@ class Readout:
     def avoidance(self, limb: Limb, stamp: int) -> messages.CollisionAvoidanceState:
         """What the force field pushes the arm away from."""
         robot = self._robot
-        near = () if robot.suppressed(limb.name, "suppress_collision_avoidance") else robot.field.near[limb.name]
+        near = (
+            () if robot.suppressed(limb.name, "suppress_collision_avoidance") else robot.field.near[limb.name]
+        )
         arms = tuple(name for name in near if name in robot.limbs)
         return messages.CollisionAvoidanceState(self.header(stamp, ""), bool(arms), near)
 
@@ -175,5 +181,5 @@ def pose_message(translation: Array, rotation: Array) -> messages.Pose:
     return messages.Pose(messages.Point(*translation.tolist()), turn)
 
 
-def _vector(numbers: Array) -> messages.Vector3:
+def _vector(numbers: NDArray[np.floating[Any]]) -> messages.Vector3:
     return messages.Vector3(*numbers.tolist())

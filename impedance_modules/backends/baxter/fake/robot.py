@@ -20,11 +20,13 @@ from impedance_modules.backends.baxter.fake.limb import CommandMode, Doing, Limb
 from impedance_modules.backends.baxter.fake.numbers import (
     BRAKE_SPEED,
     COLLISION_PAUSE,
+    EASE,
     STOP_MARGIN,
     TICK,
 )
 from impedance_modules.backends.baxter.fake.options import FakeOptions
 from impedance_modules.backends.baxter.fake.push import ContactSense, Push
+from impedance_modules.backends.baxter.fake.servo import Sensed, Servo
 from impedance_modules.backends.baxter.fake.suppression import Suppressions
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.plant.driven import BoardOrders, DrivenPlant
@@ -39,6 +41,10 @@ Request = Callable[[], None]
 
 FIELD_TICKS = 10
 """The force field and the hands' poses are brought up to date every so many ticks."""
+
+
+INERTIA_TICKS = 100
+"""The servos are told the arms' inertia every so many ticks."""
 
 
 class FakeBaxter:
@@ -76,6 +82,7 @@ class FakeBaxter:
         self.plant.warm(posture)
         self._stiffness, self._damping = self.plant.servo_gains()
         self._lead = self._damping / self._stiffness
+        self._ease = np.zeros(model.n)
         self._brake = model.column("effort_max") / BRAKE_SPEED
         self.machine = AssemblyMachine(enabled=options.enabled)
         limbs = model.limbs
@@ -125,6 +132,16 @@ class FakeBaxter:
         elif self.machine.refusal:
             self.say(f"not enabled: {self.machine.refusal}")
 
+    def reset(self) -> None:
+        """Takes a request to clear faults and stops."""
+        self.machine.reset()
+        self.say(f"not reset: {self.machine.refusal}" if self.machine.refusal else "reset")
+
+    def stop(self) -> None:
+        """Takes a request to stop by software."""
+        self.machine.stop()
+        self.say("stopped by software")
+
     def _blocked(self) -> str:
         """Says which arm must not be powered because its collision flag cannot clear."""
         for name, near in self.field.near.items():
@@ -162,6 +179,9 @@ class FakeBaxter:
     def _look_around(self) -> None:
         self.kinematics.update(self.state.position, self.state.velocity)
         self.field.update(self.state.position, self.state.velocity)
+        if self._ticks % INERTIA_TICKS == 0:
+            inertia = np.diag(self.model.mass_matrix(self.state.position)) - self.model.reflected_inertia
+            self._ease = EASE * np.sqrt(inertia / self._stiffness)
 
     def _watch_power(self) -> None:
         """Without power every mode is forgotten; with it the arms hold where they are."""
@@ -237,7 +257,8 @@ class FakeBaxter:
             ahead = (weight + springs) / self._stiffness
         for name, drive in self.limbs.items():
             joints = drive.limb.joints
-            orders = drive.orders(self.position(drive), ahead[joints], self._lead[joints])
+            sensed = Sensed(self.position(drive), self.state.velocity[joints])
+            orders = drive.orders(sensed, Servo(ahead[joints], self._lead[joints], self._ease[joints]))
             effort[joints], position[joints], servo[joints] = orders.effort, orders.position, orders.servo
             assisted[joints] = not self.suppressed(name, "suppress_gravity_compensation")
             if not self.suppressed(name, "suppress_collision_avoidance"):

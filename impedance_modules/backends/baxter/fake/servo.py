@@ -6,9 +6,10 @@ r"""Where a limb's position servo is led: the robot's own position, velocity and
     VELOCITY      reference' = clip(v, +-v_max) T
     hold          reference stays
 
-    theta_s = reference + integral of error + weight / K_sea + v D_s / K_s
+    theta_s = reference + integral of error + weight / K_sea + v_ref D_s / K_s - ease (v - v_ref)
 
 The weight winds the joint's own spring, so the motor must stand ahead of the link; the integral takes the rest.
+``ease`` = 0.4 sqrt(M_ii / K_sea) feeds the link's speed back, or the arm would swing on its springs for seconds.
 """
 
 from __future__ import annotations
@@ -38,6 +39,29 @@ class Reach:
     low: Array
     high: Array
     speed: Array
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """A limb's measured positions (k,) [rad] and velocities (k,) [rad/s]."""
+
+    position: Array
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class Servo:
+    """How a limb's servo is set, each (k,).
+
+    Attributes:
+        ahead: By how much the weight winds the joints' springs [rad].
+        lead: D_s / K_s [s].
+        ease: Of the links' swing [s].
+    """
+
+    ahead: Array
+    lead: Array
+    ease: Array
 
 
 class Reference:
@@ -87,17 +111,18 @@ class Reference:
         self._move(goal - self.position)
         self._eased = self.position.copy()
 
-    def motor_target(self, measured: Array, ahead: Array, lead: Array) -> Array:
+    def motor_target(self, sensed: Sensed, servo: Servo) -> Array:
         """Computes theta_s (k,) [rad].
 
         Args:
-            measured: (k,) link positions [rad].
-            ahead: (k,) by how much the weight winds the joints' springs [rad].
-            lead: (k,) D_s / K_s of the servo [s].
+            sensed: What the joints report.
+            servo: How the joints' servo is set.
         """
-        self.integral += INTEGRAL_RATE * TICK * (self.position - measured)
+        self.integral += INTEGRAL_RATE * TICK * (self.position - sensed.position)
         np.clip(self.integral, -INTEGRAL_LIMIT, INTEGRAL_LIMIT, out=self.integral)
-        return np.asarray(self.position + self.integral + ahead + lead * self.velocity)
+        swing = sensed.velocity - self.velocity
+        ahead = servo.ahead + servo.lead * self.velocity - servo.ease * swing
+        return np.asarray(self.position + self.integral + ahead)
 
     def _move(self, step: Array) -> None:
         self.position = self.position + step
