@@ -132,6 +132,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
     if effort is None and command is None:
         raise InsufficientData(
             f"{place}: no torque was recorded for all joints, measured or commanded: causes cannot be told"
+            " (valid: effort.<joint> or effort_command.<joint> of every joint)"
         )
     log = Log(
         name=episode.name,

@@ -38,6 +38,9 @@ STRETCH = 60.0
 LOOKED_AT = 40_000
 """Samples of a recording that are looked through to choose its stretches."""
 
+SPARSE = 25.0
+"""A recording with fewer samples per second is not worth choosing from [Hz]."""
+
 KEY = "stretch"
 """Of the metadata that a stretch carries in memory."""
 
@@ -58,7 +61,8 @@ class _Plan:
 
     @property
     def seconds(self) -> float:
-        return float(self.coarse.time[-1] - self.coarse.time[0])
+        time = self.coarse.time
+        return float((time[-1] - time[0]) * len(time) / (len(time) - 1))
 
 
 def read_recordings(paths: Sequence[Path]) -> list[list[Episode]]:
@@ -110,8 +114,8 @@ def _look(path: Path) -> tuple[Episode, int]:
 def _choose(coarse: Episode, every: int, share: float) -> tuple[tuple[int, int], ...]:
     time = coarse.time
     seconds = float(time[-1] - time[0]) if len(time) > 1 else 0.0
-    if not np.isfinite(seconds) or seconds <= share or np.any(np.diff(time) <= 0.0):
-        return ()  # short, or of a disordered time that is refused later
+    if seconds <= share or np.any(np.diff(time) <= 0.0) or len(time) * every < SPARSE * seconds:
+        return ()  # short enough; or of a disordered time, or a slow rate, which are refused later
     count = max(1, int(share / STRETCH))
     length = min(STRETCH, share)
     moved = np.abs(np.diff(coarse.matrix("position"), axis=0))

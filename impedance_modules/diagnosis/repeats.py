@@ -19,6 +19,9 @@ LIKENESS = 0.1
 LATE_MAX = 1.0
 """Repeats that were started by hand may begin so much later in their recording [s]."""
 
+NEAR = 3
+"""Samples about the first guess of the lag among which the best one is looked for."""
+
 LENGTH = 0.05
 """Repeats differ in length by less than this part, and by less than twice `LATE_MAX`."""
 
@@ -75,19 +78,24 @@ def _lag(log: Log, other: Log) -> int | None:
         return None
     if longer - shorter > min(LENGTH * longer, 2.0 * LATE_MAX * log.rate):
         return None
-    late = _shift(log.position, other.position, int(LATE_MAX * log.rate))
-    first, second = (log.position[max(0, -late) :], other.position[max(0, late) :])
+    near = _shift(log.position, other.position, int(LATE_MAX * log.rate))
+    late = min(range(near - NEAR, near + NEAR + 1), key=lambda shift: _apart(log, other, shift))
+    size = float(np.sqrt(np.mean((log.position - log.position.mean(axis=0)) ** 2)))
+    return late if _apart(log, other, late) < LIKENESS * size else None
+
+
+def _apart(log: Log, other: Log, late: int) -> float:
+    """Rms distance of two motions, the second shifted back [rad]."""
+    first, second = log.position[max(0, -late) :], other.position[max(0, late) :]
     samples = min(len(first), len(second))
-    a, b = first[:samples], second[:samples]
-    motion = float(np.sqrt(np.mean((a - a.mean(axis=0)) ** 2)))
-    return late if np.sqrt(np.mean((a - b) ** 2)) < LIKENESS * motion else None
+    return float(np.sqrt(np.mean((first[:samples] - second[:samples]) ** 2)))
 
 
 def _shift(one: Array, other: Array, most: int) -> int:
     """Lag of ``other`` behind ``one`` at which they agree best [samples]."""
     samples = min(len(one), len(other))
     size = 2 ** int(np.ceil(np.log2(2 * samples)))
-    a, b = (x[:samples] - x[:samples].mean(axis=0) for x in (one, other))
+    a, b = (np.diff(x[:samples], axis=0) for x in (one, other))
     spectrum = np.conj(np.fft.rfft(a, size, axis=0)) * np.fft.rfft(b, size, axis=0)
     correlation = np.fft.irfft(spectrum.sum(axis=1), size)
     most = min(most, samples // 4)
