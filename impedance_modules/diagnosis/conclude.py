@@ -15,6 +15,7 @@ from impedance_modules.diagnosis.log import DataReport
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.next_motion import propose
 from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder, Series
+from impedance_modules.diagnosis.rollout.outcome import nothing_rolled_out
 from impedance_modules.diagnosis.screen import screen
 from impedance_modules.diagnosis.where import locate
 
@@ -50,7 +51,7 @@ def conclude(
         reason="",
         gaps=gaps,
         shrink=_shrink(gaps),
-        rollout={},
+        rollout=nothing_rolled_out(),
         where=locate(evidence.design, logs, model, adjusted, evidence.floor, evidence.unit_power),
         causes=causes,
         unexplained_weight=max(0.0, 1.0 - sum(cause.weight for cause in causes)),

@@ -23,6 +23,8 @@ from impedance_modules.diagnosis.noise_motion import floor_at
 from impedance_modules.diagnosis.prepare import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, Remainder
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
+from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
+from impedance_modules.diagnosis.rollout.stage import with_rollouts
 from impedance_modules.diagnosis.select import select
 from impedance_modules.diagnosis.trial import Bench
 from impedance_modules.effects.catalogue import CATALOGUE
@@ -72,7 +74,9 @@ def diagnose(
     progress("judging rivals")
     causes = name_causes(evidence)
     progress("concluding")
-    return conclude(evidence, causes, model, _with_warnings(report, arrangement))
+    found = conclude(evidence, causes, model, _with_warnings(report, arrangement))
+    progress("letting the plant live the held-out recordings again")
+    return with_rollouts(found, evidence, model, urdf, worn)
 
 
 def _explain(  # noqa: PLR0917 - all of them belong together
@@ -126,7 +130,7 @@ def insufficient(robot: str, episodes: Sequence[str], reason: str) -> Diagnosis:
         reason=reason,
         gaps=(),
         shrink=None,
-        rollout={},
+        rollout=nothing_rolled_out(LeftOut("all recordings", "the data do not suffice")),
         where=(),
         causes=(),
         unexplained_weight=1.0,

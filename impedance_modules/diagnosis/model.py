@@ -36,6 +36,7 @@ class NominalModel:
         velocity_filter: Time constant of the reported velocity [s].
         position_resolution, effort_resolution: Grids of the sensors; 0 where nothing is stated.
         effort_max: (n,) [N.m]; infinite where nothing is stated.
+        spring_damping: (n,) beside the joint's spring [N.m.s/rad].
     """
 
     robot: str
@@ -48,6 +49,7 @@ class NominalModel:
     position_resolution: float
     effort_resolution: float
     effort_max: Array
+    spring_damping: Array
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -72,7 +74,7 @@ def model_of_urdf(urdf: Path, joints: Sequence[str]) -> NominalModel:
     zero = np.zeros(len(tree.joints))
     limits = [body.limits for body in tree.bodies]
     effort = [limit.effort if limit is not None and limit.effort > 0.0 else np.inf for limit in limits]
-    return NominalModel(urdf.stem, tree, zero, zero, zero, 0.0, 0.0, 0.0, 0.0, np.array(effort))
+    return NominalModel(urdf.stem, tree, zero, zero, zero, 0.0, 0.0, 0.0, 0.0, np.array(effort), zero)
 
 
 def model_of_robot(name: str | Path, joints: Sequence[str]) -> NominalModel:
@@ -105,4 +107,5 @@ def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
         position_resolution=spec.sensors.position_resolution,
         effort_resolution=spec.sensors.effort_resolution,
         effort_max=np.array([drive.effort_max for drive in drives]),
+        spring_damping=np.array([drive.spring_damping for drive in drives]),
     )

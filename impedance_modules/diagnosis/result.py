@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.log import DataReport
+from impedance_modules.diagnosis.rollout.outcome import CauseRollout, Rollout
 
 Array = NDArray[np.float64]
 
@@ -93,6 +94,7 @@ class Cause:
         equivalent: Candidates that these recordings cannot tell from it.
         rivals: Others, and why they lost.
         position_range, velocity_range: Joint -> range of the data that the fit rests on.
+        rollout: What it does to the rollouts; None where it was not worn there.
     """
 
     effect: str
@@ -105,6 +107,7 @@ class Cause:
     rivals: tuple[Rival, ...]
     position_range: Mapping[str, tuple[float, float]]
     velocity_range: Mapping[str, tuple[float, float]]
+    rollout: CauseRollout | None = None
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ class Diagnosis:
     reason: str
     gaps: tuple[JointGap, ...]
     shrink: float | None
-    rollout: Mapping[str, Mapping[str, float]]
+    rollout: Rollout
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
     unexplained_weight: float

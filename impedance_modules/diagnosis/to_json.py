@@ -9,6 +9,7 @@ from typing import Any
 
 from impedance_modules.diagnosis.patch import patch_object
 from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Rival
+from impedance_modules.diagnosis.rollout.to_json import cause_rollout_object, rollout_object
 
 FORMAT = 1
 
@@ -27,7 +28,7 @@ def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
                 for g in diagnosis.gaps
             ],
             "shrink": _number(diagnosis.shrink),
-            "rollout": dict(diagnosis.rollout),
+            "rollout": rollout_object(diagnosis.rollout),
         },
         "where": [
             {"joint": p.joint, "port": p.port, "regime": p.regime, "band_hz": list(p.band), "share": p.share}
@@ -94,6 +95,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "weight": cause.weight,
         "shrink": _number(cause.shrink),
         "range": _ranges(cause),
+        "rollout": cause_rollout_object(cause.rollout),
         "equivalent": [_rival(rival) | {} for rival in cause.equivalent],
         "rivals": [_rival(rival) | {"lost_because": rival.reason} for rival in cause.rivals],
     }

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Errors of rollouts as numbers: rms before and after, the noise floor, growth, and whether a cause helps.
+
+Noise floor from repeats, as for torques: half the mean square of the difference of two rollouts' errors, in
+which everything cancels that the two recordings share. Without repeats, from the noise of the seed alone:
+
+    \sigma_q^2 (t) = \sigma_q^2 (1 + f_c / f_N) + \sigma_v^2 t^2        \sigma_v(t)^2 = 2 \sigma_v^2
+    \sigma_v^2 = \sigma_q^2 (2 \pi)^2 f_c^3 / (3 f_N)       white position noise behind a filter that ends at f_c
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.rollout.outcome import CauseRollout
+from impedance_modules.diagnosis.rollout.simulate import Lived
+
+Array = NDArray[np.float64]
+
+SURE = 3.0
+"""Standard errors by which a cause must change the rollouts' errors to be said to."""
+
+WORTH = 0.05
+"""Least part of the errors' power that counts as a change."""
+
+FLOOR_MIN = 1e-9
+"""Below it a floor is the computer's round-off [rad]."""
+
+
+def rms(errors: Array) -> Array:
+    """Root mean square over windows and looks, (n,)."""
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=(0, 1))))
+
+
+def floor_of_repeats(errors: Array, pairs: Sequence[tuple[int, int]]) -> Array:
+    """Rms (n,) that repeats leave, from errors (W, L, n) and pairs of windows of one moment."""
+    difference = np.array([errors[i] - errors[j] for i, j in pairs])
+    return np.asarray(np.maximum(np.sqrt(0.5) * rms(difference), FLOOR_MIN))
+
+
+def floor_of_seeds(prepared: Sequence[Prepared], time: Array) -> tuple[Array, Array]:
+    """Rms (n,) of position and velocity that the seeds' noise alone gives, over a horizon (L,) [s]."""
+    noise, speed = [], []
+    for item in prepared:
+        nyquist = 0.5 * item.log.rate
+        cutoff = min(item.band.motion_cutoff, 0.99 * nyquist)
+        margin = item.band.margin
+        rough = (item.log.position - item.signals.position)[margin : len(item.signals.time) - margin]
+        white = np.mean(rough**2, axis=0) / (1.0 - cutoff / nyquist)
+        noise.append(white * (1.0 + cutoff / nyquist))
+        speed.append(white * (2.0 * np.pi) ** 2 * cutoff**3 / (3.0 * nyquist))
+    steady, drift = np.mean(noise, axis=0), np.mean(speed, axis=0)
+    position = np.sqrt(steady + drift * float(np.mean(time**2)))
+    return np.maximum(position, FLOOR_MIN), np.maximum(np.sqrt(2.0 * drift), FLOOR_MIN)
+
+
+def power(lived: Lived, floors: tuple[Array, Array]) -> Array:
+    """Error power of each window (W,) over the floors', mean over joints, position and velocity together."""
+    parts = [
+        np.mean(errors**2, axis=1) / floor**2
+        for errors, floor in zip((lived.position, lived.velocity), floors, strict=True)
+    ]
+    return np.asarray(0.5 * (parts[0] + parts[1]).mean(axis=1))
+
+
+def judge(without: Array, with_it: Array) -> CauseRollout:
+    """Compares window by window (W,) what happens without a cause and with it."""
+    change = without - with_it
+    error = float(np.std(change, ddof=1) / np.sqrt(len(change))) if len(change) > 1 else float("inf")
+    mean, least = float(np.mean(change)), WORTH * float(np.mean(without))
+    clear = abs(mean) > SURE * error and abs(mean) > least
+    verdict = "no difference" if not clear else "helps" if mean > 0.0 else "worsens"
+    return CauseRollout(float(np.mean(without)), float(np.mean(with_it)), error, verdict)
+
+
+def shrink(before: Sequence[Array], after: Sequence[Array], floors: Sequence[Array]) -> float | None:
+    """The joints' ratio, squares summed after dividing each by its floor's; None without a gap."""
+    start, left = 0.0, 0.0
+    for first, last, floor in zip(before, after, floors, strict=True):
+        gap = first > floor
+        start += float(np.sum(np.clip(first**2 / floor**2 - 1.0, 0.0, None)))
+        left += float(np.sum(np.clip(last**2 / floor**2 - 1.0, 0.0, None)[gap]))
+    return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))

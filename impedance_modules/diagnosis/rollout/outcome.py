@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the rollouts found, as frozen data: what JSON, report and terminal print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Rms error of one joint's rollouts in one quantity, over all windows.
+
+    Attributes:
+        before, after: Of the nominal plant, and of the one that wears the causes; in ``unit``.
+        noise_floor: What seeds and repetition alone would give.
+        unit: rad, rad/s, m or m/s.
+    """
+
+    before: float
+    after: float
+    noise_floor: float
+    unit: str
+
+    @property
+    def shrink(self) -> float | None:
+        """1 - sqrt(excess after / excess before); None where there was none before."""
+        start = self.before**2 - self.noise_floor**2
+        left = max(0.0, self.after**2 - self.noise_floor**2)
+        return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How position errors grow: rms over windows at times after the seed.
+
+    Attributes:
+        time: Since the seed [s].
+        before, after: Joint -> one value per time [rad] or [m].
+    """
+
+    time: tuple[float, ...]
+    before: Mapping[str, tuple[float, ...]]
+    after: Mapping[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Something that was not rolled out, and why."""
+
+    what: str
+    why: str
+
+
+@dataclass(frozen=True)
+class CauseRollout:
+    """What one cause does to the rollouts: all causes worn, against all but this one.
+
+    Attributes:
+        without, with_it: Error power over the noise floor's, mean over joints and windows.
+        standard_error: Of their difference, over windows.
+        verdict: ``helps``, ``worsens`` or ``no difference``.
+    """
+
+    without: float
+    with_it: float
+    standard_error: float
+    verdict: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One joint's held-out window that the nominal plant misses most, for the report.
+
+    Attributes:
+        time: [s] of the recording.
+        measured, before, after: (M,) positions.
+    """
+
+    joint: str
+    episode: str
+    time: Array
+    measured: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """All of it.
+
+    Attributes:
+        drive: Which torque drove the plant: ``command``, ``effort`` (at the link) or ``motor``; empty if nothing
+            was rolled out.
+        window: Length of a window [s].
+        windows: Number of windows.
+        episodes: Recordings they are cut from.
+        floor: ``repeats``, or ``weak``: from the noise of the seeds alone.
+        position, velocity: Joint -> its error.
+        growth: Over the horizon.
+        shrink: Of position and velocity of all joints, squares summed in units of their floors'; None without a gap.
+        causes: Effect and port -> what the cause does; those that were worn.
+        left_out: What was not rolled out.
+        traces: For the report.
+    """
+
+    drive: str
+    window: float
+    windows: int
+    episodes: tuple[str, ...]
+    floor: str
+    position: Mapping[str, Drift]
+    velocity: Mapping[str, Drift]
+    growth: Growth
+    shrink: float | None
+    causes: Mapping[tuple[str, str], CauseRollout]
+    left_out: tuple[LeftOut, ...]
+    traces: tuple[Trace, ...]
+
+
+def nothing_rolled_out(*reasons: LeftOut) -> Rollout:
+    """The outcome where no window could be lived through, with the reasons."""
+    return Rollout("", 0.0, 0, (), "", {}, {}, Growth((), {}, {}), None, {}, reasons, ())

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Lives windows of recordings through again, on one plant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.rollout.drive import driver_of, seed_at
+from impedance_modules.diagnosis.rollout.wearing import Dressed
+from impedance_modules.diagnosis.rollout.windows import WINDOW, Window
+from impedance_modules.errors import BadInput
+
+Array = NDArray[np.float64]
+
+LOOKS = 20
+"""Times within a window at which recording and rollout are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lived:
+    """Errors of all windows in the diagnosis's joint order.
+
+    Attributes:
+        time: (L,) since the seed [s].
+        position, velocity: (W, L, n) rollout minus recording.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+
+
+def live(dressed: Dressed, drive: str, prepared: Sequence[Prepared], windows: Sequence[Window]) -> Lived:
+    """Rolls every window out.
+
+    Raises:
+        BadInput: The plant's motion is not finite: the model has a body without inertia.
+    """
+    step = dressed.plant.division.step
+    steps = round(WINDOW / step)
+    looks = np.unique(np.linspace(0, steps, LOOKS + 1).round().astype(int))[1:]
+    order = list(dressed.order)
+    drivers = {index: driver_of(prepared[index], drive, dressed) for index in {w.recording for w in windows}}
+    offset = dressed.worn.sensors.offset
+    errors = []
+    for window in windows:
+        driver = drivers[window.recording]
+        dressed.plant.seed(seed_at(driver, window.start, dressed))
+        middle = np.asarray(window.start + step * (np.arange(steps) + 0.5), dtype=float)
+        q, v = dressed.plant.roll(driver.acting(middle), driver.aimed(middle))
+        reported = (q[looks - 1] + offset)[:, order], v[looks - 1][:, order]
+        if not (np.isfinite(reported[0]).all() and np.isfinite(reported[1]).all()):
+            raise BadInput("the simulated motion is not finite (valid: a mass on every moving link)")
+        errors.append(_compare(prepared[window.recording], window.start + step * looks, *reported))
+    position, velocity = (np.array(part) for part in zip(*errors, strict=True))
+    return Lived(step * looks, position, velocity)
+
+
+def _compare(prepared: Prepared, time: Array, position: Array, velocity: Array) -> tuple[Array, Array]:
+    """Subtracts the recording, at the looks' times: the position as it was read, the filtered velocity."""
+    s = prepared.signals
+    measured = [_between(time, s.time, values) for values in (prepared.log.position, s.velocity)]
+    return position - measured[0], velocity - measured[1]
+
+
+def _between(time: Array, grid: Array, values: Array) -> Array:
+    return np.column_stack([np.interp(time, grid, column) for column in values.T])
