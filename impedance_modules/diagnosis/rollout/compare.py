@@ -25,7 +25,7 @@ SURE = 3.0
 """Standard errors by which a cause must change the rollouts' errors to be said to."""
 
 WORTH = 0.05
-"""Least part of the errors' power that counts as a change."""
+"""Least logarithm of the errors' powers' ratio that counts as a change."""
 
 FLOOR_MIN = 1e-9
 """Below it a floor is the computer's round-off [rad]."""
@@ -58,23 +58,34 @@ def floor_of_seeds(prepared: Sequence[Prepared], time: Array) -> tuple[Array, Ar
     return np.maximum(position, FLOOR_MIN), np.maximum(np.sqrt(2.0 * drift), FLOOR_MIN)
 
 
-def power(lived: Lived, floors: tuple[Array, Array]) -> Array:
-    """Error power of each window (W,) over the floors', mean over joints, position and velocity together."""
+def yardsticks(after: Lived, floors: tuple[Array, Array]) -> tuple[Array, Array]:
+    """What errors are measured by, (n,) each: the noise floor, or what all causes together leave, if that is more."""
+    return (
+        np.maximum(floors[0], rms(after.position)),
+        np.maximum(floors[1], rms(after.velocity)),
+    )
+
+
+def power(lived: Lived, sticks: tuple[Array, Array]) -> Array:
+    """Error power of each window (W,) over the yardsticks', mean over joints, position and velocity together."""
     parts = [
-        np.mean(errors**2, axis=1) / floor**2
-        for errors, floor in zip((lived.position, lived.velocity), floors, strict=True)
+        np.mean(errors**2, axis=1) / stick**2
+        for errors, stick in zip((lived.position, lived.velocity), sticks, strict=True)
     ]
     return np.asarray(0.5 * (parts[0] + parts[1]).mean(axis=1))
 
 
 def judge(without: Array, with_it: Array) -> CauseRollout:
-    """Compares window by window (W,) what happens without a cause and with it."""
-    change = without - with_it
+    """Compares window by window (W,) what happens without a cause and with it, by the powers' ratios.
+
+    Ratios, because a window in which the arm hardly moves says little and one at full speed much.
+    """
+    change = np.log(without) - np.log(with_it)
     error = float(np.std(change, ddof=1) / np.sqrt(len(change))) if len(change) > 1 else float("inf")
-    mean, least = float(np.mean(change)), WORTH * float(np.mean(without))
-    clear = abs(mean) > SURE * error and abs(mean) > least
+    mean = float(np.mean(change))
+    clear = abs(mean) > SURE * error and abs(mean) > WORTH
     verdict = "no difference" if not clear else "helps" if mean > 0.0 else "worsens"
-    return CauseRollout(float(np.mean(without)), float(np.mean(with_it)), error, verdict)
+    return CauseRollout(float(np.mean(without)), float(np.mean(with_it)), float(np.exp(mean)), error, verdict)
 
 
 def shrink(before: Sequence[Array], after: Sequence[Array], floors: Sequence[Array]) -> float | None:

@@ -59,16 +59,19 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class CauseRollout:
-    """What one cause does to the rollouts: all causes worn, against all but this one.
+    """What wearing something does to the rollouts: with a cause against without it, or all against nothing.
 
     Attributes:
-        without, with_it: Error power over the noise floor's, mean over joints and windows.
-        standard_error: Of their difference, over windows.
+        without, with_it: Error power over that of the noise, or of what all causes leave, whichever is more; mean
+            over joints and windows.
+        ratio: Geometric mean over windows of ``without`` over ``with_it``.
+        standard_error: Of its logarithm.
         verdict: ``helps``, ``worsens`` or ``no difference``.
     """
 
     without: float
     with_it: float
+    ratio: float
     standard_error: float
     verdict: str
 
@@ -104,6 +107,7 @@ class Rollout:
         position, velocity: Joint -> its error.
         growth: Over the horizon.
         shrink: Of position and velocity of all joints, squares summed in units of their floors'; None without a gap.
+        whole: What all causes do together, the links adjusted; None where nothing was rolled out.
         causes: Effect and port -> what the cause does; those that were worn.
         left_out: What was not rolled out.
         traces: For the report.
@@ -118,6 +122,7 @@ class Rollout:
     velocity: Mapping[str, Drift]
     growth: Growth
     shrink: float | None
+    whole: CauseRollout | None
     causes: Mapping[tuple[str, str], CauseRollout]
     left_out: tuple[LeftOut, ...]
     traces: tuple[Trace, ...]
@@ -125,4 +130,4 @@ class Rollout:
 
 def nothing_rolled_out(*reasons: LeftOut) -> Rollout:
     """The outcome where no window could be lived through, with the reasons."""
-    return Rollout("", 0.0, 0, (), "", {}, {}, Growth((), {}, {}), None, {}, reasons, ())
+    return Rollout("", 0.0, 0, (), "", {}, {}, Growth((), {}, {}), None, None, {}, reasons, ())

@@ -50,13 +50,14 @@ def live(dressed: Dressed, drive: str, prepared: Sequence[Prepared], windows: Se
     errors = []
     for window in windows:
         driver = drivers[window.recording]
-        dressed.plant.seed(seed_at(driver, window.start, dressed))
-        middle = np.asarray(window.start + step * (np.arange(steps) + 0.5), dtype=float)
+        begin = float(driver.time[0]) + window.start
+        dressed.plant.seed(seed_at(driver, begin, dressed))
+        middle = np.asarray(begin + step * (np.arange(steps) + 0.5), dtype=float)
         q, v = dressed.plant.roll(driver.acting(middle), driver.aimed(middle))
         reported = (q[looks - 1] + offset)[:, order], v[looks - 1][:, order]
         if not (np.isfinite(reported[0]).all() and np.isfinite(reported[1]).all()):
             raise BadInput("the simulated motion is not finite (valid: a mass on every moving link)")
-        errors.append(_compare(prepared[window.recording], window.start + step * looks, *reported))
+        errors.append(_compare(prepared[window.recording], begin + step * looks, *reported))
     position, velocity = (np.array(part) for part in zip(*errors, strict=True))
     return Lived(step * looks, position, velocity)
 

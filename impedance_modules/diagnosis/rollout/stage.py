@@ -19,6 +19,7 @@ from impedance_modules.diagnosis.rollout.compare import (
     floor_of_seeds,
     judge,
     power,
+    yardsticks,
 )
 from impedance_modules.diagnosis.rollout.drive import choose_drive
 from impedance_modules.diagnosis.rollout.nuisance import Nuisance, fitted_nuisance, no_nuisance
@@ -38,6 +39,9 @@ from impedance_modules.spec.patch import EffectSpec
 from impedance_modules.spec.robot import RobotSpec
 
 Array = NDArray[np.float64]
+
+MOST_THINNED = 4
+"""Of several causes each is taken away on a part of the windows only, at least on every fourth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +96,12 @@ def with_rollouts(
         replace(cause, rollout=rollout.causes.get((cause.effect, cause.port))) for cause in found.causes
     )
     worse = [c.effect for c in causes if c.rollout is not None and c.rollout.verdict == "worsens"]
+    if not worse and causes and rollout.whole is not None and rollout.whole.verdict == "worsens":
+        worse = ["all causes together"]
     verdict, remainder = found.verdict, found.remainder
     if worse and verdict == "explained":
         verdict = "partly_explained"
-        words = (
-            f"{remainder.structure}; {', '.join(worse)} improves the torques but worsens the simulated motion"
-        )
+        words = f"{remainder.structure}; better torques but worse simulated motion with {', '.join(worse)}"
         remainder = replace(remainder, explained=False, structure=words)
     return replace(found, rollout=rollout, causes=causes, verdict=verdict, remainder=remainder)
 
@@ -162,13 +166,14 @@ def _verdicts(
     floors: tuple[Array, Array],
 ) -> dict[tuple[str, str], CauseRollout]:
     """Takes each cause away from all of them; the windows are the same."""
-    every = 1 if len(chosen) < 3 else 2
+    every = min(max(1, len(chosen)), MOST_THINNED)
     some = stage.windows[::every]
-    whole = power(Lived(after.time, after.position[::every], after.velocity[::every]), floors)
+    sticks = yardsticks(after, floors)
+    whole = power(Lived(after.time, after.position[::every], after.velocity[::every]), sticks)
     out = {}
     for key in chosen:
         others = [spec for other, spec in chosen.items() if other != key]
-        out[key] = judge(power(stage.live((*base, *others), stage.fitted, some), floors), whole)
+        out[key] = judge(power(stage.live((*base, *others), stage.fitted, some), sticks), whole)
     return out
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.causes import Evidence
-from impedance_modules.diagnosis.rollout.compare import rms, shrink
+from impedance_modules.diagnosis.rollout.compare import judge, power, rms, shrink, yardsticks
 from impedance_modules.diagnosis.rollout.outcome import CauseRollout, Drift, Growth, LeftOut, Rollout, Trace
 from impedance_modules.diagnosis.rollout.simulate import Lived
 from impedance_modules.diagnosis.rollout.windows import WINDOW, Window
@@ -55,6 +55,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         }
         for k in range(2)
     ]
+    sticks = yardsticks(sides.after, sides.floors)
     names = dict.fromkeys(evidence.prepared[window.recording].log.name for window in windows)
     return Rollout(
         drive=drive,
@@ -66,6 +67,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         velocity=drifts[1],
         growth=_growth(sides, [body.joint for body in bodies]),
         shrink=shrink(first, last, sides.floors),
+        whole=judge(power(sides.before, sticks), power(sides.after, sticks)),
         causes=verdicts,
         left_out=left_out,
         traces=tuple(_trace(evidence, windows, sides, i) for i in range(len(bodies))),
@@ -87,7 +89,7 @@ def _trace(evidence: Evidence, windows: Sequence[Window], sides: Sides, joint: i
     worst = int(np.argmax(np.mean(sides.before.position[:, :, joint] ** 2, axis=1)))
     window = windows[worst]
     item = evidence.prepared[window.recording]
-    time = window.start + sides.before.time
+    time = item.signals.time[0] + window.start + sides.before.time
     measured = np.interp(time, item.signals.time, item.log.position[:, joint])
     return Trace(
         joint=item.tree.joints[joint],

@@ -22,6 +22,7 @@ def rollout_object(rollout: Rollout) -> dict[str, Any]:
         "driven_by": rollout.drive,
         "noise_floor_from": rollout.floor,
         "shrink": rollout.shrink,
+        "all_causes": cause_rollout_object(rollout.whole),
         "per_joint": {
             joint: {"position": _drift(drift), "velocity": _drift(rollout.velocity[joint])}
             for joint, drift in rollout.position.items()
@@ -56,6 +57,7 @@ def cause_rollout_object(cause: CauseRollout | None) -> dict[str, Any] | None:
     return {
         "without": cause.without,
         "with": cause.with_it,
+        "ratio": cause.ratio,
         "standard_error": cause.standard_error if math.isfinite(cause.standard_error) else None,
         "verdict": cause.verdict,
     }

@@ -17,13 +17,13 @@ WINDOW = 0.4
 WINDOWS = 20
 """Windows over all held-out recordings."""
 
-FLOOR_WINDOWS = 5
+FLOOR_WINDOWS = 4
 """Windows per recording of a fitted repeat, where no held-out recording has one."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """A recording's index and when the window begins [s]."""
+    """A recording's index, and when the window begins after the recording's own first sample [s]."""
 
     recording: int
     start: float

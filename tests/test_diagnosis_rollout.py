@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Re-seeded rollouts of the plant: what they measure, and what a diagnosis makes of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from plant_recordings import MOVING, patch_text, record, robot_folder
+
+from impedance_modules.cli.diagnose import command
+from impedance_modules.diagnosis.rollout.compare import floor_of_repeats, judge, shrink
+from impedance_modules.diagnosis.rollout.nuisance import body_changes
+from impedance_modules.diagnosis.tree import read_tree
+from impedance_modules.spec.schema import load_schema
+
+VISCOUS = patch_text("viscous_friction", "actuator", "port_lift", fv=(4.0, "N.m.s/rad"))
+
+
+def diagnosed(folder: Path, robot: Path, logs: list[Path], *more: str) -> dict:
+    out = folder / "answer.json"
+    arguments = [*map(str, logs), "--robot", str(robot), "--json", str(out), *more]
+    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
+    found = json.loads(out.read_text())
+    jsonschema.validate(found, load_schema("diagnosis"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return robot_folder(tmp_path_factory.mktemp("robot"))
+
+
+@pytest.fixture(scope="module")
+def viscous(tmp_path_factory: pytest.TempPathFactory, robot: Path) -> tuple[Path, list[Path], dict]:
+    """Recordings of a plant that wears friction, and their diagnosis with its patch."""
+    folder = tmp_path_factory.mktemp("viscous")
+    logs = record(folder, robot, VISCOUS)
+    found = diagnosed(folder, robot, logs, "--patch", str(folder / "found.yaml"))
+    return folder, logs, found
+
+
+def test_the_command_drives_whole_joints_and_the_cause_closes_the_gap(viscous: tuple) -> None:
+    found = viscous[2]
+    rollout = found["gap"]["rollout"]
+    assert rollout["driven_by"] == "command" and rollout["noise_floor_from"] == "repeats"
+    assert rollout["windows"] >= 10 and set(rollout["per_joint"]) == set(MOVING)
+    lift = rollout["per_joint"]["port_lift"]["position"]
+    assert lift["before"] > 20.0 * lift["noise_floor"]
+    assert lift["after"] < 2.0 * lift["noise_floor"]
+    growth = rollout["growth"]["before"]["port_lift"]
+    assert growth == sorted(growth)
+    (cause,) = [
+        c for c in found["causes"] if c["effect"] == "viscous_friction" and "port_lift" in c["joints"]
+    ]
+    assert cause["rollout"]["verdict"] == "helps"
+
+
+def test_with_the_patch_worn_neither_torque_nor_rollout_finds_that_gap_again(
+    viscous: tuple, robot: Path
+) -> None:
+    folder, logs, found = viscous
+    again = diagnosed(folder, robot, logs, "--effects", str(folder / "found.yaml"))
+    assert not [
+        c for c in again["causes"] if c["effect"] == "viscous_friction" and "port_lift" in c["joints"]
+    ]
+    first, second = (f["gap"]["rollout"]["per_joint"]["port_lift"]["position"] for f in (found, again))
+    assert second["before"] < 0.05 * first["before"]
+
+
+def test_a_cause_is_judged_by_ratios_and_only_when_clear() -> None:
+    random = np.random.default_rng(3)
+    noise = np.exp(0.3 * random.normal(size=20))
+    size = 10.0 ** random.uniform(-2.0, 2.0, 20)
+    assert judge(size * noise, size).verdict == "no difference"
+    assert judge(3.0 * size * noise, size).verdict == "helps"
+    assert judge(size, 3.0 * size * noise).verdict == "worsens"
+    assert judge(3.0 * size[:1], size[:1]).verdict == "no difference"
+
+
+def test_the_floor_is_what_repeats_do_not_share() -> None:
+    random = np.random.default_rng(4)
+    shared = np.repeat(random.normal(size=(200, 5, 3)), 2, axis=0)
+    errors = shared + 0.1 * random.normal(size=shared.shape)
+    pairs = [(i, i + 1) for i in range(0, 400, 2)]
+    np.testing.assert_allclose(floor_of_repeats(errors, pairs), 0.1, rtol=0.1)
+    floor = np.array([0.1, 0.1, 0.1])
+    assert shrink([5.0 * floor], [floor], [floor]) == 1.0
+    assert shrink([5.0 * floor], [5.0 * floor], [floor]) == 0.0
+    assert shrink([0.5 * floor], [floor], [floor]) is None
+
+
+def test_links_are_adjusted_only_as_far_as_they_stay_bodies(robot: Path) -> None:
+    tree = read_tree(robot / "six_joint_pair.urdf", MOVING)
+    mild = 0.03 * tree.inertia
+    assert [c.parameters for c in body_changes(tree.bodies, mild)] == [
+        pytest.approx(tuple(0.03 * body.inertia)) for body in tree.bodies
+    ]
+    for change, body in zip(body_changes(tree.bodies, -3.0 * tree.inertia), tree.bodies, strict=True):
+        assert 0.0 < change.parameters[0] / -body.inertia[0] < 1.0
+
+
+def test_recordings_without_any_torque_say_why_nothing_was_rolled_out(viscous: tuple, tmp_path: Path) -> None:
+    """What schema and user get when there is nothing to drive a plant with."""
+    from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
+    from impedance_modules.diagnosis.rollout.to_json import rollout_object
+
+    found = {**viscous[2]}
+    found["gap"] = {
+        **found["gap"],
+        "rollout": rollout_object(nothing_rolled_out(LeftOut("all", "no torque"))),
+    }
+    jsonschema.validate(found, load_schema("diagnosis"))
+    assert found["gap"]["rollout"] == {"windows": 0, "left_out": [{"what": "all", "why": "no torque"}]}
+
+
+def test_endless_joints_roll_too(tmp_path: Path) -> None:
+    """A URDF with a continuous joint, rigid drives, effort at the link alone."""
+    import test_diagnosis as pendulum
+
+    logs = pendulum.record(tmp_path, "viscous_friction", seconds=8.0)
+    (tmp_path / "robot.urdf").write_text(
+        pendulum.URDF.replace('"elbow" type="revolute"', '"elbow" type="continuous"')
+    )
+    out = tmp_path / "answer.json"
+    arguments = [*map(str, logs), "--urdf", str(tmp_path / "robot.urdf"), "--json", str(out)]
+    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
+    rollout = json.loads(out.read_text())["gap"]["rollout"]
+    assert rollout["driven_by"] == "effort"
+    elbow = rollout["per_joint"]["elbow"]["position"]
+    assert elbow["before"] > 20.0 * elbow["noise_floor"] and elbow["after"] < 2.0 * elbow["noise_floor"]
