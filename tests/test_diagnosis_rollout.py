@@ -132,4 +132,4 @@ def test_endless_joints_roll_too(tmp_path: Path) -> None:
     rollout = json.loads(out.read_text())["gap"]["rollout"]
     assert rollout["driven_by"] == "effort"
     elbow = rollout["per_joint"]["elbow"]["position"]
-    assert elbow["before"] > 20.0 * elbow["noise_floor"] and elbow["after"] < 2.0 * elbow["noise_floor"]
+    assert elbow["before"] > 20.0 * elbow["noise_floor"] and elbow["shrink"] > 0.95
