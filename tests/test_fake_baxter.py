@@ -15,14 +15,14 @@ from impedance_modules.backends.baxter.fake.faults import parse_fault
 from impedance_modules.backends.baxter.fake.limb import CommandMode, Doing
 from impedance_modules.backends.baxter.fake.network import InProcessNetwork
 from impedance_modules.backends.baxter.fake.node import FakeNode
-from impedance_modules.backends.baxter.fake.numbers import SPRING_PRELOAD
+from impedance_modules.backends.baxter.fake.numbers import SPRINGS
 from impedance_modules.backends.baxter.fake.options import FakeOptions
 from impedance_modules.backends.baxter.fake.pace import Pacer
 from impedance_modules.backends.baxter.fake.robot import FakeBaxter
 from impedance_modules.backends.baxter.transport.in_process import InProcessMaster
 from impedance_modules.errors import BadInput
 
-ON = FakeOptions(enabled=True, spring_preload=SPRING_PRELOAD)
+ON = FakeOptions(enabled=True, springs=SPRINGS)
 
 
 def fake(options: FakeOptions = ON, posture: str = "neutral") -> FakeBaxter:
@@ -52,7 +52,8 @@ def test_no_torque_holds_the_pose_because_the_robot_carries_weight_and_springs()
     assert sea.actual_effort[1] == pytest.approx(
         sea.gravity_only[1] - sea.hysteresis_model_effort[1], abs=0.5
     )
-    assert sea.hysteresis_model_effort[1] == SPRING_PRELOAD["s1"]
+    stiffness, preload = SPRINGS["s1"]
+    assert sea.hysteresis_model_effort[1] == pytest.approx(preload + 0.55 * stiffness, abs=0.1)
 
 
 def messages_of(robot: FakeBaxter) -> messages.SEAJointState:

@@ -12,11 +12,11 @@ from impedance_modules.backends.baxter import messages
 from impedance_modules.backends.baxter.fake.build import build_fake
 from impedance_modules.backends.baxter.fake.network import InProcessNetwork
 from impedance_modules.backends.baxter.fake.node import FakeNode
-from impedance_modules.backends.baxter.fake.numbers import SPRING_PRELOAD
+from impedance_modules.backends.baxter.fake.numbers import SPRINGS
 from impedance_modules.backends.baxter.fake.options import FakeOptions
 from impedance_modules.backends.baxter.transport.in_process import InProcessMaster, InProcessTransport
 
-ON = FakeOptions(enabled=True, spring_preload=SPRING_PRELOAD)
+ON = FakeOptions(enabled=True, springs=SPRINGS)
 
 
 class Network:

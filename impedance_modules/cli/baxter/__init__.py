@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import click
 
-VERBS = ("fake",)
+VERBS = ("enable", "disable", "fake")
 
 
 class BaxterVerbs(click.Group):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TextIO
 
 import click
 
@@ -88,7 +89,7 @@ def command(
     from impedance_modules.backends.baxter.fake.live import live
     from impedance_modules.backends.baxter.fake.network import RosNetwork
     from impedance_modules.backends.baxter.fake.node import FakeNode
-    from impedance_modules.backends.baxter.fake.numbers import SPRING_PRELOAD
+    from impedance_modules.backends.baxter.fake.numbers import SPRINGS
     from impedance_modules.backends.baxter.fake.options import FakeOptions, over_torque_of, time_out_result_of
     from impedance_modules.backends.baxter.transport.sockets.master import MasterClient, master_uri_of
     from impedance_modules.cli.baxter.ending import Ending
@@ -106,7 +107,7 @@ def command(
         over_torque=over_torque_of(over_torque),
         enabled=enabled,
         head_nod=head_nod,
-        spring_preload={} if no_spring else SPRING_PRELOAD,
+        springs={} if no_spring else SPRINGS,
         software_version=software_version,
         mount_offset=dict(_offset(text) for text in mount_offset),
         seed=seed,
@@ -125,7 +126,7 @@ def command(
     return 0
 
 
-def _diary(path: Path):  # type: ignore[no-untyped-def]
+def _diary(path: Path) -> TextIO:
     try:
         return path.open("w")
     except OSError as error:

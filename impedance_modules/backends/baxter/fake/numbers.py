@@ -73,8 +73,9 @@ SPEED_LIMITS: Mapping[str, float] = {"s0": 2, "s1": 2, "e0": 2, "e1": 2, "w0": 4
 STOP_MARGIN = 0.05
 """The mechanical stops lie this far beyond the published limits [rad] [assumed]: tucked arms rest beyond one."""
 
-SPRING_PRELOAD: Mapping[str, float] = {"s1": -30.0}
-"""Counterbalance spring [N.m]: the default of a public node for the real robot; its stiffness is not known."""
+SPRINGS: Mapping[str, tuple[float, float]] = {"s1": (24.3, -37.3)}
+"""Counterbalance spring: stiffness [N.m/rad], torque at zero angle [N.m]. Least squares on public recordings of a
+real robot's left arm; a public node for the real robot takes -30 N.m instead."""
 
 NEUTRAL: Mapping[str, float] = {
     "s0": 0.0,

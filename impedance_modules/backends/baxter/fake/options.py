@@ -52,7 +52,8 @@ class FakeOptions:
         over_torque: What a commanded torque beyond the boards' limit does: it is clamped, or a joint fault.
         enabled: Starts with power on.
         head_nod: Publishes the second head joint that older software has.
-        spring_preload: Short joint name -> torque of the spring beside it at zero angle [N.m], on every limb.
+        springs: Short joint name -> stiffness [N.m/rad] of the spring beside it and its torque at zero angle [N.m],
+            on every limb.
         software_version: As the parameter server tells it.
         mount_offset: Limb -> calibrated minus nominal position of its mount in the torso's frame (3,) [m].
         seed: Of the sensors' noise.
@@ -63,7 +64,7 @@ class FakeOptions:
     over_torque: OverTorque = "clamp"
     enabled: bool = False
     head_nod: bool = False
-    spring_preload: Mapping[str, float] = field(default_factory=dict)
+    springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     software_version: str = "1.2.0.57"
     mount_offset: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     seed: int = 0

@@ -72,9 +72,9 @@ class FakeBaxter:
         """Builds the robot, standing still at a posture (n,) [rad]; compiles what it needs."""
         self.model, self.options = model, options
         springs = {
-            limb.joint_names[limb.short_names.index(short)]: ParallelSpringSpec(0.0, preload)
+            limb.joint_names[limb.short_names.index(short)]: ParallelSpringSpec(*spring)
             for limb in model.limbs.values()
-            for short, preload in options.spring_preload.items()
+            for short, spring in options.springs.items()
         }
         plant_options = PlantOptions(rate=1.0 / TICK, seed=options.seed, noise=options.noise)
         self.plant = DrivenPlant(model, plant_options, worn, springs)
