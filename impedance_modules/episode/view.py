@@ -16,8 +16,8 @@ from impedance_modules.episode.recording import Recording, open_stream
 from impedance_modules.episode.scene import Scene, ViewSample, check_sample
 from impedance_modules.errors import BadInput
 
-RATE = 50.0
-"""Samples per second of episode time that a viewer gets [Hz]."""
+RATE = 25.0
+"""Samples per second of episode time that a viewer gets [Hz]: a film's."""
 BATCH_TIME = 1.0
 """Episode time that is written at once [s]: long enough to be small on disk, short enough to follow."""
 LONGEST_QUEUE = 1000

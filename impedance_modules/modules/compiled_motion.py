@@ -93,7 +93,7 @@ def _mover(motion: PoseMotion) -> Array:
     row[PLACE:START], row[START:GOAL] = _twelve(motion.reference), _twelve(motion.start)
     row[GOAL:AMPLITUDE], row[AMPLITUDE:FREQUENCY] = motion.goal, motion.amplitude
     row[FREQUENCY:TURN] = motion.frequency
-    row[TURN:FIRST] = motion.relative_turn()
+    row[TURN:FIRST] = motion.relative_turn
     row[FIRST:LAST], row[LAST:ALONG] = motion.triples()
     row[ALONG] = float(motion.turns_along_triple)
     return row

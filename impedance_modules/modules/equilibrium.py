@@ -19,6 +19,7 @@ from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.pose_motion import PoseMotion, minimum_jerk, pose_motion
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.rotation import skew
 from impedance_modules.spec.task import PhaseSpec
 
 Array = NDArray[np.float64]
@@ -92,7 +93,7 @@ class PhaseMotion:
             origin = self.moved[OBJECT].pose(clock).translation
             for name in self.carried:
                 lever = now.springs[name].translation - origin
-                found[name] = np.concatenate([twist[:3] + np.cross(twist[3:], lever), twist[3:]])
+                found[name] = np.concatenate([twist[:3] + skew(twist[3:]) @ lever, twist[3:]])
         return found
 
     def _object_start(self) -> Pose:

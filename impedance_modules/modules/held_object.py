@@ -7,10 +7,13 @@ Notation: O the object's origin, its centre, with axes along the world's at the 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.modules.squeeze import squeeze_forces
+from impedance_modules.modules.weight import STANDARD_GRAVITY, share_wrench
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task import ObjectSpec
 
@@ -37,6 +40,25 @@ class HeldObject:
     hands: tuple[str, ...]
     grasps: tuple[Pose, ...]
     springs: tuple[str, ...]
+
+    @cached_property
+    def squeeze(self) -> Array:
+        """(h, 6) wrench of each hand's squeeze on the object; rigid grasps fix it in the object's axes."""
+        offsets = np.array([grasp.translation for grasp in self.grasps])
+        forces = squeeze_forces(offsets, self.spec.squeeze)
+        return np.hstack([forces, np.zeros_like(forces)])
+
+    def weight(self, rotation: Array) -> Array:
+        """Shares the object's weight over the hands, (h, 6) in world axes, with the object turned by R_WO (3, 3)."""
+        local = (self._carrying @ rotation[2]).reshape(-1, 3)
+        return np.asarray((local @ rotation.T).reshape(-1, 6))
+
+    @cached_property
+    def _carrying(self) -> Array:
+        """(h, 6, 3) wrench of each hand, in the object's axes, per component of the upward direction in them."""
+        offsets = np.array([grasp.translation for grasp in self.grasps])
+        lift = self.spec.mass * STANDARD_GRAVITY
+        return np.stack([share_wrench(offsets, lift * up) for up in np.eye(6)[:3]], axis=2)
 
     def pose_from(self, hand_poses: tuple[Pose, ...]) -> Pose:
         """Locates the object from its hands: the first hand's axes, the mean of the origins.

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ class PoseMotion:
             change = slope / self.duration * (last - first) + swing[3:]
             angular = np.linalg.solve(log_jacobian(first + s * (last - first) + wave[3:]), change)
         else:
-            angular = self.start.rotation @ (slope / self.duration * self.relative_turn())
+            angular = self.start.rotation @ (slope / self.duration * self.relative_turn)
         turn = self.reference.rotation
         return np.concatenate([turn @ linear, turn @ angular])
 
@@ -84,13 +85,14 @@ class PoseMotion:
         if self.turns_along_triple:
             first, last = self.triples()
             return exp3(first + s * (last - first) + wave)
-        return self.start.rotation @ exp3(s * self.relative_turn())
+        return self.start.rotation @ exp3(s * self.relative_turn)
 
-    @property
+    @cached_property
     def turns_along_triple(self) -> bool:
         """An oscillating coordinate means what the file says only along the rotation vector itself."""
         return bool(np.any(self.amplitude[3:]))
 
+    @cached_property
     def relative_turn(self) -> Array:
         """Gives the rotation vector from the start to the goal, in the start's axes (3,) [rad]."""
         return log3(self.start.rotation.T @ exp3(self.goal[3:]))

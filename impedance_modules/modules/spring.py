@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ class Spring:
         """Zeta of the damping that follows from the inertia; None adds none."""
         return self.spec.damping_ratio
 
-    @property
+    @cached_property
     def force(self) -> Array:
         """(6,) what the hand exerts along each hybrid axis, in the spring's axes [N, N.m]."""
         return np.array([self.spec.axes[axis].force if axis in self.spec.axes else 0.0 for axis in AXES])
@@ -85,6 +86,11 @@ class Spring:
         """
         declared = np.zeros((6, 6)) if self.spec.damping is None else self.spec.damping
         return declared + np.diag([_speed_limiting(self.spec.axes.get(axis)) for axis in AXES])
+
+    @cached_property
+    def world_stiffness(self) -> Array:
+        """(6, 6) K in world axes."""
+        return self.in_world(self.stiffness)
 
     def in_world(self, matrix: Array) -> Array:
         """Turns a (6, 6) matrix from the spring's axes into world axes."""
@@ -113,7 +119,7 @@ class Spring:
             (6,) wrench on the frame, world axes, at its origin [N, N.m].
         """
         offset = displacement(pose, target)
-        gradient = self.in_world(self.stiffness) @ offset
+        gradient = self.world_stiffness @ offset
         moment = log_jacobian(offset[3:]).T @ gradient[3:]
         return -np.concatenate([gradient[:3], moment])
 

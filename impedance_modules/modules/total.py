@@ -20,8 +20,6 @@ from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.spring import Spring
-from impedance_modules.modules.squeeze import squeeze_forces
-from impedance_modules.modules.weight import carry_weight
 from impedance_modules.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
@@ -121,14 +119,12 @@ def _bias_terms(arm: ArmModule, targets: Equilibrium, q: Array, v: Array, dampin
 
 def _object_terms(held: HeldObject, kinematics: Kinematics) -> Iterator[Term]:
     # The grasps are rigid: where the hands are on the object is fixed in its axes, and measured noise stays out.
-    first = kinematics.pose(held.hands[0]).rotation @ held.grasps[0].rotation.T
-    offsets = np.array([first @ grasp.translation for grasp in held.grasps])
+    R_WO = kinematics.pose(held.hands[0]).rotation @ held.grasps[0].rotation.T
     wrenches: list[tuple[str, Array]] = []
     if held.spec.squeeze > 0.0:
-        forces = squeeze_forces(offsets, held.spec.squeeze)
-        wrenches.append(("squeeze", np.hstack([forces, np.zeros_like(forces)])))
+        wrenches.append(("squeeze", (held.squeeze.reshape(-1, 3) @ R_WO.T).reshape(-1, 6)))
     if held.spec.carry_weight:
-        wrenches.append(("weight", carry_weight(offsets, held.spec.mass)))
+        wrenches.append(("weight", held.weight(R_WO)))
     for kind, by_hand in wrenches:
         for limb, hand, wrench in zip(held.limbs, held.hands, by_hand, strict=True):
             effort = kinematics.jacobian_of(hand).T @ wrench

@@ -63,6 +63,17 @@ def log3(rotation: Array) -> Array:
     return _log3_near_cut(rotation, vector, angle, cosine)
 
 
+def rotation_angle(rotations: Array) -> Array:
+    r"""Gives the angle in [0, \pi] of each rotation of a stack (..., 3, 3), (...) [rad].
+
+    \theta = atan2(|sin|, cos): exact near 0 and near half a turn, and the length of ``log3``.
+    """
+    turned = rotations - np.swapaxes(rotations, -1, -2)
+    sine = 0.5 * np.sqrt(turned[..., 2, 1] ** 2 + turned[..., 0, 2] ** 2 + turned[..., 1, 0] ** 2)
+    cosine = 0.5 * (np.trace(rotations, axis1=-2, axis2=-1) - 1.0)
+    return np.asarray(np.arctan2(sine, cosine))
+
+
 def _log3_near_cut(rotation: Array, vector: Array, angle: float, cosine: float) -> Array:
     """Takes the axis from the symmetric part, where the sine is too small to divide by."""
     symmetric = 0.5 * (rotation + rotation.T) - cosine * np.eye(3)

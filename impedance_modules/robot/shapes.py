@@ -68,15 +68,25 @@ def _kind_and_size(shape: pin.GeometryObject) -> tuple[str, tuple[float, ...]]:
 
 
 class LinkPoses:
-    """Where chosen links are, for a joint position at a time."""
+    """Where chosen links are, for a joint position at a time.
+
+    Attributes:
+        rotation: (links, 3, 3) R_WL of the last position.
+        translation: (links, 3) their origins [m].
+    """
 
     def __init__(self, model: RobotModel, links: tuple[str, ...]) -> None:
         self._model = model.pin_model
         self._data = self._model.createData()
-        self._frames = [model.frame_id(link) for link in links]
+        # Views of pinocchio's own memory, taken once.
+        placements = [self._data.oMf[model.frame_id(link)] for link in links]
+        self._rotations = [X_WL.rotation for X_WL in placements]
+        self._translations = [X_WL.translation for X_WL in placements]
+        self.rotation: Array = np.zeros((len(links), 3, 3))
+        self.translation: Array = np.zeros((len(links), 3))
 
-    def at(self, q: Array) -> list[Pose]:
-        """Gives X_WL of every link at q (n,) [rad]."""
+    def update(self, q: Array) -> None:
+        """Moves to q (n,) [rad]; overwrites the arrays."""
         pin.framesForwardKinematics(self._model, self._data, q)
-        placements = [self._data.oMf[frame] for frame in self._frames]
-        return [Pose(X.rotation.copy(), X.translation.copy()) for X in placements]
+        np.stack(self._rotations, out=self.rotation)
+        np.stack(self._translations, out=self.translation)

@@ -9,6 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
+from impedance_modules.runtime.compiled_memory import (
+    EFFORTS,
+    RESULT,
+    SCALARS,
+    TARGET_ROTATION,
+    TARGET_TRANSLATION,
+    TIME,
+    one,
+    three,
+    two,
+)
+from impedance_modules.runtime.memory import CLOCK, GRANTED, PAID
+from impedance_modules.safety.compiled_ledger import LEVEL, SCALE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -52,65 +65,75 @@ def _pose(row: Array, at: int, rotation: Array, translation: Array) -> int:
 
 
 @compiled
+def write_poses(rotation: Array, translation: Array, out: Array) -> None:
+    """Writes poses (k, 3, 3), (k, 3) [m] as (k, 7): position, then unit quaternion (x, y, z, w)."""
+    for k in range(len(out)):
+        _pose(out[k], 0, rotation[k], translation[k])
+
+
+@compiled
 def fill_row(
     row: Array,
     time: float,
-    extras: Array,
+    rung: float,
+    active: float,
+    late: float,
+    interrupted: float,
     q: Array,
     v: Array,
     command: Array,
     effort: Array,
     rotation: Array,
     translation: Array,
-    hands: int,
-    target_slots: Indices,
-    target_rotation: Array,
-    target_translation: Array,
     wrench: Array,
-    module_rows: Indices,
-    module_joints: Indices,
-    efforts: Array,
+    target_slots: Indices,
+    modules: Indices,
+    memory: Array,
+    at: Indices,
 ) -> None:
     """Fills a row.
 
     Args:
         row: (columns without the phase,), overwritten.
         time: [s].
-        extras: Tank level and the other scalars.
+        rung: Of the stop ladder.
+        active: Number of filter rows that changed the torque.
+        late: 1 where the last torque missed its deadline, else 0.
+        interrupted: 1 where somebody asked for a stop, else 0.
         q: (n,) [rad].
         v: (n,) [rad/s].
         command: (n,) torque that left [N.m].
         effort: (n,) measured [N.m].
         rotation: (frames, 3, 3), hands first.
         translation: (frames, 3) [m].
-        hands: How many.
-        target_slots: Springs whose targets are recorded.
-        target_rotation: (springs, 3, 3).
-        target_translation: (springs, 3) [m].
         wrench: (hands, 6) of the surroundings on each hand.
-        module_rows: Of the entries of ``efforts`` that are recorded.
-        module_joints: Likewise.
-        efforts: (modules, n) torque of every module.
+        target_slots: Springs whose targets are recorded.
+        modules: (k, 2) module and joint of every torque that is recorded.
+        memory: Of the cycle (``runtime.memory``), for tank, clock, targets and modules' torques.
+        at: Where each array begins in it.
     """
-    n = q.size
+    n, hands = q.size, wrench.shape[0]
     row[0] = time
-    at = 1
     for j in range(n):
-        row[at + j] = q[j]
-        row[at + n + j] = v[j]
-        row[at + 2 * n + j] = command[j]
-        row[at + 3 * n + j] = effort[j]
-    at += 4 * n
-    for value in extras:
-        row[at] = value
-        at += 1
+        row[1 + j] = q[j]
+        row[1 + n + j] = v[j]
+        row[1 + 2 * n + j] = command[j]
+        row[1 + 3 * n + j] = effort[j]
+    k = 1 + 4 * n
+    scalars, clock = one(memory, at, SCALARS), one(memory, at, TIME)
+    row[k], row[k + 1] = scalars[LEVEL], scalars[SCALE]
+    row[k + 2], row[k + 3], row[k + 4] = clock[GRANTED], one(memory, at, RESULT)[PAID], clock[CLOCK]
+    row[k + 5], row[k + 6], row[k + 7], row[k + 8] = rung, active, late, interrupted
+    k += 9
     for h in range(hands):
-        at = _pose(row, at, rotation[h], translation[h])
+        k = _pose(row, k, rotation[h], translation[h])
+    target_rotation = three(memory, at, TARGET_ROTATION, 3, 3)
+    target_translation = two(memory, at, TARGET_TRANSLATION, 3)
     for s in target_slots:
-        at = _pose(row, at, target_rotation[s], target_translation[s])
+        k = _pose(row, k, target_rotation[s], target_translation[s])
     for h in range(hands):
-        for k in range(6):
-            row[at + k] = wrench[h, k]
-        at += 6
-    for k in range(module_rows.size):
-        row[at + k] = efforts[module_rows[k], module_joints[k]]
+        row[k : k + 6] = wrench[h]
+        k += 6
+    efforts = two(memory, at, EFFORTS, n)
+    for m in range(modules.shape[0]):
+        row[k + m] = efforts[modules[m, 0], modules[m, 1]]

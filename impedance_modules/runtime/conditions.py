@@ -39,11 +39,14 @@ class Touch:
         self, model: RobotModel, modules: TaskModules, kinematics: Kinematics, period: float
     ) -> None:
         self.period = period
-        self._kinematics = kinematics
         self._arms = modules.arms
         self._held = modules.held
         time_constant = max(model.spec.contact_detection.time, 2.0 * period)
         self._torque = ExternalTorque(model, time_constant, period)
+        # Kinematics overwrites its arrays in place: a view of each hand's Jacobian is taken once.
+        self._hands = [(kinematics.jacobian_of(arm.limb.hand), arm.limb.joints) for arm in modules.arms]
+        self._gram, self._push = np.zeros((len(modules.arms), 6, 6)), np.zeros((len(modules.arms), 6))
+        self._ridge = REGULARISATION * np.eye(6)
         self.wrench: Array = np.zeros((len(modules.arms), 6))
 
     def reset(self, state: RobotState) -> None:
@@ -57,11 +60,13 @@ class Touch:
         self._solve()
 
     def _solve(self) -> None:
-        for row, arm in enumerate(self._arms):
-            joints = arm.limb.joints
-            J = self._kinematics.jacobian_of(arm.limb.hand)[:, joints]
-            gram = J @ J.T + REGULARISATION * np.eye(6)
-            self.wrench[row] = np.linalg.solve(gram, J @ self._torque.torque[joints])
+        """Solves the normal equations (J J^T + r I) w = J tau_ext of all hands at once."""
+        for row, (J, joints) in enumerate(self._hands):
+            arm = J[:, joints]
+            np.matmul(arm, arm.T, out=self._gram[row])
+            np.matmul(arm, self._torque.torque[joints], out=self._push[row])
+        self._gram += self._ridge
+        self.wrench[:] = np.linalg.solve(self._gram, self._push[:, :, None])[:, :, 0]
 
     def force_on(self, target: str | None) -> float:
         """Returns how hard the environment pushes on a target [N].

@@ -30,25 +30,21 @@ from impedance_modules.runtime.constants import filter_workspace, module_names, 
 from impedance_modules.runtime.gains import cycle_sizes, write_phase
 from impedance_modules.runtime.memory import (
     AVAILABLE,
-    CLOCK,
     EFFORT_NOT_FINITE,
     FINE,
     FOUND,
-    GRANTED,
     PAID,
     STATE_NOT_FINITE,
     STATUS,
-    TOO_FAST,
-    TRIED,
     UNSOLVED,
     CycleMemory,
 )
+from impedance_modules.runtime.readings import CycleReadings
 from impedance_modules.safety import compiled_ledger
-from impedance_modules.safety.compiled_lane import CERTIFIED, INSIDE, UNDECIDED
-from impedance_modules.safety.compiled_ledger import LEVEL, POTENTIAL, SCALE, STARVED
+from impedance_modules.safety.compiled_lane import UNDECIDED
+from impedance_modules.safety.compiled_ledger import LEVEL, POTENTIAL, SCALE
 from impedance_modules.safety.problem import FilterLayout
 from impedance_modules.safety.solvers.make import make_solver
-from impedance_modules.safety.solvers.solution import FilterSolution
 from impedance_modules.safety.tank import Tank, filled_tank
 from impedance_modules.spec.task import PhaseSpec
 
@@ -60,13 +56,12 @@ FAST_LANE_FOR = "daqp"
 """The exact solver whose answers the fast lane may anticipate: both give the optimum to 1e-8 N.m."""
 
 
-class Controller:
+class Controller(CycleReadings):
     """One task's law with its memory; everything a tick needs is taken once.
 
     Attributes:
         assembly: What is run.
         kinematics: Of the last state.
-        memory: Every number of the last cycle, by name.
         modules: With the gains of the current phase.
         motion: Of the current phase.
         module_names: Of the rows of ``memory["efforts"]``.
@@ -92,85 +87,18 @@ class Controller:
         layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
         self.solver = make_solver(assembly.robot.solver)
         size = cycle_sizes(modules, model.n, len(pairs), assembly.tank.delay)
-        self.memory = CycleMemory(size)
+        super().__init__(CycleMemory(size))
         self.workspace = filter_workspace(layout, self.memory, limits.effort_max)
         self.module_names = module_names(modules)
-        self._solution: FilterSolution | None = None
-        self._effort = self.memory["effort"]
-        self._result = self.memory["result"]
         self._booked: RobotState | None = None
         write_constants(self.memory, assembly, self.kinematics, layout)
         self._blocks = self.memory.floats, self.memory.float_at, self.memory.integers, self.memory.integer_at
         self.motion: PhaseMotion
 
     @property
-    def clock(self) -> float:
-        """Phase clock [s]; slower than time when the tank is short."""
-        return float(self.memory["clock"][CLOCK])
-
-    @property
     def tank(self) -> Tank:
         """Copies the ledger's record."""
         return compiled_ledger.record(self._book)
-
-    @property
-    def level(self) -> float:
-        """Energy in the tank [J]."""
-        return float(self.memory["book_scalars"][LEVEL])
-
-    @property
-    def spring_scale(self) -> float:
-        """Part of the declared springs that is in force, 1 unless the tank had to relax them."""
-        return float(self.memory["book_scalars"][SCALE])
-
-    @property
-    def granted(self) -> float:
-        """Part of the last motion of the equilibria that the tank could pay."""
-        return float(self.memory["clock"][GRANTED])
-
-    @property
-    def starved_time(self) -> float:
-        """For how long the tank has reduced torque or springs [s]."""
-        return float(self.memory["book_scalars"][STARVED])
-
-    @property
-    def too_fast(self) -> int:
-        """First joint beyond its speed bound in the last interval, or n."""
-        return int(self._result[TOO_FAST])
-
-    @property
-    def paid(self) -> float:
-        """Scale in [0, 1] that the guarantee put on the last torque."""
-        return float(self._result[PAID])
-
-    @property
-    def solved(self) -> bool:
-        """Whether the last tick found a filtered torque."""
-        if self._solution is not None:
-            return self._solution.solved
-        return bool(self._result[FOUND] != UNDECIDED)
-
-    @property
-    def changed(self) -> bool:
-        """Whether the filter gave another torque than the modules desired in the last tick."""
-        if self._solution is not None:
-            return self._solution.solved and self._solution.iterations > 0
-        return bool(self._result[FOUND] == CERTIFIED)
-
-    @property
-    def acting(self) -> int:
-        """Number of filter rows that changed the last torque; costs less than asking ``solution``."""
-        if self._solution is not None:
-            active = self._solution.active
-            return 0 if active is None else int(np.count_nonzero(active))
-        return int(np.count_nonzero(self.memory["duals"][self._effort.size :]))
-
-    @property
-    def solution(self) -> FilterSolution | None:
-        """Of the last filter problem; None when it was not reached."""
-        if self._solution is None and self._result[FOUND] != UNDECIDED:
-            self._solution = self._lane_solution()
-        return self._solution
 
     def start(self, first: FirstState, phase: PhaseSpec) -> None:
         """Begins a run at its first state, with a full tank and relaxed springs.
@@ -236,25 +164,6 @@ class Controller:
         np.copyto(self._effort, self._solution.effort)
         return self.pay(stopping=False)
 
-    def _lane_solution(self) -> FilterSolution:
-        """Puts what the fast lane found into the words that every solver uses."""
-        duals, n = self.memory["duals"].copy(), self._effort.size
-        inside = self._result[FOUND] == INSIDE
-        return FilterSolution(
-            effort=self.memory["filtered"].copy(),
-            row_duals=duals[n:],
-            box_duals=duals[:n],
-            active=duals[n:] != 0.0,
-            iterations=int(self._result[TRIED]),
-            solved=True,
-            status="inside all limits" if inside else "optimal, certified",
-        )
-
-    @property
-    def effort(self) -> Array:
-        """(n,) torque that may leave [N.m]; only after ``tick`` or ``brake`` returned 0."""
-        return self._effort
-
     def pay(self, *, stopping: bool) -> int:
         """Scales ``effort`` to what the tank can answer for; returns 0 or EFFORT_NOT_FINITE."""
         memory = self.memory
@@ -276,6 +185,7 @@ class Controller:
         Returns:
             0; the torque that may leave is ``effort``.
         """
+        self._forget_answer()
         if state is not None and state is not self._booked:
             compiled_ledger.measure(*self._book, state.position, state.effort, 0.0)
             self._booked = state
@@ -284,6 +194,7 @@ class Controller:
 
     def miss(self) -> None:
         """Books a cycle without a usable state."""
+        self._forget_answer()
         self.distances.skip()
         compiled_cycle.missed(self.memory.floats, self.memory.float_at, self._effort.size)
 

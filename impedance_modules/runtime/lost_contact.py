@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.modules.arms import TaskModules
 from impedance_modules.runtime.conditions import Touch
 from impedance_modules.runtime.controller import Controller
 from impedance_modules.spec.task import AXES
@@ -16,6 +20,23 @@ TOUCHING, LOST = 0.5, 0.2
 """Parts of an axis's force: felt back above the first it touches, below the second it has lost contact."""
 
 
+@dataclass(frozen=True)
+class ForceAxis:
+    """A translational axis along which a spring pushes.
+
+    Attributes:
+        spring, axis: Names.
+        limb: Whose hand pushes.
+        share: (3,) direction of the push over its force, world axes [1/N]: minus its product with the force of the
+            surroundings is 1 where they resist in full.
+    """
+
+    spring: str
+    axis: str
+    limb: str
+    share: Array
+
+
 class LostContact:
     """Remembers which translational force axes touch."""
 
@@ -23,23 +44,19 @@ class LostContact:
         self._controller = controller
         self._touch = touch
         self._touching: set[tuple[str, str]] = set()
+        self._modules: TaskModules | None = None
+        self._axes: tuple[ForceAxis, ...] = ()
 
     def look(self) -> list[str]:
         """Returns a sentence for every axis that has lost its contact since the last look."""
-        lost: list[str] = []
-        for arm in self._controller.modules.arms:
-            pushing = [spring for spring in arm.springs if spring.hybrid]
-            if not pushing:
-                continue
-            force = self._touch.felt_by(arm.limb.name)
-            for spring in pushing:
-                for axis, hybrid in spring.spec.axes.items():
-                    if axis in AXES[:3] and hybrid.force != 0.0:
-                        direction = spring.axes[:, AXES.index(axis)] * np.sign(hybrid.force)
-                        felt = -float(direction @ force) / abs(hybrid.force)
-                        if self._follow((spring.name, axis), felt):
-                            lost.append(f"force axis {axis} of {spring.name} lost contact")
-        return lost
+        modules = self._controller.modules
+        if modules is not self._modules:
+            self._modules, self._axes = modules, tuple(_force_axes(modules))
+        return [
+            f"force axis {axis.axis} of {axis.spring} lost contact"
+            for axis in self._axes
+            if self._follow((axis.spring, axis.axis), -float(axis.share @ self._touch.felt_by(axis.limb)))
+        ]
 
     def _follow(self, key: tuple[str, str], felt: float) -> bool:
         if felt >= TOUCHING:
@@ -48,3 +65,12 @@ class LostContact:
             self._touching.discard(key)
             return True
         return False
+
+
+def _force_axes(modules: TaskModules) -> Iterator[ForceAxis]:
+    for arm in modules.arms:
+        for spring in arm.springs:
+            for axis, hybrid in spring.spec.axes.items():
+                if axis in AXES[:3] and hybrid.force != 0.0:
+                    share = spring.axes[:, AXES.index(axis)] / hybrid.force
+                    yield ForceAxis(spring.name, axis, arm.limb.name, share)

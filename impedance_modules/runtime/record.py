@@ -36,7 +36,8 @@ SCALARS = (
     "interrupt",
 )
 """Level [J]; part of the springs in force, of the motion granted, of the torque paid; [s]; rung of the stop ladder;
-number of active filter rows; 1 where the last torque came too late or somebody asked for a stop."""
+number of active filter rows; 1 where the last torque came too late or somebody asked for a stop. ``fill_row`` knows
+the order."""
 
 
 class Recorder:
@@ -44,6 +45,8 @@ class Recorder:
 
     Attributes:
         writer: Of the episode.
+        columns: Names, the phase last.
+        row: (columns without the phase,) of the last cycle; the next one overwrites it.
     """
 
     def __init__(
@@ -76,48 +79,36 @@ class Recorder:
         metadata = run_metadata(assembly, directory, acting, seed, backend)
         names = columns(supervisor, self._targets, self._modules)
         self.writer = EpisodeWriter(directory, names, metadata, wait_for_disk=simulated)
-        self._row = np.zeros(len(names) - 1)
-        self._extras = np.zeros(len(SCALARS))
+        self.columns = tuple(names)
+        self.row: Array = np.zeros(len(names) - 1)
         self._slots = np.array([slot for _, slot in self._targets], dtype=np.int64)
-        self._rows = np.array([row for _, row, _ in self._modules], dtype=np.int64)
-        self._joints = np.array([joint for _, _, joint in self._modules], dtype=np.int64)
+        self._owners = np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2)
 
     def add(self, state: RobotState, command: Array, *, late: bool, interrupted: bool) -> None:
         """Records one cycle: a state, and the torque that left for it (zero where none did)."""
         supervisor = self._supervisor
         controller = supervisor.controller
-        self._extras[:] = (
-            controller.level,
-            controller.spring_scale,
-            controller.granted,
-            controller.paid,
-            controller.clock,
-            supervisor.rung,
+        kinematics, memory = controller.kinematics, controller.memory
+        fill_row(
+            self.row,
+            state.time,
+            int(supervisor.rung),
             controller.acting,
             late,
             interrupted,
-        )
-        kinematics, memory = controller.kinematics, controller.memory
-        fill_row(
-            self._row,
-            state.time,
-            self._extras,
             state.position,
             state.velocity,
             command,
             state.effort,
             kinematics.rotation,
             kinematics.translation,
-            len(supervisor.assembly.modules.arms),
-            self._slots,
-            memory["target_rotation"],
-            memory["target_translation"],
             supervisor.touch.wrench,
-            self._rows,
-            self._joints,
-            memory["efforts"],
+            self._slots,
+            self._owners,
+            memory.floats,
+            memory.float_at,
         )
-        self.writer.append(self._row, supervisor.sequence.phase.name)
+        self.writer.append(self.row, supervisor.sequence.phase.name)
 
     def close(self, ending: str, reason: str) -> None:
         """Merges the episode and says in it how the run ended."""

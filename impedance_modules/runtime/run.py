@@ -100,14 +100,14 @@ def carry_out(
         recorder.abandon()
         raise
     view = SceneView(options.out, supervisor, recorder.writer.background, live=options.live)
-    summary = Summary(assembly, supervisor, options.backend, options.seed, paced=not simulated)
+    summary = Summary(assembly, supervisor, recorder.columns, options.backend, options.seed)
     interrupt = Interrupt()
     last_shown = [-1.0]
 
     def on_cycle(state: RobotState, effort: Array, late: bool, asked: bool) -> None:
         recorder.add(state, effort, late=late, interrupted=asked)
         view.add(state, effort)
-        summary.add(state, effort, late=late)
+        summary.add(recorder.row)
         if state.time - last_shown[0] >= 0.1:
             last_shown[0] = state.time
             on_progress(state.time, supervisor.sequence.phase.name)

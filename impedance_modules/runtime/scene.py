@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.scene import Body, BodyShape, EllipsoidStyle, Pose7, Scene, ViewSample
 from impedance_modules.episode.view import RecordingView
+from impedance_modules.modules.mobility import mobility
 from impedance_modules.robot.pose import Pose
-from impedance_modules.robot.rotation import exp3, log3
+from impedance_modules.robot.rotation import exp3, rotation_angle
 from impedance_modules.robot.shapes import LinkPoses, LinkShape, link_shapes
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly
-from impedance_modules.runtime.compiled_row import quaternion
+from impedance_modules.runtime.compiled_row import write_poses
 from impedance_modules.runtime.supervisor import Supervisor
 from impedance_modules.safety.problem import RowKind
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
 from impedance_modules.superposition.ellipsoid import ellipsoid
-from impedance_modules.superposition.inertia import operational_inertia
+from impedance_modules.superposition.inertia import from_mobility
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,8 @@ class SceneView:
         shapes = link_shapes(assembly.model)
         self._links = tuple(dict.fromkeys(shape.link for shape in shapes))
         self._poses = LinkPoses(assembly.model, self._links)
-        self._springs = [spring for arm in assembly.modules.arms for spring in arm.springs]
+        self._arms = len(assembly.modules.arms)
+        self._slots = supervisor.controller.memory.index("slots")
         self._said = 0
         self._limb_joints = np.concatenate([arm.limb.joints for arm in assembly.modules.arms])
         self._kinds = tuple(kind.label for kind in RowKind)
@@ -67,21 +69,16 @@ class SceneView:
     def _sample(self, state: RobotState, effort: Array) -> ViewSample:
         controller = self._supervisor.controller
         kinematics, memory = controller.kinematics, controller.memory
-        slots = memory.index("slots")
-        ends = np.stack([kinematics.translation[slots], memory["target_translation"]], axis=1)
-        poses = [_seven(pose) for pose in self._poses.at(state.position)]
-        held = controller.modules.held
-        if held is not None:
-            poses.append(_seven(held.pose_from(tuple(kinematics.pose(hand) for hand in held.hands))))
+        ends = np.stack([kinematics.translation[self._slots], memory["target_translation"]], axis=1)
         ellipsoid_poses, half_axes = self._ellipsoids()
         said = self._supervisor.messages[self._said :]
         self._said = len(self._supervisor.messages)
         limits = self._assembly.limits.effort_max
         return ViewSample(
             time=state.time,
-            poses=np.array(poses),
+            poses=self._body_poses(state.position),
             springs=ends,
-            wrench_points=kinematics.translation[: len(self._assembly.modules.arms)].copy(),
+            wrench_points=kinematics.translation[: self._arms].copy(),
             wrenches=self._supervisor.touch.wrench.copy(),
             ellipsoid_poses=ellipsoid_poses,
             half_axes=half_axes,
@@ -93,59 +90,65 @@ class SceneView:
             messages=tuple(text for _, text in said),
         )
 
+    def _body_poses(self, q: Array) -> Array:
+        """Places every link, and the held object where its hands say it is, (bodies, 7)."""
+        controller = self._supervisor.controller
+        held = controller.modules.held
+        poses = np.zeros((len(self.scene.bodies), 7))
+        self._poses.update(q)
+        write_poses(self._poses.rotation, self._poses.translation, poses[: len(self._links)])
+        if held is not None:
+            hands = tuple(controller.kinematics.pose(hand) for hand in held.hands)
+            poses[-1] = _seven(held.pose_from(hands))
+        return poses
+
     def _tracking(self) -> Array:
+        """Gives distance [m] and angle [rad] of every spring's frame to its target, (springs, 2)."""
         controller = self._supervisor.controller
         memory, kinematics = controller.memory, controller.kinematics
-        found = np.zeros((len(self._springs), 2))
-        for row, slot in enumerate(memory.index("slots")):
-            found[row, 0] = np.linalg.norm(kinematics.translation[slot] - memory["target_translation"][row])
-            turn = kinematics.rotation[slot] @ memory["target_rotation"][row].T
-            found[row, 1] = np.linalg.norm(log3(turn))
-        return found
+        away = kinematics.translation[self._slots] - memory["target_translation"]
+        turn = kinematics.rotation[self._slots] @ memory["target_rotation"].transpose(0, 2, 1)
+        distances = np.linalg.norm(away, axis=1)
+        return np.column_stack([distances, rotation_angle(turn)])
 
     def _active_rows(self) -> Array:
-        solution = self._supervisor.controller.solution
+        controller = self._supervisor.controller
         counts = np.zeros(len(self._kinds))
-        if solution is None or solution.active is None or solution.box_duals is None:
+        solution = controller.solution if controller.changed else None
+        if solution is None or solution.active is None:
             return counts
-        kinds = self._supervisor.controller.workspace.layout.kinds
+        kinds = controller.workspace.layout.kinds
         for row in np.flatnonzero(solution.active):
             counts[self._kinds.index(kinds[row].label)] += 1
         return counts
 
     def _ellipsoids(self) -> tuple[Array, Array]:
-        """Inertia and stiffness of every hand, at the hand."""
-        controller = self._supervisor.controller
-        kinematics, memory = controller.kinematics, controller.memory
-        stiffness = memory["stiffness"][2]
-        slots = memory.index("slots")
-        poses, axes = [], []
-        for row, arm in enumerate(self._assembly.modules.arms):
-            joints = arm.limb.joints
-            inertia = operational_inertia(
-                kinematics.jacobian[row][:, joints], kinematics.inverse_inertia[np.ix_(joints, joints)]
-            ).inertia
-            springs = stiffness[slots == row].sum(axis=0)[:3, :3]
-            blocks = (None if inertia is None else inertia[:3, :3], springs * controller.spring_scale)
-            for block in blocks:
-                pose, half = _drawn(block, kinematics.translation[row])
-                poses.append(pose)
-                axes.append(half)
-        return np.array(poses), np.array(axes)
-
-
-def _drawn(block: Array | None, centre: Array) -> tuple[Pose7, Array]:
-    if block is None:
-        return _seven(Pose(np.eye(3), centre)), np.full(3, np.nan)
-    found = ellipsoid(block)
-    return _seven(Pose(found.directions, centre)), found.half_axes
+        """Inertia and stiffness of every hand in turn, at the hand: (2 arms, 7) and half axes (2 arms, 3)."""
+        controller, arms = self._supervisor.controller, self._arms
+        kinematics = controller.kinematics
+        blocks, missing = np.zeros((2 * arms, 3, 3)), []
+        for row in range(arms):
+            inertia = from_mobility(mobility(kinematics.jacobian[row], kinematics.inverse_inertia)).inertia
+            if inertia is None:
+                missing.append(2 * row)
+            else:
+                blocks[2 * row] = inertia[:3, :3]
+            springs = controller.memory["stiffness"][2][self._slots == row].sum(axis=0)
+            blocks[2 * row + 1] = springs[:3, :3] * controller.spring_scale
+        found = ellipsoid(blocks)
+        poses = np.zeros((2 * arms, 7))
+        write_poses(found.directions, np.repeat(kinematics.translation[:arms], 2, axis=0), poses)
+        # Where no inertia exists there is nothing to draw.
+        half_axes = found.half_axes
+        half_axes[missing] = np.nan
+        return poses, half_axes
 
 
 def _seven(pose: Pose) -> Pose7:
-    out = np.zeros(4)
-    quaternion(np.ascontiguousarray(pose.rotation), out)
-    x, y, z = pose.translation
-    return (float(x), float(y), float(z), float(out[0]), float(out[1]), float(out[2]), float(out[3]))
+    out = np.zeros((1, 7))
+    write_poses(np.ascontiguousarray(pose.rotation)[None], pose.translation[None], out)
+    x, y, z, qx, qy, qz, qw = out[0].tolist()
+    return (x, y, z, qx, qy, qz, qw)
 
 
 def _scene(

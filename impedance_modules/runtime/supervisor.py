@@ -26,8 +26,8 @@ from impedance_modules.safety.stopping import damping_effort
 
 Array = NDArray[np.float64]
 
-LOOKS = 250.0
-"""How often conditions are judged [Hz]."""
+LOOKS = 100.0
+"""How often conditions are judged [Hz]: contact is judged over several hundredths of a second."""
 
 BEYOND_LIMIT = 0.02
 """A joint this far outside its range in spite of the filter's rows stops the run [rad]."""
@@ -69,6 +69,7 @@ class Supervisor:
         )
         self.sequence = Sequence(self.controller, self.touch)
         self.ladder: dict[str, Decision] = {arm.limb.name: RUNNING for arm in assembly.modules.arms}
+        self._hardest = Rung.RUN
         self.ending: Ending | None = None
         self.reason = ""
         self.messages: list[tuple[float, str]] = []
@@ -89,11 +90,10 @@ class Supervisor:
     @property
     def rung(self) -> Rung:
         """The lowest rung any arm is on; SCALE while the tank slows the task."""
-        hardest = max(decision.rung for decision in self.ladder.values())
         controller = self.controller
-        if hardest == Rung.RUN and (controller.starved_time > 0.0 or controller.granted < 1.0):
+        if self._hardest == Rung.RUN and (controller.starved_time > 0.0 or controller.granted < 1.0):
             return Rung.SCALE
-        return hardest
+        return self._hardest
 
     @property
     def released(self) -> bool:
@@ -126,7 +126,7 @@ class Supervisor:
         Returns:
             (n,) torque to send [N.m], or None when nothing may leave in this cycle. After ``ending`` is set, None.
         """
-        running = all(decision.rung < Rung.DAMP for decision in self.ladder.values())
+        running = self._hardest < Rung.DAMP
         events = self._clock_events(state, late)
         if stop_request is not None and not self._interrupted:
             self._interrupted = True
@@ -192,6 +192,7 @@ class Supervisor:
         before = self.ladder
         self.ladder = descend(before, events, self._speeds, self.assembly.period, self.stop_limits)
         hardest = max(self.ladder.values(), key=lambda decision: decision.rung)
+        self._hardest = hardest.rung
         if hardest.rung < Rung.DAMP:
             return None
         if hardest.reason != max(before.values(), key=lambda decision: decision.rung).reason:

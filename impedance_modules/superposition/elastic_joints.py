@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.superposition.matrix_exponential import matrix_exponential
 
 Array = NDArray[np.float64]
 
@@ -128,15 +129,13 @@ def sampled_arm(
         motion: (k, m) N for arms that hold an object together; None for free arms.
         carried: (m, m) inertia of the object seen in y, E^T Lambda_obj E; None without an object.
     """
-    from scipy.linalg import expm  # noqa: PLC0415 - a slow import that only the analysis needs
-
     N = np.eye(len(inertia)) if motion is None else motion
     system, torque = _first_order(inertia, drives, N, carried)
     size, k = torque.shape
     period = 1.0 / (sampling.rate * sampling.robot_loops)
     generator = np.zeros((size + k, size + k))
     generator[:size, :size], generator[:size, size:] = system, torque
-    step = expm(generator * period)
+    step = matrix_exponential(generator * period)
     links = np.eye(size)[: N.shape[1]]
     loop, push = _with_estimate(
         step[:size, :size], step[:size, size:], N @ links, period, sampling.velocity_filter

@@ -16,9 +16,9 @@ class Ellipsoid:
     """Principal values of a symmetric 3x3 matrix A: the push along u is u^T A u per unit motion.
 
     Attributes:
-        half_axes: (3,) eigenvalues in ascending order, in the matrix's units. A negative one marks a
+        half_axes: (..., 3) eigenvalues in ascending order, in the matrix's units. A negative one marks a
             direction of unstable stiffness; nothing is squared or rooted.
-        directions: (3, 3) right-handed unit vectors in world axes, one per column.
+        directions: (..., 3, 3) right-handed unit vectors in world axes, one per column.
     """
 
     half_axes: Array
@@ -26,10 +26,9 @@ class Ellipsoid:
 
 
 def ellipsoid(block: Array) -> Ellipsoid:
-    """Finds the principal axes of the symmetric part of a (3, 3) block."""
-    values, vectors = np.linalg.eigh(0.5 * (block + block.T))
-    if np.linalg.det(vectors) < 0.0:
-        vectors = vectors * np.array([1.0, 1.0, -1.0])
+    """Finds the principal axes of the symmetric part of a (3, 3) block, or of each in a stack (..., 3, 3)."""
+    values, vectors = np.linalg.eigh(0.5 * (block + np.swapaxes(block, -1, -2)))
+    vectors[np.linalg.det(vectors) < 0.0, :, 2] *= -1.0
     return Ellipsoid(values, vectors)
 
 

@@ -27,7 +27,9 @@ from impedance_modules.modules.equilibrium import OBJECT, Equilibrium, phase_mot
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.spring import Spring
+from impedance_modules.modules.squeeze import squeeze_forces
 from impedance_modules.modules.total import desired_effort
+from impedance_modules.modules.weight import carry_weight
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
@@ -284,6 +286,12 @@ def test_squeeze_and_weight_agree_even_where_the_hands_drift_on_the_object(model
             kinematics.update(q, v)
             targets = random_equilibrium(random, modules, robot, 1.0)
             clear = desired_effort(modules, kinematics, targets, q, v, random_damping(random, modules))
+            # What is kept in the object's axes is what the hands' places in world would give.
+            R_WO = kinematics.pose(held.hands[0]).rotation @ held.grasps[0].rotation.T
+            offsets = np.array([R_WO @ grasp.translation for grasp in held.grasps])
+            pressed = squeeze_forces(offsets, held.spec.squeeze)
+            np.testing.assert_allclose(held.squeeze[:, :3] @ R_WO.T, pressed, atol=1e-9)
+            np.testing.assert_allclose(held.weight(R_WO), carry_weight(offsets, held.spec.mass), atol=1e-9)
             shares = compiled_object.object_shares(held, modules.frames)
             squeeze, weight = np.full(robot.n, np.nan), np.full(robot.n, np.nan)
             compiled_object.object_efforts(

@@ -105,7 +105,7 @@ class Mechanism:
                 dampers[part, part] += damping.of_joints(arm.limb.name)
             for spring in arm.springs:
                 J = self.jacobian(spring.frame)[:, part]
-                stiffness[part, part] += J.T @ spring.in_world(spring.stiffness) @ J
+                stiffness[part, part] += J.T @ spring.world_stiffness @ J
                 dampers[part, part] += J.T @ damping.of_spring(spring) @ J
         return stiffness, dampers
 

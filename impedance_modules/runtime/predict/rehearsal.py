@@ -212,6 +212,6 @@ def _drift(mechanism: Mechanism, modules: TaskModules, motion: PhaseMotion, cloc
     for arm in modules.arms:
         for spring in arm.springs:
             if np.any(twists[spring.name]):
-                pull = spring.in_world(spring.stiffness) @ twists[spring.name]
+                pull = spring.world_stiffness @ twists[spring.name]
                 found += mechanism.jacobian(spring.frame).T @ pull
     return found

@@ -158,9 +158,12 @@ def _stacked(gains: list[Gains]) -> Gains:
 
 
 def _block_diagonal(matrices: list[Array]) -> Array:
-    from scipy.linalg import block_diag  # noqa: PLC0415 - a slow import that the loop needs anyway
-
-    return np.asarray(block_diag(*matrices))
+    ends = np.cumsum([len(matrix) for matrix in matrices])
+    found = np.zeros((ends[-1], ends[-1]))
+    for matrix, end in zip(matrices, ends, strict=True):
+        part = slice(end - len(matrix), end)
+        found[part, part] = matrix
+    return found
 
 
 def _stiffest(modules: TaskModules, limb: str) -> float:

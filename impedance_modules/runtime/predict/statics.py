@@ -33,6 +33,12 @@ CLOSED = 1e-11
 """Largest disagreement of the hands on the object's pose at rest [m, rad]."""
 
 TRIES = 80
+NEAR = 0.02
+"""Distance from a surface at which a step reckons with a point [m]."""
+
+SWITCHES = 10
+"""Solutions per step while points that the step itself brings in or takes out are added or let go."""
+
 GAP_WEIGHT = 1e3
 """Torque that counts like a disagreement of the hands [N.m per m or rad]."""
 
@@ -121,7 +127,7 @@ class _Balance:
         self._mechanism, self._setting, self._loads = mechanism, setting, loads
         self._force, self._left = np.zeros(mechanism.k), np.zeros(mechanism.k)
         self._rows, self._gap = np.zeros((0, mechanism.k)), np.zeros(0)
-        self._points: list[tuple[Contact, Array]] = []
+        self._near: list[tuple[Contact, Array]] = []
         self.effort: Array = np.zeros(mechanism.model.n)
 
     def at(self, q: Array) -> float:
@@ -136,12 +142,12 @@ class _Balance:
         force = terms.effort[mechanism.joints] + mechanism.object_load()
         for frame, wrench in self._loads.pushes.items():
             force = force + self._body(frame).T @ wrench
-        found = mechanism.contacts(0.0) if self._loads.surfaces else []
-        self._points = [(contact, J) for contact, J in found if contact.depth > 0.0]
-        for contact, J in self._points:
-            force = force + J.T @ (contact.surface.stiffness * contact.depth * contact.normal)
+        self._near = mechanism.contacts(NEAR) if self._loads.surfaces else []
         self._rows, self._gap = mechanism.grasp_rows()
-        self._force, self._left = force, _unsupported(force, self._rows)
+        self._force = force
+        for contact, J in self._touching:
+            force = force + J.T @ (contact.surface.stiffness * contact.depth * contact.normal)
+        self._left = _unsupported(force, self._rows)
         return float(np.linalg.norm(self._left)) + GAP_WEIGHT * float(np.linalg.norm(self._gap))
 
     @property
@@ -150,15 +156,35 @@ class _Balance:
         closed = not self._gap.size or float(np.max(np.abs(self._gap))) < CLOSED
         return closed and float(np.max(np.abs(self._left))) < BALANCED
 
+    @property
+    def _touching(self) -> list[tuple[Contact, Array]]:
+        return [(contact, J) for contact, J in self._near if contact.depth > 0.0]
+
     def step(self, q: Array, slowing: float) -> Array:
-        """Gives a Newton step (k,) from q, the last posture; ``slowing`` [1/s^2] weighs the mass in."""
-        inertia = self._mechanism.inertia()
-        hessian = self._hessian(q) + (slowing + 1e-8) * inertia
+        """Gives a Newton step (k,) from q, the last posture; ``slowing`` [1/s^2] weighs the mass in.
+
+        Depths change in proportion to the step, and just those points press that are inside after it.
+        """
+        hessian = self._hessian(q) + (slowing + 1e-8) * self._mechanism.inertia()
+        points = self._touching
+        for _ in range(SWITCHES):
+            found = self._solve(hessian, points)
+            inside = [(c, J) for c, J in self._near if c.depth - float(c.normal @ J @ found) > 0.0]
+            if [c.key for c, _ in inside] == [c.key for c, _ in points]:
+                break
+            points = inside
+        return np.asarray(found * min(1.0, LONGEST_STEP / max(float(np.max(np.abs(found))), 1e-12)))
+
+    def _solve(self, hessian: Array, points: list[tuple[Contact, Array]]) -> Array:
+        """Solves for one set of points that press; ``hessian`` and the force are without them."""
         k, held = len(hessian), len(self._rows)
         matrix, right = np.zeros((k + held, k + held)), np.concatenate([self._force, -self._gap])
         matrix[:k, :k], matrix[:k, k:], matrix[k:, :k] = hessian, self._rows.T, self._rows
-        found = np.linalg.solve(matrix, right)[:k]
-        return np.asarray(found * min(1.0, LONGEST_STEP / max(float(np.max(np.abs(found))), 1e-12)))
+        for contact, J in points:
+            into = contact.normal @ J
+            matrix[:k, :k] += contact.surface.stiffness * np.outer(into, into)
+            right[:k] += contact.surface.stiffness * contact.depth * into
+        return np.asarray(np.linalg.solve(matrix, right)[:k])
 
     def pressure(self) -> Mapping[str, Array]:
         """Sums the surfaces' forces on every body."""
@@ -167,7 +193,7 @@ class _Balance:
         found = {
             name: np.zeros(6) for name in names if name != OBJECT or self._setting.modules.held is not None
         }
-        for contact, _ in self._points:
+        for contact, _ in self._touching:
             force = contact.surface.stiffness * contact.depth * contact.normal
             found[names[contact.key[0]]] += np.concatenate([force, np.cross(contact.arm, force)])
         return found
@@ -176,7 +202,10 @@ class _Balance:
         return self._mechanism.object_jacobian() if frame == OBJECT else self._mechanism.jacobian(frame)
 
     def _hessian(self, q: Array) -> Array:
-        """Gives minus the derivative of the force by the joints, (k, k), loads that turn included."""
+        """Gives minus the derivative of the force by the joints, (k, k), loads that turn included.
+
+        Without what pressing deeper adds, which ``step`` puts in.
+        """
         mechanism = self._mechanism
         state = analyse_state(mechanism, self._setting, q)
         found = np.zeros((mechanism.k, mechanism.k))
@@ -187,9 +216,8 @@ class _Balance:
         if state.held is not None:
             for hand in state.held.hands:
                 turning = turning + turning_stiffness(-hand.wrench[:3], hand.offset)
-        for contact, J in self._points:
-            into, force = contact.normal @ J, contact.surface.stiffness * contact.depth * contact.normal
-            found += contact.surface.stiffness * np.outer(into, into)
+        for contact, _ in self._touching:
+            force = contact.surface.stiffness * contact.depth * contact.normal
             if contact.key[0] == len(self._setting.modules.arms):
                 turning = turning + turning_stiffness(-force, contact.arm)
         if state.held is not None:

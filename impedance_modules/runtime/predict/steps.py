@@ -10,7 +10,7 @@ import numpy as np
 from impedance_modules.modules.equilibrium import PhaseMotion
 from impedance_modules.spec.task import PhaseSpec
 
-FINEST, COARSEST = 0.02, 0.04
+FINEST, COARSEST = 0.025, 0.04
 """Bounds of a step [s]; hands swing with 10 to 20 rad/s."""
 
 STEPS = 200
