@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -180,6 +181,30 @@ def test_states_that_are_not_finite_book_and_send_nothing(tmp_path_factory) -> N
         0,
         EFFORT_NOT_FINITE,
     }
+
+
+@pytest.mark.parametrize("lane", [True, False])
+def test_a_cycle_that_filters_nothing_reports_no_change(tmp_path_factory, lane: bool) -> None:
+    """A state that is not finite or missing, and a stop, have no answer of the filter: the last one's is not theirs."""
+    assembly = pair_assembly(tmp_path_factory.mktemp("tasks"), 6.0)
+    if not lane:
+        assembly = replace(assembly, robot=replace(assembly.robot, solver="proxsuite"))
+    still = np.zeros(assembly.model.n)
+    at_rest = RobotState(0.0, assembly.modules.posture, still, still)
+    fast = still.copy()
+    fast[1] = 1.2 * assembly.limits.velocity_max[1]
+    too_fast = RobotState(0.001, at_rest.position, fast, still)
+    lost = replace(too_fast, velocity=np.full_like(fast, np.nan))
+    for ends in (lambda c: c.tick(lost), lambda c: c.miss(), lambda c: c.brake(at_rest, still)):
+        controller = Controller(assembly)
+        controller.start(FirstState(at_rest, still), assembly.task.phases[0])
+        assert controller.tick(too_fast) == 0
+        assert controller.changed
+        assert controller.acting > 0
+        ends(controller)
+        assert not controller.changed
+        assert controller.acting == 0
+        assert controller.solution is None
 
 
 def test_same_states_give_the_same_bits(tmp_path_factory) -> None:
