@@ -114,9 +114,8 @@ def main() -> None:
     wall, processor = watch.between("first cycle", "picture")
     inside = sum(value for name, value in seconds.items() if not name.startswith(" "))
     print(f"{task}: {simulated:.2f} s simulated, ended {result.summary['ending']} {result.reason}")
-    print(
-        f"  wall {wall:.2f} s = {simulated / wall:.2f} x real time, and {watch.between('picture', 'drawn')[0]:.2f} s picture"
-    )
+    drawing, _ = watch.between("picture", "drawn")
+    print(f"  wall {wall:.2f} s = {simulated / wall:.2f} x real time, and {drawing:.2f} s for the picture")
     print(f"  processor, all threads {processor:.2f} s = {simulated / processor:.2f} x real time")
     print(f"  processor, the cycles' own {inside:.2f} s = {simulated / inside:.2f} x real time, of which")
     for name, _, _ in TIMED:
