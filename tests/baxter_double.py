@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs the double as a process of its own, sends it faults and reads its diary; runs ``impedance`` like a user."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from impedance_modules.backends.baxter.fake.ears import FAULT_TOPIC
+from impedance_modules.backends.baxter.messages import String
+from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
+
+IMPEDANCE = [sys.executable, "-m", "impedance_modules"]
+START = 60.0
+
+
+def impedance(*arguments: str, seconds: float = 60.0) -> subprocess.CompletedProcess[str]:
+    """Runs a verb to its end."""
+    return subprocess.run(
+        [*IMPEDANCE, *arguments], capture_output=True, text=True, timeout=seconds, check=False
+    )
+
+
+class Double:
+    """One ``impedance baxter fake``."""
+
+    def __init__(self, process: subprocess.Popen[str], diary: Path, node: SocketTransport) -> None:
+        self.process, self._diary, self._node = process, diary, node
+        self._faults = node.advertise(FAULT_TOPIC, String)
+        self.said: list[str] = []
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def fault(self, words: str) -> None:
+        """Lets something go wrong now."""
+        assert _until(lambda: self._faults.connections() > 0, 5.0)
+        self._faults.send(String(words))
+
+    def lines(self) -> list[dict[str, Any]]:
+        """Everything in the diary so far; its last line may still be being written."""
+        text = self._diary.read_text()
+        return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+    def wait_for(self, event: str, seconds: float = 10.0) -> dict[str, Any]:
+        """Waits for the first event that contains a text."""
+        assert _until(lambda: self._find(event) is not None, seconds), (
+            f"no '{event}' in {[line['event'] for line in self.lines() if line['event']]}; {self.said}"
+        )
+        found = self._find(event)
+        assert found is not None
+        return found
+
+    def wait_for_commands(self, limb: str, count: int, seconds: float = 30.0) -> None:
+        """Waits until a limb has been commanded so often."""
+        assert _until(lambda: self.lines()[-1]["commands"][limb] >= count, seconds), (
+            f"{self.lines()[-1]}; {self.said}"
+        )
+
+    def _find(self, event: str) -> dict[str, Any] | None:
+        return next((line for line in self.lines() if event in line["event"]), None)
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.said.append(line.rstrip())
+
+
+@contextmanager
+def double(folder: Path, master: str, *options: str) -> Iterator[Double]:
+    """Starts a double and ends it."""
+    diary = folder / "diary.jsonl"
+    process = subprocess.Popen(
+        [*IMPEDANCE, "baxter", "fake", "--log", str(diary), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    node = SocketTransport(f"/test_{os.getpid()}_{time.monotonic_ns()}", master)
+    try:
+        found = Double(process, diary, node)
+        assert _until(lambda: any("Ctrl-C ends it" in line for line in found.said), START), found.said
+        yield found
+    finally:
+        node.close()
+        end(process)
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    """Ends a process as Ctrl-C does, or for certain."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        process.wait(15)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait(5)
+
+
+def _until(condition: Any, seconds: float) -> bool:
+    limit = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > limit:
+            return False
+        time.sleep(0.02)
+    return True
