@@ -201,6 +201,7 @@ SPOILED = {
     "velocities in rpm": (times("velocity.elbow", 30.0 / np.pi), 2, "rev/min for rad/s?"),
     "velocity reversed": (times("velocity.elbow", -1.0), 2, "velocity.elbow is -1 times"),
     "torque in mN.m": (each("effort", 1000.0), 2, "looks like mN.m"),
+    "a glitch": (put("effort.elbow", 500, 1e5), 2, "effort.elbow is 1e+05 in sample 500, 1 such samples"),
     "torque reversed": (times("effort.elbow", -1.0), 2, "the sign of effort.elbow is flipped"),
     "all reversed": (each("effort", -1.0), 2, "effort.shoulder, effort.elbow is flipped on every joint"),
     "torque stuck": (put("effort.elbow", slice(None), 0.0), 2, "effort.elbow is 0 in every sample"),
@@ -228,7 +229,7 @@ def test_spoiled_recordings_are_refused_with_the_reason(tmp_path, urdf, case):
     if case == "wrong joint name":
         others = []
     if case == "constant":
-        words, code = "no joint moves more than", 7
+        words, code = "no joint moves more than 0.02 rad", 7
         others = []
     refused(urdf, [save(tmp_path, "run0", data, **about), *others], words, code)
 

@@ -27,8 +27,8 @@ RATE_MIN = 25.0
 SAMPLES_MIN = 100
 """Fewer say nothing about a joint with a dozen possible causes."""
 
-MOTION_MIN = 0.02
-"""A joint that moves less than this about its mean is called weak [rad rms]."""
+MOTION_MIN, SLIDE_MIN = 0.02, 0.002
+"""A joint that moves less than this about its mean is called weak: turning [rad rms], sliding [m rms]."""
 
 
 def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, ...], DataReport]:
@@ -53,7 +53,7 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
     weak = _weak_joints(grouped, model)
     if len(weak) == model.n:
         raise InsufficientData(
-            f"no joint moves more than {MOTION_MIN} rad rms in any recording: constant data"
+            f"no joint moves more than {MOTION_MIN} rad ({SLIDE_MIN} m) rms in any recording: constant data"
             " (valid: motions that reverse, at several speeds)"
         )
     groups: dict[str, list[str]] = {}
@@ -162,7 +162,8 @@ def _speaking(velocity: Array | None, position: Array, name: str, warnings: list
 
 def _weak_joints(logs: Sequence[Log], model: NominalModel) -> tuple[str, ...]:
     motion = np.max([log.position.std(axis=0) for log in logs], axis=0)
-    return tuple(joint for joint, size in zip(model.joints, motion, strict=True) if size < MOTION_MIN)
+    least = [SLIDE_MIN if body.prismatic else MOTION_MIN for body in model.tree.bodies]
+    return tuple(joint for joint, size, low in zip(model.joints, motion, least, strict=True) if size < low)
 
 
 def _torque_semantics(logs: Sequence[Log]) -> str:

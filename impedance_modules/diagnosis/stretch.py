@@ -19,6 +19,9 @@ STRETCHES = 6
 STRETCH_MIN = 2.0
 """Shortest stretch that is worth a fold [s]."""
 
+SHORTEST = 0.6
+"""Part of `STRETCH_MIN` below which stretches of equal motion give way to stretches of equal time."""
+
 STRETCHES_MIN = 4
 """Fewest: one is held out, and what is left still makes folds."""
 
@@ -57,7 +60,10 @@ def _edges(log: Log, pieces: int) -> list[int]:
     motion = (path[:, moving] / whole[moving]).mean(axis=1) if moving.any() else np.zeros(len(path))
     worth = np.concatenate([[0.0], np.cumsum((1.0 - CALM_SHARE) * motion + CALM_SHARE / len(path))])
     found = np.interp(np.linspace(0.0, worth[-1], pieces + 1), worth, step * np.arange(len(worth)))
-    return [0, *(round(edge) for edge in found[1:-1]), log.samples]
+    found[-1] = log.samples
+    if np.diff(found).min() < SHORTEST * STRETCH_MIN * log.rate:
+        found = np.linspace(0.0, log.samples, pieces + 1)  # nearly all motion in one place
+    return [round(edge) for edge in found]
 
 
 def _piece(log: Log, edges: Sequence[int], index: int) -> Log:

@@ -16,6 +16,12 @@ Array = NDArray[np.float64]
 
 DEGREES = 180.0 / np.pi
 
+FARTHEST, FASTEST, STRONGEST = 1e4, 1e4, 1e6
+"""Beyond it no joint goes, in any unit that is meant."""
+
+OVERLOAD = 50.0
+"""Multiple of a joint's stated largest torque that no sensor reports."""
+
 TURNS = 2.0
 """Positions beyond as many turns are no joint's, if its URDF does not allow them [rev]."""
 
@@ -49,11 +55,35 @@ def refuse_units(log: Log, model: NominalModel) -> None:
     Raises:
         BadInput: With the joint, the number and the unit that it looks like.
     """
+    _refuse_absurd(log, model)
     for index, body in enumerate(model.tree.bodies):
         _refuse_range(log, body, log.position[:, index])
         if log.velocity is not None:
             _refuse_speed(log, body, log.position[:, index], log.velocity[:, index])
     _refuse_by_torque(log, model)
+
+
+def _refuse_absurd(log: Log, model: NominalModel) -> None:
+    """Refuses single numbers that no robot reaches: a glitch would outweigh everything else."""
+    n = model.n
+    _refuse_beyond(log, model, "position", log.position, np.full(n, FARTHEST))
+    _refuse_beyond(log, model, "velocity", log.velocity, np.full(n, FASTEST))
+    for name, values in (("effort", log.effort), ("effort_command", log.command)):
+        _refuse_beyond(log, model, name, values, np.full(n, STRONGEST))
+    _refuse_thousandths(log, model)
+    for name, values in (("effort", log.effort), ("effort_command", log.command)):
+        _refuse_beyond(log, model, name, values, OVERLOAD * model.effort_max)
+
+
+def _refuse_beyond(log: Log, model: NominalModel, name: str, values: Array | None, most: Array) -> None:
+    if values is None or not (beyond := np.abs(values) > most).any():
+        return
+    row, joint = (int(x[0]) for x in np.nonzero(beyond))
+    raise BadInput(
+        f"{log.name}: {name}.{model.joints[joint]} is {values[row, joint]:.4g} in sample {row},"
+        f" {int(beyond.sum())} such samples in all: a glitch, or another unit (valid: at most"
+        f" {most[joint]:.4g} in SI units there; cut the glitches out, or state the unit in the import map)"
+    )
 
 
 def _refuse_range(log: Log, body: Body, q: Array) -> None:
@@ -116,7 +146,6 @@ def _refuse_by_torque(log: Log, model: NominalModel) -> None:
                 f" are {words} ({100 * other:.0f} % of the torque's power is left over, now {100 * now:.0f} %)."
                 " Are they? (valid: rad; state 'unit' in the import map)"
             )
-    _refuse_thousandths(log, model)
 
 
 def _left(log: Log, model: NominalModel, scale: float) -> float | None:

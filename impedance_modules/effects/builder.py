@@ -14,6 +14,7 @@ from impedance_modules.effects.description import Port
 from impedance_modules.effects.drive_path import DrivePath
 from impedance_modules.effects.law_torque import LawTorque
 from impedance_modules.effects.motion import WornTorque
+from impedance_modules.effects.rigid import sliding_joints
 from impedance_modules.effects.worn import SensorErrors, WornPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.rotation import exp3
@@ -67,8 +68,17 @@ class PlantBuilder:
         side: Literal["motor", "link"] = "motor" if port == "actuator" else "link"
         lightness = self.motor_mobility if side == "motor" else self.link_mobility
         joints = self.joints(parameters)
+        sliding = sliding_joints(self.model.pin_model)[joints]
         self.torques.append(
-            LawTorque(law.basis, side, joints, coefficients=coefficients, shape=shape, mobility=lightness)
+            LawTorque(
+                law.basis,
+                side,
+                joints,
+                coefficients=coefficients,
+                shape=shape,
+                mobility=lightness,
+                sliding=sliding,
+            )
         )
 
     def link_mobility(self, position: Array) -> Array:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.description import Description, Parameter, Port
 from impedance_modules.effects.effect import JointLaw, Values
-from impedance_modules.effects.sample import Sample, Shape
+from impedance_modules.effects.sample import Sample, Shape, smoothing
 from impedance_modules.effects.signals import Signals
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ class CoulombFriction(JointLaw):
     description = Description(
         id="coulomb_friction",
         sentence="Dry surfaces rub: a torque of constant size against the motion, whatever the speed.",
-        equation="tau = fc sgn(v), with sgn(v) ~ tanh(v / 0.01 rad/s)",
+        equation="tau = fc sgn(v), with sgn(v) ~ tanh(v / 0.01 rad/s); 0.001 m/s where it slides",
         parameters=(COULOMB,),
         ports=BOTH_SIDES,
         keys=("joint",),
@@ -100,9 +100,12 @@ class StribeckFriction(JointLaw):
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Tries speeds from just above the sign's smoothing to a third of the largest one."""
-        fastest = float(np.abs(signals.velocity[:, signals.joint(key)]).max())
-        top = max(fastest / 3.0, 0.02)
-        return tuple({"vs": float(speed)} for speed in np.geomspace(0.01, top, 8))
+        joint = signals.joint(key)
+        fastest = float(np.abs(signals.velocity[:, joint]).max())
+        least = float(smoothing(signals.model.sliding)[joint])
+        return tuple(
+            {"vs": float(speed)} for speed in np.geomspace(least, max(fastest / 3.0, 2.0 * least), 8)
+        )
 
     def relations(self, values: Values) -> list[str]:
         """Friction at rest is not below that in motion."""

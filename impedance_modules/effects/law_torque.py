@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.motion import JointMotion
-from impedance_modules.effects.sample import SMOOTHING, Sample, Shape
+from impedance_modules.effects.sample import Sample, Shape, smoothing
 
 Array = NDArray[np.float64]
 Side = Literal["motor", "link"]
@@ -32,10 +32,12 @@ class LawTorque:
         coefficients: Array,
         shape: Shape,
         mobility: Callable[[Array], Array],
+        sliding: NDArray[np.bool_],
     ) -> None:
         """Takes the law, its joints' indices (k,), coefficients (k, p), and shape values (k,) each.
 
-        ``mobility`` gives the acceleration per torque (n,) of the port's side at a posture (n,).
+        ``mobility`` gives the acceleration per torque (n,) of the port's side at a posture (n,); ``sliding``
+        (k,) says which of the law's joints are prismatic.
         """
         self._basis = basis
         self._side: Side = port
@@ -43,7 +45,8 @@ class LawTorque:
         self._coefficients = coefficients
         self._shape = shape
         self._mobility = mobility
-        self._turnover = np.full(joints.size, SMOOTHING)
+        self._sharp = smoothing(sliding)
+        self._turnover = self._sharp
 
     @property
     def port(self) -> Side:
@@ -56,12 +59,12 @@ class LawTorque:
         Over a step h a torque F changes a speed by F h / I: below that speed no friction of size F can be told
         from sticking, and an explicit integrator would shake.
         """
-        sharp = replace(self._sample(motion), turnover=SMOOTHING)
-        speed = np.full(self._joints.size, FAST * SMOOTHING)
+        sharp = replace(self._sample(motion), turnover=self._sharp)
+        speed = FAST * self._sharp
         there = self._consumed(replace(sharp, velocity=speed))
         back = self._consumed(replace(sharp, velocity=-speed))
         dry = 0.5 * np.abs(there - back)
-        self._turnover = np.maximum(SMOOTHING, dry * self._mobility(motion.position)[self._joints] * step)
+        self._turnover = np.maximum(self._sharp, dry * self._mobility(motion.position)[self._joints] * step)
 
     def torque(self, motion: JointMotion) -> Array:
         """Evaluates the law (n,) [N.m]."""

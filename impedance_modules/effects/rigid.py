@@ -24,6 +24,16 @@ Array = NDArray[np.float64]
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
+def sliding_joints(model: pin.Model) -> NDArray[np.bool_]:
+    """Finds which velocities of a model (nv,) are those of prismatic joints."""
+    out = np.zeros(model.nv, dtype=bool)
+    for joint in model.joints[1:]:
+        out[joint.idx_v] = joint.shortname().startswith(
+            ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismatic")
+        )
+    return out
+
+
 class RigidModel:
     """Inverse dynamics of the links and its derivatives, sample by sample.
 
@@ -31,6 +41,7 @@ class RigidModel:
         joint_names: Names of the n joints, in the order of every column.
         bodies: Links that the joints move or carry.
         gravity: Acceleration [m/s^2] in the robot's base axes.
+        sliding: (n,) whether a joint is prismatic.
     """
 
     def __init__(self, model: pin.Model, joint_names: Sequence[str]) -> None:
@@ -42,6 +53,7 @@ class RigidModel:
         ids = [self._model.getJointId(name) for name in self.joint_names]
         self._columns = np.array([self._model.joints[i].idx_v for i in ids], dtype=np.intp)
         self._places = [(self._model.joints[i].idx_q, self._model.joints[i].nq) for i in ids]
+        self.sliding = sliding_joints(self._model)[self._columns]
         self.bodies = tuple(
             frame.name
             for frame in self._model.frames

@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 Shape = Mapping[str, Array | float]
 """Values of the parameters that enter a law nonlinearly, by symbol; numbers or one per joint."""
 
-SMOOTHING = 0.01
-"""Speed v_0 over which dry friction turns over, sgn(v) ~ tanh(v / v_0) [rad/s or m/s].
+SMOOTHING, SLIDING_SMOOTHING = 0.01, 0.001
+"""Speed v_0 over which dry friction turns over, sgn(v) ~ tanh(v / v_0) [rad/s], and of a sliding joint [m/s].
 
 The diagnosis always uses this one, the plant a larger one where a light link would demand a shorter step.
 """
@@ -47,6 +47,11 @@ class Sample:
     def direction(self) -> Array:
         """The regularised sign of the velocity."""
         return sign(self.velocity, self.turnover)
+
+
+def smoothing(sliding: NDArray[np.bool_]) -> Array:
+    """Gives each joint's v_0 (n,) from whether it slides."""
+    return np.where(sliding, SLIDING_SMOOTHING, SMOOTHING)
 
 
 def sign(velocity: Array, turnover: Array | float = SMOOTHING) -> Array:

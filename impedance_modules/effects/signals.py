@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.rigid import RigidModel
-from impedance_modules.effects.sample import Sample
+from impedance_modules.effects.sample import Sample, smoothing
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -147,4 +147,11 @@ class Signals:
         position = self.position[:, joint]
         if motor_side and self.spring_compliance[joint]:
             position = position + self._winding[:, joint]
-        return Sample(self.time, position, side[0][:, joint], side[1][:, joint], self.load[:, joint])
+        return Sample(
+            self.time,
+            position,
+            side[0][:, joint],
+            side[1][:, joint],
+            self.load[:, joint],
+            turnover=float(smoothing(self.model.sliding)[joint]),
+        )
