@@ -26,7 +26,7 @@ from impedance_modules.runtime.run import RunOptions, carry_out
 TASK = Path(__file__).parents[1] / "tasks" / "mirrored-arms.yaml"
 DRAWN_OUT = "duration: 8\n"
 TANK = re.compile(r"tank: \{initial: [\d.]+, max: [\d.]+,")
-AMPLE = 1e4
+AMPLE = 800.0
 """Energy of the tank with which the need is looked for [J]."""
 BOUND = 600.0
 
