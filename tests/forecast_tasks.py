@@ -5,10 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-HOLD_AND_LIFT = """\
-format: 1
-name: hold-and-lift
-robot: baxter
+SOFT_HANDS = """\
 arms:
   right:
     posture: {s0: 0.2706, s1: -0.4171, e0: 0.8304, e1: 1.4871, w0: -0.9774, w1: 0.9511, w2: -2.5284}
@@ -20,10 +17,18 @@ arms:
         stiffness: {x: 300, y: 300, z: 300, rx: 10, ry: 10, rz: 10}
         damping_ratio: 0.7
   left: {mirror: right}
-safety: {tank: {initial: 5, max: 10, floor: 0.5}}
+"""
+"""The arms of a task with two soft hands and nothing else."""
+
+HOLD_AND_LIFT = f"""\
+format: 1
+name: hold-and-lift
+robot: baxter
+{SOFT_HANDS}\
+safety: {{tank: {{initial: 5, max: 10, floor: 0.5}}}}
 phases:
-  - {name: hold, duration: 0.5}
-  - {name: lift, equilibrium: {right.hand: {z: 0.15}, left.hand: {z: 0.15}}, duration: 1.5}
+  - {{name: hold, duration: 0.5}}
+  - {{name: lift, equilibrium: {{right.hand: {{z: 0.15}}, left.hand: {{z: 0.15}}}}, duration: 1.5}}
 """
 
 WIPE = """\

@@ -13,29 +13,20 @@ import time
 from pathlib import Path
 
 import pytest
+from forecast_tasks import SOFT_HANDS
 
 from impedance_modules.episode.reader import read_episode
 
 ROOT = Path(__file__).parent.parent
-SHORT = """\
+SHORT = f"""\
 format: 1
 name: short-hold
 robot: baxter
-arms:
-  right:
-    posture: {s0: 0.2706, s1: -0.4171, e0: 0.8304, e1: 1.4871, w0: -0.9774, w1: 0.9511, w2: -2.5284}
-    joint_bias: {stiffness: {s0: 5, s1: 10, e0: 5, e1: 5, w0: 2, w1: 2, w2: 1}, damping_ratio: 0.7}
-    springs:
-      - name: hand
-        frame: right_hand
-        expressed_in: world
-        stiffness: {x: 300, y: 300, z: 300, rx: 10, ry: 10, rz: 10}
-        damping_ratio: 0.7
-  left: {mirror: right}
-safety: {tank: {initial: 2.0, max: 4, floor: 0.5}}
+{SOFT_HANDS}\
+safety: {{tank: {{initial: 2.0, max: 4, floor: 0.5}}}}
 phases:
-  - {name: hold, duration: 0.3}
-  - {name: lift, equilibrium: {right.hand: {z: 0.06}, left.hand: {z: 0.06}}, duration: 0.5}
+  - {{name: hold, duration: 0.3}}
+  - {{name: lift, equilibrium: {{right.hand: {{z: 0.06}}, left.hand: {{z: 0.06}}}}, duration: 0.5}}
 """
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forecast_tasks import SOFT_HANDS
 
 from impedance_modules.backends.backend import FirstState
 from impedance_modules.errors import EndOfRecording, SafetyStop
@@ -26,25 +27,15 @@ from impedance_modules.runtime.supervisor import Ending, Supervisor
 from impedance_modules.safety.solvers.solution import FilterSolution, failed
 from impedance_modules.safety.tank import sensing_uncertainty
 
-TASK = """
+TASK = f"""
 format: 1
 name: scripted
 robot: baxter
-arms:
-  right:
-    posture: {s0: 0.2706, s1: -0.4171, e0: 0.8304, e1: 1.4871, w0: -0.9774, w1: 0.9511, w2: -2.5284}
-    joint_bias: {stiffness: {s0: 5, s1: 10, e0: 5, e1: 5, w0: 2, w1: 2, w2: 1}, damping_ratio: 0.7}
-    springs:
-      - name: hand
-        frame: right_hand
-        expressed_in: world
-        stiffness: {x: 300, y: 300, z: 300, rx: 10, ry: 10, rz: 10}
-        damping_ratio: 0.7
-  left: {mirror: right}
-safety: {tank: {initial: 8, max: 10, floor: 0.2}}
+{SOFT_HANDS}\
+safety: {{tank: {{initial: 8, max: 10, floor: 0.2}}}}
 phases:
-  - {name: move, duration: 0.5, equilibrium: {right.hand: {z: 0.2}, left.hand: {z: 0.2}}}
-  - {name: wait, duration: 0.3UNTIL}
+  - {{name: move, duration: 0.5, equilibrium: {{right.hand: {{z: 0.2}}, left.hand: {{z: 0.2}}}}}}
+  - {{name: wait, duration: 0.3UNTIL}}
 """
 
 
