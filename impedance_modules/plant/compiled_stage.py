@@ -1,12 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""One Runge-Kutta stage of the plant, compiled: springs, rotors, stops, contact, grasp, object.
+"""The rate of the plant's state, compiled: springs, rotors, stops, contact, grasp, object.
 
-The classical fourth-order method over a step h, for the state x and its rate f:
-
-    x_1 = x,  x_2 = x + h/2 f(x_1),  x_3 = x + h/2 f(x_2),  x_4 = x + h f(x_3)
-    x(t + h) = x + h/6 (f(x_1) + 2 f(x_2) + 2 f(x_3) + f(x_4))
-
-The links' acceleration is pinocchio's, called between two stages; ``reference.py`` says the same plainly.
+``compiled_step.py`` integrates it; ``reference.py`` says the same plainly.
 """
 
 from __future__ import annotations
@@ -15,14 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.contact.compiled_contact import contact_forces, place_contacts, settle_contacts
+from impedance_modules.plant.contact.compiled_contact import contact_forces
 from impedance_modules.plant.grasp.compiled_grasp import (
     grasp_forces,
     object_motion,
     object_rate,
-    place_grasps,
-    settle_grasps,
-    settle_object,
 )
 from impedance_modules.plant.records import (
     COMMAND,
@@ -31,7 +23,6 @@ from impedance_modules.plant.records import (
     EFFECT,
     ELASTIC,
     GRASP,
-    IDEAL,
     MOTOR_LOSS,
     OBJECT_SIZE,
     RATE,
@@ -41,23 +32,11 @@ from impedance_modules.plant.records import (
     STAGE,
     START,
     STOP,
-    SUM,
     Row,
     Table,
 )
 
 Array = NDArray[np.float64]
-
-
-@compiled
-def open_step(state: Array, hands: Table, body: Table, contacts: Table) -> None:
-    """Starts a step: stage one is the start, and couplings and contacts are placed exactly."""
-    first = state.shape[1] - OBJECT_SIZE - COUNTERS
-    state[STAGE] = state[START]
-    position = state[START, first : first + 3]
-    place_contacts(contacts, hands, position)
-    if body[0].present:
-        place_grasps(hands, body, position)
 
 
 @compiled
@@ -81,7 +60,7 @@ def evaluate(
         torque[i] = _joint(joints[i], i, stage, rate, work)
     if contacts.size == 0 and body[0].present == 0:
         return
-    _hand_motion(jacobian, state, motion)
+    hand_motion(jacobian, state, motion)
     wrench[:] = 0.0
     if body[0].present:
         now, held = stage[first : first + OBJECT_SIZE], hands.size
@@ -104,7 +83,7 @@ def _joint(joint: Row, i: int, stage: Array, rate: Array, work: Array) -> float:
     loss = joint.motor_damping * w
     rate[i], rate[2 * n + i] = v, w
     if joint.kind == ELASTIC:
-        load = _spring(joint, theta - q, w - v)
+        load = spring(joint, theta - q, w - v)
         rate[3 * n + i] = (motor - load - loss) / joint.reflected_inertia
         work[SPRING_LOSS] += (load - joint.stiffness * _wound(joint, theta - q)) * (w - v)
     elif joint.kind == RIGID:
@@ -132,7 +111,7 @@ def _wound(joint: Row, ahead: float) -> float:
 
 
 @compiled
-def _spring(joint: Row, ahead: float, speed: float) -> float:
+def spring(joint: Row, ahead: float, speed: float) -> float:
     """Gives the torque through the gear; where there is play, teeth push and never pull."""
     wound = _wound(joint, ahead)
     load = joint.stiffness * wound + joint.spring_damping * speed
@@ -152,7 +131,7 @@ def _stop(joint: Row, q: float, v: float) -> float:
 
 
 @compiled
-def _hand_motion(jacobian: Array, state: Array, motion: Array) -> None:
+def hand_motion(jacobian: Array, state: Array, motion: Array) -> None:
     """Writes each hand's displacement J (q - q_start) and twist J v."""
     n = jacobian.shape[2]
     for h in range(jacobian.shape[0]):
@@ -173,85 +152,3 @@ def _to_joints(jacobian: Array, wrench: Array, torque: Array) -> None:
             if total != 0.0:
                 for i in range(torque.size):
                     torque[i] += jacobian[h, r, i] * total
-
-
-@compiled
-def absorb(index: int, step: float, joints: Table, state: Array, acceleration: Array) -> None:
-    """Takes the links' acceleration of stage ``index`` (1 to 4) and moves on to the next stage."""
-    n = joints.size
-    start, stage, rate, total = state[START], state[STAGE], state[RATE], state[SUM]
-    for i in range(n):
-        rate[n + i] = acceleration[i]
-        if joints[i].kind != ELASTIC:
-            rate[3 * n + i] = acceleration[i]
-    weight = 1.0 if index in {1, 4} else 2.0
-    reach = step if index == 3 else 0.5 * step
-    for k in range(state.shape[1]):
-        total[k] = (total[k] if index > 1 else 0.0) + weight * rate[k]
-        stage[k] = start[k] + (reach * rate[k] if index < 4 else step / 6.0 * total[k])
-
-
-@compiled
-def close_step(
-    joints: Table,
-    hands: Table,
-    body: Table,
-    contacts: Table,
-    state: Array,
-    jacobian: Array,
-    motion: Array,
-) -> None:
-    """Ends a step: friction springs, slipping palms and the object's rotation are brought up to date."""
-    n = joints.size
-    if contacts.size > 0 or body[0].present:
-        _hand_motion(jacobian, state, motion)
-        if body[0].present:
-            final = state[STAGE, 4 * n : 4 * n + OBJECT_SIZE]
-            object_motion(body[0], state[START, 4 * n : 4 * n + 3], final, motion[hands.size])
-            settle_grasps(hands, body, motion)
-            settle_object(body[0], final)
-        settle_contacts(contacts, motion)
-    state[START] = state[STAGE]
-    _read_loads(joints, state)
-
-
-@compiled
-def _read_loads(joints: Table, state: Array) -> None:
-    """Writes the torque between each joint's gear and link at the step's end [N.m]."""
-    n = joints.size
-    for i in range(n):
-        joint = joints[i]
-        if joint.kind == ELASTIC:
-            wound = state[START, 2 * n + i] - state[START, i]
-            speed = state[START, 3 * n + i] - state[START, n + i]
-            joint.load = _spring(joint, wound, speed)
-        elif joint.kind == RIGID:
-            joint.load -= joint.reflected_inertia * state[RATE, n + i]
-        elif joint.kind == IDEAL:
-            joint.load = joint.motor
-
-
-@compiled
-def stage(
-    index: int,
-    step: float,
-    joints: Table,
-    hands: Table,
-    body: Table,
-    contacts: Table,
-    state: Array,
-    jacobian: Array,
-    motion: Array,
-    wrench: Array,
-    torque: Array,
-    acceleration: Array,
-) -> None:
-    """Does all that lies between two calls of the articulated-body algorithm; 0 opens, 4 closes a step."""
-    if index == 0:
-        open_step(state, hands, body, contacts)
-    else:
-        absorb(index, step, joints, state, acceleration)
-    if index < 4:
-        evaluate(joints, hands, body, contacts, state, jacobian, motion, wrench, torque)
-    else:
-        close_step(joints, hands, body, contacts, state, jacobian, motion)

@@ -21,6 +21,7 @@ from impedance_modules.plant.grasp.coupling import take_hold
 from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import hold_gains, motor_position
+from impedance_modules.plant.links import link_model
 from impedance_modules.plant.options import PlantOptions, divide
 from impedance_modules.plant.records import COMMAND, IDEAL, START
 from impedance_modules.plant.sensors import Sensors
@@ -75,15 +76,14 @@ class Plant(Truth):
         self._timing = model.spec.timing
         self._compensates = _checked_compensation(model.spec.gravity_compensation) == "robot"
         frames = tuple(limb.hand for limb in model.limbs.values())
-        memory = build_memory(model, frames, surfaces, held, gravity)
+        links = link_model(model, gravity)
+        memory = build_memory(model, links, frames, surfaces, held)
         memory.joints["half_gap"] = 0.5 * self._worn.gap
         integrator = Integrator(
-            model,
+            links,
             memory,
-            frames=frames,
             surfaces=Surfaces(surfaces, memory.contacts),
             step=self.division.step,
-            gravity=gravity,
             coupling=self._worn.coupling,
         )
         super().__init__(model, memory, integrator, frames)
@@ -254,9 +254,7 @@ class Plant(Truth):
             self._memory.joints["assist"] = self._assistance(self._sensors.position)
         if self._ideal:
             self._wind_ideal_joints()
-        advance = self._integrator.advance
-        for _ in range(self.division.steps):
-            advance()
+        self._integrator.advance(self.division.steps)
         self._sensors.update(self._memory.part("position"))
 
     def _assistance(self, position: Array) -> Array:

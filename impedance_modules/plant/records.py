@@ -63,8 +63,43 @@ JOINT = np.dtype(
 )
 """One joint: its drive, its limits, the torques that act now [N.m], and the torque through its gear."""
 
+LINK = np.dtype(
+    [
+        ("parent", np.int64),
+        ("rest_rotation", np.float64, (3, 3)),
+        ("rest_translation", np.float64, (3,)),
+        ("screw", np.float64, (6,)),
+        ("armature", np.float64),
+        ("mass", np.float64),
+        ("centre", np.float64, (3,)),
+        ("inertia", np.float64, (3, 3)),
+        ("joint_rotation", np.float64, (3, 3)),
+        ("rotation", np.float64, (3, 3)),
+        ("translation", np.float64, (3,)),
+        ("axis", np.float64, (6,)),
+        ("velocity", np.float64, (6,)),
+        ("drift", np.float64, (6,)),
+        ("momentum", np.float64, (6,)),
+        ("centre_now", np.float64, (3,)),
+        ("turned_inertia", np.float64, (3, 3)),
+        ("articulated", np.float64, (6, 6)),
+        ("force", np.float64, (6,)),
+        ("push", np.float64, (6,)),
+        ("inertia_along", np.float64),
+        ("torque", np.float64),
+        ("acceleration", np.float64, (6,)),
+    ],
+    align=True,
+)
+"""One link: its place on its parent at joint angle 0, its joint's screw and its inertia about its centre of mass,
+all in its own axes; then, in world axes, its pose and what the articulated-body algorithm writes down.
+"""
+
 HAND = np.dtype(
     [
+        ("link", np.int64),
+        ("mount_translation", np.float64, (3,)),
+        ("mount_rotation", np.float64, (3, 3)),
         ("holds", np.int64),
         ("slips", np.int64),
         ("translation", np.float64, (3,)),
@@ -85,7 +120,7 @@ HAND = np.dtype(
     ],
     align=True,
 )
-"""One hand: pose at the step's start, and its coupling to the object (rest in the object's axes)."""
+"""One hand: where it sits on its link, its pose at the step's start, its coupling (rest in the object's axes)."""
 
 BODY = np.dtype(
     [
@@ -104,6 +139,7 @@ BODY = np.dtype(
 CONTACT_POINT = np.dtype(
     [
         ("near", np.int64),
+        ("face", np.int64),
         ("stale", np.int64),
         ("touching", np.int64),
         ("body", np.int64),
@@ -129,7 +165,8 @@ CONTACT_POINT = np.dtype(
 """One small sphere of a body against one surface.
 
 Coal ``measured`` the distance where it was last ``asked``; ``distance`` follows the present position from
-there. ``slip`` is the stretch of the tangential spring [m].
+there, exactly while the same ``face`` is nearest (``contact.compiled_contact``). ``slip`` is the stretch of the
+tangential spring [m].
 """
 
 SURFACE = np.dtype(
@@ -151,6 +188,7 @@ class Memory:
     Attributes:
         state: (4, 4 n + 20) rows START, STAGE, RATE, SUM.
         joints: (n,) of ``JOINT``.
+        links: (n + 1,) of ``LINK``; row 0 is the world.
         hands: (h,) of ``HAND``.
         body: (1,) of ``BODY``.
         contacts: (points x surfaces,) of ``CONTACT_POINT``.
@@ -159,10 +197,12 @@ class Memory:
         motion: (h + 1, 2, 6) displacement since the step's start, and twist, of each hand and the object.
         wrench: (h + 1, 2, 6) on each body at its own origin: from contact, from the grasp.
         torque: (n,) what acts on the links [N.m].
+        acceleration: (n,) of the links at the stage [rad/s^2].
     """
 
     state: Array
     joints: Table
+    links: Table
     hands: Table
     body: Table
     contacts: Table
@@ -171,6 +211,7 @@ class Memory:
     motion: Array
     wrench: Array
     torque: Array
+    acceleration: Array
 
     @property
     def n(self) -> int:

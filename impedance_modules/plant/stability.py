@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant import compiled_stage
+from impedance_modules.plant import compiled_step
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.records import COUNTERS, ELASTIC, RATE, STAGE, Memory
 
@@ -67,7 +67,7 @@ def plant_modes(integrator: Integrator) -> Complex:
             rates.append(_full_rate(integrator)[:size])
         columns[:, k] = (rates[0] - rates[1]) / (2.0 * DIFFERENCE)
     memory.state[STAGE] = at_rest
-    compiled_stage.evaluate(*integrator.tables, *integrator.arrays)
+    compiled_step.rate(*integrator.tables)
     return np.asarray(np.linalg.eigvals(columns[np.ix_(used, used)]), dtype=complex)
 
 

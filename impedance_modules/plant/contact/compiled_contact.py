@@ -5,7 +5,8 @@ r"""Force of one point on one surface, compiled: a unilateral spring-damper with
     f_t = -k s - c v_t          s the stretch of a tangential spring that stuck at first touch,
     |f_t| <= mu N               beyond which the point slides and the spring is drawn along
 
-Between two questions to coal the surface counts as flat: the normal stays, the depth changes linearly.
+Between two questions to coal the surface counts as flat: the normal stays, the depth changes linearly. While the
+same face of the surface is nearest that is exact; around edges coal is asked again every ``FRESH``.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from impedance_modules.plant.records import Row, Table
 Array = NDArray[np.float64]
 
 FRESH = 1e-4
-"""How far a point may move before coal is asked again [m]: on a flat face its distance stays exact."""
+"""How far a point may move around an edge before coal is asked again [m]."""
+
+EDGE = 0
+"""In place of a face's number: an edge or corner is nearest."""
 
 
 @compiled
@@ -31,7 +35,8 @@ def find_near(
 ) -> int:
     """Places every point in world, marks those within ``margin`` [m] of their surface, counts the stale.
 
-    Stale is a point that has come near, or moved by more than ``FRESH``, since coal was asked about it.
+    Stale is a point that since coal was asked about it has come near, met another face, or moved by more
+    than ``FRESH`` around an edge.
     """
     count = 0
     local = np.empty(3)
@@ -42,12 +47,15 @@ def find_near(
             _place_point(contact, hand.rotation, hand.translation)
         else:
             _place_point(contact, body[0].rotation, object_position)
-        was_near = contact.near
-        surface = surfaces[contact.surface]
+        was_near, surface = contact.near, surfaces[contact.surface]
         contact.near = _clearance(surface, contact.position, local) < contact.radius + margin
         contact.stale = 0
-        if contact.near and not (was_near and _moved(contact) < FRESH):
-            contact.stale = 1
+        if not contact.near:
+            continue
+        face = _face(surface, local)
+        known = was_near and (face == contact.face if face != EDGE else _moved(contact) < FRESH)
+        if not known:
+            contact.stale, contact.face = 1, face
             count += 1
     return count
 
@@ -82,6 +90,20 @@ def _clearance(surface: Row, position: Array, local: Array) -> float:
     for k in range(3):
         gap = max(gap, abs(local[k]) - surface.half[k])
     return gap
+
+
+@compiled
+def _face(surface: Row, local: Array) -> int:
+    """Numbers the face nearest to a point in the surface's own axes: the axis (1 to 3) with its sign, or ``EDGE``."""
+    if surface.flat:
+        return 3
+    outside, gap, face = 0, -math.inf, 0
+    for k in range(3):
+        beyond = abs(local[k]) - surface.half[k]
+        outside += beyond > 0.0
+        if beyond > gap:
+            gap, face = beyond, k + 1 if local[k] > 0.0 else -k - 1
+    return face if outside < 2 else EDGE
 
 
 @compiled
