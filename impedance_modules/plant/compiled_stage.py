@@ -121,6 +121,15 @@ def spring(joint: Row, ahead: float, speed: float) -> float:
 
 
 @compiled
+def spring_loads(joints: Table, state: Array, out: Array) -> None:
+    """Writes what a perfect effort sensor says at the step's start (n,) [N.m]: K (theta - q), or the gear's load."""
+    n = joints.size
+    for i in range(n):
+        joint, ahead = joints[i], state[START, 2 * n + i] - state[START, i]
+        out[i] = joint.stiffness * _wound(joint, ahead) if joint.kind == ELASTIC else joint.load
+
+
+@compiled
 def _stop(joint: Row, q: float, v: float) -> float:
     """Gives the torque of a joint stop: a spring-damper beyond the limit that never pulls back."""
     if q > joint.upper:

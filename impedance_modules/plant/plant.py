@@ -7,33 +7,30 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from impedance_modules.effects.drive_path import DrivePath
-from impedance_modules.errors import BadInput, NotConnected
+from impedance_modules.errors import NotConnected
 from impedance_modules.plant.assembly import build_memory
 from impedance_modules.plant.commands import CommandLine, Mode, Order, checked_effort
 from impedance_modules.plant.contact.surfaces import Surfaces
 from impedance_modules.plant.effects_port import JointTorque, WornPlant, unworn
 from impedance_modules.plant.energy import EnergyBook
-from impedance_modules.plant.grasp.coupling import take_hold
 from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import hold_gains, motor_position
 from impedance_modules.plant.links import link_model
 from impedance_modules.plant.options import PlantOptions, divide
-from impedance_modules.plant.records import COMMAND, IDEAL, START
+from impedance_modules.plant.records import COMMAND, IDEAL
 from impedance_modules.plant.sensors import Sensors
 from impedance_modules.plant.stability import check_step
+from impedance_modules.plant.start import Start
 from impedance_modules.plant.truth import Truth
+from impedance_modules.plant.weight import WeightCompensation
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import SurfaceSpec
 
 Array = NDArray[np.float64]
-
-GRAVITY_COMPENSATION = ("robot", "command", "none")
 
 
 class Plant(Truth):
@@ -71,10 +68,8 @@ class Plant(Truth):
         self._gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
         self.model = model
         self.division = divide(options)
-        self._held = held
         self._options = options
         self._timing = model.spec.timing
-        self._compensates = _checked_compensation(model.spec.gravity_compensation) == "robot"
         frames = tuple(limb.hand for limb in model.limbs.values())
         links = link_model(model, gravity)
         memory = build_memory(model, links, frames, surfaces, held)
@@ -89,8 +84,8 @@ class Plant(Truth):
         super().__init__(model, memory, integrator, frames)
         integrator.torques.extend(self._worn.torques)
         self._sensors = Sensors(model.spec.sensors, self._worn.sensors, self.division.loop, None)
-        self._robot_view = _as_the_maker_knows(model, options.gravity)
-        self._gravity_data = self._robot_view.createData()
+        self._weight = WeightCompensation(model, self._worn, options.gravity)
+        self._start = Start(integrator, held, self._worn, self._weight)
         self._ideal = bool(np.any(memory.joints["kind"] == IDEAL))
         self._line: CommandLine | None = None
         self._standing: Order | None = None
@@ -122,62 +117,11 @@ class Plant(Truth):
             BadInput: q has another length, or the integration step is too long for this plant.
         """
         position = checked_effort(q, self.model.n)
-        self._memory.state[:] = 0.0
-        self._memory.part("position")[:] = position
-        self._memory.part("motor_position")[:] = position
-        self._clear_torques()
         self.aim(position, np.zeros(self.model.n))
-        wrench = self._grasp()
-        self._integrator.refresh()
-        self._balance(position, wrench)
+        self.start_command = self._start.rest(position)
         check_step(self._integrator)
         self._memory.part("work")[:] = 0.0
         self._start_robot(position)
-
-    def _grasp(self) -> Array:
-        """Places the object and closes the hands on it; returns its wrench on each hand (h, 6)."""
-        memory, held = self._memory, self._held
-        memory.body["rotation"] = np.eye(3)
-        self._integrator.place()
-        if held is None:
-            return np.zeros((memory.hands.size, 6))
-        origins = [hand["translation"] for hand in memory.hands if hand["holds"]]
-        start = held.position(origins)
-        memory.part("object_position")[:] = start
-        return take_hold(memory.hands, memory.body, held, start)
-
-    def _balance(self, position: Array, wrench: Array) -> None:
-        """Winds the joints' springs for the start load and finds the command that carries it."""
-        memory, joints = self._memory, self._memory.joints
-        load = self._link_weight(position)
-        for jacobian, on_hand in zip(memory.jacobian, wrench, strict=True):
-            load -= jacobian.T @ on_hand
-        joints["assist"] = self._assistance(position + self._worn.sensors.offset)
-        self._start_effects()
-        at_rest = self._integrator.motion(START)
-        for effect in self._worn.torques:
-            load -= effect.torque(at_rest) if effect.port == "link" else 0.0
-        ahead = np.array(self.model.spring_compliance()) * load + joints["half_gap"] * np.sign(load)
-        memory.part("motor_position")[:] = position + ahead * (joints["kind"] != IDEAL)
-        joints["load"] = joints["motor"] = load
-        self.start_command = self._motor_start(load) / self._worn.drive_gain - joints["assist"]
-        joints["command"] = self.start_command
-        self._start_effects()
-
-    def _motor_start(self, load: Array) -> Array:
-        """Finds what the drives must give at rest (n,) [N.m]: the load, and what effects take on the way."""
-        needed = load.copy()
-        at_rest = self._integrator.motion(START)
-        for effect in self._worn.torques:
-            if effect.port == "motor" and not isinstance(effect, DrivePath):
-                needed -= effect.torque(at_rest)
-        return needed
-
-    def _start_effects(self) -> None:
-        """Tells what is worn that everything begins here."""
-        at_rest = self._integrator.motion(START)
-        for effect in self._worn.torques:
-            effect.start(at_rest, self.division.step)
 
     def _start_robot(self, position: Array) -> None:
         """Starts sensors, command line and clock."""
@@ -250,25 +194,12 @@ class Plant(Truth):
 
     def _robot_loop(self) -> None:
         """Lives through one loop of the robot: its gravity compensation, the steps, its sensors."""
-        if self._compensates:
-            self._memory.joints["assist"] = self._assistance(self._sensors.position)
+        if self._weight.acts:
+            self._memory.joints["assist"] = self._weight.torque(self._sensors.position)
         if self._ideal:
             self._wind_ideal_joints()
         self._integrator.advance(self.division.steps)
         self._sensors.update(self._memory.part("position"))
-
-    def _assistance(self, position: Array) -> Array:
-        """Computes what the robot adds by itself at a measured position (n,) [N.m]: it carries what it knows."""
-        if not self._compensates:
-            return np.zeros(self.model.n)
-        weight = pin.computeGeneralizedGravity(self._robot_view, self._gravity_data, position)
-        spring = self._worn.spring_stiffness * position - self._worn.spring_preload
-        return np.asarray(weight + spring)
-
-    def _link_weight(self, position: Array) -> Array:
-        """Computes the torque that really carries the links (n,) [N.m]."""
-        links = self._integrator.links
-        return np.array(pin.computeGeneralizedGravity(links, links.createData(), position))
 
     def aim(self, position: Array, velocity: Array) -> None:
         """Tells the joint motion (n,) [rad], [rad/s] that the controller aims at; the start posture until then.
@@ -289,28 +220,6 @@ class Plant(Truth):
         jump = motor_position(joints, q, rotor) - before
         memory.part("work")[COMMAND] += float(joints["command"] @ jump)
 
-    def _clear_torques(self) -> None:
-        joints = self._memory.joints
-        for name in ("command", "assist", "extra_motor", "extra_link", "hold_stiffness", "hold_damping"):
-            joints[name] = 0.0
-        for name in ("slip", "force", "pressure", "near", "touching"):
-            self._memory.contacts[name] = 0.0
-
     def energy(self) -> EnergyBook:
         """Closes the books: every energy and work since ``reset`` [J]."""
         return self.energy_book(self._gravity)
-
-
-def _as_the_maker_knows(model: RobotModel, gravity: tuple[float, float, float]) -> pin.Model:
-    """Builds the links as the robot's own gravity compensation has them: upright, without a patch's bodies."""
-    spec = model.spec
-    known = RobotModel(replace(spec, body_changes=())) if spec.body_changes else model
-    view = pin.Model(known.pin_model)
-    view.gravity.linear = np.array(gravity)
-    return view
-
-
-def _checked_compensation(who: str) -> str:
-    if who not in GRAVITY_COMPENSATION:
-        raise BadInput(f"gravity_compensation is '{who}' (valid: {', '.join(GRAVITY_COMPENSATION)})")
-    return who

@@ -16,6 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.worn import SensorErrors
+from impedance_modules.plant.compiled_sensors import (
+    ESTIMATE,
+    LAG_SHARE,
+    OFFSET,
+    POSITION,
+    VELOCITY,
+    read_encoders,
+    report,
+)
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.robot import SensorSpec
 
@@ -26,8 +35,7 @@ class Sensors:
     """Joint sensors and velocity estimate of the robot.
 
     Attributes:
-        position: (n,) last measured position [rad].
-        velocity: (n,) velocity estimate [rad/s].
+        position: (n,) last measured position [rad]; a live view.
     """
 
     def __init__(
@@ -36,58 +44,44 @@ class Sensors:
         """Takes the sensors, their errors, the robot's own loop period [s] and a source of noise or None."""
         self._spec = spec
         self._errors = errors
-        self._late = errors.lag > 0.0
-        self._lag_share = np.where(
-            self._late, -np.expm1(-period / np.where(self._late, errors.lag, 1.0)), 1.0
-        )
-        self._bends_effort = bool(np.any(errors.gain != 1.0) or errors.bias.any() or errors.crosstalk.any())
         self._period = period
         self._noise = None if noise is None else _Noise(noise)
+        self._bends_effort = bool(np.any(errors.gain != 1.0) or errors.bias.any() or errors.crosstalk.any())
         slow = spec.velocity_filter > 0.0
         self._share = 1.0 - math.exp(-period / spec.velocity_filter) if slow else 1.0
-        self.position: Array = np.zeros(0)
-        self.velocity: Array = np.zeros(0)
-        self._estimate: Array = np.zeros(0)
+        late = errors.lag > 0.0
+        self._silence = np.zeros(errors.offset.size)
+        self._readings = np.zeros((5, errors.offset.size))
+        self._readings[OFFSET] = errors.offset
+        self._readings[LAG_SHARE] = np.where(late, -np.expm1(-period / np.where(late, errors.lag, 1.0)), 1.0)
+        self.position: Array = self._readings[POSITION]
 
     def reset(self, position: Array) -> None:
         """Starts at rest at the true position (n,) [rad]."""
-        self.position = self._encoders(position)
-        self.velocity, self._estimate = np.zeros(position.size), np.zeros(position.size)
+        self.update(position)
+        self._readings[ESTIMATE], self._readings[VELOCITY] = 0.0, 0.0
 
     def update(self, position: Array) -> None:
         """Measures the true position (n,) [rad] once more, a period after the last."""
-        measured = self._encoders(position)
-        difference = (measured - self.position) / self._period
-        self._estimate = self._estimate + self._share * (difference - self._estimate)
-        self.velocity = self.velocity + self._lag_share * (self._estimate - self.velocity)
-        self.position = measured
+        spec = self._spec
+        noise = self._draw(spec.position_noise)
+        read_encoders(self._readings, position, noise, spec.position_resolution, self._period, self._share)
 
     def sample(self, time: float, load: Array) -> RobotState:
         """Reports the state at ``time`` [s]; ``load`` (n,) what a perfect effort sensor would say."""
+        errors, spec = self._errors, self._spec
         if self._bends_effort:
-            errors = self._errors
             load = errors.gain * (load + errors.crosstalk @ load) + errors.bias
-        effort = self._measure(load, self._spec.effort_noise, self._spec.effort_resolution)
-        parts = self.position.copy(), self.velocity.copy(), effort
-        for part in parts:
-            part.flags.writeable = False
-        return RobotState(time * self._errors.clock, *parts)
+        parts = np.empty((3, load.size))
+        report(self._readings, load, self._draw(spec.effort_noise), spec.effort_resolution, parts)
+        parts.flags.writeable = False
+        return RobotState(time * errors.clock, parts[0], parts[1], parts[2])
 
-    def _encoders(self, position: Array) -> Array:
-        """Reads the joint angles; always a new array."""
-        spec = self._spec
-        return self._measure(position + self._errors.offset, spec.position_noise, spec.position_resolution)
-
-    def _measure(self, truth: Array, spread: float, grid: float) -> Array:
-        """Adds noise and rounds to the grid; always a new array."""
-        value = truth.copy()
-        if self._noise is not None and spread > 0.0:
-            value += spread * self._noise.draw(truth.size)
-        if grid > 0.0:
-            value /= grid
-            np.rint(value, out=value)
-            value *= grid
-        return value
+    def _draw(self, spread: float) -> Array:
+        """Gives fresh noise (n,) of a standard deviation; read-only."""
+        if self._noise is None or spread == 0.0:
+            return self._silence
+        return spread * self._noise.draw(self._silence.size)
 
 
 class _Noise:

@@ -8,9 +8,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput, nearest
+from impedance_modules.plant.compiled_stage import spring_loads
 from impedance_modules.plant.energy import EnergyBook, potential_energies, works
 from impedance_modules.plant.integrator import Integrator
-from impedance_modules.plant.joints import motor_position, wound
+from impedance_modules.plant.joints import motor_position
 from impedance_modules.plant.records import COMMAND, ELASTIC, Memory
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
@@ -73,9 +74,9 @@ class Truth:
         The spring's structural damping passes torque too, but bends nothing that a sensor could see. A
         joint without a spring has its sensor in the load path.
         """
-        joints = self._memory.joints
-        turned = wound(joints, self._memory.part("motor_position") - self._memory.part("position"))
-        return np.where(joints["kind"] == ELASTIC, joints["stiffness"] * turned, joints["load"])
+        torque = np.empty(self._memory.n)
+        spring_loads(self._memory.joints, self._memory.state, torque)
+        return torque
 
     @property
     def command_acting(self) -> Array:

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The plant's start: everything at rest, every spring wound by the weight and squeeze it carries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from impedance_modules.effects.drive_path import DrivePath
+from impedance_modules.plant.effects_port import WornPlant
+from impedance_modules.plant.grasp.coupling import take_hold
+from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.integrator import Integrator
+from impedance_modules.plant.records import IDEAL, START
+from impedance_modules.plant.weight import WeightCompensation
+
+Array = NDArray[np.float64]
+
+
+class Start:
+    """Brings a plant's memory to rest at a posture; nothing of what was before remains."""
+
+    def __init__(
+        self, integrator: Integrator, held: HeldObject | None, worn: WornPlant, weight: WeightCompensation
+    ) -> None:
+        """Takes the plant's integrator, what its hands hold, what it wears, and what the robot carries itself."""
+        self._integrator = integrator
+        self._memory = integrator.memory
+        self._held = held
+        self._worn = worn
+        self._weight = weight
+
+    def rest(self, position: Array) -> Array:
+        """Puts everything at rest at q (n,) [rad]; returns the command (n,) [N.m] that keeps it there."""
+        self._clear(position)
+        wrench = self._grasp()
+        self._integrator.refresh()
+        return self._balance(position, wrench)
+
+    def _clear(self, position: Array) -> None:
+        """Forgets every motion, torque and contact."""
+        memory = self._memory
+        memory.state[:] = 0.0
+        memory.part("position")[:] = position
+        memory.part("motor_position")[:] = position
+        for name in ("command", "assist", "extra_motor", "extra_link", "hold_stiffness", "hold_damping"):
+            memory.joints[name] = 0.0
+        for name in ("slip", "force", "pressure", "near", "touching"):
+            memory.contacts[name] = 0.0
+
+    def _grasp(self) -> Array:
+        """Places the object and closes the hands on it; returns its wrench on each hand (h, 6)."""
+        memory, held = self._memory, self._held
+        memory.body["rotation"] = np.eye(3)
+        self._integrator.place()
+        if held is None:
+            return np.zeros((memory.hands.size, 6))
+        origins = [hand["translation"] for hand in memory.hands if hand["holds"]]
+        start = held.position(origins)
+        memory.part("object_position")[:] = start
+        return take_hold(memory.hands, memory.body, held, start)
+
+    def _balance(self, position: Array, wrench: Array) -> Array:
+        """Winds the joints' springs for the start load and finds the command that carries it."""
+        memory, joints = self._memory, self._memory.joints
+        load = self._link_weight(position)
+        for jacobian, on_hand in zip(memory.jacobian, wrench, strict=True):
+            load -= jacobian.T @ on_hand
+        joints["assist"] = self._weight.torque(position + self._worn.sensors.offset)
+        self._start_effects()
+        at_rest = self._integrator.motion(START)
+        for effect in self._worn.torques:
+            load -= effect.torque(at_rest) if effect.port == "link" else 0.0
+        ahead = self._compliance() * load + joints["half_gap"] * np.sign(load)
+        memory.part("motor_position")[:] = position + ahead * (joints["kind"] != IDEAL)
+        joints["load"] = joints["motor"] = load
+        command = self._motor_start(load) / self._worn.drive_gain - joints["assist"]
+        joints["command"] = command
+        self._start_effects()
+        return np.asarray(command)
+
+    def _compliance(self) -> Array:
+        """Gives 1 / K of every joint's spring (n,) [rad/(N.m)]; 0 without one."""
+        stiffness = self._memory.joints["stiffness"]
+        return np.where(stiffness > 0.0, 1.0 / np.where(stiffness > 0.0, stiffness, 1.0), 0.0)
+
+    def _link_weight(self, position: Array) -> Array:
+        """Computes the torque that really carries the links (n,) [N.m]."""
+        links = self._integrator.links
+        return np.array(pin.computeGeneralizedGravity(links, links.createData(), position))
+
+    def _motor_start(self, load: Array) -> Array:
+        """Finds what the drives must give at rest (n,) [N.m]: the load, and what effects take on the way."""
+        needed = load.copy()
+        at_rest = self._integrator.motion(START)
+        for effect in self._worn.torques:
+            if effect.port == "motor" and not isinstance(effect, DrivePath):
+                needed -= effect.torque(at_rest)
+        return needed
+
+    def _start_effects(self) -> None:
+        """Tells what is worn that everything begins here."""
+        at_rest = self._integrator.motion(START)
+        for effect in self._worn.torques:
+            effect.start(at_rest, self._integrator.step)
