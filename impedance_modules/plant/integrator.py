@@ -45,6 +45,9 @@ class Integrator:
         self._placed = (m.surfaces, m.links, m.hands, m.body, m.contacts, m.state, m.jacobian)
         bodies = (m.joints, m.links, m.hands, m.body, m.contacts)
         self.tables = (*bodies, m.state, m.jacobian, m.motion, m.wrench, m.torque, m.acceleration)
+        self._command, self._assist = m.joints["command"], m.joints["assist"]
+        self._extra_motor, self._extra_link = m.joints["extra_motor"], m.joints["extra_link"]
+        self._motions = {row: self._watched(row) for row in (START, STAGE)}
         self._outlets = (m.joints, m.hands, m.body, m.contacts, m.state, m.jacobian, m.motion)
 
     def place(self) -> None:
@@ -108,7 +111,7 @@ class Integrator:
     def _advance_with_effects(self) -> None:
         """Takes the same step with effects asked before each stage."""
         memory, joints = self.memory, self.memory.joints
-        self._load = joints["load"].copy()
+        self._load[:] = joints["load"]
         self.place()
         compiled_step.open_step(memory.state, memory.hands, memory.body, memory.contacts)
         for index in range(1, 5):
@@ -121,17 +124,24 @@ class Integrator:
             effect.settle(motion)
 
     def _ask_effects(self) -> None:
-        joints = self.memory.joints
-        joints["extra_motor"], joints["extra_link"] = 0.0, 0.0
+        """Writes what effects add at the stage row."""
+        self._extra_motor[:], self._extra_link[:] = 0.0, 0.0
         if not self.torques:
             return
         motion = self.motion(STAGE)
         for effect in self.torques:
-            port = "extra_motor" if effect.port == "motor" else "extra_link"
-            joints[port] += effect.torque(motion)
+            extra = self._extra_motor if effect.port == "motor" else self._extra_link
+            extra += effect.torque(motion)
 
     def motion(self, row: int) -> JointMotion:
-        """Gives what effects are told, at a row of the state."""
+        """Gives what effects are told, at a row of the state; the same object every time."""
+        motion = self._motions[row]
+        motion.time = self.time
+        np.add(self._command, self._assist, out=motion.drive)
+        return motion
+
+    def _watched(self, row: int) -> JointMotion:
+        """Takes the views of a row that effects are told."""
         part, joints = self.memory.part, self.memory.joints
         return JointMotion(
             time=self.time,
@@ -139,9 +149,9 @@ class Integrator:
             velocity=part("velocity", row),
             motor_position=part("motor_position", row),
             motor_velocity=part("motor_velocity", row),
-            command=joints["command"],
+            command=self._command,
             load=joints["load"] if row == START else self._load,
-            drive=joints["command"] + joints["assist"],
+            drive=np.zeros(self.memory.n),
             position_command=self.aim,
             velocity_command=self.aim_velocity,
         )

@@ -39,6 +39,7 @@ def link_table(links: pin.Model) -> Table:
         row, placement, body = table[i], links.jointPlacements[i], links.inertias[i]
         row["parent"], row["armature"] = links.parents[i], links.armature[i - 1]
         row["rest_rotation"], row["rest_translation"] = placement.rotation, placement.translation
-        row["screw"] = pin.getJointJacobian(links, data, i, pin.ReferenceFrame.LOCAL)[:, i - 1]
+        own_axes = pin.getJointJacobian(links, data, i, pin.ReferenceFrame.LOCAL)
+        row["screw"] = own_axes.reshape(6, -1)[:, i - 1]
         row["mass"], row["centre"], row["inertia"] = body.mass, body.lever, body.inertia
     return table

@@ -86,6 +86,7 @@ class Plant(Truth):
         self._sensors = Sensors(model.spec.sensors, self._worn.sensors, self.division.loop, None)
         self._weight = WeightCompensation(model, self._worn, options.gravity)
         self._start = Start(integrator, held, self._worn, self._weight)
+        self._position = memory.part("position")
         self._ideal = bool(np.any(memory.joints["kind"] == IDEAL))
         self._line: CommandLine | None = None
         self._standing: Order | None = None
@@ -199,7 +200,7 @@ class Plant(Truth):
         if self._ideal:
             self._wind_ideal_joints()
         self._integrator.advance(self.division.steps)
-        self._sensors.update(self._memory.part("position"))
+        self._sensors.update(self._position)
 
     def aim(self, position: Array, velocity: Array) -> None:
         """Tells the joint motion (n,) [rad], [rad/s] that the controller aims at; the start posture until then.

@@ -14,6 +14,7 @@ and the integrator keeps constants exactly.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -220,16 +221,20 @@ class Memory:
 
     def part(self, name: str, row: int = START) -> Array:
         """Gives a live view of one part of the state, e.g. ``part("motor_position")``."""
-        n = self.n
-        names = {
-            "position": slice(0, n),
-            "velocity": slice(n, 2 * n),
-            "motor_position": slice(2 * n, 3 * n),
-            "motor_velocity": slice(3 * n, 4 * n),
-            "object_position": slice(4 * n, 4 * n + 3),
-            "object_turn": slice(4 * n + 3, 4 * n + 6),
-            "object_velocity": slice(4 * n + 6, 4 * n + 9),
-            "object_momentum": slice(4 * n + 9, 4 * n + 12),
-            "work": slice(4 * n + 12, 4 * n + 20),
-        }
-        return self.state[row, names[name]]
+        return self.state[row, _parts(self.n)[name]]
+
+
+@lru_cache
+def _parts(n: int) -> dict[str, slice]:
+    """Says where the parts of a state of n joints lie."""
+    return {
+        "position": slice(0, n),
+        "velocity": slice(n, 2 * n),
+        "motor_position": slice(2 * n, 3 * n),
+        "motor_velocity": slice(3 * n, 4 * n),
+        "object_position": slice(4 * n, 4 * n + 3),
+        "object_turn": slice(4 * n + 3, 4 * n + 6),
+        "object_velocity": slice(4 * n + 6, 4 * n + 9),
+        "object_momentum": slice(4 * n + 9, 4 * n + 12),
+        "work": slice(4 * n + 12, 4 * n + 20),
+    }

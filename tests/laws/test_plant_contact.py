@@ -181,3 +181,29 @@ def test_distances_follow_a_moving_point_around_an_edge(stride) -> None:
         worst = max(worst, abs(ball["distance"] - (distance_to_box(offset, half) - radius)))
     print(f"steps of {stride * 1e6:.0f} um: wrong by at most {worst * 1e9:.1f} nm")
     assert worst < 1e-6
+
+
+def test_distances_follow_a_point_through_a_box_and_along_its_faces() -> None:
+    """Coal is not asked again while one face is nearest; straight lines through a turned box meet all of them."""
+    half, turn = np.array([0.03, 0.04, 0.05]), np.array([0.3, -0.2, 0.5])
+    place = np.array([0.0, 3.0, 0.4])
+    subject = plant(
+        exact(spec_of(BAXTER)),
+        [block(tuple(place), tuple(2.0 * half), rotation=tuple(turn))],
+        loose(shape="sphere", size=(0.002,), position=(0.0, 3.0, 2.0)),
+    )
+    subject.reset(posture(subject.model))
+    ball, rotation, rng = subject._memory.contacts[-1], exp3(turn), np.random.default_rng(4)
+    asked, near = 0, 0
+    for _ in range(20):
+        start, end = rng.uniform(-0.06, 0.06, (2, 3))
+        for share in np.linspace(0.0, 1.0, 200):
+            point = start + share * (end - start)
+            subject.place_object(Pose(np.eye(3), place + rotation @ point), STILL)
+            subject._integrator.refresh()
+            if ball["near"]:
+                near, asked = near + 1, asked + int(ball["stale"])
+                assert abs(ball["distance"] - (distance_to_box(point, half) - 0.001)) < 1e-6
+    print(f"asked coal at {asked} of {near} points")
+    assert near > 1000
+    assert asked < 0.5 * near

@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from plant_parts import BAXTER, SIX_JOINTS, in_both_hands, middle, plane, plant, spec_of, with_every
 
 from impedance_modules.plant import compiled_algebra
+from impedance_modules.plant.compiled_links import accelerate, place_links
 from impedance_modules.plant.compiled_step import rate
+from impedance_modules.plant.links import link_table
 from impedance_modules.plant.records import RATE, STAGE, START
 from impedance_modules.plant.reference import plain_rate
 from impedance_modules.robot.rotation import exp3, log3
@@ -67,6 +70,67 @@ def test_the_compiled_rate_is_the_plain_rate(folder, grasp) -> None:
         np.testing.assert_allclose(numbers, plain, rtol=1e-9, atol=1e-9 * np.abs(plain).max())
         assert np.abs(memory.wrench).max() > 1.0
         assert (memory.contacts["touching"] == 1).sum() > 0
+
+
+def random_tree(rng: np.random.Generator, joints: int) -> pin.Model:
+    """A tree of hinges and slides about random axes, some of its joints geared, under a random gravity."""
+    model = pin.Model()
+    for _ in range(joints):
+        kind = pin.JointModelRevoluteUnaligned if rng.random() < 0.7 else pin.JointModelPrismaticUnaligned
+        parent, name = int(rng.integers(0, model.njoints)), f"joint {model.njoints}"
+        index = model.addJoint(parent, kind(_unit(rng)), pin.SE3.Random(), name)
+        model.appendBodyToJoint(index, pin.Inertia.Random(), pin.SE3.Random())
+    model.armature = rng.choice([0.0, 0.3], joints)
+    model.gravity.linear = rng.normal(size=3)
+    return model
+
+
+def test_the_compiled_links_move_as_pinocchios() -> None:
+    """Poses, axes and accelerations of random trees: the articulated-body algorithm against the borrowed one."""
+    rng = np.random.default_rng(2)
+    pin.seed(2)
+    for joints in range(1, 25):
+        model = random_tree(rng, joints)
+        data, table = model.createData(), link_table(model)
+        q, v, torque, acceleration = *rng.normal(size=(3, joints)), np.empty(joints)
+        place_links(table, q)
+        accelerate(table, v, torque, acceleration)
+        expected = pin.aba(model, data, q, v, torque)
+        np.testing.assert_allclose(acceleration, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+        axes = pin.computeJointJacobians(model, data, q).reshape(6, -1)
+        np.testing.assert_allclose(table["axis"][1:], axes.T, atol=1e-12)
+        for i in range(1, joints + 1):
+            np.testing.assert_allclose(table["rotation"][i], data.oMi[i].rotation, atol=1e-12)
+            np.testing.assert_allclose(table["translation"][i], data.oMi[i].translation, atol=1e-12)
+
+
+class Nothing:
+    """A worn torque of zero, which sends the plant the slow way round."""
+
+    port = "motor"
+
+    def torque(self, motion) -> np.ndarray:
+        return np.zeros_like(motion.position)
+
+    def settle(self, motion) -> None:
+        pass
+
+
+def test_a_period_in_one_call_is_its_stages_one_by_one() -> None:
+    """Box on a table, pushed about: the same run with an effect of nothing asked at every stage, to the last bit."""
+    spec = spec_of(BAXTER)
+    ends = []
+    for worn in ([], [Nothing()]):
+        subject = plant(spec, [plane(-0.2)], in_both_hands(spec, squeeze=15.0))
+        subject.torques.extend(worn)
+        subject.reset(middle(subject.model))
+        lowest = subject.object_pose.translation[2] - 0.101
+        subject._memory.surfaces["translation"][0, 2] = lowest
+        rng = np.random.default_rng(3)
+        for _ in range(100):
+            subject.advance(subject.start_command + rng.normal(size=subject.model.n))
+        ends.append(subject._memory.state[START].copy())
+    np.testing.assert_array_equal(*ends)
 
 
 def test_the_compiled_rotations_are_the_plain_ones() -> None:
