@@ -17,6 +17,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.worn import WornPlant
 from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
@@ -30,7 +33,16 @@ ARM = {"s0": 0.0, "s1": -0.4, "e0": 0.0, "e1": 1.2, "w0": 0.0, "w1": 0.7, "w2": 
 BOX = ObjectSpec(("right", "left"), "box", 1.2, (0.3, 0.2, 0.2), None, "weld", None, 15.0, True)
 
 
-def build(model: RobotModel, held: bool, surface: str | None) -> tuple[Plant, np.ndarray]:
+def friction(model: RobotModel) -> WornPlant:
+    """Dry friction on every motor, asked for at every stage of a step."""
+    builder = PlantBuilder(model)
+    CATALOGUE["coulomb_friction"].wear_plant(builder, "actuator", {j: {"fc": 0.5} for j in model.joint_names})
+    return builder.finish()
+
+
+def build(
+    model: RobotModel, held: bool, surface: str | None, worn: WornPlant | None = None
+) -> tuple[Plant, np.ndarray]:
     """A plant at rest, and the torque that presses its object on the surface."""
     q = model.position({"right": {**ARM, "s0": 0.6}, "left": {**ARM, "s0": -0.6}})
     height = float(model.pose(q, model.limbs["right"].hand).translation[2]) - 0.1
@@ -43,7 +55,7 @@ def build(model: RobotModel, held: bool, surface: str | None) -> tuple[Plant, np
         ],
     }[surface]
     held_object = HeldObject.of_task(model, BOX) if held else None
-    plant = Plant(model, surfaces, held_object, PlantOptions(rate=1.0 / PERIOD, seed=0))
+    plant = Plant(model, surfaces, held_object, PlantOptions(rate=1.0 / PERIOD, seed=0), worn)
     plant.warm(q)
     push = np.zeros(model.n)
     data = model.pin_model.createData()
@@ -80,6 +92,7 @@ def main() -> None:
     cases: dict[str, Callable[[], None]] = {"pin.aba": lambda: pin.aba(model.pin_model, data, q, v, tau)}
     plants = {
         "free arms": build(model, held=False, surface=None),
+        "free arms with friction": build(model, held=False, surface=None, worn=friction(model)),
         "box in both hands": build(model, held=True, surface=None),
         "box pressed on a plane": build(model, held=True, surface="plane"),
         "box pressed on a box": build(model, held=True, surface="box"),
