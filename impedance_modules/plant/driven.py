@@ -97,7 +97,6 @@ class DrivenPlant(Plant):
         self._preload[places] = [spring.preload for spring in springs.values()]
         self.push: Array = np.zeros(model.n)
         self._on_links = np.zeros(model.n)
-        self._assisted = np.ones(model.n)
         self._boards: deque[BoardOrders] = deque()
         known = replace(
             worn,
@@ -105,6 +104,8 @@ class DrivenPlant(Plant):
             spring_preload=worn.spring_preload + self._preload,
         )
         super().__init__(model, (), None, options, known)
+        # The springs carry part of the weight from the start.
+        self._start.on_links = self._on_links
         # Without effects the compiled stages take the torque from the table; with them it must be asked for.
         self._asked = bool(self.torques or worn.coupling.any())
         if self._asked:
@@ -112,7 +113,7 @@ class DrivenPlant(Plant):
 
     def reset(self, q: Array) -> None:
         """Puts everything at rest at q (n,) [rad], the weight carried (see ``Plant.reset``)."""
-        self._assisted = np.ones(self.model.n)
+        self._weight.share = np.ones(self.model.n)
         self._on_links[:] = self._springs(q)
         super().reset(q)
         nothing = np.zeros(self.model.n)
@@ -137,7 +138,7 @@ class DrivenPlant(Plant):
     def compensation(self, position: Array) -> tuple[Array, Array]:
         """Gives what the robot would add for the links' weight and for the springs it knows (n,), (n,) [N.m]."""
         springs = self._worn.spring_stiffness * position - self._worn.spring_preload
-        return super()._assistance(position) - springs, springs
+        return self._weight.full(position) - springs, springs
 
     def drive(self, orders: BoardOrders) -> None:
         """Lives through one period under the orders of one command delay ago, and takes new ones."""
@@ -146,7 +147,7 @@ class DrivenPlant(Plant):
         joints = self._memory.joints
         joints["hold_stiffness"], joints["hold_damping"] = acting.stiffness, acting.damping
         joints["hold_position"] = acting.position
-        self._assisted = acting.assisted
+        self._weight.share = acting.assisted
         np.add(self.push, self._springs(self._memory.part("position")), out=self._on_links)
         if not self._asked:
             joints["extra_link"] = self._on_links
@@ -155,11 +156,3 @@ class DrivenPlant(Plant):
     def _springs(self, position: Array) -> Array:
         """Computes the torque of the built-in springs on the joints (n,) [N.m]."""
         return self._preload - self._stiffness * position
-
-    def _assistance(self, position: Array) -> Array:
-        """Leaves the robot's help to the joints that have it."""
-        return super()._assistance(position) * self._assisted
-
-    def _link_weight(self, position: Array) -> Array:
-        """Counts the springs with the weight: they carry part of it from the start."""
-        return super()._link_weight(position) - self._springs(position)

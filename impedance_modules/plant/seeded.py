@@ -48,12 +48,10 @@ class SeededPlant(Plant):
     def seed(self, start: Seed) -> None:
         """Puts the plant into a measured state; worn effects have lived through the past."""
         memory, joints = self._memory, self._memory.joints
-        memory.state[:] = 0.0
-        self._clear_torques()
+        self._start.clear(start.position)
         soft = joints["kind"] == ELASTIC
         compliance = np.where(soft, 1.0 / np.where(soft, joints["stiffness"], 1.0), 0.0)
         ahead = compliance * start.load + soft * joints["half_gap"] * np.sign(start.load)
-        memory.part("position")[:] = start.position
         memory.part("velocity")[:] = start.velocity
         memory.part("motor_position")[:] = start.position + ahead
         memory.part("motor_velocity")[:] = start.velocity + compliance * start.load_rate
@@ -78,20 +76,20 @@ class SeededPlant(Plant):
         Returns:
             Positions and velocities of the links (N, n), each at the end of its step.
         """
-        memory, step = self._memory, self._integrator.advance
+        memory, weight, offset = self._memory, self._weight, self._worn.sensors.offset
         joints, n = memory.joints, memory.n
         position, velocity = memory.part("position"), memory.part("velocity")
         out = np.empty((2, len(commands), n))
         for k, command in enumerate(commands):
             joints["command"] = command
-            if self._compensates:
-                joints["assist"] = self._assistance(position + self._worn.sensors.offset)
+            if weight.acts:
+                joints["assist"] = weight.torque(position + offset)
             if aims is not None:
                 self.aim(aims[k, 0], aims[k, 1])
-            step()
+            self._integrator.advance(1)
             out[0, k], out[1, k] = position, velocity
         return out[0], out[1]
 
     def assistance(self, position: Array) -> Array:
         """Computes what the robot adds by itself at a reported position (n,) [N.m]."""
-        return self._assistance(position)
+        return self._weight.torque(position)

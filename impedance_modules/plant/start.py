@@ -19,7 +19,11 @@ Array = NDArray[np.float64]
 
 
 class Start:
-    """Brings a plant's memory to rest at a posture; nothing of what was before remains."""
+    """Brings a plant's memory to rest at a posture; nothing of what was before remains.
+
+    Attributes:
+        on_links: (n,) torque on the links at the start, beside weight, grasp and effects [N.m].
+    """
 
     def __init__(
         self, integrator: Integrator, held: HeldObject | None, worn: WornPlant, weight: WeightCompensation
@@ -30,16 +34,10 @@ class Start:
         self._held = held
         self._worn = worn
         self._weight = weight
+        self.on_links: Array = np.zeros(integrator.memory.n)
 
-    def rest(self, position: Array) -> Array:
-        """Puts everything at rest at q (n,) [rad]; returns the command (n,) [N.m] that keeps it there."""
-        self._clear(position)
-        wrench = self._grasp()
-        self._integrator.refresh()
-        return self._balance(position, wrench)
-
-    def _clear(self, position: Array) -> None:
-        """Forgets every motion, torque and contact."""
+    def clear(self, position: Array) -> None:
+        """Forgets every motion, torque and contact; the joints stand at q (n,) [rad]."""
         memory = self._memory
         memory.state[:] = 0.0
         memory.part("position")[:] = position
@@ -48,6 +46,13 @@ class Start:
             memory.joints[name] = 0.0
         for name in ("slip", "force", "pressure", "near", "touching"):
             memory.contacts[name] = 0.0
+
+    def rest(self, position: Array) -> Array:
+        """Puts everything at rest at q (n,) [rad]; returns the command (n,) [N.m] that keeps it there."""
+        self.clear(position)
+        wrench = self._grasp()
+        self._integrator.refresh()
+        return self._balance(position, wrench)
 
     def _grasp(self) -> Array:
         """Places the object and closes the hands on it; returns its wrench on each hand (h, 6)."""
@@ -64,7 +69,7 @@ class Start:
     def _balance(self, position: Array, wrench: Array) -> Array:
         """Winds the joints' springs for the start load and finds the command that carries it."""
         memory, joints = self._memory, self._memory.joints
-        load = self._link_weight(position)
+        load = self._link_weight(position) - self.on_links
         for jacobian, on_hand in zip(memory.jacobian, wrench, strict=True):
             load -= jacobian.T @ on_hand
         joints["assist"] = self._weight.torque(position + self._worn.sensors.offset)

@@ -23,6 +23,7 @@ class WeightCompensation:
 
     Attributes:
         acts: Whether the robot does this, as its file declares.
+        share: (n,) how much of it each joint gets now; 1 unless a robot can switch it off joint by joint.
     """
 
     def __init__(self, model: RobotModel, worn: WornPlant, gravity: tuple[float, float, float]) -> None:
@@ -38,6 +39,7 @@ class WeightCompensation:
                 f" (valid: {', '.join(GRAVITY_COMPENSATION)})"
             )
         self.acts = spec.gravity_compensation == "robot"
+        self.share: Array = np.ones(model.n)
         known = RobotModel(replace(spec, body_changes=())) if spec.body_changes else model
         self._links = pin.Model(known.pin_model)
         self._links.gravity.linear = np.array(gravity)
@@ -46,7 +48,11 @@ class WeightCompensation:
         self._springs = bool(self._stiffness.any() or self._preload.any())
 
     def torque(self, position: Array) -> Array:
-        """Computes the torque at a measured position (n,) [N.m]; zero where the robot does not do this."""
+        """Computes the torque now at a measured position (n,) [N.m]; zero where the robot does not do this."""
+        return self.share * self.full(position)
+
+    def full(self, position: Array) -> Array:
+        """Computes the torque at a measured position (n,) [N.m], every joint taking its whole share."""
         if not self.acts:
             return np.zeros(position.size)
         weight = np.array(pin.computeGeneralizedGravity(self._links, self._data, position))
