@@ -129,7 +129,7 @@ def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch:
     if json_path is not None:
         _save(json_path, json.dumps(answer, indent=2, allow_nan=False) + "\n")
     if report is not None:
-        from impedance_modules.diagnosis.report import html_report
+        from impedance_modules.diagnosis.report.page import html_report
 
         _save(report, html_report(found, answer))
     if patch is not None:

@@ -14,9 +14,10 @@ from impedance_modules.diagnosis.generic import is_generic
 from impedance_modules.diagnosis.log import DataReport
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.next_motion import propose
-from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder, Series
+from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder
 from impedance_modules.diagnosis.rollout.outcome import nothing_rolled_out
 from impedance_modules.diagnosis.screen import screen
+from impedance_modules.diagnosis.series import held_out_series
 from impedance_modules.diagnosis.where import locate
 
 Array = NDArray[np.float64]
@@ -57,7 +58,7 @@ def conclude(
         unexplained_weight=max(0.0, 1.0 - sum(cause.weight for cause in causes)),
         remainder=remainder,
         next_motion=propose(causes, report, model),
-        series=_series(evidence, nominal, after, model),
+        series=held_out_series(evidence, nominal, after, model),
     )
 
 
@@ -126,18 +127,3 @@ def _structure(evidence: Evidence) -> str:
             "; no smooth function of a joint's motion and torque explains it either: memory, time or contact"
         )
     return f"; a smooth function of one joint's motion and torque would explain {100 * best:.0f} % of it"
-
-
-def _series(evidence: Evidence, nominal: Array, after: Array, model: NominalModel) -> tuple[Series, ...]:
-    index = evidence.heldout[0]
-    time = evidence.prepared[index].time
-    return tuple(
-        Series(
-            model.joints[joint],
-            residual,
-            time,
-            evidence.design.residual(index, group, nominal),
-            evidence.design.residual(index, group, after),
-        )
-        for group, (residual, joint) in enumerate(evidence.design.groups)
-    )

@@ -121,13 +121,28 @@ class Remainder:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One joint's held-out residual for the report: time [s], before and after, one value per sample."""
+    """One joint's residual in one held-out recording, for report and viewer.
+
+    Attributes:
+        joint: Name.
+        residual: Which comparison.
+        unit: Of the values.
+        episode: The recording.
+        time: (M,) [s].
+        measured: (M,) what a prediction is compared with; a prediction is it minus its residual.
+        before, after: (M,) residual of the nominal model, and with the causes.
+        regimes: What the joint does at each sample.
+    """
 
     joint: str
     residual: str
+    unit: str
+    episode: str
     time: Array
+    measured: Array
     before: Array
     after: Array
+    regimes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from typing import Any
 from impedance_modules.diagnosis.patch import patch_object
 from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Rival
 from impedance_modules.diagnosis.rollout.to_json import cause_rollout_object, rollout_object
+from impedance_modules.diagnosis.spectrum import spectrum_object
 
 FORMAT = 1
 
@@ -29,6 +30,7 @@ def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
             ],
             "shrink": _number(diagnosis.shrink),
             "rollout": rollout_object(diagnosis.rollout),
+            "spectrum": spectrum_object(diagnosis.series),
         },
         "where": [
             {"joint": p.joint, "port": p.port, "regime": p.regime, "band_hz": list(p.band), "share": p.share}
