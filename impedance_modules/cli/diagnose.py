@@ -33,6 +33,9 @@ PATH = click.Path(path_type=Path)
 @click.option(
     "--report", type=PATH, metavar="F.html", help="Write a report that needs nothing but a browser."
 )
+@click.option(
+    "--recording", type=PATH, metavar="F.rrd", help="Write measured, predicted and regimes for the viewer."
+)
 @click.option("--patch", type=PATH, metavar="F.yaml", help="Write what was found as a patch.")
 def command(
     logs: tuple[Path, ...],
@@ -43,9 +46,12 @@ def command(
     without: tuple[str, ...],
     json_path: Path | None,
     report: Path | None,
+    recording: Path | None,
     patch: Path | None,
 ) -> int:
     """Compare LOG..., episodes of one robot, with the model that was to predict them.
+
+    A LOG is an episode, a run's directory, or a folder of episodes as import makes it.
 
     Exit: 0 no gap or explained, 2 bad input, 5 partly or not explained, 6 ambiguous, 7 data insufficient.
     """
@@ -55,10 +61,12 @@ def command(
     from impedance_modules.diagnosis.diagnose import diagnose, insufficient
     from impedance_modules.diagnosis.log import InsufficientData
     from impedance_modules.diagnosis.long_recordings import read_recordings
+    from impedance_modules.episode.folder import episode_paths
 
     if (robot is None) == (urdf is None):
         raise BadInput("diagnose needs the model to compare: give --robot NAME or --urdf FILE, one of them")
     _refuse_unknown(without)
+    logs, holdout = episode_paths(logs), episode_paths(holdout)
     read = read_recordings([*logs, *holdout])
     episodes = [episode for found in read for episode in found]
     tested = [episode for found in read[len(logs) :] for episode in found]
@@ -79,6 +87,7 @@ def command(
     except InsufficientData as error:
         found = insufficient(model.robot, [episode.name for episode in episodes], str(error))
     _write(found, json_path, report, patch)
+    _write_recording(found, recording)
     print_diagnosis(found, console)
     return found.exit_code
 
@@ -139,6 +148,36 @@ def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch:
             click.echo(f"{patch}: not written, no effect shrank the held-out gap", err=True)
         else:
             _save(patch, patch_text(answer["patch"]))
+
+
+def _write_recording(found: Diagnosis, path: Path | None) -> None:
+    """Writes what the viewer shows, if there is anything to show."""
+    if path is None:
+        return
+    if not found.series:
+        click.echo(f"{path}: not written, there is no residual to show", err=True)
+        return
+    from impedance_modules.episode.comparison import Comparison, write_comparisons
+
+    curves = [
+        Comparison(
+            episode=item.episode,
+            port=item.residual,
+            joint=item.joint,
+            unit=item.unit,
+            time=item.time,
+            measured=item.measured,
+            before=item.before,
+            after=item.after,
+            regimes=item.regimes,
+        )
+        for item in found.series
+    ]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_comparisons(path, curves, f"diagnosis of {found.robot}")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error} (valid: a writable place)") from error
 
 
 def _save(path: Path, text: str) -> None:

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from impedance_modules.diagnosis.result import Cause, Diagnosis
+from impedance_modules.diagnosis.rollout.outcome import Rollout
 
 WORDS = {
     "no_gap": "no gap beyond noise and the links' inertia tolerance",
@@ -30,11 +31,39 @@ def print_diagnosis(found: Diagnosis, console: Console) -> None:
         console.print(_gaps(found))
     if found.causes:
         console.print(_causes(found))
+    _print_rollouts(found, console)
     if found.remainder.structure:
         console.print(f"remainder: {found.remainder.structure}")
     purpose = found.next_motion.get("purpose")
     if purpose and purpose != "none needed":
         console.print(f"next motion: to {purpose}: {found.next_motion.get('excitation')}")
+
+
+def _print_rollouts(found: Diagnosis, console: Console) -> None:
+    """Prints how far the plant strays from the recordings, or why nobody tried."""
+    rollout = found.rollout
+    if rollout.windows:
+        console.print(_rollouts(rollout))
+    for item in rollout.left_out:
+        console.print(f"not simulated: {item.what}: {item.why}")
+    for cause in found.causes:
+        if cause.rollout is not None and cause.rollout.verdict == "worsens":
+            console.print(
+                f"[yellow]note:[/yellow] {cause.effect} explains torque but makes the simulated motion worse,"
+                f" error power by {1.0 / cause.rollout.ratio:.3g}"
+            )
+
+
+def _rollouts(rollout: Rollout) -> Table:
+    title = f"simulated again: {rollout.windows} windows of {rollout.window:g} s, rms error of the position"
+    table = Table(title=title)
+    for name in ("joint", "before", "after", "noise", "unit", "shrink"):
+        table.add_column(name, justify="left" if name in ("joint", "unit") else "right")
+    for joint, drift in rollout.position.items():
+        shrink = "" if drift.shrink is None else f"{100 * drift.shrink:.0f} %"
+        numbers = (f"{x:.3g}" for x in (drift.before, drift.after, drift.noise_floor))
+        table.add_row(joint, *numbers, drift.unit, shrink)
+    return table
 
 
 def _gaps(found: Diagnosis) -> Table:

@@ -15,10 +15,13 @@ import click
 )
 @click.option("--verify", is_flag=True, help="Recompute every torque; bit-equal on one machine.")
 def command(log: Path, view: bool, verify: bool) -> int:
-    """Open DIR_OR_LOG, a run's directory or an episode, in the viewer; or verify it.
+    """Open DIR_OR_LOG in the viewer, or verify it: a run's directory, a folder with one episode, or an episode.
 
     Exit: 0 fine, 2 no such recording or (with --verify) one without a task, 4 a torque differs.
     """
+    from impedance_modules.episode.folder import the_episode
+
+    log = the_episode(log)
     if verify:
         _verify(log)
     if view or not verify:

@@ -10,7 +10,6 @@ from impedance_modules.diagnosis.patch import patch_text
 from impedance_modules.diagnosis.report.causes import cause_sections
 from impedance_modules.diagnosis.report.markup import (
     bullets,
-    gallery,
     number,
     paragraph,
     percent,
@@ -72,7 +71,7 @@ def _head(answer: dict[str, Any]) -> str:
 def _data(data: dict[str, Any]) -> str:
     held = set(data["heldout"])
     rows = [
-        [name, "held out" if name in held else "fitted", number(rates.get(name)), number(jitter.get(name))]
+        [name, "held out" if name in held else "fitted", number(rates.get(name)), number(jitter.get(name), 2)]
         for rates, jitter in [(data.get("rate_hz", {}), data.get("jitter", {}))]
         for name in data["episodes"]
     ]
@@ -108,10 +107,7 @@ def _how_large(gap: dict[str, Any]) -> str:
 
 def _where(answer: dict[str, Any]) -> str:
     where, gap = answer["where"], answer["gap"]
-    maps = [
-        regime_map(where),
-        *(frequency_map(gap["spectrum"], gap["per_port"], side) for side in ("before", "after")),
-    ]
+    maps = regime_map(where) + frequency_map(gap["spectrum"], gap["per_port"])
     rows = [
         [p["joint"], p["port"], p["regime"].replace("_", " "), f"{p['band_hz'][0]:.3g} to {p['band_hz'][1]:.3g}",
          percent(p["share"])]
@@ -119,7 +115,7 @@ def _where(answer: dict[str, Any]) -> str:
     ]  # fmt: skip
     listed = table(("joint", "port", "regime", "band [Hz]", "share"), rows, numbers=(3, 4))
     nowhere = "" if where else paragraph("Nothing stands out of the noise.")
-    return section("Where", nowhere, gallery([drawn for drawn in maps if drawn]), listed)
+    return section("Where", nowhere, maps, listed)
 
 
 def _left(remainder: dict[str, Any]) -> str:

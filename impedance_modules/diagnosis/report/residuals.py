@@ -88,39 +88,47 @@ def regime_map(where: Sequence[dict[str, Any]]) -> str:
         share[rows.index(f"{place['joint']}, {place['port']}"), columns.index(place["regime"])] += place[
             "share"
         ]
-    labels = [[f"{100 * value:.0f} %" if value >= 0.01 else "" for value in row] for row in share]
-    return _heat(
-        share, rows, [name.replace("_", " ") for name in columns], labels, "share of the excess power"
+    labels = [[f"{100 * value:.0f} %" if value else "" for value in row] for row in share]
+    figure = new_figure(1.8 + 0.8 * len(columns), 1.0 + 0.28 * len(rows))
+    axes = figure.subplots()
+    _heat(axes, share, labels, float(share.max()))
+    axes.set_xticks(
+        range(len(columns)), [name.replace("_", " ") for name in columns], rotation=30, ha="right"
     )
+    axes.set_yticks(range(len(rows)), rows)
+    axes.tick_params(labelsize=8)
+    return drawing(figure, "Regimes: share of the excess residual power, by what the joint does.")
 
 
-def frequency_map(spectrum: dict[str, Any], gaps: Sequence[dict[str, Any]], side: str) -> str:
-    """Rms by octave over the noise floor, one side (before or after)."""
+def frequency_map(spectrum: dict[str, Any], gaps: Sequence[dict[str, Any]]) -> str:
+    """Excess by octave, before beside after on one scale."""
     ports, edges = spectrum["per_port"], spectrum["edges_hz"]
     if not ports:
         return ""
     floor = {(gap["joint"], gap["residual"]): gap["noise_floor"] for gap in gaps}
-    ratio = np.array([np.array(port[side]) / floor[port["joint"], port["residual"]] for port in ports])
-    octaves = [f"{low:g} to {high:g}" for low, high in pairwise(edges)]
-    rows = [f"{port['joint']}, {port['residual']}" for port in ports]
-    labels = [[f"{value:.2g}" for value in row] for row in ratio]
-    what = f"{side}: log10 of rms over the noise floor, by octave [Hz]"
-    return _heat(np.log10(np.maximum(ratio, 0.1)), rows, octaves, labels, what)
+    figure = new_figure(9.5, 1.1 + 0.26 * len(ports))
+    maps = {
+        side: np.array([np.array(port[side]) / floor[port["joint"], port["residual"]] for port in ports])
+        for side in ("before", "after")
+    }
+    top = max(1.0, *(float(np.log10(ratio.max())) for ratio in maps.values()))
+    for axes, (side, ratio) in zip(figure.subplots(1, 2, sharey=True), maps.items(), strict=True):
+        labels = [[f"{value:.2g}" for value in row] for row in ratio]
+        _heat(axes, np.log10(np.maximum(ratio, 1.0)), labels, top)
+        axes.set_title(side, fontsize=9)
+        octaves = [f"{low:g}-{high:g}" for low, high in pairwise(edges)]
+        axes.set_xticks(range(len(octaves)), octaves, rotation=45, ha="right")
+        axes.set_yticks(range(len(ports)), [f"{port['joint']}, {port['residual']}" for port in ports])
+        axes.set_xlabel("octave [Hz]", fontsize=8)
+        axes.tick_params(labelsize=8)
+    return drawing(
+        figure, "Frequencies: rms in each octave over the residual's whole noise floor; shaded above 1."
+    )
 
 
-def _heat(
-    values: Array, rows: Sequence[str], columns: Sequence[str], labels: Sequence[Sequence[str]], what: str
-) -> str:
-    figure = new_figure(1.8 + 0.75 * len(columns), 1.1 + 0.28 * len(rows))
-    axes = figure.subplots()
-    top = max(float(values.max()), float(values.min()) + 1e-9)
-    image = axes.imshow(values, cmap="YlOrBr", aspect="auto", vmax=top)
-    axes.set_xticks(range(len(columns)), columns, rotation=30, ha="right", fontsize=8)
-    axes.set_yticks(range(len(rows)), rows, fontsize=8)
-    middle = 0.5 * (float(values.min()) + top)
+def _heat(axes: Axes, values: Array, labels: Sequence[Sequence[str]], top: float) -> None:
+    axes.imshow(values, cmap="YlOrBr", aspect="auto", vmin=0.0, vmax=top)
     for i, row in enumerate(labels):
         for j, label in enumerate(row):
-            colour = "white" if values[i, j] > middle else "black"
+            colour = "white" if values[i, j] > 0.6 * top else "black"
             axes.text(j, i, label, ha="center", va="center", fontsize=7, color=colour)
-    figure.colorbar(image, fraction=0.05)
-    return drawing(figure, what.capitalize() + ".")

@@ -26,14 +26,14 @@ h3{font-size:1rem;margin:1.2rem 0 .3rem}
 .badge{display:inline-block;color:#fff;padding:.25rem .8rem;border-radius:1rem;font-weight:600}
 .lead{font-size:1.1rem}
 .note{background:#fff6e0;border-left:4px solid #e0a000;padding:.3rem .8rem}
-.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(9rem,1fr));gap:.6rem;margin:1rem 0}
+.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(11rem,1fr));gap:.6rem;margin:1rem 0}
 .card{border:1px solid #ddd;border-radius:.5rem;padding:.5rem .8rem}
-.card b{display:block;font-size:1.35rem;overflow-wrap:anywhere}
+.card b{display:block;font-size:1.15rem;overflow-wrap:anywhere}
 .card span{color:#555;font-size:.85rem}
 .gallery{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,24rem),1fr));gap:.8rem}
 figure{margin:.5rem 0}
 figcaption{color:#555;font-size:.85rem}
-svg{width:100%;height:auto;max-width:60rem}
+svg{max-width:100%;height:auto}
 .wide{overflow-x:auto}
 table{border-collapse:collapse;font-size:.9rem}
 td,th{padding:.25rem .7rem;border-bottom:1px solid #e4e4e4;text-align:left;vertical-align:top}
