@@ -6,7 +6,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from impedance_modules.diagnosis.result import Cause, Diagnosis
+from impedance_modules.diagnosis.result import Diagnosis
 from impedance_modules.diagnosis.rollout.outcome import Rollout
 
 WORDS = {
@@ -29,8 +29,7 @@ def print_diagnosis(found: Diagnosis, console: Console) -> None:
             console.print(f"[yellow]note:[/yellow] {warning}")
     if found.gaps:
         console.print(_gaps(found))
-    if found.causes:
-        console.print(_causes(found))
+    _print_causes(found, console)
     _print_rollouts(found, console)
     if found.remainder.structure:
         console.print(f"remainder: {found.remainder.structure}")
@@ -55,7 +54,7 @@ def _print_rollouts(found: Diagnosis, console: Console) -> None:
 
 
 def _rollouts(rollout: Rollout) -> Table:
-    title = f"simulated again: {rollout.windows} windows of {rollout.window:g} s, rms error of the position"
+    title = f"simulated again, {rollout.windows} x {rollout.window:g} s: rms error of position"
     table = Table(title=title)
     for name in ("joint", "before", "after", "noise", "unit", "shrink"):
         table.add_column(name, justify="left" if name in ("joint", "unit") else "right")
@@ -77,23 +76,17 @@ def _gaps(found: Diagnosis) -> Table:
     return table
 
 
-def _causes(found: Diagnosis) -> Table:
-    table = Table(title="causes")
-    for name in ("effect", "on", "port", "weight", "alone", "parameters", "or instead"):
-        table.add_column(name, overflow="fold")
-    for cause in found.causes:
-        alone = "" if cause.shrink is None else f"{100 * cause.shrink:.0f} %"
-        others = ", ".join(f"{rival.effect} {' '.join(rival.joints)}" for rival in cause.equivalent)
+def _print_causes(found: Diagnosis, console: Console) -> None:
+    """Prints each cause with its numbers, a line each: names and units stay whole on a narrow terminal."""
+    for rank, cause in enumerate(found.causes, start=1):
         carriers = ", ".join(cause.joints) or ", ".join(cause.parameters)
-        table.add_row(
-            cause.effect, carriers, cause.port, f"{cause.weight:.2f}", alone, _numbers(cause), others
+        alone = "" if cause.shrink is None else f", alone it closes {100 * cause.shrink:.0f} % of the gap"
+        console.print(
+            f"{rank}. [bold]{cause.effect}[/bold] on {carriers}, {cause.port} port: weight {cause.weight:.2f}{alone}"
         )
-    return table
-
-
-def _numbers(cause: Cause) -> str:
-    lines = []
-    for key, symbols in cause.parameters.items():
-        numbers = (f"{symbol} {e.value:.4g} ± {e.std:.2g} {e.unit}" for symbol, e in symbols.items())
-        lines.append(f"{key}: {', '.join(numbers)}")
-    return "\n".join(lines)
+        for key, symbols in cause.parameters.items():
+            numbers = (f"{symbol} {e.value:.4g} ± {e.std:.2g} {e.unit}" for symbol, e in symbols.items())
+            console.print(f"   {key}: {', '.join(numbers)}", highlight=False)
+        if cause.equivalent:
+            others = ", ".join(f"{rival.effect} {' '.join(rival.joints)}" for rival in cause.equivalent)
+            console.print(f"   [yellow]or instead:[/yellow] {others}")
