@@ -63,6 +63,20 @@ class SafetyStop(ImpedanceError):
     exit_code = 3
 
 
+class RobotRefused(ImpedanceError):
+    """A real robot must not be moved now; nothing has been sent. Says every reason and its remedy."""
+
+
+class RobotStopped(ImpedanceError):
+    """A real robot, or what watches it, has ended torque control by itself; ``event`` is of the stop ladder."""
+
+    exit_code = 3
+
+    def __init__(self, event: str, detail: str) -> None:
+        self.event, self.detail = event, detail
+        super().__init__(detail)
+
+
 class ReplayMismatch(ImpedanceError):
     """A recomputed torque differs from the recorded one."""
 

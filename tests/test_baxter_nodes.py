@@ -35,9 +35,11 @@ def test_a_dead_publisher_is_survived_and_named(kind: str, master: str, request)
     assert until(lambda: publisher.connections() == 1)
     publisher.send(Bool(False))
     assert until(lambda: heard.messages == [Bool(False)])
-    offers = {offer.node: offer.problem for offer in own.offers_of(topic)}
-    assert offers["/alive"] is None
-    assert "refused" in str(offers[f"/dead_{kind}"])
+    offers = {offer.node: offer for offer in own.offers_of(topic)}
+    assert offers["/alive"].problem is None
+    assert offers[f"/dead_{kind}"].gone
+    assert not offers["/alive"].gone
+    assert "refused" in str(offers[f"/dead_{kind}"].problem)
     alive.close()
     if kind == "sockets":
         own.close()

@@ -138,7 +138,7 @@ def test_the_package_knows_no_robot() -> None:
         # Tables and plots align things left and right; an effect's symbols are the field's, not a robot's.
         alignment, symbols = {"cli", "episode", "diagnosis"}, {"effects", "diagnosis"}
         allowed = {"left", "right"} if package_of(path) in alignment | symbols else set()
-        allowed |= {"baxter"} if path.parent.name == "baxter" or path.name == "main.py" else set()
+        allowed |= {"baxter"} if package_of(path) == "cli" else set()
         allowed |= {"s0"} if package_of(path) in symbols else set()
         for node in ast.walk(tree):
             if (

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +48,22 @@ class Backend(Protocol):
 
         Raises:
             EndOfRecording: There will be no more.
+            RobotStopped: The robot, or what watches it, has ended torque control.
         """
 
     def write(self, effort: Array) -> None:
         """Sends one torque command (n,) [N.m], excluding what the robot adds by itself."""
 
     def finish(self, how: Finish) -> None:
-        """Ends torque control: ``hold`` where the robot is, or ``release`` it."""
+        """Ends torque control: ``hold`` where the robot is, or ``release`` it; once more does nothing."""
+
+
+@runtime_checkable
+class Instrumented(Protocol):
+    """A robot that tells more than a state; recorded as further columns."""
+
+    def extra_columns(self) -> tuple[str, ...]:
+        """Names them; after ``start``, and always the same."""
+
+    def extra_values(self) -> Array:
+        """Newest value of each; NaN where there is none."""

@@ -15,6 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput, nearest
+from impedance_modules.robot.calibrated import calibrated_description
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.robot import BodyChange, JointSpec, RobotSpec
 
@@ -54,7 +55,7 @@ class RobotModel:
 
     def __init__(self, spec: RobotSpec) -> None:
         self.spec = spec
-        full = pin.buildModelFromUrdf(str(spec.urdf))
+        full = _full_model(spec)
         locked = [full.getJointId(name) for name in spec.locked]
         reference = pin.neutral(full)
         for name, angle in spec.locked.items():
@@ -162,6 +163,12 @@ class RobotModel:
         for shape in reduced.geometryObjects:
             shape.geometry.computeLocalAABB()
         return reduced
+
+
+def _full_model(spec: RobotSpec) -> pin.Model:
+    if not spec.joint_origins:
+        return pin.buildModelFromUrdf(str(spec.urdf))
+    return pin.buildModelFromXML(calibrated_description(spec.urdf, spec.joint_origins))
 
 
 def add_to_body(model: pin.Model, change: BodyChange) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,7 +69,13 @@ class Assembly:
 
 
 def assemble(
-    task_name: str, *, effects: Path | None, rate: float | None, scale: float, arm: str | None
+    task_name: str,
+    *,
+    effects: Path | None,
+    rate: float | None,
+    scale: float,
+    arm: str | None,
+    calibrate: Callable[[RobotSpec], RobotSpec] | None = None,
 ) -> Assembly:
     """Reads and checks a task and everything it names.
 
@@ -78,11 +85,14 @@ def assemble(
         rate: Control rate [Hz], or None for the robot's own.
         scale: Multiplies stiffness, damping and forces.
         arm: Only this arm takes part, or None for all.
+        calibrate: Replaces the robot by one particular one, e.g. with its own mounts; None leaves the folder's.
 
     Raises:
         BadInput, BadFile: Every problem of the input; nothing has moved.
     """
     task, robot = read_task(task_name)
+    if calibrate is not None:
+        robot = calibrate(robot)
     patch = None if effects is None else read_patch(effects)
     if patch is not None:
         robot = wear_patch(robot, patch)

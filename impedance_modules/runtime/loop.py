@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.backend import Backend
-from impedance_modules.errors import EndOfRecording
+from impedance_modules.errors import EndOfRecording, RobotStopped
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.supervisor import Supervisor
+from impedance_modules.safety.stop_events import Event
 
 Array = NDArray[np.float64]
 
@@ -44,6 +45,16 @@ class Interrupt:
 
     def _ask(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signal module's signature
         self.asked = True
+
+
+@contextmanager
+def sigterm_as_interrupt() -> Iterator[None]:
+    """Has SIGTERM raise KeyboardInterrupt, as Ctrl-C does, while a robot is being prepared."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
@@ -106,6 +117,8 @@ def run_loop(
                 newest = newest if state is None else state.time
     except EndOfRecording as end_of_recording:
         supervisor.note(str(end_of_recording))
+    except RobotStopped as stop:
+        supervisor.halt(Event(stop.event), stop.detail)
     finally:
         backend.finish("release" if supervisor.released else "hold")
 

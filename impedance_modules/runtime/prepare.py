@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.backend import Backend
+from impedance_modules.backends.baxter.backend import BaxterBackend, DriveOptions
+from impedance_modules.backends.baxter.session import Session
 from impedance_modules.backends.replay import ReplayBackend
 from impedance_modules.backends.sim import SimBackend
 from impedance_modules.effects.wear import wear_plant
@@ -59,3 +61,20 @@ def make_backend(assembly: Assembly, *, backend: str, log: Path | None, seed: in
     if log is None:
         raise BadInput("--backend replay needs --log DIR, the recording to feed back")
     return replay_backend(assembly, log)
+
+
+def baxter_backend(assembly: Assembly, session: Session, *, read_only: bool, approach: bool) -> BaxterBackend:
+    """Makes the backend of a real robot, not yet started; sends nothing.
+
+    Args:
+        assembly: With the robot as ``session`` found it.
+        session: Open.
+        read_only: Nothing will be sent.
+        approach: The robot's position mode may bring the arms to where the task begins.
+
+    Raises:
+        RobotRefused: The robot must not be moved now; with every reason and its remedy.
+    """
+    limbs = {arm.limb.name: arm.limb for arm in assembly.modules.arms}
+    start = assembly.modules.posture
+    return session.backend(limbs, DriveOptions(assembly.rate, read_only, approach, start))

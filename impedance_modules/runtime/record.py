@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.backends.backend import Instrumented
 from impedance_modules.episode.columns import (
     joint_columns,
     pose_columns,
@@ -58,6 +59,7 @@ class Recorder:
         backend: str,
         *,
         simulated: bool,
+        more: Instrumented | None = None,
     ) -> None:
         """Opens the episode.
 
@@ -68,6 +70,7 @@ class Recorder:
             seed: Of the simulated noise.
             backend: Its name.
             simulated: True if the loop may wait for the disk.
+            more: Tells what else is recorded of the robot.
 
         Raises:
             BadInput: The directory holds an episode already.
@@ -78,9 +81,13 @@ class Recorder:
         self._modules = _recorded_modules(supervisor)
         metadata = run_metadata(assembly, directory, acting, seed, backend)
         names = columns(supervisor, self._targets, self._modules)
+        self._more, self._own = more, len(names) - 1
+        if more is not None:
+            names[-1:-1] = more.extra_columns()
         self.writer = EpisodeWriter(directory, names, metadata, wait_for_disk=simulated)
         self.columns = tuple(names)
         self.row: Array = np.zeros(len(names) - 1)
+        self._law = self.row[: self._own]
         self._slots = np.array([slot for _, slot in self._targets], dtype=np.int64)
         self._owners = np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2)
 
@@ -90,7 +97,7 @@ class Recorder:
         controller = supervisor.controller
         kinematics, memory = controller.kinematics, controller.memory
         fill_row(
-            self.row,
+            self._law,
             state.time,
             int(supervisor.rung),
             controller.acting,
@@ -108,6 +115,8 @@ class Recorder:
             memory.floats,
             memory.float_at,
         )
+        if self._more is not None:
+            self.row[self._own :] = self._more.extra_values()
         self.writer.append(self.row, supervisor.sequence.phase.name)
 
     def close(self, ending: str, reason: str) -> None:
@@ -187,6 +196,10 @@ def run_metadata(
         seed=seed,
         backend=backend,
         effects=None if patch is None else patch.text,
+        joint_origins={
+            name: [list(origin.translation), list(origin.roll_pitch_yaw)]
+            for name, origin in assembly.robot.joint_origins.items()
+        },
         acting=acting.tolist(),
         versions=library_versions(),
         effort_max=dict(zip(names, limits.effort_max.tolist(), strict=True)),

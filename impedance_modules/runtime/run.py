@@ -4,19 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import Backend
+from impedance_modules.backends.backend import Backend, Instrumented
 from impedance_modules.episode.picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import ImpedanceError
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly
-from impedance_modules.runtime.loop import Interrupt, no_collections, run_loop
+from impedance_modules.runtime.loop import Interrupt, no_collections, run_loop, sigterm_as_interrupt
 from impedance_modules.runtime.record import Recorder
 from impedance_modules.runtime.scene import SceneView
 from impedance_modules.runtime.summary import Summary
@@ -89,17 +90,27 @@ def carry_out(
     supervisor = Supervisor(assembly)
     supervisor.controller.warm()
     simulated = options.backend in ("sim", "replay")
-    first = backend.start()
-    recorder = Recorder(
-        options.out, supervisor, first.acting, options.seed, options.backend, simulated=simulated
-    )
-    try:
-        supervisor.start(first)
-    except ImpedanceError:
-        backend.finish("hold")
-        recorder.abandon()
-        raise
-    view = SceneView(options.out, supervisor, recorder.writer.background, live=options.live)
+    with ExitStack() as undo, sigterm_as_interrupt():
+        # Whatever happens before the loop, which sees to it by itself, the robot is held.
+        undo.callback(backend.finish, "hold")
+        first = backend.start()
+        more = backend if isinstance(backend, Instrumented) else None
+        recorder = Recorder(
+            options.out,
+            supervisor,
+            first.acting,
+            options.seed,
+            options.backend,
+            simulated=simulated,
+            more=more,
+        )
+        try:
+            supervisor.start(first)
+        except ImpedanceError:
+            recorder.abandon()
+            raise
+        view = SceneView(options.out, supervisor, recorder.writer.background, live=options.live)
+        undo.pop_all()
     summary = Summary(assembly, supervisor, recorder.columns, options.backend, options.seed)
     interrupt = Interrupt()
     last_shown = [-1.0]

@@ -104,6 +104,15 @@ class Supervisor:
         """Adds a message at the last known time."""
         self._say(self.messages[-1][0] if self.messages else 0.0, text)
 
+    def halt(self, event: Event, detail: str) -> None:
+        """Ends the run because the robot, or what watches it, has ended torque control by itself.
+
+        Args:
+            event: One that leads to a hold or a release.
+            detail: Numbers and names for the reason.
+        """
+        self._descend(None, [Occurrence(event, None, detail)], entering=False)
+
     def start(self, first: FirstState) -> None:
         """Takes over the robot as it stands.
 
@@ -252,7 +261,7 @@ def stop_limits(period: float) -> StopLimits:
         rest_speed=0.05,
         speed_growth=1.5,
         late_cycles=5,
-        stale_time=3.0 * period,
+        stale_time=max(0.03, 3.0 * period),
         lost_time=max(0.1, 6.0 * period),
         starvation_time=2.0,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly, assemble
 from impedance_modules.runtime.prepare import acting_in
 from impedance_modules.runtime.supervisor import Supervisor
+from impedance_modules.spec.robot import JointOrigin
 
 Array = NDArray[np.float64]
 
@@ -61,7 +62,16 @@ def reassemble(episode: Episode) -> Assembly:
             rate=float(metadata["rate"]),
             scale=float(metadata["scale"]),
             arm=metadata.get("arm"),
+            calibrate=lambda robot: replace(robot, joint_origins=_origins(metadata)),
         )
+
+
+def _origins(metadata: Mapping[str, object]) -> dict[str, JointOrigin]:
+    """Reads where the robot that was run had its calibrated joints."""
+    said = metadata.get("joint_origins", {})
+    if not isinstance(said, Mapping):
+        raise BadInput(f"the recording's joint_origins are {said!r} (valid: joint -> [[x, y, z], [r, p, y]])")
+    return {name: JointOrigin(tuple(translation), tuple(turn)) for name, (translation, turn) in said.items()}
 
 
 def _beside_original(folder: Path, metadata: Mapping[str, object], text: str) -> Path:

@@ -17,6 +17,9 @@
 | interrupt | damp | full | a person stopped the run |
 | other_arm | damp | full | another arm stopped: this one brakes, it does not push on a held object |
 | collision | hold | - | the robot's collision detection has already stopped the arm |
+| cuff | hold | - | somebody squeezes the robot's cuff to lead the arm by hand |
+| torque_refused | hold | - | the robot's driver was given a torque that must not leave |
+| controller_silent | hold | - | the robot's watchdog heard no torque for too long |
 | state_lost | hold | - | no state for so long that damping would be guessing |
 | hold_refused | release | - | the robot cannot hold, or the tank cannot pay a hold |
 | robot_disabled | release | - | disabled or emergency stop: stop sending at once, never enable it again |
@@ -57,6 +60,9 @@ class Event(StrEnum):
     INTERRUPT = "interrupt"
     OTHER_ARM = "other_arm"
     COLLISION = "collision"
+    CUFF = "cuff"
+    TORQUE_REFUSED = "torque_refused"
+    CONTROLLER_SILENT = "controller_silent"
     STATE_LOST = "state_lost"
     HOLD_REFUSED = "hold_refused"
     ROBOT_DISABLED = "robot_disabled"
@@ -78,6 +84,9 @@ RUNG_OF: Mapping[Event, Rung] = {
     Event.INTERRUPT: Rung.DAMP,
     Event.OTHER_ARM: Rung.DAMP,
     Event.COLLISION: Rung.HOLD,
+    Event.CUFF: Rung.HOLD,
+    Event.TORQUE_REFUSED: Rung.HOLD,
+    Event.CONTROLLER_SILENT: Rung.HOLD,
     Event.STATE_LOST: Rung.HOLD,
     Event.HOLD_REFUSED: Rung.RELEASE,
     Event.ROBOT_DISABLED: Rung.RELEASE,

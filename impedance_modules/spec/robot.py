@@ -149,6 +149,19 @@ class ParallelSpringSpec:
 
 
 @dataclass(frozen=True)
+class JointOrigin:
+    """Where a joint sits in its parent link, as a URDF says it.
+
+    Attributes:
+        translation: x, y, z [m].
+        roll_pitch_yaw: Rotation about fixed x, then y, then z [rad].
+    """
+
+    translation: tuple[float, float, float]
+    roll_pitch_yaw: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class RobotSpec:
     """A whole robot folder.
 
@@ -162,6 +175,7 @@ class RobotSpec:
         body_changes: What a patch adds to links; none in a robot file.
         parallel_springs: URDF joint name -> spring that a patch adds; none in a robot file.
         gravity: Acceleration in the base's axes [m/s^2]; upright unless a patch tilts the base.
+        joint_origins: URDF joint name -> where this very robot has been calibrated to have it; none in a robot file.
     """
 
     name: str
@@ -181,3 +195,4 @@ class RobotSpec:
     body_changes: tuple[BodyChange, ...] = ()
     parallel_springs: Mapping[str, ParallelSpringSpec] = field(default_factory=dict)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    joint_origins: Mapping[str, JointOrigin] = field(default_factory=dict)

@@ -107,7 +107,7 @@ class InProcessTransport:
             dead = [node for node, where in self._master.dead if where == topic]
         offers = [Offer(p.node, p.kind.ros_type, checksum_of(p.kind), None) for p in alive]
         return sorted(
-            offers + [Offer(node, None, None, "connection refused") for node in dead],
+            offers + [Offer(node, None, None, "connection refused", gone=True) for node in dead],
             key=lambda offer: offer.node,
         )
 

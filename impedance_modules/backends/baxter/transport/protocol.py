@@ -47,12 +47,14 @@ class Offer:
         ros_type: Message type it sends; None when it could not be asked.
         checksum: MD5 of that type; None when it could not be asked.
         problem: Why it could not be asked; None when it answered.
+        gone: Nobody is at its address any more: it died without saying so.
     """
 
     node: str
     ros_type: str | None
     checksum: str | None
     problem: str | None
+    gone: bool = False
 
 
 class Publisher(Protocol[M_contra]):

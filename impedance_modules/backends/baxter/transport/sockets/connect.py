@@ -85,7 +85,8 @@ def _offer(master: MasterClient, caller: str, topic: str, node: str) -> Offer:
         uri = master.address_of(node)
         connection, greeting = connect(uri, caller, topic, {"type": ANYTHING, "md5sum": ANYTHING})
     except OSError as error:
-        return Offer(node, None, None, f"cannot be reached: {error.strerror or error}")
+        gone = isinstance(error, ConnectionRefusedError)
+        return Offer(node, None, None, f"cannot be reached: {error.strerror or error}", gone)
     except (GreetingError, NoMasterError) as error:
         return Offer(node, None, None, str(error))
     connection.close()

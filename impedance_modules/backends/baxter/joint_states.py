@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One state of all joints out of messages that name some: several publishers, any order, any extra joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.baxter.messages import JointState
+from impedance_modules.backends.baxter.robot_clock import RobotClock
+from impedance_modules.robot.state import RobotState
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One complete state.
+
+    Attributes:
+        state: Of all joints of the model.
+        number: Counts samples from 1.
+        received: When it arrived, our monotonic clock [s].
+        taken: When it must have been taken at the latest, by the same clock [s]: ``received`` less what it was late.
+    """
+
+    state: RobotState
+    number: int
+    received: float
+    taken: float
+
+
+class JointStateMerge:
+    """Merges joint states by name.
+
+    A sample is complete when every joint has been reported since the last one. So messages with gripper joints
+    only never make a sample, and two messages with half the joints each make one.
+
+    Attributes:
+        malformed: Messages whose arrays are not as long as their list of names.
+        seen: Names of all joints ever reported.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...]) -> None:
+        self.malformed = 0
+        self.seen: set[str] = set()
+        self.clock = RobotClock()
+        self._names = joint_names
+        n = len(joint_names)
+        self._position, self._velocity, self._effort = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._reported = np.zeros(n, dtype=bool)
+        self._number = 0
+        self._places = lru_cache(maxsize=32)(self._find_places)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Joints of the model that nobody has ever reported in full."""
+        return tuple(name for name in self._names if name not in self.seen)
+
+    def take(self, message: JointState, received: float) -> Sample | None:
+        """Takes a message; returns the sample that it completes, or None.
+
+        Args:
+            message: From any publisher.
+            received: When it arrived [s].
+        """
+        count = len(message.name)
+        if not count == len(message.position) == len(message.velocity) == len(message.effort):
+            self.malformed += 1
+            return None
+        ours, theirs = self._places(message.name)
+        if len(ours) == 0:
+            return None
+        self._position[ours] = np.array(message.position)[theirs]
+        self._velocity[ours] = np.array(message.velocity)[theirs]
+        self._effort[ours] = np.array(message.effort)[theirs]
+        self._reported[ours] = True
+        if not self._reported.all():
+            return None
+        moment = self.clock.read(message.header.stamp, received)
+        if moment is None:
+            return None
+        self._reported[:] = False
+        self._number += 1
+        state = RobotState(moment.time, self._position.copy(), self._velocity.copy(), self._effort.copy())
+        return Sample(state, self._number, received, received - moment.lag)
+
+    def _find_places(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Returns where a message's joints belong in the model's vectors, and where they stand in it."""
+        own = {name: index for index, name in enumerate(self._names)}
+        self.seen |= set(names)
+        pairs = [(own[name], index) for index, name in enumerate(names) if name in own]
+        return (
+            np.array([pair[0] for pair in pairs], dtype=np.intp),
+            np.array([pair[1] for pair in pairs], dtype=np.intp),
+        )

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One robot, from the first question to the backend: its description, its states, its gates."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from impedance_modules.backends.baxter import topics
+from impedance_modules.backends.baxter.backend import BaxterBackend, DriveOptions
+from impedance_modules.backends.baxter.description import Comparison, compare_description
+from impedance_modules.backends.baxter.gates import Subject, judge, refuse_closed
+from impedance_modules.backends.baxter.gates_types import Gate
+from impedance_modules.backends.baxter.link import RobotLink
+from impedance_modules.backends.baxter.stops import Stops, stop_rules
+from impedance_modules.backends.baxter.transport.protocol import Transport
+from impedance_modules.errors import BadInput, NotConnected
+from impedance_modules.robot.model import Limb, RobotModel
+from impedance_modules.spec.robot import RobotSpec
+
+LISTENING = 1.3
+"""For how long a robot is heard before it is judged [s]; rates are measured over one second."""
+
+BRAKING_SHARE = 0.5
+"""The watchdog brakes with this share of a joint's torque limit at its declared top speed, as the supervisor does."""
+
+
+class Session:
+    """A robot on the network that is going to be looked at, recorded or driven.
+
+    Attributes:
+        transport: The node.
+        comparison: Of the served description with the robot folder.
+        spec: The robot folder with the calibrated mounts.
+        model: Of that.
+        link: Listening.
+    """
+
+    def __init__(self, transport: Transport, spec: RobotSpec) -> None:
+        """Reads the served description and begins to listen; sends nothing.
+
+        Args:
+            transport: Open.
+            spec: Of the robot folder.
+
+        Raises:
+            BadInput: The robot folder says that somebody else than the robot carries its weight.
+        """
+        if spec.gravity_compensation != "robot":
+            raise BadInput(
+                f"robot '{spec.name}' has gravity_compensation: {spec.gravity_compensation}; this backend leaves it"
+                " to the robot (valid: robot)"
+            )
+        self.transport = transport
+        self.comparison = served_comparison(transport, spec)
+        self.spec = replace(spec, joint_origins=self.comparison.origins)
+        self.model = RobotModel(self.spec)
+        self.link = RobotLink(transport, self.model.joint_names, tuple(spec.limbs))
+        self._began = time.monotonic()
+
+    def gates(self, limbs: Sequence[str]) -> tuple[Gate, ...]:
+        """Listens long enough and asks every question about some limbs; sends nothing."""
+        time.sleep(max(0.0, self._began + LISTENING - time.monotonic()))
+        return judge(Subject(self.link, self.model, self.comparison, limbs), time.monotonic())
+
+    def backend(self, limbs: Mapping[str, Limb], options: DriveOptions) -> BaxterBackend:
+        """Makes the backend of a run.
+
+        Raises:
+            RobotRefused: A gate is closed; nothing was sent.
+        """
+
+        def check() -> None:
+            refuse_closed(self.gates(tuple(limbs)), commanding=not options.read_only)
+
+        check()
+        rules = stop_rules(
+            1.0 / options.rate,
+            self.model.column("effort_max"),
+            self.model.column("velocity_max"),
+            BRAKING_SHARE,
+        )
+        stops = Stops(rules, {name: limb.joints for name, limb in limbs.items()})
+        return BaxterBackend(self.link, limbs, stops, options, check)
+
+    def close(self) -> None:
+        """Stops listening and withdraws from the network."""
+        self.link.close()
+        self.transport.close()
+
+
+class Visit:
+    """A robot that becomes known while a task is assembled: the task says which folder it is compared with."""
+
+    def __init__(self, transport: Transport) -> None:
+        """Takes an open node."""
+        self._transport = transport
+        self._session: Session | None = None
+
+    @property
+    def session(self) -> Session:
+        """The session that ``calibrate`` began.
+
+        Raises:
+            NotConnected: It was not called.
+        """
+        if self._session is None:
+            raise NotConnected("no session yet: calibrate() comes first")
+        return self._session
+
+    def calibrate(self, spec: RobotSpec) -> RobotSpec:
+        """Begins a session and returns the robot folder with this robot's own mounts."""
+        self._session = Session(self._transport, spec)
+        return self._session.spec
+
+
+def served_comparison(transport: Transport, spec: RobotSpec) -> Comparison:
+    """Compares the description that the robot serves with a robot folder."""
+    for name in topics.DESCRIPTIONS:
+        text = transport.get_parameter(name)
+        if isinstance(text, str):
+            return compare_description(text, spec)
+    return Comparison({}, (f"the robot serves no {' or '.join(topics.DESCRIPTIONS)}",), ())

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What may be sent to a Baxter now, and why not: a pure state machine with everybody's clock given to it.
+
+| what happens | what follows |
+|---|---|
+| no state for `stale` | torque -D v on the last velocity for `blind`, then a hold |
+| no state for `lost` | hold; nothing else leaves |
+| the law is silent though states come | likewise braked, then held |
+| a torque that is not finite or beyond a joint's limit | it never leaves; one braking torque, then a hold |
+| /robot/state silent for `silent` | hold |
+| disabled, stopped, e-stop | nothing is sent any more, not even a hold |
+| collision felt | hold, for at least `COLLISION_PAUSE` |
+| cuff squeezed | that arm gets nothing while it is squeezed and is held where it was left; the others are held |
+| end of the run | hold |
+
+A hold is the robot's position mode at the measured angles. Nothing here ever goes back to torque, enables,
+resets or resumes: that takes a new run, begun by a person. Late cycles, a law without solution and a task's own
+limits are the supervisor's (``runtime/supervisor.py``), whose torque passes through here all the same; a
+controller that was killed is the robot's own command time-out's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.baxter.messages import AssemblyState
+from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stopping import damping_effort
+
+Array = NDArray[np.float64]
+
+COLLISION_PAUSE = 2.0
+"""For how long the robot itself pauses after a collision; a hold lasts at least as long [s]."""
+
+
+class Mode(Enum):
+    """What leaves for the arms."""
+
+    IDLE = "idle"
+    TORQUE = "torque"
+    HOLD = "hold"
+    OFF = "off"
+
+
+@dataclass(frozen=True)
+class StopRules:
+    """Thresholds, and what braking needs.
+
+    Attributes:
+        stale, blind, lost: Ages of the last state: torque becomes braking; that ends ``blind`` later; hold [s].
+        silent: Age of the last /robot/state at which the robot counts as gone [s].
+        effort_max: (n,) [N.m].
+        damping: (n, n) of the braking torque [N.m.s/rad].
+    """
+
+    stale: float
+    blind: float
+    lost: float
+    silent: float
+    effort_max: Array
+    damping: Array
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is sent now, to each limb at most one thing.
+
+    Attributes:
+        effort: (n,) torque [N.m] for ``limbs``, or None.
+        position: (n,) angles [rad] for ``limbs`` in position mode, or None.
+        limbs: Whom it is for.
+    """
+
+    effort: Array | None
+    position: Array | None
+    limbs: tuple[str, ...]
+
+
+NOTHING = Order(None, None, ())
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why torque control ended by itself; ``event`` as in the stop ladder's table."""
+
+    event: Event
+    detail: str
+
+
+def stop_rules(period: float, effort_max: Array, velocity_max: Array, braking_share: float) -> StopRules:
+    """Makes the thresholds of a control period.
+
+    Three periods without a state, but no less than 30 ms, which is three of the slowest rate: at 500 Hz an
+    ordinary kernel's hiccup is longer than three periods.
+
+    Args:
+        period: Of the control loop [s].
+        effort_max: (n,) of the joints [N.m].
+        velocity_max: (n,) of the joints [rad/s].
+        braking_share: Part of its torque limit with which a joint at its top speed is braked.
+    """
+    return StopRules(
+        stale=max(3.0 * period, 0.03),
+        blind=max(2.0 * period, 0.02),
+        lost=max(0.1, 6.0 * period),
+        silent=0.5,
+        effort_max=effort_max,
+        damping=np.diag(braking_share * effort_max / velocity_max),
+    )
+
+
+def why_off(robot: AssemblyState) -> str | None:
+    """Says why a robot in this state must not be sent anything; None where it may."""
+    if robot.estop_button == robot.BUTTON_PRESSED:
+        return "the e-stop is pressed"
+    if robot.estop_source != robot.SOURCE_NONE:
+        sources = {1: "a person", 2: "an unknown source", 3: "a joint fault", 4: "a lost heartbeat"}
+        return f"stopped by {sources.get(robot.estop_source, f'source {robot.estop_source}')}"
+    if robot.stopped:
+        return "the robot is stopped"
+    if not robot.enabled:
+        return "the robot is disabled"
+    return None
+
+
+class Stops:
+    """Decides, event by event, what may be sent.
+
+    Attributes:
+        mode: Now.
+        fault: The first reason why torque ended; None while it has not, or ended as it should.
+    """
+
+    def __init__(self, rules: StopRules, limbs: Mapping[str, NDArray[np.intp]]) -> None:
+        """Takes the thresholds and each commanded limb's place in the vectors."""
+        self.mode = Mode.IDLE
+        self.fault: Fault | None = None
+        self._rules = rules
+        self._limbs = limbs
+        self._position: Array | None = None
+        self._velocity: Array | None = None
+        self._taken = -np.inf
+        self._robot_seen = -np.inf
+        self._off: str | None = "/robot/state was never heard"
+        self._torque_at = -np.inf
+        self._squeezed: set[str] = set()
+        self._hold: Array | None = None
+        self._pause_end = -np.inf
+
+    @property
+    def pause_end(self) -> float:
+        """Until when a hold must last at least [s]."""
+        return self._pause_end
+
+    def on_state(self, taken: float, position: Array, velocity: Array) -> None:
+        """A state that was taken at ``taken`` [s]; angles that are not finite change nothing here."""
+        if not np.isfinite(position).all():
+            return
+        self._taken, self._position = taken, position
+        if np.isfinite(velocity).all():
+            self._velocity = velocity
+        if self._hold is not None:
+            for limb in self._squeezed & set(self._limbs):
+                joints = self._limbs[limb]
+                self._hold[joints] = position[joints]
+
+    def on_robot(self, now: float, robot: AssemblyState) -> None:
+        """/robot/state: enabled, stopped, e-stop."""
+        self._robot_seen, self._off = now, why_off(robot)
+        why = self._off
+        if why is not None and self.mode in (Mode.TORQUE, Mode.HOLD):
+            self._blame(Event.ROBOT_DISABLED, why)
+            self.mode = Mode.OFF
+
+    def on_collision(self, now: float, limb: str, felt: bool) -> None:
+        """The robot's own collision detection."""
+        if felt and self.mode in (Mode.TORQUE, Mode.HOLD):
+            self._pause_end = now + COLLISION_PAUSE
+            self._hold_for(Event.COLLISION, f"the robot felt a collision of its {limb} arm")
+
+    def on_cuff(self, limb: str, squeezed: bool) -> None:
+        """The switch in the cuff."""
+        if not squeezed:
+            self._squeezed.discard(limb)
+            return
+        self._squeezed.add(limb)
+        if self.mode in (Mode.TORQUE, Mode.HOLD) and limb in self._limbs:
+            self._hold_for(Event.CUFF, f"the cuff of the {limb} arm is squeezed")
+
+    def begin(self, now: float) -> str | None:
+        """Starts torque mode; returns why that is impossible, or None."""
+        if self.fault is not None or self.mode is Mode.OFF:
+            return "nothing is sent any more" if self.fault is None else self.fault.detail
+        if self._position is None or now - self._taken > self._rules.stale:
+            return "no fresh state of the arms"
+        if now - self._robot_seen > self._rules.silent:
+            return f"nothing heard of the robot's state for {now - self._robot_seen:.2f} s"
+        if self._obstacle() is not None:
+            return self._obstacle()
+        self.mode, self._torque_at, self._hold = Mode.TORQUE, now, None
+        return None
+
+    def torque(self, now: float, effort: Array) -> Order:
+        """What leaves in place of the law's torque (n,) [N.m]: that, or braking, or nothing."""
+        if self.mode is not Mode.TORQUE:
+            return NOTHING
+        self._torque_at = now
+        if now - self._taken > self._rules.stale:
+            return self.watch(now)
+        wrong = self._wrong_torque(effort)
+        if wrong is not None:
+            self._hold_for(Event.TORQUE_REFUSED, wrong)
+            return self._braking()
+        return Order(effort, None, tuple(self._limbs))
+
+    def watch(self, now: float) -> Order:
+        """What must be sent though nobody asked: braking, a hold, or nothing. Call it every few milliseconds."""
+        if self.mode is Mode.TORQUE:
+            return self._watch_torque(now)
+        if self.mode is Mode.HOLD and self._hold is not None:
+            limbs = tuple(limb for limb in self._limbs if limb not in self._squeezed)
+            return Order(None, self._hold, limbs) if limbs else NOTHING
+        return NOTHING
+
+    def move(self, position: Array) -> str | None:
+        """Sets the target (n,) [rad] of position mode before torque begins; returns why that is impossible."""
+        if self.fault is not None or self.mode not in (Mode.IDLE, Mode.HOLD):
+            return "torque mode is on" if self.fault is None else self.fault.detail
+        if self._obstacle() is not None:
+            return self._obstacle()
+        self.mode, self._hold = Mode.HOLD, position.copy()
+        return None
+
+    def end(self) -> None:
+        """Ends torque control as planned: from now on, hold."""
+        if self.mode is Mode.TORQUE:
+            self._enter_hold()
+
+    def leave(self) -> None:
+        """Sends nothing any more."""
+        self.mode = Mode.OFF
+
+    def _obstacle(self) -> str | None:
+        """Says why a robot that is known to be there may not be moved now."""
+        if self._off is not None:
+            return self._off
+        return f"a cuff is squeezed: {', '.join(sorted(self._squeezed))}" if self._squeezed else None
+
+    def _watch_torque(self, now: float) -> Order:
+        rules = self._rules
+        age, silence = now - self._taken, now - self._torque_at
+        if now - self._robot_seen > rules.silent:
+            self._hold_for(Event.STATE_LOST, f"/robot/state silent for {now - self._robot_seen:.2f} s")
+        elif age > rules.lost or age > rules.stale + rules.blind:
+            self._hold_for(Event.STATE_LOST, f"no state for {1e3 * age:.0f} ms")
+        elif silence > rules.stale + rules.blind:
+            self._hold_for(Event.CONTROLLER_SILENT, f"the controller was silent for {1e3 * silence:.0f} ms")
+        elif max(age, silence) > rules.stale:
+            return self._braking()
+        else:
+            return NOTHING
+        return self.watch(now)
+
+    def _wrong_torque(self, effort: Array) -> str | None:
+        if not np.isfinite(effort).all():
+            return "a torque is not finite"
+        over = np.abs(effort) > self._rules.effort_max * (1.0 + 1e-9)
+        if over.any():
+            joint = int(np.argmax(over))
+            limit = self._rules.effort_max[joint]
+            return f"torque {effort[joint]:.3f} N.m of joint {joint} is beyond its limit of {limit:g} N.m"
+        return None
+
+    def _braking(self) -> Order:
+        if self._velocity is None:
+            return NOTHING
+        effort = damping_effort(self._rules.damping, self._velocity, self._rules.effort_max)
+        return Order(effort, None, tuple(self._limbs))
+
+    def _hold_for(self, event: Event, detail: str) -> None:
+        first = self.fault is None
+        self._blame(event, detail)
+        if first:
+            self._enter_hold()
+
+    def _enter_hold(self) -> None:
+        self.mode = Mode.HOLD
+        self._hold = None if self._position is None else self._position.copy()
+
+    def _blame(self, event: Event, detail: str) -> None:
+        if self.fault is None:
+            self.fault = Fault(event, detail)

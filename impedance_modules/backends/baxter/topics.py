@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where a Baxter listens and speaks, how often, and the times it keeps. Facts of the robot, no behaviour.
+
+Sources: Rethink's SDK (baxter_interface, baxter_common 1.2.0), its wiki, and graph scans of real robots.
+"""
+
+from __future__ import annotations
+
+ROBOT_STATE = "/robot/state"
+JOINT_STATES = "/robot/joint_states"
+STATE_RATE_REQUEST = "/robot/joint_state_publish_rate"
+ENABLE = "/robot/set_super_enable"
+RESET = "/robot/set_super_reset"
+
+SOFTWARE_VERSION = "/rethink/software_version"
+DESCRIPTIONS = ("/robot_description", "/robot/armnav_robot_description")
+"""Parameters that hold the calibrated URDF; the first one set counts."""
+
+REALTIME_NODE = "/realtime_loop"
+"""The node that publishes the arms' joint states; the grippers' come from another one."""
+
+SUPPORTED_SOFTWARE = "1.2."
+"""How the version of a robot begins whose messages and behaviour are those described here."""
+
+DEFAULT_STATE_RATE = 100
+"""Rate of the joint states when nobody asks for another [Hz]."""
+
+USUAL_RATE = 500.0
+"""Rate that a run asks for unless told otherwise [Hz]; Rethink calls up to 800 Hz reliable."""
+
+DEFAULT_TIMEOUT = 0.2
+"""The robot's own command time-out [s]."""
+
+SHORTEST_TIMEOUT = 0.05
+"""Command time-out that a run sets at any rate above 100 Hz [s]: five cycles of the default rate. A shorter one would
+make every hiccup of an ordinary kernel end torque mode."""
+
+TIMEOUT_CYCLES = 5
+"""At least so many control cycles fit into the time-out that a run sets."""
+
+
+def joint_command(limb: str) -> str:
+    """Topic on which a limb is commanded."""
+    return f"/robot/limb/{limb}/joint_command"
+
+
+def command_timeout(limb: str) -> str:
+    """Topic that sets after how long without a command a limb leaves torque mode."""
+    return f"/robot/limb/{limb}/joint_command_timeout"
+
+
+def speed_ratio(limb: str) -> str:
+    """Topic that sets how fast a limb's position mode moves, 0 to 1."""
+    return f"/robot/limb/{limb}/set_speed_ratio"
+
+
+def sea_state(limb: str) -> str:
+    """Topic of everything the robot knows of a limb's series-elastic joints."""
+    return f"/robot/limb/{limb}/gravity_compensation_torques"
+
+
+def endpoint_state(limb: str) -> str:
+    """Topic of the robot's own idea of where a limb ends."""
+    return f"/robot/limb/{limb}/endpoint_state"
+
+
+def collision_state(limb: str) -> str:
+    """Topic that tells whether a limb has felt an impact or a squeeze."""
+    return f"/robot/limb/{limb}/collision_detection_state"
+
+
+def cuff(limb: str) -> str:
+    """Topic of the switch in a limb's cuff."""
+    return f"/robot/digital_io/{limb}_lower_cuff/state"
+
+
+def suppress_avoidance(limb: str) -> str:
+    """Topic that switches a limb's force field off for a moment; the effect ends by itself after 0.2 s."""
+    return f"/robot/limb/{limb}/suppress_collision_avoidance"
+
+
+def timeout_for(rate: float) -> float:
+    """Command time-out to set before torque mode at a control rate [Hz], [s]."""
+    return max(TIMEOUT_CYCLES / rate, SHORTEST_TIMEOUT)

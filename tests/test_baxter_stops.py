@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every row of the stop table, with a clock of our own: what may leave, what must, and that nothing comes back."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from impedance_modules.backends.baxter.messages import AssemblyState
+from impedance_modules.backends.baxter.stops import Mode, Stops, stop_rules, why_off
+from impedance_modules.safety.stop_events import RUNG_OF, Event, Rung
+
+N = 4
+LIMBS = {"one": np.array([0, 1]), "two": np.array([2, 3])}
+ON = AssemblyState(True, True, False, False, 0, 0)
+RULES = stop_rules(0.01, np.array([50.0, 50.0, 15.0, 15.0]), np.array([1.5, 1.5, 4.0, 4.0]), 0.5)
+Q, V, TAU = np.array([0.1, -0.2, 0.3, -0.4]), np.array([0.5, -0.5, 1.0, 0.0]), np.full(N, 2.0)
+
+OFF_STATES = {
+    "disabled": dataclasses.replace(ON, enabled=False),
+    "stopped": dataclasses.replace(ON, stopped=True),
+    "e-stop pressed": dataclasses.replace(ON, estop_button=1),
+    "released, still stopped": dataclasses.replace(ON, stopped=True, estop_button=3, estop_source=1),
+    "joint fault": dataclasses.replace(ON, estop_source=3),
+    "heartbeat": dataclasses.replace(ON, estop_source=4),
+}
+
+
+def running(now: float = 0.0) -> Stops:
+    """In torque mode since ``now``."""
+    stops = Stops(RULES, LIMBS)
+    stops.on_robot(now, ON)
+    stops.on_state(now, Q, V)
+    assert stops.begin(now) is None
+    return stops
+
+
+def alive(stops: Stops, now: float) -> None:
+    stops.on_robot(now, ON)
+    stops.on_state(now, Q, V)
+
+
+def is_torque(order, effort=None) -> bool:
+    same = effort is None or np.array_equal(order.effort, effort)
+    return order.effort is not None and order.position is None and order.limbs == tuple(LIMBS) and same
+
+
+def is_hold(order, position=Q) -> bool:
+    return order.effort is None and order.position is not None and np.array_equal(order.position, position)
+
+
+def is_nothing(order) -> bool:
+    return order.effort is None and order.position is None
+
+
+def test_torque_leaves_as_long_as_everything_is_well() -> None:
+    stops = running()
+    for k in range(1, 300):
+        alive(stops, 0.01 * k)
+        assert is_torque(stops.torque(0.01 * k + 0.002, TAU), TAU)
+        assert is_nothing(stops.watch(0.01 * k + 0.005))
+    assert stops.fault is None
+
+
+def test_nothing_leaves_before_torque_mode_begins() -> None:
+    stops = Stops(RULES, LIMBS)
+    assert stops.begin(0.0) == "no fresh state of the arms"
+    stops.on_state(0.0, Q, V)
+    assert "never heard" in str(stops.begin(0.0)) or "nothing heard" in str(stops.begin(0.0))
+    stops.on_robot(0.0, OFF_STATES["disabled"])
+    assert stops.begin(0.0) == "the robot is disabled"
+    assert is_nothing(stops.torque(0.0, TAU))
+    assert is_nothing(stops.watch(0.0))
+    stops.on_robot(0.0, ON)
+    stops.on_cuff("two", True)
+    assert "cuff" in str(stops.begin(0.0))
+    stops.on_cuff("two", False)
+    assert stops.begin(0.5) == "no fresh state of the arms"
+
+
+def test_a_stale_state_brakes_briefly_then_holds() -> None:
+    stops = running()
+    assert is_torque(stops.torque(0.029, TAU), TAU)
+    for now in (0.031, 0.045):
+        stops.on_robot(now, ON)
+        order = stops.torque(now, TAU)
+        assert is_torque(order)
+        assert order.effort @ V < 0.0
+        assert (np.abs(order.effort) <= RULES.effort_max).all()
+        assert is_torque(stops.watch(now), order.effort)
+    assert is_hold(stops.torque(0.0501, TAU))
+    assert is_hold(stops.watch(0.06))
+    assert stops.fault is not None
+    assert stops.fault.event is Event.STATE_LOST
+
+
+def test_a_state_that_is_lost_ends_torque_whatever_the_rate() -> None:
+    slow = stop_rules(0.05, RULES.effort_max, np.ones(N), 0.5)
+    stops = Stops(slow, LIMBS)
+    alive(stops, 0.0)
+    assert stops.begin(0.0) is None
+    stops.on_robot(0.4, ON)
+    assert is_hold(stops.watch(0.31))
+    assert not is_torque(stops.torque(0.4, TAU))
+
+
+def test_a_silent_controller_is_braked_and_held() -> None:
+    stops = running()
+    stops.torque(0.001, TAU)
+    for k in range(1, 4):
+        alive(stops, 0.01 * k)
+    alive(stops, 0.04)
+    assert is_torque(stops.watch(0.04))
+    alive(stops, 0.055)
+    assert is_hold(stops.watch(0.055))
+    assert stops.fault is not None
+    assert stops.fault.event is Event.CONTROLLER_SILENT
+    assert is_nothing(stops.torque(0.056, TAU))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 50.1, -1e9])
+def test_a_torque_that_must_not_leave_brakes_once_and_holds(bad: float) -> None:
+    stops = running()
+    order = stops.torque(0.005, np.array([0.0, bad, 0.0, 0.0]))
+    assert is_torque(order)
+    assert np.isfinite(order.effort).all()
+    assert order.effort @ V < 0.0
+    alive(stops, 0.01)
+    assert is_nothing(stops.torque(0.01, TAU))
+    assert is_hold(stops.watch(0.01))
+    assert stops.fault is not None
+    assert stops.fault.event is Event.TORQUE_REFUSED
+
+
+@pytest.mark.parametrize("name", OFF_STATES)
+def test_power_off_silences_everything_for_good(name: str) -> None:
+    for stops in (running(), running()):
+        stops.torque(0.001, TAU)
+        if stops is not None:
+            stops.on_robot(0.002, OFF_STATES[name])
+        assert stops.mode is Mode.OFF
+        assert stops.fault is not None
+        assert RUNG_OF[stops.fault.event] is Rung.RELEASE
+        # Somebody enables the robot again: nothing resumes by itself.
+        alive(stops, 0.01)
+        assert is_nothing(stops.torque(0.011, TAU))
+        assert is_nothing(stops.watch(0.012))
+        assert stops.begin(0.012) is not None
+        assert stops.move(Q) is not None
+
+
+def test_power_off_ends_a_hold_too() -> None:
+    stops = running()
+    stops.end()
+    assert is_hold(stops.watch(0.01))
+    stops.on_robot(0.011, OFF_STATES["e-stop pressed"])
+    assert is_nothing(stops.watch(0.012))
+
+
+def test_a_collision_holds_at_least_as_long_as_the_robot_pauses() -> None:
+    stops = running()
+    stops.on_collision(0.5, "one", True)
+    stops.on_collision(0.6, "one", False)
+    assert is_hold(stops.watch(0.6))
+    assert stops.pause_end >= 2.5
+    alive(stops, 3.0)
+    assert is_nothing(stops.torque(3.0, TAU))
+    assert is_hold(stops.watch(3.0))
+
+
+def test_a_squeezed_cuff_lets_the_arm_follow_and_holds_it_where_it_was_left() -> None:
+    stops = running()
+    stops.on_cuff("one", True)
+    order = stops.watch(0.01)
+    assert is_hold(order)
+    assert order.limbs == ("two",)
+    led = Q + np.array([0.7, 0.7, 0.0, 0.0])
+    stops.on_state(0.5, led, V)
+    stops.on_cuff("one", False)
+    order = stops.watch(0.51)
+    assert order.limbs == ("one", "two")
+    assert np.array_equal(order.position, led)
+    assert is_nothing(stops.torque(0.52, TAU))
+    assert stops.fault is not None
+    assert stops.fault.event is Event.CUFF
+
+
+def test_a_robot_that_stops_saying_how_it_is_is_held() -> None:
+    stops = running()
+    for k in range(1, 60):
+        stops.on_state(0.01 * k, Q, V)
+        stops.torque(0.01 * k, TAU)
+    assert is_hold(stops.watch(0.6))
+    assert "/robot/state silent" in str(stops.fault)
+
+
+def test_a_planned_end_holds_the_measured_pose_without_blame() -> None:
+    stops = running()
+    stops.on_state(0.01, Q + 0.05, V)
+    stops.end()
+    assert is_hold(stops.watch(0.02), Q + 0.05)
+    assert stops.fault is None
+    stops.leave()
+    assert is_nothing(stops.watch(0.03))
+
+
+def test_moving_to_the_start_ends_with_whatever_ends_torque() -> None:
+    stops = Stops(RULES, LIMBS)
+    alive(stops, 0.0)
+    assert stops.move(Q + 1.0) is None
+    assert is_hold(stops.watch(0.01), Q + 1.0)
+    stops.on_collision(0.02, "two", True)
+    assert is_hold(stops.watch(0.03), Q)
+    assert stops.move(Q + 1.0) is not None
+
+
+def test_angles_that_are_not_finite_are_never_held() -> None:
+    stops = running()
+    stops.on_state(0.01, np.array([np.nan, 0.0, 0.0, 0.0]), V)
+    stops.on_state(0.01, Q, np.full(N, np.nan))
+    stops.on_collision(0.02, "one", True)
+    assert is_hold(stops.watch(0.02), Q)
+
+
+EVENTS = st.sampled_from(
+    ["state", "nan", "robot", "torque", "bad", "cuff", "free", "hit", "off", "watch", "end"]
+)
+
+
+@given(st.lists(st.tuples(EVENTS, st.floats(0.0, 0.06)), max_size=60))
+def test_whatever_happens_torque_never_returns_and_every_torque_is_within_limits(events) -> None:
+    stops, now, ended, off = running(), 0.0, False, False
+    for event, pause in events:
+        now += pause
+        order = None
+        if event == "state":
+            stops.on_state(now, Q, V)
+        elif event == "nan":
+            stops.on_state(now, np.full(N, np.nan), V)
+        elif event == "robot":
+            stops.on_robot(now, ON)
+        elif event == "off":
+            stops.on_robot(now, OFF_STATES["stopped"])
+        elif event in ("cuff", "free"):
+            stops.on_cuff("one", event == "cuff")
+        elif event == "hit":
+            stops.on_collision(now, "two", True)
+        elif event == "end":
+            stops.end()
+        else:
+            effort = np.full(N, np.inf) if event == "bad" else TAU
+            order = stops.watch(now) if event == "watch" else stops.torque(now, effort)
+        off = off or stops.mode is Mode.OFF
+        if order is not None:
+            assert order.effort is None or (np.abs(order.effort) <= RULES.effort_max).all()
+            assert not (ended and order.effort is not None)
+            assert not (off and not is_nothing(order))
+        ended = ended or stops.mode is not Mode.TORQUE
+        assert not (ended and stops.mode is Mode.TORQUE)
+
+
+def test_every_reason_leads_to_a_hold_or_a_release() -> None:
+    for event in (
+        Event.STATE_LOST,
+        Event.CONTROLLER_SILENT,
+        Event.TORQUE_REFUSED,
+        Event.CUFF,
+        Event.COLLISION,
+    ):
+        assert RUNG_OF[event] is Rung.HOLD
+    assert RUNG_OF[Event.ROBOT_DISABLED] is Rung.RELEASE
+    assert why_off(ON) is None
+    assert all(why_off(state) for state in OFF_STATES.values())
