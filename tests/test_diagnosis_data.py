@@ -24,6 +24,7 @@ from impedance_modules.diagnosis.admit import admit
 from impedance_modules.diagnosis.arrange import arrange
 from impedance_modules.diagnosis.long_recordings import read_recordings
 from impedance_modules.diagnosis.model import model_of_urdf
+from impedance_modules.diagnosis.stretch import RUN_IN
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.save import write_episode
 from impedance_modules.errors import ImpedanceError
@@ -377,7 +378,7 @@ def test_one_motion_is_cut_without_losing_a_sample(tmp_path, urdf):
     logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
     found = arrange(logs, ())
     assert sorted([*found.fitted, *found.heldout]) == list(range(len(found.logs))) and len(found.folds) >= 3
-    margin = 40
+    margin = int(RUN_IN * 100)
     kept = np.zeros(logs[0].samples, dtype=int)
     for log in found.logs:
         first = round(log.start * log.rate)

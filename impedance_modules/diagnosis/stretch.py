@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.band import MARGIN
 from impedance_modules.diagnosis.log import InsufficientData, Log
 
 Array = NDArray[np.float64]
+
+RUN_IN = 0.13
+"""What a filter of the widest band (20 Hz) throws away at each end [s]; stretches overlap by it on both sides."""
 
 STRETCHES = 6
 """Most stretches that one motion is cut into."""
@@ -35,7 +37,7 @@ PACE = 20.0
 def cut(motion: Sequence[Log]) -> list[list[Log]]:
     """Cuts one motion, its repeats alike, into stretches of about equal motion, in order of time.
 
-    A stretch overlaps its neighbours by the margin that the filter throws away, so that no sample is lost.
+    A stretch overlaps its neighbours by what the filter throws away at least, so that no sample counts twice.
 
     Raises:
         InsufficientData: Too short to fit on one part and to test on another.
@@ -67,7 +69,7 @@ def _edges(log: Log, pieces: int) -> list[int]:
 
 
 def _piece(log: Log, edges: Sequence[int], index: int) -> Log:
-    run_in = int(MARGIN * log.rate)
+    run_in = int(RUN_IN * log.rate)
     last = index + 2 == len(edges)
     first, stop = max(0, edges[index] - run_in), log.samples if last else edges[index + 1] + run_in
     return log.part(first, min(stop, log.samples), f"[{index + 1}/{len(edges) - 1}]")
