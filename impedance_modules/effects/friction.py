@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,9 +96,20 @@ class StribeckFriction(JointLaw):
     shape = ("vs",)
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
-        """Computes sgn(v) outside and inside the bump."""
+        """Computes sgn(v), and the bump alone: neither coefficient is negative, so fs is not below fc."""
         slow = np.exp(-((sample.velocity / shape["vs"]) ** 2))
-        return np.asarray(sample.direction[..., None] * np.stack([1.0 - slow, slow], axis=-1))
+        return np.asarray(sample.direction[..., None] * np.stack([np.ones_like(slow), slow], axis=-1))
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """Coefficients fc and fs - fc."""
+        return np.array([values["fc"], values["fs"] - values["fc"]]), {"vs": values["vs"]}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The inverse of ``linear``."""
+        fc, bump = map(float, coefficients)
+        return {"fc": fc, "fs": fc + bump, "vs": float(shape["vs"])}
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Tries speeds from just above the sign's smoothing to a third of the largest one."""

@@ -17,6 +17,10 @@ from impedance_modules.effects.signals import Signals
 Array = NDArray[np.float64]
 
 
+WARMING_MIN = 3.0
+"""Shortest time constant with which grease is taken to warm up [s]."""
+
+
 class AsymmetricFriction(JointLaw):
     """Friction that differs between the two directions."""
 
@@ -45,13 +49,25 @@ class AsymmetricFriction(JointLaw):
     )
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
-        """Computes sgn(v), |sgn(v)|, |v|."""
+        """Computes sgn(v) where v > 0, sgn(v) where v < 0, and |v|."""
         s = sample.direction
-        return np.stack([s, np.abs(s), np.abs(sample.velocity)], axis=-1)
+        return np.stack([np.maximum(s, 0.0), np.minimum(s, 0.0), np.abs(sample.velocity)], axis=-1)
 
     def bounds(self) -> tuple[Array, Array]:
-        """Only fc has a sign."""
-        return np.array([0.0, -np.inf, -np.inf]), np.full(3, np.inf)
+        """Dry friction takes energy in both directions; dv has a sign."""
+        return np.array([0.0, 0.0, -np.inf]), np.full(3, np.inf)
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """Coefficients fc + da, fc - da, dv."""
+        fc, da = values["fc"], values["da"]
+        return np.array([fc + da, fc - da, values.get("dv", 0.0)]), {}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The inverse of ``linear``."""
+        ahead, back, dv = map(float, coefficients)
+        return {"fc": 0.5 * (ahead + back), "da": 0.5 * (ahead - back), "dv": dv}
 
     def relations(self, values: Values) -> list[str]:
         """Dry friction takes energy in both directions."""
@@ -111,26 +127,23 @@ class FrictionDrift(JointLaw):
     shape = ("T",)
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
-        """Computes v, and minus the faded part of v."""
-        faded = -np.expm1(-sample.time / shape["T"])
-        return np.stack([sample.velocity, -faded * sample.velocity], axis=-1)
-
-    def bounds(self) -> tuple[Array, Array]:
-        """Friction fv is not negative; that the faded part stays below it is checked on the values."""
-        return np.array([0.0, -np.inf]), np.full(2, np.inf)
+        """Computes the part of v that is still cold and the part that is warm; neither has negative friction."""
+        cold = np.exp(-sample.time / shape["T"])
+        return np.stack([cold * sample.velocity, (1.0 - cold) * sample.velocity], axis=-1)
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
-        """Coefficients fv and fv k."""
-        return np.array([values["fv"], values["fv"] * values["k"]]), {"T": values["T"]}
+        """Coefficients fv (cold) and fv (1 - k) (warm)."""
+        return np.array([values["fv"], values["fv"] * (1.0 - values["k"])]), {"T": values["T"]}
 
     def values(
         self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
     ) -> dict[str, float]:
-        """The coefficients are fv and fv k; without friction there is nothing to fade, k = 0."""
-        fv, faded = map(float, coefficients)
-        return {"fv": fv, "k": faded / fv if fv > 0.0 else 0.0, "T": float(shape["T"])}
+        """The inverse of ``linear``; without friction there is nothing to fade, k = 0."""
+        cold, warm = map(float, coefficients)
+        return {"fv": cold, "k": 1.0 - warm / cold if cold > 0.0 else 0.0, "T": float(shape["T"])}
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Tries time constants from a tenth to three times the recording's length."""
-        length = float(signals.time[-1] - signals.time[0])
-        return tuple({"T": float(T)} for T in np.geomspace(0.1 * length, 3.0 * length, 6))
+        """Tries time constants from a tenth to three times the recording's length: grease warms in no second."""
+        least = max(WARMING_MIN, 0.1 * float(signals.time[-1] - signals.time[0]))
+        most = max(3.0 * float(signals.time[-1] - signals.time[0]), 2.0 * least)
+        return tuple({"T": float(T)} for T in np.geomspace(least, most, 6))
