@@ -4,7 +4,8 @@
 Usage: python -m benchmarks.run_speed [TASK] [RATE]
 
 A short run goes first, so that everything is compiled. Wall time counts from the first cycle until all files but the
-picture are whole; the picture stands apart. Processor time is what other jobs on the machine do not stretch as much.
+picture are whole; the picture stands apart. On a busy machine the time that the loop's thread was ready to run and had
+no processor is told apart, and processor times are given, which other jobs do not stretch as much.
 """
 
 from __future__ import annotations
@@ -65,19 +66,21 @@ def carried_out(task: str, rate: float | None, duration: float | None) -> RunRes
 
 
 class Stopwatch:
-    """Instants of a run [s]: wall clock, and processor time of all threads."""
+    """Instants of a run [s]: wall clock, processor time of all threads, this thread's time in the queue for one."""
 
     def __init__(self) -> None:
-        self.at: dict[str, tuple[float, float]] = {}
+        self.at: dict[str, tuple[float, float, float]] = {}
 
     def mark(self, name: str) -> None:
         """Notes when something happened for the first time."""
-        self.at.setdefault(name, (time.perf_counter(), time.process_time()))
+        # Linux: nanoseconds run, nanoseconds runnable but without a processor, time slices.
+        queued = 1e-9 * int(Path("/proc/thread-self/schedstat").read_text().split()[1])
+        self.at.setdefault(name, (time.perf_counter(), time.process_time(), queued))
 
-    def between(self, first: str, last: str) -> tuple[float, float]:
-        """Returns wall and processor time from one mark to another."""
-        (a, b), (c, d) = self.at[first], self.at[last]
-        return c - a, d - b
+    def between(self, first: str, last: str) -> tuple[float, float, float]:
+        """Returns wall time, processor time and time in the queue from one mark to another."""
+        before, after = self.at[first], self.at[last]
+        return after[0] - before[0], after[1] - before[1], after[2] - before[2]
 
 
 def watched(seconds: dict[str, float]) -> Stopwatch:
@@ -111,11 +114,13 @@ def main() -> None:
     watch = watched(seconds)
     result = carried_out(task, rate, None)
     simulated, cycles = float(result.summary["duration"]), int(result.summary["cycles"])
-    wall, processor = watch.between("first cycle", "picture")
+    wall, processor, queued = watch.between("first cycle", "picture")
     inside = sum(value for name, value in seconds.items() if not name.startswith(" "))
     print(f"{task}: {simulated:.2f} s simulated, ended {result.summary['ending']} {result.reason}")
-    drawing, _ = watch.between("picture", "drawn")
+    drawing, *_ = watch.between("picture", "drawn")
     print(f"  wall {wall:.2f} s = {simulated / wall:.2f} x real time, and {drawing:.2f} s for the picture")
+    alone = wall - queued
+    print(f"  without the wait for a processor {alone:.2f} s = {simulated / alone:.2f} x real time")
     print(f"  processor, all threads {processor:.2f} s = {simulated / processor:.2f} x real time")
     print(f"  processor, the cycles' own {inside:.2f} s = {simulated / inside:.2f} x real time, of which")
     for name, _, _ in TIMED:
