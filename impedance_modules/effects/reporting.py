@@ -12,7 +12,7 @@ from impedance_modules.effects.bodies import all_rows
 from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.description import Description, Parameter, Port
 from impedance_modules.effects.drive import lagged
-from impedance_modules.effects.effect import Effect, Regressor, Values, one_row, unbounded
+from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
 from impedance_modules.effects.residuals import Residual, uses_motion
 from impedance_modules.effects.sample import Shape
 from impedance_modules.effects.signals import Signals
@@ -105,7 +105,9 @@ class ClockDrift(Effect):
         if not self.shows(port, residual):
             return None
         values = signals.velocity if residual == "velocity" else 2.0 * (signals.rigid - signals.weight)
-        return all_rows(signals, 1e-6 * values[:, :, None], *unbounded(1))
+        (ppm,) = self.description.parameters
+        bounds = np.full(1, ppm.lower), np.full(1, ppm.upper)
+        return all_rows(signals, 1e-6 * values[:, :, None], *bounds)
 
     def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Speeds the reported clock up."""
