@@ -59,11 +59,18 @@ class Backend(Protocol):
 
 
 @runtime_checkable
-class Instrumented(Protocol):
-    """A robot that tells more than a state; recorded as further columns."""
+class RealRobot(Protocol):
+    """A robot that goes on living while a run is prepared, and tells more than a state."""
+
+    def newest(self) -> FirstState:
+        """How it stands now, after ``start``; time is counted from here.
+
+        Raises:
+            ImpedanceError: It does not say any more.
+        """
 
     def extra_columns(self) -> tuple[str, ...]:
-        """Names them; after ``start``, and always the same."""
+        """Names what else is recorded of it; after ``start``, and always the same."""
 
     def extra_values(self) -> Array:
         """Newest value of each; NaN where there is none."""

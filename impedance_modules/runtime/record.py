@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import Instrumented
+from impedance_modules.backends.backend import RealRobot
 from impedance_modules.episode.columns import (
     joint_columns,
     pose_columns,
@@ -40,6 +40,9 @@ SCALARS = (
 number of active filter rows; 1 where the last torque came too late or somebody asked for a stop. ``fill_row`` knows
 the order."""
 
+MISSED = "missed"
+"""Column of a real robot's episode: control cycles without a state since the row before."""
+
 
 class Recorder:
     """Turns cycles into rows of an episode.
@@ -59,7 +62,7 @@ class Recorder:
         backend: str,
         *,
         simulated: bool,
-        more: Instrumented | None = None,
+        real: RealRobot | None = None,
     ) -> None:
         """Opens the episode.
 
@@ -70,7 +73,7 @@ class Recorder:
             seed: Of the simulated noise.
             backend: Its name.
             simulated: True if the loop may wait for the disk.
-            more: Tells what else is recorded of the robot.
+            real: Tells what else is recorded of it; None for a simulated robot.
 
         Raises:
             BadInput: The directory holds an episode already.
@@ -81,9 +84,9 @@ class Recorder:
         self._modules = _recorded_modules(supervisor)
         metadata = run_metadata(assembly, directory, acting, seed, backend)
         names = columns(supervisor, self._targets, self._modules)
-        self._more, self._own = more, len(names) - 1
-        if more is not None:
-            names[-1:-1] = more.extra_columns()
+        self._real, self._own = real, len(names) - 1
+        if real is not None:
+            names[-1:-1] = (MISSED, *real.extra_columns())
         self.writer = EpisodeWriter(directory, names, metadata, wait_for_disk=simulated)
         self.columns = tuple(names)
         self.row: Array = np.zeros(len(names) - 1)
@@ -115,8 +118,9 @@ class Recorder:
             memory.floats,
             memory.float_at,
         )
-        if self._more is not None:
-            self.row[self._own :] = self._more.extra_values()
+        if self._real is not None:
+            self.row[self._own] = supervisor.missed
+            self.row[self._own + 1 :] = self._real.extra_values()
         self.writer.append(self.row, supervisor.sequence.phase.name)
 
     def close(self, ending: str, reason: str) -> None:

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import Backend, Instrumented
+from impedance_modules.backends.backend import Backend, RealRobot
 from impedance_modules.episode.picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.errors import ImpedanceError
+from impedance_modules.errors import SafetyStop
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly
 from impedance_modules.runtime.loop import Interrupt, no_collections, run_loop, sigterm_as_interrupt
@@ -90,58 +90,88 @@ def carry_out(
     supervisor = Supervisor(assembly)
     supervisor.controller.warm()
     simulated = options.backend in ("sim", "replay")
-    with ExitStack() as undo, sigterm_as_interrupt():
-        # Whatever happens before the loop, which sees to it by itself, the robot is held.
-        undo.callback(backend.finish, "hold")
-        first = backend.start()
-        more = backend if isinstance(backend, Instrumented) else None
-        recorder = Recorder(
-            options.out,
+    interrupt = Interrupt()
+    with ExitStack() as ending:
+        # Whatever happens, the robot is held; once it is, again does nothing.
+        ending.callback(backend.finish, "hold")
+        with sigterm_as_interrupt():
+            first = backend.start()
+            real = backend if isinstance(backend, RealRobot) else None
+            recorder = Recorder(
+                options.out,
+                supervisor,
+                first.acting,
+                options.seed,
+                options.backend,
+                simulated=simulated,
+                real=real,
+            )
+            ending.callback(recorder.abandon)
+            view = SceneView(options.out, supervisor, recorder.writer.background, live=options.live)
+        files = _Files(
             supervisor,
-            first.acting,
-            options.seed,
-            options.backend,
-            simulated=simulated,
-            more=more,
+            recorder,
+            view,
+            Summary(assembly, supervisor, recorder.columns, options.backend, options.seed),
+            on_progress,
         )
         try:
-            supervisor.start(first)
-        except ImpedanceError:
-            recorder.abandon()
-            raise
-        view = SceneView(options.out, supervisor, recorder.writer.background, live=options.live)
-        undo.pop_all()
-    summary = Summary(assembly, supervisor, recorder.columns, options.backend, options.seed)
-    interrupt = Interrupt()
-    last_shown = [-1.0]
-
-    def on_cycle(state: RobotState, effort: Array, late: bool, asked: bool) -> None:
-        recorder.add(state, effort, late=late, interrupted=asked)
-        view.add(state, effort)
-        summary.add(recorder.row)
-        if state.time - last_shown[0] >= 0.1:
-            last_shown[0] = state.time
-            on_progress(state.time, supervisor.sequence.phase.name)
-
-    try:
-        with interrupt.listening(), no_collections():
-            run_loop(
-                supervisor,
-                backend,
-                first.state,
-                on_cycle,
-                interrupt,
-                duration=options.duration,
-                paced=not simulated,
-                read_only=options.read_only,
-            )
-    finally:
-        found = summary.write(options.out, interrupted=interrupt.asked)
-        try:
-            recorder.close(str(found["ending"]), str(found["reason"]))
+            with interrupt.listening(), no_collections():
+                if real is not None:
+                    first = real.newest()
+                supervisor.start(first)
+                run_loop(
+                    supervisor,
+                    backend,
+                    first.state,
+                    files.add,
+                    interrupt,
+                    duration=options.duration,
+                    paced=not simulated,
+                    read_only=options.read_only,
+                )
         finally:
-            view.close()
+            found = files.close(options.out, interrupted=interrupt.asked)
+    if not recorder.writer.rows:
+        raise SafetyStop(f"nothing moved: {supervisor.reason or 'the run ended before its first cycle'}")
     write_picture(
         read_episode(options.out, PICTURE_KINDS, most_samples=PICTURE_SAMPLES), options.out / "picture.png"
     )
     return RunResult(supervisor.ending, supervisor.reason, interrupt.asked, options.out, found)
+
+
+class _Files:
+    """Everything that a run writes, cycle by cycle."""
+
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        recorder: Recorder,
+        view: SceneView,
+        summary: Summary,
+        on_progress: Callable[[float, str], None],
+    ) -> None:
+        self._supervisor, self._recorder, self._view, self._summary = supervisor, recorder, view, summary
+        self._on_progress = on_progress
+        self._last_shown = -1.0
+
+    def add(self, state: RobotState, effort: Array, late: bool, asked: bool) -> None:
+        """Takes one cycle."""
+        self._recorder.add(state, effort, late=late, interrupted=asked)
+        self._view.add(state, effort)
+        self._summary.add(self._recorder.row)
+        if state.time - self._last_shown >= 0.1:
+            self._last_shown = state.time
+            self._on_progress(state.time, self._supervisor.sequence.phase.name)
+
+    def close(self, directory: Path, *, interrupted: bool) -> dict[str, object]:
+        """Finishes all files and returns the summary; nothing is left of a run without a cycle."""
+        try:
+            if not self._recorder.writer.rows:
+                self._recorder.abandon()
+                return {}
+            found = self._summary.write(directory, interrupted=interrupted)
+            self._recorder.close(str(found["ending"]), str(found["reason"]))
+            return found
+        finally:
+            self._view.close()

@@ -55,6 +55,7 @@ class Supervisor:
         ending: None while the run goes on.
         reason: Why it stopped; empty after a task that is done.
         messages: (time, text) of everything worth telling.
+        missed: Cycles without a state just before the last one that had one.
     """
 
     def __init__(self, assembly: Assembly) -> None:
@@ -74,6 +75,8 @@ class Supervisor:
         self.reason = ""
         self.messages: list[tuple[float, str]] = []
         self._lost_contact = LostContact(self.controller, self.touch)
+        self.missed = 0
+        self._without_state = 0
         self._cycle = 0
         self._late: list[float] = []
         self._interrupted = False

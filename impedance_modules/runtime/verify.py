@@ -18,6 +18,7 @@ from impedance_modules.errors import BadInput, EndOfRecording, ReplayMismatch
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly, assemble
 from impedance_modules.runtime.prepare import acting_in
+from impedance_modules.runtime.record import MISSED
 from impedance_modules.runtime.supervisor import Supervisor
 from impedance_modules.spec.robot import JointOrigin
 
@@ -102,6 +103,7 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
     recorded = np.column_stack([episode.effort_command[name] for name in names])
     late, asked = (np.asarray(episode.extra[name]) > 0.0 for name in ("late", "interrupt"))
     dropped = np.append(late[1:], False)
+    missed = np.asarray(episode.extra.get(MISSED, np.zeros(len(late))), dtype=int)
     supervisor = Supervisor(assembly)
     first = backend.start()
     supervisor.start(first)
@@ -111,6 +113,8 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
     try:
         while supervisor.ending is None:
             k = backend.sample
+            for _ in range(missed[k]):
+                supervisor.step(None, late=False, stop_request=None)
             request = "asked to stop" if asked[k] else None
             effort = supervisor.step(state, late=bool(late[k]), stop_request=request)
             left = nothing if effort is None or dropped[k] else effort

@@ -126,9 +126,14 @@ class BaxterBackend:
             self._check_rate()
             if not self._options.read_only:
                 self._prepare()
-            sample = self._fresh_sample()
+            first = self.newest()
             undo.pop_all()
-        self._last, self._zero_time = sample, sample.state.time
+        return first
+
+    def newest(self) -> FirstState:
+        """Waits for a state newer than all before, and counts time from it."""
+        sample = self._fresh_sample()
+        self._last, self._zero_time, self._misses = sample, sample.state.time, 0
         return FirstState(self._shifted(sample.state), np.zeros(len(self._options.start)))
 
     def read(self) -> RobotState | None:
@@ -159,9 +164,9 @@ class BaxterBackend:
         Raises:
             RobotStopped: Torque mode cannot begin.
         """
+        if self.stops.mode in (Mode.IDLE, Mode.HOLD) and self.stops.fault is None:
+            self._begin()
         with self._lock:
-            if self.stops.mode in (Mode.IDLE, Mode.HOLD) and self.stops.fault is None:
-                self._begin()
             self._effort = effort.copy()
             self._send(self.stops.torque(time.monotonic(), effort))
 
@@ -229,10 +234,9 @@ class BaxterBackend:
 
     def _try_zero_torque(self) -> None:
         """Lets the robot carry its arms alone for a moment, then has it hold them; a drifting one is refused."""
+        self._begin()
         start = self._fresh_sample()
         nothing = np.zeros(len(self._options.start))
-        with self._lock:
-            self._begin()
         end, sample = time.monotonic() + DWELL, start
         while time.monotonic() < end:
             with self._lock:
@@ -250,7 +254,10 @@ class BaxterBackend:
             self.stops.end()
 
     def _begin(self) -> None:
-        why = self.stops.begin(time.monotonic())
+        """Starts torque mode on a fresh state."""
+        self._fresh_sample()
+        with self._lock:
+            why = self.stops.begin(time.monotonic())
         if why is not None:
             raise RobotStopped(Event.BACKEND_LOST, f"torque mode cannot begin: {why}")
 
