@@ -10,7 +10,7 @@ import pytest
 
 from impedance_modules.backends.baxter import messages
 from impedance_modules.backends.baxter.fake.assembly_state import AssemblyMachine, Button, Source
-from impedance_modules.backends.baxter.fake.build import build_fake, named_posture
+from impedance_modules.backends.baxter.fake.build import build_fake
 from impedance_modules.backends.baxter.fake.faults import parse_fault
 from impedance_modules.backends.baxter.fake.limb import CommandMode, Doing
 from impedance_modules.backends.baxter.fake.network import InProcessNetwork
@@ -19,6 +19,7 @@ from impedance_modules.backends.baxter.fake.numbers import SPRINGS
 from impedance_modules.backends.baxter.fake.options import FakeOptions
 from impedance_modules.backends.baxter.fake.pace import Pacer
 from impedance_modules.backends.baxter.fake.robot import FakeBaxter
+from impedance_modules.backends.baxter.postures import named_posture
 from impedance_modules.backends.baxter.transport.in_process import InProcessMaster
 from impedance_modules.errors import BadInput
 

@@ -207,7 +207,11 @@ class Controller(CycleReadings):
     def warm(self) -> None:
         """Compiles and runs every path once, at the start posture, without any effect on the run."""
         n = self.assembly.model.n
-        state = RobotState(0.0, self.assembly.modules.posture, np.zeros(n), np.zeros(n))
+        parts = self.assembly.modules.posture.copy(), np.zeros(n), np.zeros(n)
+        # As a robot's states are: machine code for arrays that may be written is other machine code.
+        for part in parts:
+            part.flags.writeable = False
+        state = RobotState(0.0, *parts)
         twin = Controller(self.assembly)
         twin.start(FirstState(state, np.zeros(n)), self.assembly.task.phases[0])
         for _ in range(3):

@@ -85,7 +85,10 @@ class JointStateMerge:
             return None
         self._reported[:] = False
         self._number += 1
-        state = RobotState(moment.time, self._position.copy(), self._velocity.copy(), self._effort.copy())
+        parts = self._position.copy(), self._velocity.copy(), self._effort.copy()
+        for part in parts:
+            part.flags.writeable = False
+        state = RobotState(moment.time, *parts)
         return Sample(state, self._number, received, received - moment.lag)
 
     def _find_places(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

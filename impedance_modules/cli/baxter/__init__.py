@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import click
 
-VERBS = ("enable", "disable", "fake")
+VERBS = ("check", "state", "enable", "disable", "untuck", "record", "fake")
 
 
 class BaxterVerbs(click.Group):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from impedance_modules.errors import BadInput, nearest
 
 SWITCHES = {
-    "silence": "state topics fall silent",
+    "silence": "the arms' state topics fall silent; the gripper's go on",
     "freeze": "state topics repeat their last message",
     "duplicate": "a second node publishes the robot's state",
     "dead": "a node that no longer exists is registered as publisher of the robot's state",

@@ -42,6 +42,7 @@ class Journal:
             "commands": {name: drive.received for name, drive in robot.limbs.items()},
             "ignored": {name: drive.ignored for name, drive in robot.limbs.items()},
             "last_command": {name: round(drive.last_received, 6) for name, drive in robot.limbs.items()},
+            "last_torque": {name: round(drive.last_torque, 6) for name, drive in robot.limbs.items()},
             "modes": {
                 name: drive.mode.name if drive.mode else drive.doing.value
                 for name, drive in robot.limbs.items()

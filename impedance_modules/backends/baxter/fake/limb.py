@@ -64,6 +64,7 @@ class LimbDrive:
         fault: Why a joint board failed; empty while it has not.
         expired: Whether the commands in force have timed out in the present tick.
         received, last_received: How many commands came in all, and when the last did [s]; 0 before the first.
+        last_torque: When the last torque command came [s].
         ignored: Commands that made no sense, or came while the limb paused or had no power.
     """
 
@@ -84,7 +85,7 @@ class LimbDrive:
         self.fault = ""
         self.expired = False
         self.ignored = self.received = 0
-        self.last_received = 0.0
+        self.last_received = self.last_torque = 0.0
         self.time_out = DEFAULT_TIME_OUT
         self.speed_ratio = SPEED_RATIO
         self._heard = -math.inf

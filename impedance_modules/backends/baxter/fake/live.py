@@ -46,6 +46,7 @@ def live(
     try:
         while not asked_to_end() and (duration is None or robot.now < duration):
             pacer.wait()
+            node.slipped = pacer.slipped
             node.tick()
             for text in journal.update():
                 tell(f"{robot.now:9.3f} s  {text}")

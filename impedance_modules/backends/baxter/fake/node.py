@@ -49,6 +49,7 @@ class FakeNode:
         robot: The double.
         mishaps: Faults of its messages.
         opened: Whether its nodes are up.
+        slipped: By how much the robot's life is behind the wall's clock, which its stamps follow [s].
     """
 
     def __init__(self, robot: FakeBaxter, network: Network, description: str) -> None:
@@ -70,6 +71,7 @@ class FakeNode:
         self._return_at: float | None = None
         self._script: list[Fault] = []
         self._ticks = 0
+        self.slipped = 0.0
         self.opened = False
 
     def open(self) -> None:
@@ -110,7 +112,8 @@ class FakeNode:
         if not self.opened:
             return
         self.mishaps.release(robot.now)
-        stamp = self._start + round((robot.now + self.mishaps.clock_step) * 1e9)
+        # A machine that is too slow makes the robot's life slower, not its clock.
+        stamp = self._start + round((robot.now + self.slipped + self.mishaps.clock_step) * 1e9)
         for outlet in self._outlets:
             self._serve(outlet, stamp)
 

@@ -76,37 +76,3 @@ STOP_MARGIN = 0.05
 SPRINGS: Mapping[str, tuple[float, float]] = {"s1": (24.3, -37.3)}
 """Counterbalance spring: stiffness [N.m/rad], torque at zero angle [N.m]. Least squares on public recordings of a
 real robot's left arm; a public node for the real robot takes -30 N.m instead."""
-
-NEUTRAL: Mapping[str, float] = {
-    "s0": 0.0,
-    "s1": -0.55,
-    "e0": 0.0,
-    "e1": 0.75,
-    "w0": 0.0,
-    "w1": 1.26,
-    "w2": 0.0,
-}
-"""Rethink's neutral posture [rad] [sdk]."""
-
-TUCKED: Mapping[str, float] = {
-    "s0": -1.0,
-    "s1": -2.175,
-    "e0": 3.0,
-    "e1": 2.55,
-    "w0": 0.0,
-    "w1": 0.01,
-    "w2": 0.0,
-}
-UNTUCKED: Mapping[str, float] = {
-    "s0": -0.08,
-    "s1": -1.0,
-    "e0": -1.19,
-    "e1": 1.94,
-    "w0": 0.67,
-    "w1": 1.03,
-    "w2": -0.50,
-}
-"""Of the left arm [rad] [sdk]; the right one mirrors them. Tucked, s1 lies outside its published range."""
-
-MIRRORED: Mapping[str, int] = {"s0": -1, "s1": 1, "e0": -1, "e1": 1, "w0": -1, "w1": 1, "w2": -1}
-"""Sign with which the right arm takes the left one's angles."""

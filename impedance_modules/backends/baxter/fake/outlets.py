@@ -71,7 +71,15 @@ def outlets(readout: Readout, limbs: tuple[Limb, ...]) -> list[Outlet]:
     found = [
         Outlet(REALTIME_NODE, JOINT_STATES, messages.JointState, DEFAULT_RATE, readout.joint_states),
         Outlet(REALTIME_NODE, STATE, messages.AssemblyState, STATE_RATE, lambda _: readout.assembly()),
-        Outlet(GRIPPER_NODE, JOINT_STATES, messages.JointState, GRIPPER_RATE, readout.gripper_states),
+        # Another node: whatever befalls the first, the gripper goes on.
+        Outlet(
+            GRIPPER_NODE,
+            JOINT_STATES,
+            messages.JointState,
+            GRIPPER_RATE,
+            readout.gripper_states,
+            mishap=False,
+        ),
         Outlet(
             REALTIME_NODE,
             "/robot/ref_joint_states",

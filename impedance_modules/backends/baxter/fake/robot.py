@@ -111,6 +111,8 @@ class FakeBaxter:
         drive = self.limbs[limb]
         drive.received += 1
         drive.last_received = self.now
+        if mode == CommandMode.TORQUE:
+            drive.last_torque = self.now
         if not self.machine.standing.enabled:
             drive.ignored += 1
             return
