@@ -4,18 +4,24 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from plant_recordings import MOVING, patch_text, record, robot_folder
+from plant_recordings import MOVING, START, patch_text, record, robot_folder, two_joints
 
 from impedance_modules.cli.diagnose import command
 from impedance_modules.diagnosis.rollout.compare import floor_of_repeats, judge, shrink
 from impedance_modules.diagnosis.rollout.nuisance import body_changes
 from impedance_modules.diagnosis.tree import read_tree
+from impedance_modules.effects.motion import JointMotion
+from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.seeded import Seed, SeededPlant
+from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.schema import load_schema
 
 VISCOUS = patch_text("viscous_friction", "actuator", "port_lift", fv=(4.0, "N.m.s/rad"))
@@ -133,3 +139,30 @@ def test_endless_joints_roll_too(tmp_path: Path) -> None:
     assert rollout["driven_by"] == "effort"
     elbow = rollout["per_joint"]["elbow"]["position"]
     assert elbow["before"] > 20.0 * elbow["noise_floor"] and elbow["shrink"] > 0.95
+
+
+def test_a_seeded_plant_lives_the_same_life(robot: Path) -> None:
+    """Started amid a run, from its true state and with its torques, the plant goes on as the run did."""
+    spec = two_joints(robot)
+    options = PlantOptions(rate=1000.0, seed=0, noise=False, step=1e-3)
+    model = RobotModel(replace(spec, gravity_compensation="none"))
+    ran, seeded = (kind(model, [], None, options) for kind in (Plant, SeededPlant))
+    for plant in (ran, seeded):
+        plant.reset(START)
+    t = np.arange(400) / 1000.0
+    commands = ran.start_command + np.column_stack([3.0 * np.sin(9.0 * t), 2.0 * np.sin(14.0 * t)])
+    states = []
+    for k, torque in enumerate(commands):
+        states.append((ran.position, ran.velocity, ran.load, ran.motor_position, ran.motor_velocity))
+        ran.advance(torque if k >= ran.delay else ran.start_command)
+    begin = 100
+    q, v, load, theta, w = states[begin]
+    stiffness = 1.0 / model.spring_compliance()
+    acting = commands[begin - ran.delay]
+    now = JointMotion(0.1, q, v, theta, w, acting, load, acting, q, v)
+    seeded.seed(Seed(0.1, q, v, load, stiffness * (w - v), acting, [now]))
+    late = np.concatenate([commands[begin - ran.delay : -ran.delay]])
+    positions, velocities = seeded.roll(late, None)
+    expected = np.array([state[:2] for state in states])
+    np.testing.assert_allclose(positions[:-1], expected[begin + 1 :, 0], atol=1e-9)
+    np.testing.assert_allclose(velocities[:-1], expected[begin + 1 :, 1], atol=1e-7)

@@ -118,8 +118,9 @@ def _aims(command: Array | None, rate: float, order: NDArray[np.intp]) -> Array 
 def seed_at(driver: Driver, start: float, dressed: Dressed) -> Seed:
     """The state at a time, and the motion that led there."""
     step = dressed.plant.division.step
-    before = min(RUN_IN, start - float(driver.time[0]))
-    times = np.asarray(start - step * np.arange(max(1, round(before / step)), -1, -1), dtype=float)
+    remembers = bool(dressed.plant.torques)
+    before = min(RUN_IN, start - float(driver.time[0])) if remembers else 0.0
+    times = np.asarray(start - step * np.arange(round(before / step), -1, -1), dtype=float)
     q, v = _at(times, driver.time, driver.position), _at(times, driver.time, driver.velocity)
     load, load_rate = _at(times, driver.time, driver.load), _at(times, driver.time, driver.load_rate)
     compliance = np.array(dressed.plant.model.spring_compliance())
