@@ -14,14 +14,19 @@ from click.testing import CliRunner
 from plant_recordings import MOVING, START, patch_text, record, robot_folder, two_joints
 
 from impedance_modules.cli.diagnose import command
+from impedance_modules.diagnosis.model import model_of_urdf
 from impedance_modules.diagnosis.rollout.compare import floor_of_repeats, judge, shrink
-from impedance_modules.diagnosis.rollout.nuisance import body_changes
+from impedance_modules.diagnosis.rollout.nuisance import body_changes, no_nuisance
+from impedance_modules.diagnosis.rollout.robot import robot_of_model
+from impedance_modules.diagnosis.rollout.wearing import dress
 from impedance_modules.diagnosis.tree import read_tree
 from impedance_modules.effects.motion import JointMotion
+from impedance_modules.errors import BadInput
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.seeded import Seed, SeededPlant
 from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.patch import EffectSpec, Quantity
 from impedance_modules.spec.schema import load_schema
 
 VISCOUS = patch_text("viscous_friction", "actuator", "port_lift", fv=(4.0, "N.m.s/rad"))
@@ -166,3 +171,30 @@ def test_a_seeded_plant_lives_the_same_life(robot: Path) -> None:
     expected = np.array([state[:2] for state in states])
     np.testing.assert_allclose(positions[:-1], expected[begin + 1 :, 0], atol=1e-9)
     np.testing.assert_allclose(velocities[:-1], expected[begin + 1 :, 1], atol=1e-7)
+
+
+SLIDE = """<robot name="slide"><link name="base"/>
+<link name="cart"><inertial><mass value="5"/>
+<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+<joint name="rail" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-3" upper="3" velocity="9" effort="50"/></joint></robot>"""
+
+
+def test_a_sliding_joint_wears_friction_in_its_own_units(tmp_path: Path) -> None:
+    (tmp_path / "slide.urdf").write_text(SLIDE)
+    model = model_of_urdf(tmp_path / "slide.urdf", ["rail"])
+    robot = robot_of_model(model, tmp_path / "slide.urdf", "effort", "none")
+
+    def friction(unit: str) -> EffectSpec:
+        return EffectSpec(
+            "viscous_friction", ("rail",), "link", {"rail": {"fv": Quantity(4.0, unit, None)}}, {}
+        )
+
+    dressed = dress(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)
+    still, rest = np.zeros(1), np.ones(1)
+    now = JointMotion(0.0, still, rest, still, rest, still, still, still, still, still)
+    dressed.plant.seed(Seed(0.0, still, rest, still, still, still, [now]))
+    _, velocity = dressed.plant.roll(np.zeros((500, 1)), None)
+    assert velocity[-1, 0] == pytest.approx(np.exp(-4.0 / 5.0 * 0.5), rel=1e-6)
+    with pytest.raises(BadInput, match=r"fv is in N\.s/m, not in 'N\.m\.s/rad'"):
+        dress(robot, [friction("N.m.s/rad")], no_nuisance(model.tree), model.tree)

@@ -15,6 +15,7 @@ from impedance_modules.errors import Problem, nearest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
 from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.urdf import UrdfJoint, read_urdf
 
 KIND_IN_WORDS: dict[KeyKind, str] = {
     "joint": "a joint",
@@ -45,6 +46,15 @@ class _Check:
     @property
     def description(self) -> Description:
         return self.effect.description
+
+    def slides(self, key: str) -> bool:
+        """Says whether a key names a joint that slides instead of turning."""
+        joint = self.sliding_or_turning.get(key.partition(PAIR)[0])
+        return joint is not None and joint.type == "prismatic"
+
+    @cached_property
+    def sliding_or_turning(self) -> Mapping[str, UrdfJoint]:
+        return read_urdf(self.robot.urdf).joints
 
     def problem(
         self, *inside: str | int, message: str, valid: tuple[str, ...] = (), at: str = "value"
@@ -148,11 +158,12 @@ def _quantity_problems(
     check: _Check, key: str, parameter: Parameter, quantity: Quantity
 ) -> Iterator[Problem]:
     symbol = parameter.symbol
-    if not same_unit(quantity.unit, (parameter.unit,)):
-        message = f"{symbol} is in {parameter.unit}, not in '{quantity.unit}'"
-        yield check.problem("parameters", key, symbol, "unit", message=message, valid=(parameter.unit,))
+    unit = parameter.linear_unit if check.slides(key) and parameter.linear_unit else parameter.unit
+    if not same_unit(quantity.unit, (unit,)):
+        message = f"{symbol} is in {unit}, not in '{quantity.unit}'"
+        yield check.problem("parameters", key, symbol, "unit", message=message, valid=(unit,))
     if not parameter.admits(quantity.value):
-        message = f"{symbol} = {quantity.value:g} {parameter.unit} is not physical"
+        message = f"{symbol} = {quantity.value:g} {unit} is not physical"
         yield check.problem("parameters", key, symbol, "value", message=message, valid=(parameter.bounds,))
 
 

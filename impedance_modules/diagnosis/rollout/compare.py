@@ -66,13 +66,13 @@ def yardsticks(after: Lived, floors: tuple[Array, Array]) -> tuple[Array, Array]
     )
 
 
-def power(lived: Lived, sticks: tuple[Array, Array]) -> Array:
-    """Error power of each window (W,) over the yardsticks', mean over joints, position and velocity together."""
+def power(lived: Lived, sticks: tuple[Array, Array], joints: Sequence[int]) -> Array:
+    """Error power of each window (W,) over the yardsticks', mean over some joints, position and velocity together."""
     parts = [
         np.mean(errors**2, axis=1) / stick**2
         for errors, stick in zip((lived.position, lived.velocity), sticks, strict=True)
     ]
-    return np.asarray(0.5 * (parts[0] + parts[1]).mean(axis=1))
+    return np.asarray(0.5 * (parts[0] + parts[1])[:, list(joints)].mean(axis=1))
 
 
 def judge(without: Array, with_it: Array) -> CauseRollout:

@@ -63,7 +63,7 @@ class CauseRollout:
 
     Attributes:
         without, with_it: Error power over that of the noise, or of what all causes leave, whichever is more; mean
-            over joints and windows.
+            over windows and over the joints that the cause acts on.
         ratio: Geometric mean over windows of ``without`` over ``with_it``.
         standard_error: Of its logarithm.
         verdict: ``helps``, ``worsens`` or ``no difference``.

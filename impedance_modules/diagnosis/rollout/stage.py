@@ -34,7 +34,7 @@ from impedance_modules.diagnosis.rollout.windows import (
     floor_windows,
     held_out_windows,
 )
-from impedance_modules.errors import ImpedanceError
+from impedance_modules.errors import BadFile, ImpedanceError
 from impedance_modules.spec.patch import EffectSpec
 from impedance_modules.spec.robot import RobotSpec
 
@@ -134,7 +134,7 @@ def _compared(stage: _Stage, causes: Sequence[Cause], worn: Sequence[EffectSpec]
         floor, floors = stage.floors(after, (*base, *chosen.values()))
         verdicts = _verdicts(stage, base, chosen, after, floors)
     except ImpedanceError as error:
-        return nothing_rolled_out(LeftOut("all recordings", str(error)))
+        return nothing_rolled_out(LeftOut("all recordings", _why(error)))
     sides = Sides(before, after, floors)
     return summarise(
         stage.evidence, stage.drive, stage.windows, sides, floor, verdicts, (*left_out, *dropped, *refused)
@@ -152,7 +152,7 @@ def _dressed(
         try:
             dress(stage.robot, (*base, *able.values(), spec), stage.fitted, tree)
         except ImpedanceError as error:
-            refused.append(LeftOut(f"{spec.effect} on {', '.join(spec.parameters)}", str(error)))
+            refused.append(LeftOut(f"{spec.effect} on {', '.join(spec.parameters)}", _why(error)))
         else:
             able[key] = spec
     return stage.live((*base, *able.values()), stage.fitted, stage.windows), able, tuple(refused)
@@ -169,12 +169,23 @@ def _verdicts(
     every = min(max(1, len(chosen)), MOST_THINNED)
     some = stage.windows[::every]
     sticks = yardsticks(after, floors)
-    whole = power(Lived(after.time, after.position[::every], after.velocity[::every]), sticks)
+    thinned = Lived(after.time, after.position[::every], after.velocity[::every])
+    names = stage.evidence.prepared[0].tree.joints
     out = {}
-    for key in chosen:
-        others = [spec for other, spec in chosen.items() if other != key]
-        out[key] = judge(power(stage.live((*base, *others), stage.fitted, some), sticks), whole)
+    for key, spec in chosen.items():
+        others = [other for name, other in chosen.items() if name != key]
+        # A cause shows where it acts; one of the whole robot on all joints.
+        joints = [names.index(joint) for joint in spec.joints] or range(len(names))
+        without = stage.live((*base, *others), stage.fitted, some)
+        out[key] = judge(power(without, sticks, joints), power(thinned, sticks, joints))
     return out
+
+
+def _why(error: ImpedanceError) -> str:
+    """The reason in words; the causes stand in no file, so no place in one is named."""
+    if isinstance(error, BadFile):
+        return "; ".join(problem.message for problem in error.problems)
+    return str(error)
 
 
 def _pairs(evidence: Evidence) -> list[tuple[int, int]]:

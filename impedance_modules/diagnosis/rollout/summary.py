@@ -56,6 +56,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         for k in range(2)
     ]
     sticks = yardsticks(sides.after, sides.floors)
+    every = range(len(bodies))
     names = dict.fromkeys(evidence.prepared[window.recording].log.name for window in windows)
     return Rollout(
         drive=drive,
@@ -67,7 +68,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         velocity=drifts[1],
         growth=_growth(sides, [body.joint for body in bodies]),
         shrink=shrink(first, last, sides.floors),
-        whole=judge(power(sides.before, sticks), power(sides.after, sticks)),
+        whole=judge(power(sides.before, sticks, every), power(sides.after, sticks, every)),
         causes=verdicts,
         left_out=left_out,
         traces=tuple(_trace(evidence, windows, sides, i) for i in range(len(bodies))),
