@@ -50,8 +50,9 @@ def columns(kind=0, seconds=12.0, seed=0, rate=RATE):
 
 
 def save(folder, name, data, **about):
-    said = {"robot": "pendulum", "effort_source": "joint_sensor", "repeat_of": None, **about}
-    metadata = episode_metadata(episode=name, gravity_compensation="none", task=None, **said)
+    usual = {"robot": "pendulum", "effort_source": "joint_sensor", "repeat_of": None}
+    said = {**usual, "gravity_compensation": "none", **about}
+    metadata = episode_metadata(episode=name, task=None, **said)
     return write_episode(folder / f"{name}.parquet", data, metadata)
 
 
@@ -368,6 +369,24 @@ def test_what_only_claims_to_repeat_is_no_repeat(tmp_path, urdf):
     _, report = admit([e for f in read_recordings(paths) for e in f], model_of_urdf(urdf, JOINTS))
     assert report.repeats == ()
     assert any("says it repeats run0, but moves otherwise" in note for note in report.warnings)
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(late=st.integers(0, 12), carried=st.booleans())
+def test_the_delay_of_effort_behind_command_is_found(tmp_path, urdf, late, carried):
+    """Also where the robot adds the weight, which no command shows, and never a negative one."""
+    data = columns(0)
+    q, v, a = motion(0, 12.0)[1:]
+    asked = torque(q, v, a, mass=1.0) - (torque(q, 0 * v, 0 * a, mass=1.0) if carried else 0.0)
+    weight = torque(q, 0 * v, 0 * a, mass=1.0) if carried else np.zeros_like(q)
+    for i, joint in enumerate(JOINTS):
+        data[f"effort_command.{joint}"] = asked[:, i]
+        data[f"effort.{joint}"] = np.roll(asked[:, i], late) + weight[:, i] + 1e-3 * np.sin(data["time"] * 37)
+    about = {"gravity_compensation": "robot"} if carried else {}
+    _, report = admit(
+        read_recordings([save(tmp_path, "run0", data, **about)])[0], model_of_urdf(urdf, JOINTS)
+    )
+    assert report.delay == pytest.approx(0.01 * late, abs=0.012)
 
 
 # --- stretches -------------------------------------------------------------------------------------------

@@ -65,7 +65,7 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
         weak_joints=weak,
         repeats=tuple(tuple(names) for names in groups.values() if len(names) > 1),
         torque=_torque_semantics(grouped),
-        delay=common_delay(grouped),
+        delay=common_delay(grouped, model.tree),
         warnings=tuple(warnings),
     )
     return grouped, report

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from impedance_modules.diagnosis.dynamics import gravity_regressor
 from impedance_modules.diagnosis.log import Log
+from impedance_modules.diagnosis.tree import RigidTree
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -80,21 +82,27 @@ def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
     return np.asarray(CubicSpline(time, values, axis=0)(even))
 
 
-def common_delay(logs: Sequence[Log]) -> float | None:
-    """Estimates the lag of measured effort behind commanded torque that all joints share [s].
+def common_delay(logs: Sequence[Log], tree: RigidTree) -> float | None:
+    """Estimates the lag of measured effort behind the torque asked for that all joints share [s].
 
     The peak of the cross-correlation of the two rates of change, refined by a parabola, as the median over
-    joints and recordings; None where command or effort is missing or their shapes do not agree.
+    joints and recordings; None where command or effort is missing or their shapes do not agree, and where the
+    effort would come first, which only another effect can feign.
     """
     found = []
     for log in logs:
         if log.command is None or log.effort is None:
             continue
-        for index in range(log.command.shape[1]):
-            lag = _lag(np.diff(log.command[:, index]), np.diff(log.effort[:, index]), log.rate)
+        asked = log.command
+        if log.gravity_compensation == "robot":
+            asked = asked + gravity_regressor(tree, log.position) @ tree.inertia
+        for index in range(asked.shape[1]):
+            lag = _lag(np.diff(asked[:, index]), np.diff(log.effort[:, index]), log.rate)
             if lag is not None:
                 found.append(lag)
-    return float(np.median(found)) if found else None
+    if not found or np.median(found) < 0.0:
+        return None
+    return float(np.median(found))
 
 
 def _lag(cause: Array, effect: Array, rate: float) -> float | None:
