@@ -53,7 +53,7 @@ def build_memory(
         surfaces=surface_table(surfaces),
         jacobian=np.zeros((h, 6, n)),
         motion=np.zeros((h + 1, 2, 6)),
-        wrench=np.zeros((h + 1, 2, 6)),
+        wrench=np.zeros((h + 1, 3, 6)),
         torque=np.zeros(n),
         acceleration=np.zeros(n),
     )

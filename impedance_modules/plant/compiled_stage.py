@@ -25,6 +25,8 @@ from impedance_modules.plant.records import (
     GRASP,
     MOTOR_LOSS,
     OBJECT_SIZE,
+    PUSH,
+    PUSH_ROW,
     RATE,
     RIGID,
     ROBOT,
@@ -58,15 +60,18 @@ def evaluate(
     work[:] = 0.0
     for i in range(n):
         torque[i] = _joint(joints[i], i, stage, rate, work)
-    if contacts.size == 0 and body[0].present == 0:
+    pushed = bool(np.any(wrench[:, PUSH_ROW] != 0.0))
+    if contacts.size == 0 and body[0].present == 0 and not pushed:
         return
     hand_motion(jacobian, state, motion)
-    wrench[:] = 0.0
+    wrench[:, :PUSH_ROW] = 0.0
     if body[0].present:
         now, held = stage[first : first + OBJECT_SIZE], hands.size
         object_motion(body[0], state[START, first : first + 3], now, motion[held])
         work[GRASP] = grasp_forces(hands, body, motion, wrench)
     work[CONTACT] = contact_forces(contacts, motion, wrench)
+    if pushed:
+        work[PUSH] = push_power(hands.size + body[0].present, motion, wrench)
     if body[0].present:
         object_rate(body[0], wrench[held], now, motion[held, 1, 3:], rate[first : first + OBJECT_SIZE])
     _to_joints(jacobian, wrench, torque)
@@ -153,11 +158,21 @@ def hand_motion(jacobian: Array, state: Array, motion: Array) -> None:
 
 
 @compiled
+def push_power(bodies: int, motion: Array, wrench: Array) -> float:
+    """Gives what pushes do on the first ``bodies`` bodies [W]: wrench times twist."""
+    power = 0.0
+    for b in range(bodies):
+        for r in range(6):
+            power += wrench[b, PUSH_ROW, r] * motion[b, 1, r]
+    return power
+
+
+@compiled
 def _to_joints(jacobian: Array, wrench: Array, torque: Array) -> None:
-    """Adds J^T (contact + grasp wrench) of every hand to the torque on the links."""
+    """Adds J^T (contact + grasp + push wrench) of every hand to the torque on the links."""
     for h in range(jacobian.shape[0]):
         for r in range(6):
-            total = wrench[h, 0, r] + wrench[h, 1, r]
+            total = wrench[h, 0, r] + wrench[h, 1, r] + wrench[h, 2, r]
             if total != 0.0:
                 for i in range(torque.size):
                     torque[i] += jacobian[h, r, i] * total

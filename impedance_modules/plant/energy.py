@@ -21,6 +21,7 @@ from impedance_modules.plant.records import (
     ELASTIC,
     GRASP,
     MOTOR_LOSS,
+    PUSH,
     ROBOT,
     SPRING_LOSS,
     STOP,
@@ -42,6 +43,7 @@ class EnergyBook:
         command_work: By the commanded torque on the motors: the motor port of the passivity claim.
         robot_work: By the robot's own gravity compensation and position hold.
         effect_work: By effects.
+        push_work: By whoever pushes hands or object.
         motor_loss, spring_loss: In motor and spring damping.
         stop_work, grasp_work, contact_work: Done on the bodies by stops, couplings and surfaces.
     """
@@ -57,6 +59,7 @@ class EnergyBook:
     command_work: float
     robot_work: float
     effect_work: float
+    push_work: float
     motor_loss: float
     spring_loss: float
     stop_work: float
@@ -89,7 +92,7 @@ class EnergyBook:
         """Gives the energy that no term accounts for since ``before`` [J]; the integrator's error."""
         work = sum(
             getattr(self, name) - getattr(before, name)
-            for name in ("command_work", "robot_work", "effect_work")
+            for name in ("command_work", "robot_work", "effect_work", "push_work")
         )
         return float(self.stored - before.stored - work + sum(self.dissipated(before).values()))
 
@@ -127,6 +130,7 @@ def works(memory: Memory) -> dict[str, float]:
         "command_work": COMMAND,
         "robot_work": ROBOT,
         "effect_work": EFFECT,
+        "push_work": PUSH,
         "motor_loss": MOTOR_LOSS,
         "spring_loss": SPRING_LOSS,
         "stop_work": STOP,

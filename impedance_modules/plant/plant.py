@@ -20,15 +20,16 @@ from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import hold_gains, motor_position
 from impedance_modules.plant.links import link_model
 from impedance_modules.plant.options import PlantOptions, divide
+from impedance_modules.plant.pushes import Pushes
 from impedance_modules.plant.records import COMMAND, IDEAL
 from impedance_modules.plant.sensors import Sensors
 from impedance_modules.plant.stability import check_step
 from impedance_modules.plant.start import Start
-from impedance_modules.plant.truth import Truth
+from impedance_modules.plant.truth import OBJECT, Truth
 from impedance_modules.plant.weight import WeightCompensation
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
-from impedance_modules.spec.task import SurfaceSpec
+from impedance_modules.spec.task import PushSpec, SurfaceSpec
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,8 @@ class Plant(Truth):
         held: HeldObject | None,
         options: PlantOptions,
         worn: WornPlant | None = None,
+        *,
+        pushes: Sequence[PushSpec] = (),
     ) -> None:
         """Builds the plant.
 
@@ -62,6 +65,7 @@ class Plant(Truth):
             held: What its hands hold, or None.
             options: How it is stepped.
             worn: What reality does beyond the model (``effects.wear.wear_plant``); None for nothing.
+            pushes: Who pushes hands or object, and when.
         """
         self._worn = unworn(model) if worn is None else worn
         gravity = self._worn.gravity_turn @ np.array(options.gravity)
@@ -83,6 +87,7 @@ class Plant(Truth):
         )
         super().__init__(model, memory, integrator, frames)
         integrator.torques.extend(self._worn.torques)
+        self._pushes = Pushes(pushes, self._pushable())
         self._sensors = Sensors(model.spec.sensors, self._worn.sensors, self.division.loop, None)
         self._weight = WeightCompensation(model, self._worn, options.gravity)
         self._start = Start(integrator, held, self._worn, self._weight)
@@ -194,13 +199,19 @@ class Plant(Truth):
                 joints["hold_position"] = self._memory.part("motor_position")
 
     def _robot_loop(self) -> None:
-        """Lives through one loop of the robot: its gravity compensation, the steps, its sensors."""
+        """Lives through one loop of the robot: its gravity compensation, pushes, the steps, its sensors."""
         if self._weight.acts:
             self._memory.joints["assist"] = self._weight.torque(self._sensors.position)
+        self._pushes.act(self._memory, self.time)
         if self._ideal:
             self._wind_ideal_joints()
         self._integrator.advance(self.division.steps)
         self._sensors.update(self._position)
+
+    def _pushable(self) -> dict[str, int]:
+        """Names the bodies that can be pushed, limbs and ``object``, with their rows of wrenches."""
+        names = [*self.model.limbs, *([OBJECT] if self._memory.body[0]["present"] else [])]
+        return {name: row for row, name in enumerate(names)}
 
     def aim(self, position: Array, velocity: Array) -> None:
         """Tells the joint motion (n,) [rad], [rad/s] that the controller aims at; the start posture until then.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""The plant's memory: one table per kind of part, shared by the compiled loop and the plain reference.
 
-The state is one row of ``4 n + 12 + 8`` numbers:
+The state is one row of ``4 n + 12 + 9`` numbers:
 
     q (n) link positions, v (n), theta (n) motor positions, w (n) motor velocities,
     p (3) object position, phi (3) its rotation since the step began, u (3) its velocity,
@@ -31,10 +31,13 @@ START, STAGE, RATE, SUM = 0, 1, 2, 3
 ELASTIC, RIGID, IDEAL = 0, 1, 2
 """Kinds of joint: spring and rotor; rotor fixed to the link; torque source without a rotor."""
 
-COMMAND, ROBOT, EFFECT, MOTOR_LOSS, SPRING_LOSS, STOP, GRASP, CONTACT = range(8)
+COMMAND, ROBOT, EFFECT, MOTOR_LOSS, SPRING_LOSS, STOP, GRASP, CONTACT, PUSH = range(9)
 """Work counters: by command, robot's own torque and effects; lost in damping; done on bodies by the rest."""
 
-COUNTERS = 8
+PUSH_ROW = 2
+"""Of the wrenches on a body, beside those from contact (0) and from the grasp (1)."""
+
+COUNTERS = 9
 OBJECT_SIZE = 12
 
 JOINT = np.dtype(
@@ -196,7 +199,7 @@ class Memory:
         surfaces: Of ``SURFACE``.
         jacobian: (h, 6, n) hand Jacobians at the step's start, world axes.
         motion: (h + 1, 2, 6) displacement since the step's start, and twist, of each hand and the object.
-        wrench: (h + 1, 2, 6) on each body at its own origin: from contact, from the grasp.
+        wrench: (h + 1, 3, 6) on each body at its own origin: from contact, from the grasp, from pushes.
         torque: (n,) what acts on the links [N.m].
         acceleration: (n,) of the links at the stage [rad/s^2].
     """
@@ -236,5 +239,5 @@ def _parts(n: int) -> dict[str, slice]:
         "object_turn": slice(4 * n + 3, 4 * n + 6),
         "object_velocity": slice(4 * n + 6, 4 * n + 9),
         "object_momentum": slice(4 * n + 9, 4 * n + 12),
-        "work": slice(4 * n + 12, 4 * n + 20),
+        "work": slice(4 * n + 12, 4 * n + 12 + COUNTERS),
     }

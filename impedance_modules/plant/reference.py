@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""The plant's equations of motion in plain numpy, to read and to test the compiled stages against.
 
-links    M(q) v' + C(q, v) + g(q) = tau_s + stops + effects + sum J_h^T (contact + grasp)
+links    M(q) v' + C(q, v) + g(q) = tau_s + stops + effects + sum J_h^T (contact + grasp + push)
 rotors   I_r w' + D w = tau_m - tau_s,  tau_s = K (theta - q) + B (w - v)
 object   m u' = m g + f,  L' = t,  w_O = R I^-1 R^T L
 """
@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.plant.joints import spring_torque
-from impedance_modules.plant.records import ELASTIC, IDEAL, RIGID, STAGE, START, Memory, Row
+from impedance_modules.plant.records import ELASTIC, IDEAL, PUSH_ROW, RIGID, STAGE, START, Memory, Row
 from impedance_modules.robot.rotation import exp3
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ def plain_rate(memory: Memory, links: pin.Model) -> Array:
     bodies = [_hand_motion(memory, h) for h in range(memory.hands.size)]
     rotation, turning = _object_motion(memory)
     bodies.append(turning)
-    wrench = np.zeros((len(bodies), 6))
+    wrench = memory.wrench[:, PUSH_ROW].copy()
     for contact in memory.contacts[memory.contacts["near"] == 1]:
         move, twist = bodies[contact["body"]]
         wrench[contact["body"]] += contact_wrench(contact, move, twist)

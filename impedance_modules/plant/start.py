@@ -44,6 +44,7 @@ class Start:
         memory.part("motor_position")[:] = position
         for name in ("command", "assist", "extra_motor", "extra_link", "hold_stiffness", "hold_damping"):
             memory.joints[name] = 0.0
+        memory.wrench[:] = 0.0
         for name in ("slip", "force", "pressure", "near", "touching"):
             memory.contacts[name] = 0.0
 

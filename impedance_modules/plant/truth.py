@@ -12,7 +12,7 @@ from impedance_modules.plant.compiled_stage import spring_loads
 from impedance_modules.plant.energy import EnergyBook, potential_energies, works
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import motor_position
-from impedance_modules.plant.records import COMMAND, ELASTIC, Memory
+from impedance_modules.plant.records import COMMAND, ELASTIC, PUSH_ROW, Memory
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 
@@ -117,6 +117,10 @@ class Truth:
     def grasp_wrench(self, body: str) -> Array:
         """Gives the wrench (6,) of the grasp on a hand frame, or of all hands on ``object``."""
         return np.array(self._memory.wrench[self._body(body), 1])
+
+    def push_wrench(self, body: str) -> Array:
+        """Gives the wrench (6,) with which somebody pushes a hand frame or ``object``, world axes at its origin."""
+        return np.array(self._memory.wrench[self._body(body), PUSH_ROW])
 
     def _body(self, name: str) -> int:
         bodies = (*self.frames, OBJECT) if self._memory.body[0]["present"] else self.frames

@@ -99,7 +99,8 @@ def single_arm(task: TaskSpec, arm: str) -> TaskSpec:
         holders = " and ".join(held.held_by)
         raise BadInput(f"--arm {arm}: {holders} hold the object of task '{task.name}' together")
     phases = tuple(_single_arm_phase(task, phase, arm) for phase in task.phases)
-    return replace(task, arms={arm: task.arms[arm]}, phases=phases)
+    pushes = tuple(push for push in task.pushes if push.target in {arm, "object"})
+    return replace(task, arms={arm: task.arms[arm]}, phases=phases, pushes=pushes)
 
 
 def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:

@@ -31,7 +31,7 @@ def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBack
     held = None if task.object is None else HeldObject.of_task(model, task.object)
     options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
     worn = None if assembly.patch is None else wear_plant(model, assembly.patch)
-    plant = Plant(model, task.environment, held, options, worn)
+    plant = Plant(model, task.environment, held, options, worn, pushes=task.pushes)
     return SimBackend(plant, assembly.modules.posture, assembly.period)
 
 

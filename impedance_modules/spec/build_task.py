@@ -20,6 +20,7 @@ from impedance_modules.spec.task import (
     Matrix,
     ObjectSpec,
     PhaseSpec,
+    PushSpec,
     ReachedCondition,
     Sine,
     SpringSpec,
@@ -108,6 +109,19 @@ def build_surface(raw: Raw) -> SurfaceSpec:
         stiffness=float(raw["stiffness"]),
         damping=float(raw["damping"]),
         friction=float(raw["friction"]),
+    )
+
+
+def build_push(raw: Raw) -> PushSpec:
+    """Makes one push on the plant [N], [N.m], [s]."""
+    x, y, z, rx, ry, rz = (float(raw["wrench"].get(axis, 0.0)) for axis in AXES)
+    return PushSpec(
+        target=raw["target"],
+        wrench=(x, y, z, rx, ry, rz),
+        start=float(raw["start"]),
+        rise=float(raw.get("rise", 0.0)),
+        hold=float(raw["hold"]),
+        fall=float(raw.get("fall", 0.0)),
     )
 
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the held object, the surfaces and the energy tank must fulfil beyond their schema."""
+"""What the held object, the surfaces, pushes and the energy tank must fulfil beyond their schema."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
-from impedance_modules.spec.build_task import build_object, build_surface, build_tank
+from impedance_modules.spec.build_task import build_object, build_push, build_surface, build_tank
 from impedance_modules.spec.draft_arms import DraftArm
 from impedance_modules.spec.task import ObjectSpec
 from impedance_modules.spec.task_draft import Draft
@@ -66,3 +66,28 @@ def tank_problems(draft: Draft) -> Iterator[Problem]:
     if tank.floor >= tank.initial:
         message = f"the floor, {tank.floor:g} J, must be less than the initial energy, {tank.initial:g} J"
         yield draft.problem((*at, "floor"), message)
+
+
+def push_problems(draft: Draft) -> Iterator[Problem]:
+    """Checks that what is pushed is there, and that the run does not end before the push begins."""
+    targets = (*draft.keys("arms"), *(("object",) if draft.has("object") else ()))
+    lasts = _longest(draft)
+    for i in draft.count("pushes"):
+        if not draft.clean("pushes", i):
+            continue
+        push = build_push(draft.value("pushes", i))
+        if push.target not in targets:
+            message = (
+                f"there is nothing to push called '{push.target}' in this file{nearest(push.target, targets)}"
+            )
+            yield draft.problem(("pushes", i, "target"), message, targets)
+        if lasts is not None and push.start >= lasts:
+            message = f"the push begins at {push.start:g} s, but all phases are over after {lasts:g} s"
+            yield draft.problem(("pushes", i, "start"), message)
+
+
+def _longest(draft: Draft) -> float | None:
+    """Adds up the durations of all phases [s]; None where one of them is not sound."""
+    if not draft.clean("phases"):
+        return None
+    return sum(float(draft.value("phases", i, "duration")) for i in draft.count("phases"))

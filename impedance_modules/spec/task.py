@@ -152,6 +152,27 @@ class SurfaceSpec:
 
 
 @dataclass(frozen=True)
+class PushSpec:
+    """Somebody pushes a hand or the held object of the built-in plant, whatever gives way.
+
+    Attributes:
+        target: Name of an arm (its hand) or ``object``.
+        wrench: (6,) in world axes at the hand frame's or object's origin [N, N.m], what acts on it.
+        start: When it begins, since the start of the run [s].
+        rise: Minimum-jerk time to the full wrench [s]; 0 jumps.
+        hold: For how long the full wrench acts [s].
+        fall: Minimum-jerk time back to nothing [s]; 0 lets go at once.
+    """
+
+    target: str
+    wrench: tuple[float, float, float, float, float, float]
+    start: float
+    rise: float
+    hold: float
+    fall: float
+
+
+@dataclass(frozen=True)
 class Sine:
     """Coordinate that oscillates: center + amplitude sin(2 pi frequency t); t from the phase's start.
 
@@ -227,6 +248,7 @@ class TaskSpec:
     object: ObjectSpec | None
     tank: TankSpec
     environment: tuple[SurfaceSpec, ...]
+    pushes: tuple[PushSpec, ...]
     phases: tuple[PhaseSpec, ...]
     path: Path
     text: str = field(repr=False)

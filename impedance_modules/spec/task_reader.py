@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from impedance_modules.errors import BadFile, BadInput, Problem
-from impedance_modules.spec.build_task import build_object, build_phase, build_surface, build_tank
+from impedance_modules.spec.build_task import build_object, build_phase, build_push, build_surface, build_tank
 from impedance_modules.spec.check_arms import arm_problems
-from impedance_modules.spec.check_object import object_problems, tank_problems
+from impedance_modules.spec.check_object import object_problems, push_problems, tank_problems
 from impedance_modules.spec.check_phases import phase_problems
 from impedance_modules.spec.check_springs import spring_problems
 from impedance_modules.spec.draft_arms import DraftArm, draft_arms
@@ -78,6 +78,7 @@ def _meaning_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Pr
     yield from spring_problems(draft, arms)
     yield from object_problems(draft, arms)
     yield from tank_problems(draft)
+    yield from push_problems(draft)
     yield from phase_problems(draft, arms)
 
 
@@ -92,6 +93,7 @@ def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:
         object=build_object(data["object"]) if "object" in data else None,
         tank=build_tank(data["safety"]["tank"]),
         environment=tuple(build_surface(raw) for raw in data.get("environment", [])),
+        pushes=tuple(build_push(raw) for raw in data.get("pushes", [])),
         phases=tuple(build_phase(raw) for raw in data["phases"]),
         path=document.path,
         text=document.text,

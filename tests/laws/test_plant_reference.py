@@ -12,7 +12,7 @@ from impedance_modules.plant import compiled_algebra
 from impedance_modules.plant.compiled_links import accelerate, place_links
 from impedance_modules.plant.compiled_step import rate
 from impedance_modules.plant.links import link_table
-from impedance_modules.plant.records import RATE, STAGE, START
+from impedance_modules.plant.records import PUSH_ROW, RATE, STAGE, START
 from impedance_modules.plant.reference import plain_rate
 from impedance_modules.robot.rotation import exp3, log3
 
@@ -42,6 +42,7 @@ def shaken(folder, grasp: str, seed: int):
     contacts["normal"] = [_unit(rng) for _ in range(contacts.size)]
     contacts["arm"] = 0.1 * rng.normal(size=(contacts.size, 3))
     contacts["slip"] = 1e-4 * rng.normal(size=(contacts.size, 3))
+    memory.wrench[:, PUSH_ROW] = rng.normal(size=(memory.hands.size + 1, 6))
     memory.hands["stretch"] += 2e-5 * rng.normal(size=(memory.hands.size, 3))
     size = 4 * n + 12
     memory.state[STAGE, :size] = memory.state[START, :size] + 2e-4 * rng.normal(size=size)

@@ -120,12 +120,12 @@ def _limit(hand: Row, body: Row, wrench: Array) -> None:
 
 @compiled
 def object_rate(body: Row, wrench: Array, stage: Array, velocity: Array, rate: Array) -> None:
-    """Writes the rate of the object's twelve numbers (p, phi, u, L) under both its wrenches."""
+    """Writes the rate of the object's twelve numbers (p, phi, u, L) under contact, grasp and push."""
     for k in range(3):
         rate[k] = stage[6 + k]
         rate[3 + k] = 0.0
-        rate[6 + k] = body.gravity[k] + (wrench[0, k] + wrench[1, k]) / body.mass
-        rate[9 + k] = wrench[0, 3 + k] + wrench[1, 3 + k]
+        rate[6 + k] = body.gravity[k] + (wrench[0, k] + wrench[1, k] + wrench[2, k]) / body.mass
+        rate[9 + k] = wrench[0, 3 + k] + wrench[1, 3 + k] + wrench[2, 3 + k]
     add_rotation_rate(stage[3:6], velocity, rate[3:6])
 
 

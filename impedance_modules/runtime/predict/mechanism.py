@@ -20,6 +20,7 @@ from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.weight import STANDARD_GRAVITY
 from impedance_modules.plant.contact.points import hand_point, object_points
+from impedance_modules.plant.pushes import push_wrench
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
@@ -54,6 +55,7 @@ class Mechanism:
         self.model: RobotModel = assembly.model
         self.modules: TaskModules = assembly.modules
         self._surfaces = tuple(place_surface(surface) for surface in assembly.task.environment)
+        self._pushes = assembly.task.pushes
         self._inertia: Array | None = None
         self._object: tuple[Pose, Array] | None = None
         self.kinematics = Kinematics(self.model, self.modules.frames)
@@ -131,6 +133,15 @@ class Mechanism:
         if held is None:
             return np.zeros(self.k)
         return np.asarray(-held.spec.mass * STANDARD_GRAVITY * self.object_jacobian()[2])
+
+    def push_load(self, time: float) -> Array:
+        """Gives the torque of whoever pushes hands or object at a time [s], (k,) [N.m]."""
+        found = np.zeros(self.k)
+        hands = {arm.limb.name: arm.limb.hand for arm in self.modules.arms}
+        for target in {push.target for push in self._pushes}:
+            J = self.jacobian(hands[target]) if target in hands else self.object_jacobian()
+            found += J.T @ push_wrench(self._pushes, target, time)
+        return found
 
     def grasp_rows(self) -> tuple[Array, Array]:
         """Gives A (6 (h - 1), k), and by how much the hands disagree on the object's pose [m, rad]."""

@@ -63,6 +63,7 @@ class _Stage:
         self._equilibrium = start_equilibrium(assembly.modules)
         self._pressing = Pressing(self._mechanism)
         self._feel = Feel(self._mechanism)
+        self._pushed = bool(assembly.task.pushes)
         self._time = self._work = self._rubbed = self._friction = 0.0
         self.samples: list[Sample] = []
 
@@ -73,7 +74,8 @@ class _Stage:
         modules = with_phase_gains(self._modules, phase)
         damping = phase_damping(modules, mechanism.kinematics)
         motion = phase_motion(modules, phase, self._equilibrium)
-        began, clock, plan = self._time, 0.0, plan_steps(phase, motion)
+        began, clock = self._time, 0.0
+        plan = plan_steps(phase, motion, whole=self._pushed)
         end, met = PhaseEnd(phase, mechanism, self._feel, motion), False
         while clock < plan.rehearsed - 1e-9 and not met:
             step = min(plan.step, plan.rehearsed - clock)
@@ -115,7 +117,11 @@ class _Stage:
             inertia=mechanism.inertia(),
             stiffness=stiffness,
             dampers=dampers + self._motor_damping,
-            force=effort - bias - self._motor_damping @ v + mechanism.object_load(),
+            force=effort
+            - bias
+            - self._motor_damping @ v
+            + mechanism.object_load()
+            + mechanism.push_load(self._time + ahead),
             velocity=v,
         )
         part, middle = self._solve(motion_now, step)

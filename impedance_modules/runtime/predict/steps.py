@@ -40,8 +40,8 @@ class StepPlan:
     period: float
 
 
-def plan_steps(phase: PhaseSpec, motion: PhaseMotion) -> StepPlan:
-    """Divides a phase; one that waits for something is rehearsed whole."""
+def plan_steps(phase: PhaseSpec, motion: PhaseMotion, *, whole: bool) -> StepPlan:
+    """Divides a phase; one that waits for something, or must be rehearsed ``whole``, is not cut short."""
     waves = np.concatenate([np.zeros(0), *(m.frequency[m.amplitude != 0.0] for m in motion.moved.values())])
     step = min(max(phase.duration / STEPS, FINEST), COARSEST)
     period = 1.0
@@ -49,7 +49,7 @@ def plan_steps(phase: PhaseSpec, motion: PhaseMotion) -> StepPlan:
         step = min(step, 1.0 / (STEPS_PER_PERIOD * float(np.max(waves))))
         period = 1.0 / float(np.min(waves))
     repeats_after = max(SETTLING, 2.0 * period) + period
-    if phase.until is not None or _travels(motion) or phase.duration <= repeats_after:
+    if whole or phase.until is not None or _travels(motion) or phase.duration <= repeats_after:
         return StepPlan(step, phase.duration, 0.0, period)
     return StepPlan(step, repeats_after, phase.duration - repeats_after, period)
 
