@@ -22,6 +22,7 @@ class Answer:
         causes: As in design 3.3, without those that only name known surroundings.
         shrink: Held-out share of the gap that was closed, or None.
         seconds: Wall time.
+        processor_seconds: Of all its threads.
         memory: Peak [MB].
         errors: End of what was printed there.
     """
@@ -30,6 +31,7 @@ class Answer:
     causes: tuple[Mapping[str, Any], ...]
     shrink: float | None
     seconds: float
+    processor_seconds: float
     memory: float
     errors: str = ""
 
@@ -56,14 +58,15 @@ def read_answer(folder: Path, name: str, surroundings: Sequence[str]) -> Answer 
     if not record.exists():
         return None
     run = json.loads(record.read_text())
+    costs = (run["seconds"], run["processor_seconds"], run["memory_mb"])
     path = folder / f"{name}.json"
     if not path.exists():
-        return Answer(NO_ANSWER, (), None, run["seconds"], run["memory_mb"], run["errors"])
+        return Answer(NO_ANSWER, (), None, *costs, run["errors"])
     said = json.loads(path.read_text())
     causes = tuple(cause for cause in said.get("causes", []) if cause["effect"] not in surroundings)
     verdict = said["verdict"] if said["verdict"] in VERDICTS else NO_ANSWER
     shrink = (said.get("gap") or {}).get("shrink")
-    return Answer(verdict, causes, shrink, run["seconds"], run["memory_mb"])
+    return Answer(verdict, causes, shrink, *costs)
 
 
 def is_cause(causes: Sequence[Mapping[str, Any]], at: int, truth: Mapping[str, Any]) -> bool:

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.blind.catalogue import CATALOGUE, SIMPLER
 from benchmarks.blind.excitation import RATE, RICH, Motion
 from benchmarks.blind.inertia_error import wrong_by
 from benchmarks.blind.injection import Draw, Injection, Situation
@@ -21,11 +22,12 @@ from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
 from benchmarks.blind.poor import PoorShape
 from benchmarks.blind.records import Faults
 from benchmarks.blind.urdf_numbers import read_arm, read_drive
-from benchmarks.blind.yardstick import Size, Yardstick
+from benchmarks.blind.yardstick import ALIKE, Size, Yardstick
 
 Array = NDArray[np.float64]
 
-SECONDS = 12.0
+SECONDS = 12.5
+"""Of a simulated run; what is logged of it is a little shorter (see `logs.SAMPLES`)."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +51,12 @@ class Bench:
 
 @dataclass(frozen=True)
 class Planted:
-    """An effect with its amplitude and the size it turned out to have."""
+    """An effect with its amplitude, the size it turned out to have, and effects as good as it (`twins_of`)."""
 
     injection: Injection
     amplitude: float
     size: Size
+    twins: tuple[str, ...] = ()
 
 
 def draw_bench(rng: np.random.Generator, noise_level: float) -> Bench:
@@ -171,6 +174,38 @@ def plant_effect(
     if best is None:
         return plant_effect(draw, bench, yardstick, centre, wanted, rng, joint, pure)
     return best
+
+
+def twins_of(
+    one: Planted, bench: Bench, yardstick: Yardstick, centre: Array, rng: np.random.Generator
+) -> tuple[str, ...]:
+    """Returns the simpler effects that no method could tell from this one at its size, in these logs."""
+    injection, found = one.injection, []
+    if len(injection.joints) != 1:
+        return ()
+    joint = bench.arm.drive.joints.index(injection.joints[0])
+    for name in SIMPLER.get(injection.effect, ()):
+        other = draw_at(
+            CATALOGUE[name],
+            ports_beside(injection.port),
+            Situation(bench.arm, joint, centre, yardstick.peak, rng),
+        )
+        if yardstick.apart(injection, one.amplitude, other)[1] < ALIKE:
+            found.append(name)
+    return tuple(found)
+
+
+def draw_at(draw: Draw, ports: Sequence[str], s: Situation) -> Injection:
+    """Draws an effect until it sits on the situation's joint alone and at one of some ports."""
+    while True:
+        found = draw(s)
+        if found.port in ports and found.joints == (s.name,):
+            return found
+
+
+def ports_beside(port: str) -> tuple[str, ...]:
+    """Returns the ports where another effect acts on the same torque: a delay is timing, a lag the actuator's."""
+    return ("timing", "actuator") if port == "timing" else (port, "timing")
 
 
 def wear_all(bench: Bench, planted: Sequence[Planted], episode: int) -> Arm:

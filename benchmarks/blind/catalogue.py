@@ -28,9 +28,27 @@ CONFUSABLE: tuple[tuple[str, str], ...] = (
 
 SUPERSETS: dict[str, tuple[str, ...]] = {
     "coulomb_friction": ("stribeck_friction", "asymmetric_friction", "hysteresis"),
-    "viscous_friction": ("asymmetric_friction", "friction_drift"),
+    "viscous_friction": ("friction_drift",),
     "torque_offset": ("parallel_spring",),
     "payload": ("link_inertia",),
     "link_inertia": ("payload",),
 }
 """Effects that contain another as a special case: with that one withheld, naming them is no mistake of physics."""
+
+SIMPLER: dict[str, tuple[str, ...]] = {
+    "stribeck_friction": ("coulomb_friction",),
+    "asymmetric_friction": ("coulomb_friction",),
+    "load_dependent_friction": ("coulomb_friction",),
+    "friction_drift": ("viscous_friction",),
+    "parallel_spring": ("torque_offset",),
+    "actuator_lag": ("command_delay",),
+    "command_delay": ("actuator_lag",),
+    "quadratic_drag": ("viscous_friction",),
+    "viscous_friction": ("quadratic_drag",),
+}
+"""Effects that a small one can be as good as: where the logs hold nothing that tells them apart, both are true."""
+
+
+def are_one(first: str, second: str) -> bool:
+    """Tells whether two effects on the same joint may be one: either contains the other."""
+    return second in SUPERSETS.get(first, ()) or first in SUPERSETS.get(second, ())

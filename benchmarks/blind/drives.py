@@ -13,12 +13,13 @@ from benchmarks.blind.plant import Arm
 
 
 def torque_offset(s: Situation) -> Injection:
-    """Constant torque: of the motor, on the link, or of the sensor."""
+    """Constant torque: c is consumed at the motor or on the link, or added to the sensor's reading."""
     port, sign = str(s.rng.choice(["actuator", "link", "sensor"])), float(s.rng.choice([-1, 1]))
     where = {"actuator": "offset", "link": "preload", "sensor": "effort_offset"}[port]
+    given = 1.0 if port == "sensor" else -1.0
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
-        return with_joint(arm, s.joint, **{where: sign * a})
+        return with_joint(arm, s.joint, **{where: given * sign * a})
 
     return Injection("torque_offset", (s.name,), port, 0.1, 10.0, wear, lambda a: {s.name: {"c": sign * a}})
 

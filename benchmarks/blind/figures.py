@@ -70,7 +70,10 @@ def _closed(cases: Cases) -> str:
 
 def _time(cases: Cases) -> str:
     seconds = [case.answer.seconds for case in cases]
-    return f"{np.median(seconds):.1f} s median, {np.max(seconds):.1f} s longest" if seconds else "no cases"
+    used = [case.answer.processor_seconds for case in cases]
+    if not seconds:
+        return "no cases"
+    return f"{np.median(seconds):.1f} s median, {np.max(seconds):.1f} s longest; {np.median(used):.1f} s of processor"
 
 
 def _memory(cases: Cases) -> str:

@@ -8,11 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.blind.answers import NO_ANSWER, Answer, is_cause
-from benchmarks.blind.blocks import ALIKE
 from benchmarks.blind.catalogue import SUPERSETS
-
-APART = 40.0
-"""Sum of squares over noise above which a good method must tell two causes apart."""
+from benchmarks.blind.yardstick import ALIKE, APART
 
 
 @dataclass(frozen=True)
@@ -80,9 +77,16 @@ def wrongly_named(case: Judged) -> bool:
 
 
 def not_even_contained(case: Judged) -> bool:
-    """As `wrongly_named`, by a cause that does not contain the true one as a special case."""
-    allowed = {name for effect in case.effects for name in SUPERSETS.get(effect["effect"], ())}
-    return case.answer.named and case.answer.first not in allowed
+    """As `wrongly_named`, by causes that do not all contain the true one, at its joint, or cannot be told from it."""
+
+    def contains(at: int) -> bool:
+        return any(
+            is_cause(case.answer.causes, at, {**effect, "effect": name, "also": []})
+            for effect in case.effects
+            for name in (*SUPERSETS.get(effect["effect"], ()), *effect["also"])
+        )
+
+    return case.answer.named and not all(contains(at) for at in range(len(case.answer.causes)))
 
 
 def is_poor(case: Judged) -> bool:
@@ -115,8 +119,10 @@ def first_right(case: Judged) -> bool:
 
 
 def is_task(planted: bool) -> Test:
-    """Returns a test for task logs, with something planted or without."""
-    return lambda case: case.block == "G" and bool(case.effects) == planted
+    """Returns a test for task logs, with something planted at or above the noise, or with nothing."""
+    return lambda case: (
+        case.block == "G" and bool(case.effects) == planted and (case.size >= 1.0 or not planted)
+    )
 
 
 def blamed(case: Judged) -> bool:

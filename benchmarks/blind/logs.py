@@ -18,6 +18,8 @@ from impedance_modules.episode.save import write_episode
 Array = NDArray[np.float64]
 
 DECIMATION = 10
+SAMPLES = 1200
+"""Of every log: 12 s. The simulation runs a little longer, so that a fast clock finds something to read."""
 CHANNELS = ("position", "velocity", "effort", "effort_command", "position_command")
 
 
@@ -27,11 +29,12 @@ def record(raw: RawLog, drive: Drive, faults: Faults) -> dict[str, Array]:
     Args:
         raw: Episode at 1 kHz.
         drive: Sensor grids.
-        faults: Their clocks; the log carries the controller's stamps.
+        faults: Their clocks. The log carries the controller's stamps; a sensor's clock that runs fast by a share
+            ``clock`` has, at the controller's time t, delivered what it saw at t / (1 + clock).
     """
     clock = faults.clock
-    few = np.arange(0, raw.time.size, DECIMATION)
-    seen = np.minimum(few * (1.0 + clock), raw.time.size - 1.0)
+    few = np.arange(0, SAMPLES * DECIMATION, DECIMATION)
+    seen = few / (1.0 + clock)
     columns: dict[str, Array] = {
         "time": np.asarray(few * PERIOD * (1.0 + faults.stamps)),
         "touch": raw.touch[few],

@@ -138,10 +138,12 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
     commands = np.zeros((count, n))
     lost, frozen = _windows(faults.drop_times, count), _windows(faults.freeze_times, count)
     position, speed = data.qpos, data.qvel
+    gap = arm.joints.gap if arm.joints.gap.any() else None
+    meets = arm.surface is not None or bool(arm.pushes)
     for k in range(count):
         time = (k - settle) * PERIOD
         j = max(k - settle, 0)
-        spring = arm.joints.stiffness * _dead(position[n:] - position[:n], arm.joints.gap)
+        spring = arm.joints.stiffness * _dead(position[n:] - position[:n], gap)
         read_sensors(
             faults.joint,
             state,
@@ -171,11 +173,12 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
         rows[k, :3], rows[k, 3] = seen, commands[k]
         if arm.pushes:
             data.xfrc_applied[hand, :3] = pushed(arm.pushes, time)
-        touch[k] = touched(model, data) + float(np.linalg.norm(data.xfrc_applied[hand, :3]))
+        if meets:
+            touch[k] = touched(model, data) + float(np.linalg.norm(data.xfrc_applied[hand, :3]))
         for part in range(round(PERIOD / STEP)):
             elapsed = k * PERIOD + part * STEP
             if part:
-                spring = arm.joints.stiffness * _dead(position[n:] - position[:n], arm.joints.gap)
+                spring = arm.joints.stiffness * _dead(position[n:] - position[:n], gap)
             age = max(elapsed - SETTLE, 0.0)
             apply_drives(
                 faults.joint, faults.friction, state, faults.coupling, commands, support, position[:n], speed[:n],
@@ -221,9 +224,9 @@ def touched(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     return total
 
 
-def _dead(length: Array, gap: Array) -> Array:
-    if not gap.any():
-        return np.asarray(length)
+def _dead(length: Array, gap: Array | None) -> Array:
+    if gap is None:
+        return length
     return np.asarray(np.sign(length) * np.maximum(np.abs(length) - 0.5 * gap, 0.0))
 
 

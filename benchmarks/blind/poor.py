@@ -42,7 +42,7 @@ def held(time: Array, rng: np.random.Generator) -> Array:  # noqa: ARG001
 
 def slow_tone(time: Array, rng: np.random.Generator) -> Array:
     """One slow sinusoid."""
-    return np.asarray(0.25 * fade_in(time) * np.sin(2 * np.pi * rng.uniform(0.2, 0.35) * time))
+    return np.asarray(0.45 * fade_in(time) * np.sin(2 * np.pi * rng.uniform(0.2, 0.35) * time))
 
 
 def _triangle(time: Array, period: float, speed: float) -> Array:

@@ -71,5 +71,5 @@ def _answer(folder: Path, name: str, verdict: str, causes: list[dict[str, Any]])
     (folder / f"{name}.json").write_text(
         json.dumps({"verdict": verdict, "causes": causes, "gap": {"shrink": 0.97}})
     )
-    run = {"exit": 0, "seconds": 1.0, "memory_mb": 200.0, "errors": ""}
+    run = {"exit": 0, "seconds": 1.0, "processor_seconds": 1.0, "memory_mb": 200.0, "errors": ""}
     (folder / f"{name}.run.json").write_text(json.dumps(run))

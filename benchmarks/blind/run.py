@@ -77,7 +77,8 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
     """Runs one tool on one case.
 
     Returns:
-        exit (None after a timeout), seconds, peak memory [MB] and the end of what it printed as errors.
+        exit (None after a timeout), seconds on the wall and of the processor, peak memory [MB] and the end of
+        what it printed as errors.
     """
     shown = json.loads((case / "case.json").read_text())
     with tempfile.TemporaryDirectory(prefix="blind-") as room:
@@ -92,24 +93,30 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
             process = subprocess.Popen(
                 ["nice", *command], cwd=room, stdout=subprocess.DEVNULL, stderr=sink, env=environment
             )
-            status, memory = _wait(process, timeout)
+            status, used, memory = _wait(process, timeout)
         seconds = time.monotonic() - start
         said = errors.read_text(errors="replace")[-2000:]
-    return {"exit": status, "seconds": seconds, "memory_mb": memory, "errors": said}
+    times = {"seconds": seconds, "processor_seconds": used}
+    return {"exit": status, **times, "memory_mb": memory, "errors": said}
 
 
-def _wait(process: subprocess.Popen[bytes], timeout: float) -> tuple[int | None, float]:
-    """Waits for a child and reads its peak memory; kills it when the time is up."""
+def _wait(process: subprocess.Popen[bytes], timeout: float) -> tuple[int | None, float, float]:
+    """Waits for a child; kills it when the time is up.
+
+    Returns:
+        Exit status (None when killed), processor time [s] and peak memory [MB].
+    """
     end = time.monotonic() + timeout
     while time.monotonic() < end:
         pid, status, usage = os.wait4(process.pid, os.WNOHANG)
         if pid:
             process.returncode = os.waitstatus_to_exitcode(status)
-            return process.returncode, usage.ru_maxrss / 1024
+            return process.returncode, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
         time.sleep(0.05)
     process.kill()
-    process.wait()
-    return None, float("nan")
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return None, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
 
 
 def _command(tool: str, shown: dict[str, Any], answer: Path) -> list[str]:

@@ -50,16 +50,19 @@ def velocity_filter_lag(s: Situation) -> Injection:
 
 
 def clock_drift(s: Situation) -> Injection:
-    """A clock runs fast: all stamps, or the sensors' against the controller's, which drift apart along the log."""
-    which = str(s.rng.choice(["stamps", "clock"]))
+    """A clock runs fast or slow: of all stamps, or of the sensors, which then drift from the controller.
+
+    Stamps drift as far as a rate that was believed and never measured (3 %), sensors as a poor timer does (0.5 %).
+    """
+    which, sign = str(s.rng.choice(["stamps", "clock"])), float(s.rng.choice([-1, 1]))
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
-        error = a * 1e-6
+        error = sign * a * 1e-6
         faults = replace(arm.faults, stamps=error) if which == "stamps" else replace(arm.faults, clock=error)
         return replace(arm, faults=faults)
 
-    most = 80000.0 if which == "stamps" else 20000.0
-    return Injection("clock_drift", (), "timing", 1000.0, most, wear, lambda a: {"log": {"ppm": a}})
+    most = 30000.0 if which == "stamps" else 5000.0
+    return Injection("clock_drift", (), "timing", 1000.0, most, wear, lambda a: {"log": {"ppm": sign * a}})
 
 
 SENSING: dict[str, Draw] = {

@@ -20,7 +20,7 @@ def describe(case: Judged) -> str:
     motion = f" {case.truth['motion']}" if "motion" in case.truth else ""
     head = f"{case.block}{motion} {case.name}  noise x{case.truth['noise_level']:g}"
     head += f", inertias {100 * case.truth['inertia_error']:.1f} % off"
-    head += f"  {case.answer.seconds:.1f} s {case.answer.memory:.0f} MB"
+    head += f"  {case.answer.processor_seconds:.1f} s {case.answer.memory:.0f} MB"
     lines = [head, *(f"  truth   {_truth(effect)}" for effect in case.effects)]
     if not case.effects:
         lines.append("  truth   nothing")

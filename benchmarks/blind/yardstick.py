@@ -19,6 +19,10 @@ from benchmarks.blind.residual import inertia_columns, net_of_inertias, residual
 Array = NDArray[np.float64]
 
 PORTS = ("actuator", "link", "sensor")
+ALIKE = 20.0
+"""Sum of squares over noise below which two causes count as one in a log."""
+APART = 40.0
+"""Sum above which a good method must tell them apart."""
 PRIOR = 0.03
 """Relative standard error of link inertias that an honest diagnosis must allow for."""
 FINE = 1e-9
@@ -94,15 +98,15 @@ class Yardstick:
         """
         _, seen = self.signature(partial(_worn, one, amplitude))
         strength = float(np.sqrt(np.mean(seen**2, axis=1)).max())
-        against, _ = self.tune(other, strength)
+        against, _ = self.tune(other, strength, tries=2)
         _, imitation = self.signature(partial(_worn, other, against))
         left = seen - np.sum(seen * imitation) / np.sum(imitation**2) * imitation
         return float(np.sqrt(np.mean(left**2, axis=1)).max()), float(np.sum(left**2))
 
-    def tune(self, injection: Injection, wanted: float) -> tuple[float, Size]:
+    def tune(self, injection: Injection, wanted: float, tries: int = 5) -> tuple[float, Size]:
         """Returns the amplitude that gives a net size of 1 to 1.3 times the wanted, or as near as physics lets."""
         amplitude, tried = injection.first, []
-        for _ in range(5):
+        for _ in range(tries):
             size = self.size(partial(_worn, injection, amplitude))
             tried.append((abs(np.log(max(size.net, 1e-6) / (1.1 * wanted))), amplitude, size))
             if wanted <= size.net <= 1.3 * wanted:

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Block D: one arm with one cause, seen by a motion that cannot tell it from another and by one that can."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.blind.case import (
+    Bench,
+    Episode,
+    Planted,
+    draw_at,
+    draw_bench,
+    measure,
+    plant_effect,
+    poor_episodes,
+    ports_beside,
+    rich_episodes,
+)
+from benchmarks.blind.catalogue import CATALOGUE
+from benchmarks.blind.injection import Draw, Injection, Situation
+from benchmarks.blind.pairs import Pair
+from benchmarks.blind.yardstick import ALIKE, APART
+
+TRIES = 12
+"""Arms that are drawn before a pair is given up."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One cause in one set of logs.
+
+    Attributes:
+        episodes: Of the logs.
+        planted: The cause, with its size in these logs.
+        apart: What of it the partner cannot imitate, sum of squares over noise.
+    """
+
+    episodes: list[Episode]
+    planted: Planted
+    apart: float
+
+
+@dataclass(frozen=True)
+class _Poor:
+    seen: Seen
+    partner: Injection
+
+
+def draw_pair(pair: Pair, noise: float, rng: np.random.Generator) -> tuple[Bench, Seen, Seen]:
+    """Returns an arm, its poor logs and its rich ones.
+
+    Arm, joint, motion and size are drawn again until the poor logs hold nothing that tells the pair apart, the
+    rich ones do, and the cause is at or above the noise in both.
+
+    Raises:
+        RuntimeError: No arm of many was such.
+    """
+    for wanted in np.linspace(1.6, 1.1, TRIES):
+        bench = draw_bench(rng, noise)
+        poor = _poor(pair, bench, float(wanted), rng)
+        if poor is None:
+            continue
+        rich = _rich(poor, bench, rng)
+        if rich.apart > APART and rich.planted.size.net >= 1.0:
+            return bench, poor.seen, rich
+    raise RuntimeError(f"{pair.truth} beside {pair.partner}: {TRIES} arms gave no pair of logs")
+
+
+def _poor(pair: Pair, bench: Bench, wanted: float, rng: np.random.Generator) -> _Poor | None:
+    """Draws joint, motion and shape once; None where the cause cannot be seen or can be told."""
+    joint = int(rng.choice(pair.joints))
+    episodes = poor_episodes(bench, pair.motion, joint, rng)
+    stick = measure(bench, episodes, int(rng.integers(2**31)))
+    centre = episodes[0].motion.position.mean(axis=0)
+    planted = plant_effect(_at_port(pair), bench, stick, centre, wanted, rng, joint, True)
+    if planted.size.net < 1.0:
+        return None
+    situation = Situation(bench.arm, joint, centre, stick.peak, rng)
+    partner = draw_at(CATALOGUE[pair.partner], ports_beside(planted.injection.port), situation)
+    _, apart = stick.apart(planted.injection, planted.amplitude, partner)
+    return _Poor(Seen(episodes, planted, apart), partner) if apart < ALIKE else None
+
+
+def _rich(poor: _Poor, bench: Bench, rng: np.random.Generator) -> Seen:
+    episodes = rich_episodes(bench, rng)
+    stick = measure(bench, episodes, int(rng.integers(2**31)))
+    injection, amplitude = poor.seen.planted.injection, poor.seen.planted.amplitude
+    size = stick.size(lambda arm, i: injection.wear(arm, amplitude, i))
+    _, apart = stick.apart(injection, amplitude, poor.partner)
+    return Seen(episodes, Planted(injection, amplitude, size), apart)
+
+
+def _at_port(pair: Pair) -> Draw:
+    """Returns the pair's true effect, drawn until it sits on one joint and at a port where the pair is a pair."""
+
+    def draw(s: Situation) -> Injection:
+        return draw_at(CATALOGUE[pair.truth], pair.ports, s)
+
+    return draw
