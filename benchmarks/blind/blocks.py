@@ -107,13 +107,12 @@ def _plant(
     if not wishes:
         return []
     yardstick = measure(bench, episodes, int(rng.integers(2**31)))
-    centre = episodes[0].motion.position.mean(axis=0)
     planted: list[Planted] = []
     for draw, size, at in wishes:
-        one = plant_effect(draw, bench, yardstick, centre, size, rng, at, block == "F")
+        one = plant_effect(draw, bench, yardstick, episodes, size, rng, at, block == "F")
         while any(_same_place(one, other) for other in planted):
-            one = plant_effect(draw, bench, yardstick, centre, size, rng, at)
-        twins = twins_of(one, bench, yardstick, centre, rng) if block in "ACFG" else ()
+            one = plant_effect(draw, bench, yardstick, episodes, size, rng, at)
+        twins = twins_of(one, bench, yardstick, episodes, rng) if block in "ACFG" else ()
         planted.append(replace(one, twins=twins))
     return planted
 
@@ -169,6 +168,7 @@ def _write(
             "parameters": one.injection.parameters(one.amplitude),
             "also": sorted({*one.injection.also, *one.twins}),
             "size": one.size.net,
+            "size_in_weakest_motion": one.size.weakest,
             "size_with_inertias": one.size.raw,
         }
         for one in planted

@@ -131,21 +131,20 @@ def actuator_lag(s: Situation) -> Injection:
 
 
 def torque_saturation(s: Situation) -> Injection:
-    """The motor gives no more than a limit."""
-    peak = float(s.peak[s.joint])
+    """The motor gives no more than a limit, which every motion reaches and no weight does: else the arm would fall."""
+    room = s.least / np.maximum(1.15 * s.weight, 1e-6)
+    light = np.flatnonzero(room > 1.15)
+    joint = int(s.rng.choice(light)) if light.size else int(np.argmax(room))
+    most = float(np.clip(1 - 1 / room[joint], 0.01, 0.5))
+    name, least = s.drive.joints[joint], float(s.least[joint])
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
-        return with_joint(arm, s.joint, limit=peak * (1 - a))
+        return with_joint(arm, joint, limit=least * (1 - a))
 
-    return Injection(
-        "torque_saturation",
-        (s.name,),
-        "actuator",
-        0.1,
-        0.5,
-        wear,
-        lambda a: {s.name: {"limit": peak * (1 - a)}},
-    )
+    def truth(a: float) -> dict[str, dict[str, float]]:
+        return {name: {"limit": least * (1 - a)}}
+
+    return Injection("torque_saturation", (name,), "actuator", 0.5 * most, most, wear, truth)
 
 
 def controller_gain(s: Situation) -> Injection:

@@ -20,11 +20,16 @@ FADE = 1.0
 
 @dataclass(frozen=True)
 class Motion:
-    """Desired (samples, n) position [rad], velocity [rad/s] and feed-forward torque [N.m], at 1 kHz."""
+    """Desired (samples, n) position [rad], velocity [rad/s] and feed-forward torque [N.m], at 1 kHz.
+
+    ``peak`` (n,) is the largest torque [N.m] that the motors need for it, ``weight`` (n,) the largest weight in it.
+    """
 
     position: Array
     velocity: Array
     feed_forward: Array
+    peak: Array
+    weight: Array
 
 
 Shape = Callable[[Array, Drive, np.random.Generator], Array]

@@ -26,6 +26,8 @@ class Situation:
         joint: That is to wear it, for effects of one joint.
         centre: (n,) middle of the motions [rad].
         peak: (n,) largest motor torque of the motions [N.m].
+        least: (n,) the same of the motion where it is smallest [N.m].
+        weight: (n,) largest weight in any motion [N.m].
         rng: Of the case.
     """
 
@@ -33,6 +35,8 @@ class Situation:
     joint: int
     centre: Array
     peak: Array
+    least: Array
+    weight: Array
     rng: np.random.Generator
 
     @property

@@ -48,8 +48,8 @@ def rich_motion(
     while True:
         deviation, centre = _within_range(shape, seconds, model, drive, rng)
         for scale in (1.0, 0.85, 0.7):
-            motion, load = _with_feed_forward(centre + scale * deviation, model, drive)
-            if np.all(np.abs(load).max(axis=0) <= 0.9 * drive.effort_max):
+            motion = _with_feed_forward(centre + scale * deviation, model, drive)
+            if np.all(motion.peak <= 0.9 * drive.effort_max):
                 return motion
 
 
@@ -83,11 +83,11 @@ def poor_motion(
         sway = np.sin(2 * np.pi * rng.uniform(0.15, 0.3) * time + phase) - np.sin(phase)
         deviation[:, i] = 0.1 * sway * fade_in(time)
     deviation[:, joint] = path
-    return _with_feed_forward(centre + deviation, model, drive)[0]
+    return _with_feed_forward(centre + deviation, model, drive)
 
 
-def _with_feed_forward(q: Array, model: mujoco.MjModel, drive: Drive) -> tuple[Motion, Array]:
-    """Returns the motion and its whole torque; feed-forward leaves out the weight, which the robot carries."""
+def _with_feed_forward(q: Array, model: mujoco.MjModel, drive: Drive) -> Motion:
+    """Returns the motion; its feed-forward leaves out the weight, which the robot carries."""
     v = np.gradient(q, 1 / RATE, axis=0)
     a = np.gradient(v, 1 / RATE, axis=0)
     few = slice(None, None, 10)
@@ -98,4 +98,5 @@ def _with_feed_forward(q: Array, model: mujoco.MjModel, drive: Drive) -> tuple[M
     moving = torque - weight + rotor
     every = np.arange(q.shape[0])
     ahead = np.stack([np.interp(every, coarse, moving[:, i]) for i in range(q.shape[1])], axis=1)
-    return Motion(q, v, ahead), torque + rotor
+    peak, heaviest = (np.abs(one).max(axis=0) for one in (torque + rotor, weight))
+    return Motion(q, v, ahead, peak, heaviest)

@@ -18,6 +18,7 @@ from benchmarks.blind.case import (
     poor_episodes,
     ports_beside,
     rich_episodes,
+    situation,
 )
 from benchmarks.blind.catalogue import CATALOGUE
 from benchmarks.blind.injection import Draw, Injection, Situation
@@ -74,12 +75,11 @@ def _poor(pair: Pair, bench: Bench, wanted: float, rng: np.random.Generator) -> 
     joint = int(rng.choice(pair.joints))
     episodes = poor_episodes(bench, pair.motion, joint, rng)
     stick = measure(bench, episodes, int(rng.integers(2**31)))
-    centre = episodes[0].motion.position.mean(axis=0)
-    planted = plant_effect(_at_port(pair), bench, stick, centre, wanted, rng, joint, True)
+    planted = plant_effect(_at_port(pair), bench, stick, episodes, wanted, rng, joint, True)
     if planted.size.net < 1.0:
         return None
-    situation = Situation(bench.arm, joint, centre, stick.peak, rng)
-    partner = draw_at(CATALOGUE[pair.partner], ports_beside(planted.injection.port), situation)
+    place = situation(bench, episodes, joint, rng)
+    partner = draw_at(CATALOGUE[pair.partner], ports_beside(planted.injection.port), place)
     _, apart = stick.apart(planted.injection, planted.amplitude, partner)
     return _Poor(Seen(episodes, planted, apart), partner) if apart < ALIKE else None
 

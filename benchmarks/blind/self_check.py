@@ -101,11 +101,10 @@ def sizes_hold() -> Result:
     bench = draw_bench(rng, 1.0)
     episodes = rich_episodes(bench, rng)
     yardstick = measure(bench, episodes, 6)
-    centre = episodes[0].motion.position.mean(axis=0)
     model, drive = rigid_model(bench.arm.believed, bench.arm.side), bench.arm.drive
     lines, fine = [], True
     for effect in ("viscous_friction", "torque_ripple", "crosstalk"):
-        one = plant_effect(CATALOGUE[effect], bench, yardstick, centre, 3.0, rng)
+        one = plant_effect(CATALOGUE[effect], bench, yardstick, episodes, 3.0, rng)
         worn = one.injection.wear(bench.arm, one.amplitude, 0)
         change = _noisy_change(bench.arm, worn, episodes[0].motion, bench.gains)
         port = ("actuator", "link", "sensor").index(one.size.port)

@@ -36,12 +36,14 @@ class Size:
     Attributes:
         net: Less what inertia errors can imitate; the largest over joints and ports. This labels a case.
         raw: As it stands.
+        weakest: Net size there in the motion that shows it least.
         port: Where it is largest.
         joint: Index of the joint where it is largest.
     """
 
     net: float
     raw: float
+    weakest: float
     port: str
     joint: int
 
@@ -56,7 +58,7 @@ class Yardstick:
     def __init__(
         self, arm: Arm, motions: Sequence[Motion], gains: tuple[Array, Array], level: float, seed: int
     ) -> None:
-        """Measures the noise of an arm (its noise ``level`` and ``seed``) on some motions under some gains."""
+        """Measures the noise of an arm (its noise ``level`` and ``seed``) on motions of one length under some gains."""
         fine = replace(arm.drive, position_resolution=FINE, effort_resolution=FINE)
         self._motions, self._gains, self._arm = motions, gains, replace(arm, drive=fine)
         self._model = rigid_model(arm.believed, arm.side)
@@ -69,7 +71,6 @@ class Yardstick:
         self.noise: Array = np.sqrt(np.mean(np.concatenate(excess, axis=1) ** 2, axis=1))
         inertia = [inertia_columns(one, arm.believed, arm.side, PRIOR) for one in quiet]
         self._inertia = np.concatenate(inertia, axis=0)
-        self.peak: Array = np.max([np.abs(one["effort"]).max(axis=0) for one in quiet], axis=0)
 
     def signature(self, wear: Callable[[Arm, int], Arm]) -> tuple[Array, Array]:
         """Returns what ``wear(arm, episode)`` adds, (3, samples, n) in units of noise: raw, and net of inertias."""
@@ -85,9 +86,12 @@ class Yardstick:
 
     def size(self, wear: Callable[[Arm, int], Arm]) -> Size:
         """Returns the size of what ``wear(arm, episode)`` puts on."""
-        raw, net = (np.sqrt(np.mean(part**2, axis=1)) for part in self.signature(wear))
-        port, joint = np.unravel_index(int(np.argmax(net)), net.shape)
-        return Size(float(net.max()), float(raw.max()), PORTS[int(port)], int(joint))
+        signatures = self.signature(wear)
+        raw, net = (np.sqrt(np.mean(part**2, axis=1)) for part in signatures)
+        port, joint = (int(i) for i in np.unravel_index(int(np.argmax(net)), net.shape))
+        shares = np.split(signatures[1][port, :, joint], len(self._motions))
+        weakest = min(float(np.sqrt(np.mean(share**2))) for share in shares)
+        return Size(float(net.max()), float(raw.max()), weakest, PORTS[port], joint)
 
     def apart(self, one: Injection, amplitude: float, other: Injection) -> tuple[float, float]:
         """Measures what of one effect another cannot imitate, at the amplitude that imitates it best.
