@@ -17,7 +17,7 @@ from impedance_modules.effects.signals import Signals
 Array = NDArray[np.float64]
 
 
-WARMING_MIN = 3.0
+WARMING_MIN = 2.0
 """Shortest time constant with which grease is taken to warm up [s]."""
 
 
