@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 from impedance_modules.diagnosis.dynamics import gravity_regressor, inertial_regressor, mass_matrix
+from impedance_modules.diagnosis.physical import can_exist
 from impedance_modules.diagnosis.tree import RigidTree, read_tree
 
 URDF = Path(__file__).parents[2] / "robots" / "baxter" / "baxter.urdf"
@@ -52,3 +53,24 @@ def test_mass_matrix_is_symmetric_positive_and_completes_the_weight() -> None:
     still = np.zeros_like(q)
     whole = inertial_regressor(tree, q, still, a) @ tree.inertia
     assert np.allclose(whole, np.einsum("nij,nj->ni", M, a) + gravity_regressor(tree, q) @ tree.inertia)
+
+
+def test_only_bodies_of_positive_mass_can_exist() -> None:
+    """Clouds of positive points can; take a point out that was not there, and they cannot."""
+    random = np.random.default_rng(5)
+    for _ in range(100):
+        points, masses = random.normal(size=(6, 3)), random.uniform(0.1, 1.0, size=6)
+        body = sum((_point(m, p) for m, p in zip(masses, points, strict=True)), np.zeros(10))
+        more = _point(random.uniform(0.0, 2.0), random.normal(size=3))
+        assert can_exist(body, more)
+        assert can_exist(body, -random.uniform(0.0, 0.99) * _point(masses[0], points[0]))
+        hole = _point(1e-3 * masses.sum(), 20.0 * random.normal(size=3) + 30.0)
+        assert not can_exist(body, -hole)
+        assert (body - hole)[0] > 0.0
+
+
+def _point(mass: float, place: np.ndarray) -> np.ndarray:
+    """Parameters of a point mass, written out."""
+    x, y, z = place
+    inertia = [y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y]
+    return mass * np.array([1.0, x, y, z, *inertia])
