@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs both arms on the double for half an hour over a ROS master of its own; prints memory, commands and stops.
+
+Usage: python -m benchmarks.baxter_endurance [--minutes 30] [--rate 500] [--port 11411] [--transport sockets]
+
+Needs ``rosmaster`` (apt-get install --no-install-recommends python3-roslaunch) and an otherwise idle machine. The
+task is the shipped mirrored-arms drawn out, its tank made ample: the loop is measured here, not the energy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+TASK = Path(__file__).parents[1] / "tasks" / "mirrored-arms.yaml"
+IMPEDANCE = [sys.executable, "-m", "impedance_modules"]
+
+
+def drawn_out(seconds: float, folder: Path) -> Path:
+    """Writes the task with its middle phase that long."""
+    text = TASK.read_text()
+    text = re.sub(r"duration: 8\n", f"duration: {seconds:g}\n", text)
+    text = re.sub(r"tank: \{initial: [\d.]+, max: [\d.]+,", "tank: {initial: 400, max: 800,", text)
+    path = folder / "endurance.yaml"
+    path.write_text(text)
+    return path
+
+
+def memory(process: subprocess.Popen[bytes]) -> float:
+    """Resident memory [MB]."""
+    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def main() -> None:
+    """Runs and prints."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--rate", type=int, default=500)
+    parser.add_argument("--port", type=int, default=11411)
+    parser.add_argument("--transport", default="sockets")
+    options = parser.parse_args()
+    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{options.port}", ROS_IP="127.0.0.1")
+    started: list[subprocess.Popen[bytes]] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        try:
+            run(options, folder, started)
+        finally:
+            for process in reversed(started):
+                if process.poll() is None:
+                    process.send_signal(signal.SIGINT)
+                    process.wait(30)
+
+
+def run(options: argparse.Namespace, folder: Path, started: list[subprocess.Popen[bytes]]) -> None:
+    """Starts master, double and task; watches the two memories until the task is done."""
+    task, diary = drawn_out(60.0 * options.minutes, folder), folder / "diary.jsonl"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    started.append(subprocess.Popen(["rosmaster", "--core", "-p", str(options.port)], **quiet))
+    time.sleep(2.0)
+    double = subprocess.Popen(
+        [*IMPEDANCE, "baxter", "fake", "--posture", "mirrored-arms", "--enabled", "--log", str(diary)],
+        stdout=subprocess.PIPE,
+    )
+    started.append(double)
+    print(double.stdout.readline().decode().rstrip())
+    words = f"run {task} --backend baxter --rate {options.rate} --transport {options.transport}"
+    controller = subprocess.Popen([*IMPEDANCE, *words.split(), "--out", str(folder / "run")])
+    started.append(controller)
+    began, shown = time.monotonic(), 0.0
+    while controller.poll() is None:
+        time.sleep(1.0)
+        if time.monotonic() - shown > 60.0 and controller.poll() is None:
+            shown = time.monotonic()
+            both = f"controller {memory(controller):.0f} MB, double {memory(double):.0f} MB"
+            print(f"{(shown - began) / 60:6.1f} min: {both}", flush=True)
+    lines = [json.loads(line) for line in diary.read_text().splitlines()]
+    # The last time-out is the robot's own, after the run has parted.
+    stops = [line["event"] for line in lines if "no command for 0.2" not in line["event"] and line["event"]]
+    print(f"exit {controller.returncode}; {lines[-1]['commands']} commands; events: {stops or 'none'}")
+    summary = json.loads((folder / "run" / "summary.json").read_text())
+    print(f"cycles {summary['cycles']}, late {summary['late_cycles']}")
+
+
+if __name__ == "__main__":
+    main()
