@@ -64,7 +64,8 @@ def test_only_bodies_of_positive_mass_can_exist() -> None:
         more = _point(random.uniform(0.0, 2.0), random.normal(size=3))
         assert can_exist(body, more)
         assert can_exist(body, -random.uniform(0.0, 0.99) * _point(masses[0], points[0]))
-        hole = _point(1e-3 * masses.sum(), 20.0 * random.normal(size=3) + 30.0)
+        away = random.normal(size=3)
+        hole = _point(1e-3 * masses.sum(), 200.0 * away / np.linalg.norm(away))
         assert not can_exist(body, -hole)
         assert (body - hole)[0] > 0.0
 
