@@ -198,3 +198,19 @@ def test_a_sliding_joint_wears_friction_in_its_own_units(tmp_path: Path) -> None
     assert velocity[-1, 0] == pytest.approx(np.exp(-4.0 / 5.0 * 0.5), rel=1e-6)
     with pytest.raises(BadInput, match=r"fv is in N\.s/m, not in 'N\.m\.s/rad'"):
         dress(robot, [friction("N.m.s/rad")], no_nuisance(model.tree), model.tree)
+
+
+def test_the_weak_floor_is_what_noise_of_starts_and_torque_gives(tmp_path: Path) -> None:
+    """Recordings that match the model but for noise: rollouts stray by about the floor, without any repeat."""
+    import test_diagnosis as pendulum
+
+    logs = [pendulum.record(tmp_path, "nothing", seconds=12.0)[index] for index in (2, 3, 4)]
+    (tmp_path / "robot.urdf").write_text(pendulum.URDF)
+    out = tmp_path / "answer.json"
+    arguments = [*map(str, logs), "--urdf", str(tmp_path / "robot.urdf"), "--json", str(out)]
+    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
+    rollout = json.loads(out.read_text())["gap"]["rollout"]
+    assert rollout["noise_floor_from"] == "weak"
+    for joint in rollout["per_joint"].values():
+        for found in joint.values():
+            assert 0.3 < found["after"] / found["noise_floor"] < 3.0

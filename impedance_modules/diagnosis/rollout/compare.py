@@ -6,11 +6,16 @@ which everything cancels that the two recordings share. Without repeats, from th
 
     \sigma_q^2 (t) = \sigma_q^2 (1 + f_c / f_N) + \sigma_v^2 t^2        \sigma_v(t)^2 = 2 \sigma_v^2
     \sigma_v^2 = \sigma_q^2 (2 \pi)^2 f_c^3 / (3 f_N)       white position noise behind a filter that ends at f_c
+
+and, where a measured torque drives, from its white noise \sigma_e at rate f, M with the rotors that move along:
+
+    \sigma_a^2 = (M^{-1})^2 \sigma_e^2, entry by entry
+    \sigma_v^2 += \sigma_a^2 t / f        \sigma_q^2 += \sigma_a^2 t^3 / (3 f)
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +25,16 @@ from impedance_modules.diagnosis.rollout.outcome import CauseRollout
 from impedance_modules.diagnosis.rollout.simulate import Lived
 
 Array = NDArray[np.float64]
+Mobility = Callable[[Array], Array] | None
 
 SURE = 3.0
 """Standard errors by which a cause must change the rollouts' errors to be said to."""
 
 WORTH = 0.05
 """Least logarithm of the errors' powers' ratio that counts as a change."""
+
+SPARSELY = 50
+"""Every which sample is asked for the joints' inertia."""
 
 FLOOR_MIN = 1e-9
 """Below it a floor is the computer's round-off [rad]."""
@@ -42,20 +51,42 @@ def floor_of_repeats(errors: Array, pairs: Sequence[tuple[int, int]]) -> Array:
     return np.asarray(np.maximum(np.sqrt(0.5) * rms(difference), FLOOR_MIN))
 
 
-def floor_of_seeds(prepared: Sequence[Prepared], time: Array) -> tuple[Array, Array]:
-    """Rms (n,) of position and velocity that the seeds' noise alone gives, over a horizon (L,) [s]."""
-    noise, speed = [], []
+def floor_of_seeds(prepared: Sequence[Prepared], time: Array, pushed: Mobility) -> tuple[Array, Array]:
+    """Rms (n,) of position and velocity that noise of starts and driving torque gives, over a horizon (L,) [s].
+
+    Args:
+        prepared: Recordings.
+        time: Of the horizon.
+        pushed: Gives the squared entries (n, n) of M^{-1} at a position; None where a noiseless command drives.
+    """
+    position, velocity = [], []
     for item in prepared:
         nyquist = 0.5 * item.log.rate
         cutoff = min(item.band.motion_cutoff, 0.99 * nyquist)
-        margin = item.band.margin
-        rough = (item.log.position - item.signals.position)[margin : len(item.signals.time) - margin]
-        white = np.mean(rough**2, axis=0) / (1.0 - cutoff / nyquist)
-        noise.append(white * (1.0 + cutoff / nyquist))
-        speed.append(white * (2.0 * np.pi) ** 2 * cutoff**3 / (3.0 * nyquist))
-    steady, drift = np.mean(noise, axis=0), np.mean(speed, axis=0)
-    position = np.sqrt(steady + drift * float(np.mean(time**2)))
-    return np.maximum(position, FLOOR_MIN), np.maximum(np.sqrt(2.0 * drift), FLOOR_MIN)
+        white = _white(item, item.log.position, item.signals.position, cutoff)
+        drift = white * (2.0 * np.pi) ** 2 * cutoff**3 / (3.0 * nyquist)
+        shaken = 0.0 * drift if pushed is None else _shaken(item, cutoff, pushed) / item.log.rate
+        spread = drift * float(np.mean(time**2)) + shaken * float(np.mean(time**3)) / 3.0
+        position.append(white * (1.0 + cutoff / nyquist) + spread)
+        velocity.append(2.0 * drift + shaken * float(np.mean(time)))
+    floors = [np.maximum(np.sqrt(np.mean(parts, axis=0)), FLOOR_MIN) for parts in (position, velocity)]
+    return floors[0], floors[1]
+
+
+def _white(item: Prepared, raw: Array, smooth: Array, cutoff: float) -> Array:
+    """Variance (n,) of the white noise whose part above the filter is seen as roughness."""
+    margin = item.band.margin
+    rough = (raw - smooth)[margin : len(raw) - margin]
+    return np.asarray(np.mean(rough**2, axis=0) / (1.0 - cutoff / (0.5 * item.log.rate)))
+
+
+def _shaken(item: Prepared, cutoff: float, pushed: Callable[[Array], Array]) -> Array:
+    """Variance (n,) of the acceleration that the driving torque's noise gives."""
+    s, effort = item.signals, item.log.effort
+    if effort is None or s.effort is None:
+        return np.zeros(s.n)
+    lightness = np.mean([pushed(q) for q in s.position[::SPARSELY]], axis=0)
+    return np.asarray(lightness @ _white(item, effort, s.effort, cutoff))
 
 
 def yardsticks(after: Lived, floors: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -72,7 +72,10 @@ class _Stage:
             apart = self.live(effects, self.fitted, windows)
             return "repeats", self._repeated(apart, common_windows(windows, self.pairs))
         held = [self.evidence.prepared[index] for index in self.evidence.heldout]
-        return "weak", floor_of_seeds(held, after.time)
+        dressed = dress(self.robot, (), self.fitted, held[0].tree)
+        return "weak", floor_of_seeds(
+            held, after.time, None if self.drive == "command" else dressed.lightness
+        )
 
     @staticmethod
     def _repeated(lived: Lived, common: Sequence[tuple[int, int]]) -> tuple[Array, Array]:

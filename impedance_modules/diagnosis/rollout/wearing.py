@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.result import Cause
 from impedance_modules.diagnosis.rollout.nuisance import Nuisance, body_changes
@@ -26,6 +27,8 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
 from impedance_modules.spec.robot import RobotSpec
 from impedance_modules.spec.source import parse_document
+
+Array = NDArray[np.float64]
 
 DOWNSTREAM: dict[str, tuple[Residual, ...]] = {
     "command": ("actuator", "link", "motor", "whole", "drive"),
@@ -56,6 +59,12 @@ class Dressed:
     worn: WornPlant
     order: tuple[int, ...]
     nuisance: Nuisance
+
+    def lightness(self, position: Array) -> Array:
+        """Squared entries (n, n) of the inverse mass matrix at a position, both in the diagnosis's joint order."""
+        ours, theirs = np.array(self.order), np.argsort(self.order)
+        inverse = np.linalg.inv(self.plant.model.mass_matrix(position[theirs]))
+        return np.asarray(inverse[np.ix_(ours, ours)] ** 2)
 
 
 def spec_of_cause(cause: Cause) -> EffectSpec:
