@@ -106,6 +106,8 @@ def merge_parts(directory: Path, metadata: Mapping[str, Any] | None) -> Path:
         if metadata is not None:
             schema = schema.with_metadata(encode_metadata(metadata, str(directory)))
         write_merged(target, map(_read, paths), schema)
+        # A long run's picture comes next: what the merge needed must not count beside what the picture needs.
+        pa.default_memory_pool().release_unused()
     for path in paths:
         path.unlink()
     return target

@@ -60,7 +60,8 @@ def _open_file(path: Path) -> tuple[pa.Schema, int, ReadColumn]:
     try:
         if path.stat().st_size == 0:
             raise BadInput(f"{path}: the file is empty (valid: an episode as Parquet)")
-        file = pq.ParquetFile(path)
+        # Columns are read one by one from a disk nearby: reading ahead would only hold memory.
+        file = pq.ParquetFile(path, pre_buffer=False)
     except (pa.ArrowException, OSError) as error:
         raise BadInput(f"{path}: not a whole Parquet file: {error} (valid: an episode as Parquet)") from error
 
