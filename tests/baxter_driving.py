@@ -14,7 +14,8 @@ from baxter_stand_in import StandIn, open_session
 
 from impedance_modules.backends.baxter.backend import BaxterBackend, DriveOptions
 from impedance_modules.backends.baxter.messages import JointCommand
-from impedance_modules.backends.baxter.stops import StopRules, Stops
+from impedance_modules.backends.baxter.stop_rules import StopRules
+from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.errors import RobotStopped
 from impedance_modules.spec.task_reader import read_task
 

@@ -137,7 +137,8 @@ class StandIn:
             names = [n for n in (*sorted(self.model.joint_names), "head_pan") if n not in self._left_out]
             at = {name: k for k, name in enumerate(self.model.joint_names)}
             angles = tuple(float(self._q[at[n]]) if n in at else 0.0 for n in names)
-            efforts = tuple(float(self._effort[at[n]]) if n in at else 0.0 for n in names)
+            carried = self.model.gravity(self._q) + self._effort
+            efforts = tuple(float(carried[at[n]]) if n in at else 0.0 for n in names)
         zeros = (0.0,) * len(names)
         header = self._header()
         self._say(topics.JOINT_STATES, messages.JointState(header, tuple(names), angles, zeros, efforts))

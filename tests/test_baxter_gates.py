@@ -113,7 +113,7 @@ def test_a_robot_that_is_what_it_should_be_passes_every_gate() -> None:
     with open_session(StandIn(SPEC)) as session:
         gates = session.gates(("left", "right"))
         assert [gate.name for gate in gates if gate.passed is not True] == []
-        assert len(gates) == 15
+        assert len(gates) == 17
         refuse_closed(gates, commanding=True)
 
 
@@ -161,6 +161,17 @@ def test_listening_alone_asks_for_less() -> None:
         robot.another_robot()
         with pytest.raises(RobotRefused, match="which robot is meant"):
             refuse_closed(session.gates(("left",)), commanding=False)
+
+
+def test_a_spring_beside_a_joint_is_noticed_and_no_obstacle() -> None:
+    robot = StandIn(SPEC)
+    robot.set_effort("left_s1", 20.0)
+    with open_session(robot) as session:
+        gates = {gate.name: gate for gate in session.gates(("left", "right"))}
+        assert gates["effort right"].passed
+        assert gates["effort left"].passed is None
+        assert "20.0 N.m (left_s1): a spring beside the joint" in gates["effort left"].found
+        refuse_closed(gates.values(), commanding=True)
 
 
 def test_a_dead_second_robot_is_named_and_no_obstacle() -> None:

@@ -61,6 +61,22 @@ def test_a_publisher_that_comes_back_is_heard_again(master: str) -> None:
 
 
 @pytest.mark.ros
+def test_asking_what_somebody_sends_disturbs_nobody(master: str, rospy_node) -> None:
+    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
+    own = SocketTransport("/asks_often", master)
+    publisher = rospy_node.advertise(topic, UInt16)
+    own.subscribe(topic, UInt16, heard)
+    for number in range(5):
+        assert until(lambda: publisher.connections() == 1)
+        assert own.offers_of(topic)[0].problem is None
+        assert until(lambda: publisher.connections() == 1)
+        publisher.send(UInt16(number))
+        assert until(lambda number=number: heard.messages[-1:] == [UInt16(number)])
+    assert len(heard.messages) == 5
+    own.close()
+
+
+@pytest.mark.ros
 def test_nothing_of_a_closed_node_is_left_with_the_master(master: str) -> None:
     own = SocketTransport("/leaves_nothing", master)
     own.advertise("/a", Bool, latch=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.messages import Float64, JointCommand, UInt16
-from impedance_modules.backends.baxter.stops import Order
+from impedance_modules.backends.baxter.stop_rules import Order
 from impedance_modules.backends.baxter.transport.protocol import Publisher, Transport
 from impedance_modules.robot.model import Limb
 

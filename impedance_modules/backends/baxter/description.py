@@ -9,7 +9,6 @@ another robot and refused.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,6 +17,14 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.backends.baxter.joint_tree import (
+    JointTree,
+    axis_of,
+    link_of,
+    number_of,
+    origin_of,
+    roll_pitch_yaw,
+)
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
@@ -62,31 +69,6 @@ class _Found:
     notes: list[str]
 
 
-class _Tree:
-    """Joints of a URDF by the link they carry."""
-
-    def __init__(self, text: str) -> None:
-        root = ElementTree.fromstring(text)
-        self.joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
-        self._above = {_link(joint, "child"): joint for joint in self.joints.values()}
-
-    def between(self, link: str, ancestor: str) -> Pose | None:
-        """Pose of a link in an ancestor at zero angles; None when it does not hang on it."""
-        pose = Pose.identity()
-        for _ in range(len(self.joints) + 1):
-            if link == ancestor:
-                return pose
-            if link not in self._above:
-                return None
-            joint = self._above[link]
-            pose, link = _origin(joint) @ pose, _link(joint, "parent")
-        return None
-
-    def carrier(self, link: str) -> ElementTree.Element | None:
-        """The joint that carries a link."""
-        return self._above.get(link)
-
-
 def compare_description(text: str, spec: RobotSpec) -> Comparison:
     """Compares a served description with a robot folder.
 
@@ -95,10 +77,10 @@ def compare_description(text: str, spec: RobotSpec) -> Comparison:
         spec: Of the robot folder; its own ``joint_origins`` are not looked at.
     """
     try:
-        served = _Tree(text)
+        served = JointTree(text)
     except (ElementTree.ParseError, ValueError) as error:
         return Comparison({}, (f"the served description cannot be read: {error}",), ())
-    ours = _Tree(spec.urdf.read_text())
+    ours = JointTree(spec.urdf.read_text())
     found = _Found({}, [], [])
     for limb in spec.limbs.values():
         missing = [name for name in limb.joints.values() if name not in served.joints]
@@ -114,16 +96,16 @@ def compare_description(text: str, spec: RobotSpec) -> Comparison:
     return Comparison(found.origins, tuple(found.problems), tuple(found.notes))
 
 
-def _compare_mount(ours: _Tree, served: _Tree, limb: LimbSpec, found: _Found) -> None:
+def _compare_mount(ours: JointTree, served: JointTree, limb: LimbSpec, found: _Found) -> None:
     """Finds the mount that puts our first joint where the served description has it."""
     first = next(iter(limb.joints.values()))
-    mount = ours.carrier(_link(ours.joints[first], "parent"))
+    mount = ours.carrier(link_of(ours.joints[first], "parent"))
     if mount is None or mount.get("type") != "fixed":
         raise BadInput(f"joint '{first}' has no fixed mount in our URDF")
     root = _root_of(ours, first)
-    here = ours.between(_link(ours.joints[first], "child"), root)
-    there = served.between(_link(served.joints[first], "child"), root)
-    parent = ours.between(_link(mount, "parent"), root)
+    here = ours.between(link_of(ours.joints[first], "child"), root)
+    there = served.between(link_of(served.joints[first], "child"), root)
+    parent = ours.between(link_of(mount, "parent"), root)
     if here is None or there is None or parent is None:
         found.problems.append(f"the served description does not carry '{first}' on the link '{root}'")
         return
@@ -136,24 +118,24 @@ def _compare_mount(ours: _Tree, served: _Tree, limb: LimbSpec, found: _Found) ->
             f"{what} (believed up to {1e3 * MOUNT_SHIFT:.0f} mm and {1e3 * MOUNT_TURN:.0f} mrad)"
         )
         return
-    calibrated = parent.inverse() @ there @ _origin(ours.joints[first]).inverse()
+    calibrated = parent.inverse() @ there @ origin_of(ours.joints[first]).inverse()
     found.origins[str(mount.get("name"))] = JointOrigin(
         (
             float(calibrated.translation[0]),
             float(calibrated.translation[1]),
             float(calibrated.translation[2]),
         ),
-        _roll_pitch_yaw(calibrated.rotation),
+        roll_pitch_yaw(calibrated.rotation),
     )
     found.notes.append(what)
 
 
-def _compare_chain(ours: _Tree, served: _Tree, limb: LimbSpec, problems: list[str]) -> None:
+def _compare_chain(ours: JointTree, served: JointTree, limb: LimbSpec, problems: list[str]) -> None:
     """Compares each joint with the one before it, and the directions of their axes."""
     names = list(limb.joints.values())
     for before, name in pairwise(names):
-        here = ours.between(_link(ours.joints[name], "child"), _link(ours.joints[before], "child"))
-        there = served.between(_link(served.joints[name], "child"), _link(served.joints[before], "child"))
+        here = ours.between(link_of(ours.joints[name], "child"), link_of(ours.joints[before], "child"))
+        there = served.between(link_of(served.joints[name], "child"), link_of(served.joints[before], "child"))
         if here is None or there is None:
             problems.append(f"the served description does not carry '{name}' on '{before}'")
             continue
@@ -163,11 +145,11 @@ def _compare_chain(ours: _Tree, served: _Tree, limb: LimbSpec, problems: list[st
                 f"'{name}' is served {1e3 * shift:.1f} mm and {1e3 * turn:.1f} mrad from where our model has it"
             )
     for name in names:
-        if float(np.linalg.norm(_axis(ours.joints[name]) - _axis(served.joints[name]))) > SAME_TURN:
+        if float(np.linalg.norm(axis_of(ours.joints[name]) - axis_of(served.joints[name]))) > SAME_TURN:
             problems.append(f"'{name}' is served with another axis than our model has")
 
 
-def _limit_problems(served: _Tree, limb: LimbSpec, spec: RobotSpec) -> list[str]:
+def _limit_problems(served: JointTree, limb: LimbSpec, spec: RobotSpec) -> list[str]:
     """Finds ranges that differ, and speeds or torques that our file allows and the robot does not."""
     found = []
     for name in limb.joints.values():
@@ -176,11 +158,11 @@ def _limit_problems(served: _Tree, limb: LimbSpec, spec: RobotSpec) -> list[str]
             found.append(f"'{name}' is served without limits")
             continue
         for key, value in (("lower", own.position_min), ("upper", own.position_max)):
-            said = _number(element, key)
+            said = number_of(element, key)
             if not abs(said - value) <= SAME_ANGLE:
                 found.append(f"'{name}' is served with {key} limit {said:g} rad, robot.yaml says {value:g}")
         for key, value, unit in (("velocity", own.velocity_max, "rad/s"), ("effort", own.effort_max, "N.m")):
-            said = _number(element, key)
+            said = number_of(element, key)
             if not said >= value * (1.0 - 1e-6):
                 found.append(
                     f"'{name}' is served with {key} limit {said:g} {unit}, robot.yaml allows {value:g}"
@@ -188,67 +170,13 @@ def _limit_problems(served: _Tree, limb: LimbSpec, spec: RobotSpec) -> list[str]
     return found
 
 
-def _root_of(tree: _Tree, joint: str) -> str:
-    link = _link(tree.joints[joint], "parent")
+def _root_of(tree: JointTree, joint: str) -> str:
+    link = link_of(tree.joints[joint], "parent")
     while (carrier := tree.carrier(link)) is not None:
-        link = _link(carrier, "parent")
+        link = link_of(carrier, "parent")
     return link
 
 
 def _difference(one: Pose, other: Pose) -> tuple[float, float]:
     turn = log3(one.rotation.T @ other.rotation)
     return float(np.linalg.norm(one.translation - other.translation)), float(np.linalg.norm(turn))
-
-
-def _link(joint: ElementTree.Element, role: str) -> str:
-    element = joint.find(role)
-    return "" if element is None else str(element.get("link"))
-
-
-def _numbers(text: str) -> Array:
-    numbers = np.array([float(word) for word in text.split()])
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise ValueError(f"'{text}' is not three numbers")
-    return numbers
-
-
-def _number(element: ElementTree.Element, key: str) -> float:
-    try:
-        return float(element.get(key, "nan"))
-    except ValueError:
-        return math.nan
-
-
-def _axis(joint: ElementTree.Element) -> Array:
-    element = joint.find("axis")
-    axis = _numbers("1 0 0" if element is None else element.get("xyz", "1 0 0"))
-    return np.asarray(axis / np.linalg.norm(axis))
-
-
-def _origin(joint: ElementTree.Element) -> Pose:
-    element = joint.find("origin")
-    if element is None:
-        return Pose.identity()
-    roll, pitch, yaw = _numbers(element.get("rpy", "0 0 0"))
-    return Pose(_rotation(roll, pitch, yaw), _numbers(element.get("xyz", "0 0 0")))
-
-
-def _rotation(roll: float, pitch: float, yaw: float) -> Array:
-    """R = Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention."""
-    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(a), math.cos(a)) for a in (roll, pitch, yaw))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-def _roll_pitch_yaw(rotation: Array) -> tuple[float, float, float]:
-    """Inverse of ``_rotation``; mounts are far from pitch = 90 degrees."""
-    return (
-        math.atan2(rotation[2, 1], rotation[2, 2]),
-        math.asin(-rotation[2, 0]),
-        math.atan2(rotation[1, 0], rotation[0, 0]),
-    )

@@ -10,7 +10,7 @@ import numpy as np
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.description import Comparison
-from impedance_modules.backends.baxter.gates_model import gravity_gate, hand_gate, range_gate
+from impedance_modules.backends.baxter.gates_model import effort_gate, gravity_gate, hand_gate, range_gate
 from impedance_modules.backends.baxter.gates_types import Gate
 from impedance_modules.backends.baxter.link import RobotLink
 from impedance_modules.backends.baxter.messages import (
@@ -22,7 +22,7 @@ from impedance_modules.backends.baxter.messages import (
     Message,
     SEAJointState,
 )
-from impedance_modules.backends.baxter.stops import why_off
+from impedance_modules.backends.baxter.stop_rules import why_off
 from impedance_modules.backends.baxter.transport.protocol import Offer, Transport
 from impedance_modules.backends.baxter.wire import checksum_of
 from impedance_modules.errors import RobotRefused
@@ -71,6 +71,7 @@ def judge(subject: Subject, now: float) -> tuple[Gate, ...]:
         range_gate(subject.link, subject.model, subject.limbs),
         *(hand_gate(subject.link, subject.model, limb) for limb in subject.limbs),
         *(gravity_gate(subject.link, subject.model, limb) for limb in subject.limbs),
+        *(effort_gate(subject.link, subject.model, limb) for limb in subject.limbs),
     )
 
 

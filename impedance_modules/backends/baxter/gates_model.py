@@ -23,6 +23,9 @@ SAME_HAND = 0.005
 SAME_WEIGHT = 3.0
 """The robot's gravity torque may differ from ours by this much on any joint [N.m]: a gripper that we do not model."""
 
+SAME_EFFORT = 6.0
+"""At rest a joint's measured torque may differ from our model's by this much [N.m]."""
+
 
 def range_gate(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> Gate:
     """Asks whether the arms are within their ranges."""
@@ -71,3 +74,26 @@ def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
     found = f"gravity torques differ by at most {off[worst]:.2f} N.m ({names[worst]})"
     remedy = f"below {SAME_WEIGHT:g} N.m: a tool in the model (a patch), or none on the arm"
     return Gate(name, bool(off[worst] < SAME_WEIGHT), found, remedy)
+
+
+def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
+    """Asks whether the measured torques at rest are what our model expects; never closed, contact depends on it.
+
+    A Baxter's shoulders have springs beside the drive, which carry part of the arm's weight; our model has
+    them only if a patch says so. Without it, a force at the hand is felt where there is none.
+    """
+    name = f"effort {limb}"
+    if link.sample is None:
+        return Gate(name, None, "no state of the arms", "")
+    joints = model.limbs[limb].joints
+    state = link.sample.state
+    off = np.abs(state.effort - model.gravity(state.position))[joints]
+    worst = int(np.argmax(off))
+    found = f"at rest, torques differ from our model's by at most {off[worst]:.1f} N.m"
+    if off[worst] <= SAME_EFFORT:
+        return Gate(name, True, found, "")
+    found += (
+        f" ({model.limbs[limb].joint_names[worst]}): a spring beside the joint, a tool, a touch? A task that waits for"
+        " contact needs a patch that has it (record, diagnose, run --effects)"
+    )
+    return Gate(name, None, found, "")

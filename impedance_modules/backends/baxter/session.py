@@ -13,14 +13,16 @@ from impedance_modules.backends.baxter.description import Comparison, compare_de
 from impedance_modules.backends.baxter.gates import Subject, judge, refuse_closed
 from impedance_modules.backends.baxter.gates_types import Gate
 from impedance_modules.backends.baxter.link import RobotLink
-from impedance_modules.backends.baxter.stops import Stops, stop_rules
+from impedance_modules.backends.baxter.stop_rules import stop_rules
+from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.backends.baxter.transport.protocol import Transport
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.robot import RobotSpec
 
 LISTENING = 1.3
-"""For how long a robot is heard before it is judged [s]; rates are measured over one second."""
+"""For how long a robot is heard before it is judged [s]; its rate is measured over one second in which this process
+has nothing else to do."""
 
 BRAKING_SHARE = 0.5
 """The watchdog brakes with this share of a joint's torque limit at its declared top speed, as the supervisor does."""
@@ -57,11 +59,10 @@ class Session:
         self.spec = replace(spec, joint_origins=self.comparison.origins)
         self.model = RobotModel(self.spec)
         self.link = RobotLink(transport, self.model.joint_names, tuple(spec.limbs))
-        self._began = time.monotonic()
 
     def gates(self, limbs: Sequence[str]) -> tuple[Gate, ...]:
         """Listens long enough and asks every question about some limbs; sends nothing."""
-        time.sleep(max(0.0, self._began + LISTENING - time.monotonic()))
+        time.sleep(LISTENING)
         return judge(Subject(self.link, self.model, self.comparison, limbs), time.monotonic())
 
     def backend(self, limbs: Mapping[str, Limb], options: DriveOptions) -> BaxterBackend:

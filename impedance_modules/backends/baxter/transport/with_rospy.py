@@ -118,7 +118,8 @@ class RospyTransport:
         if self._closed:
             return
         self._closed = True
-        for part in self._parts:
+        # Ears first: what is heard may make somebody send.
+        for part in sorted(self._parts, key=lambda part: isinstance(part, _Publisher)):
             part.close()
         self._rospy.signal_shutdown("the transport is closed")
 

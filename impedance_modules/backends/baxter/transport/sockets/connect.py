@@ -83,7 +83,8 @@ def offers_of(master: MasterClient, caller: str, topic: str) -> tuple[Offer, ...
 def _offer(master: MasterClient, caller: str, topic: str, node: str) -> Offer:
     try:
         uri = master.address_of(node)
-        connection, greeting = connect(uri, caller, topic, {"type": ANYTHING, "md5sum": ANYTHING})
+        # Under another name: rospy hangs up on a listener when a second one of its name comes.
+        connection, greeting = connect(uri, f"{caller}_asks", topic, {"type": ANYTHING, "md5sum": ANYTHING})
     except OSError as error:
         gone = isinstance(error, ConnectionRefusedError)
         return Offer(node, None, None, f"cannot be reached: {error.strerror or error}", gone)
