@@ -114,6 +114,7 @@ class BaxterBackend:
         with ExitStack() as undo:
             undo.callback(self._leave)
             self._check()
+            self._link.forget_hands()
             sys.setswitchinterval(SWITCH_INTERVAL)
             self.driver.listen()
             if not self._options.read_only:

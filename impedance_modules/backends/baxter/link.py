@@ -71,6 +71,7 @@ class RobotLink:
         self._listener: Listener | None = None
         self._news = threading.Condition()
         self._arrivals: deque[float] = deque(maxlen=4096)
+        self._hands: list[Subscription] = []
         self._subscriptions: list[Subscription] = [
             transport.subscribe(topics.JOINT_STATES, JointState, self._joint_states),
             transport.subscribe(topics.ROBOT_STATE, AssemblyState, self._robot_state),
@@ -90,6 +91,11 @@ class RobotLink:
             sample = self.sample
             return sample if sample is not None and sample.number > after else None
 
+    def forget_hands(self) -> None:
+        """Stops listening to where the robot has its hands; the control loop needs the time."""
+        for subscription in self._hands:
+            subscription.close()
+
     def wake(self) -> None:
         """Ends a ``wait`` in another thread."""
         with self._news:
@@ -102,14 +108,16 @@ class RobotLink:
 
     def close(self) -> None:
         """Stops listening."""
-        for subscription in self._subscriptions:
+        for subscription in (*self._subscriptions, *self._hands):
             subscription.close()
 
     def _listen_to_limb(self, limb: str) -> None:
         subscribe = self.transport.subscribe
+        self._hands.append(
+            subscribe(topics.endpoint_state(limb), EndpointState, partial(_keep, self.endpoint, limb))
+        )
         self._subscriptions += [
             subscribe(topics.sea_state(limb), SEAJointState, partial(_keep, self.sea, limb)),
-            subscribe(topics.endpoint_state(limb), EndpointState, partial(_keep, self.endpoint, limb)),
             subscribe(
                 topics.collision_state(limb), CollisionDetectionState, partial(self._collision_state, limb)
             ),

@@ -6,7 +6,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import fields
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, TypeVar, cast
 
 from impedance_modules.backends.baxter.message_definition import Field, checksum, definition
@@ -104,6 +104,9 @@ def _field_encoder(field: Field) -> Encoder:
     if field.kind in LAYOUT:
         letter = LAYOUT[field.kind]
         return lambda values, out: out.append(struct.pack(f"<I{len(values)}{letter}", len(values), *values))
+    if field.kind == "string":
+        # Lists of names are the same in every message.
+        return lambda values, out: out.append(_names_bytes(tuple(values)))
     one = _encoder(field.kind)
 
     def write(values: Any, out: list[bytes]) -> None:
@@ -112,6 +115,14 @@ def _field_encoder(field: Field) -> Encoder:
             one(value, out)
 
     return write
+
+
+@lru_cache(maxsize=256)
+def _names_bytes(names: tuple[str, ...]) -> bytes:
+    parts = [COUNT.pack(len(names))]
+    for name in names:
+        _write_string(name, parts)
+    return b"".join(parts)
 
 
 def _write_string(value: str, out: list[bytes]) -> None:
@@ -154,6 +165,8 @@ def _field_decoder(field: Field) -> Decoder:
             return struct.unpack_from(f"<{count}{letter}", data, at + 4), at + 4 + count * size
 
         return read_numbers
+    if field.kind == "string":
+        return _NamesReader().read
     one = _decoder(field.kind)
 
     def read_values(data: bytes, at: int) -> tuple[Any, int]:
@@ -166,6 +179,28 @@ def _field_decoder(field: Field) -> Decoder:
         return tuple(values), at
 
     return read_values
+
+
+class _NamesReader:
+    """Reads lists of names, which seldom differ from one of the last: compares bytes instead of decoding them."""
+
+    def __init__(self) -> None:
+        self._known: tuple[tuple[bytes, tuple[str, ...]], ...] = ()
+
+    def read(self, data: bytes, at: int) -> tuple[tuple[str, ...], int]:
+        """Returns the names and the offset behind them."""
+        for raw, names in self._known:
+            if data.startswith(raw, at):
+                return names, at + len(raw)
+        (count,) = COUNT.unpack_from(data, at)
+        _check_room(data, at + 4, count)
+        found, end = [], at + 4
+        for _ in range(count):
+            name, end = _read_string(data, end)
+            found.append(name)
+        if count:
+            self._known = ((data[at:end], tuple(found)), *self._known[:3])
+        return tuple(found), end
 
 
 def _read_string(data: bytes, at: int) -> tuple[str, int]:
