@@ -19,7 +19,8 @@ from impedance_modules.backends.baxter.joint_states import Sample
 from impedance_modules.backends.baxter.link import Listener
 from impedance_modules.backends.baxter.messages import AssemblyState, Empty
 from impedance_modules.backends.baxter.session import BRAKING_SHARE, Session
-from impedance_modules.backends.baxter.stops import Stops, stop_rules
+from impedance_modules.backends.baxter.stop_rules import stop_rules
+from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_events import Event
 

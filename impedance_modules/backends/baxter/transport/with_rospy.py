@@ -138,8 +138,6 @@ class _Publisher(Generic[M]):
         if self._closed:
             raise TransportClosedError(f"{self._topic}: the publisher is closed")
         self._handle.publish(self._wrap(message))
-        # rospy sends in a thread of its own, which must get the interpreter now, not when this thread next waits.
-        time.sleep(0.0)
 
     def connections(self) -> int:
         """Counts the listeners."""
