@@ -139,6 +139,10 @@ class Supervisor:
             (n,) torque to send [N.m], or None when nothing may leave in this cycle. After ``ending`` is set, None.
         """
         running = self._hardest < Rung.DAMP
+        if state is None:
+            self._without_state += 1
+        else:
+            self.missed, self._without_state = self._without_state, 0
         events = self._clock_events(state, late)
         if stop_request is not None and not self._interrupted:
             self._interrupted = True
@@ -197,10 +201,11 @@ class Supervisor:
         sound = state is not None and _is_finite(state)
         if state is not None and sound:
             self._velocity, self._time = state.velocity, state.time
-            self._speeds = self._arm_speeds(state.velocity)
         elif state is not None:
             # Nothing was booked for a state that cannot be read; for one that did not come, ``step`` has done so.
             self.controller.miss()
+        # Without a sound state, of the last velocity seen: an arm that was moving is not at rest.
+        self._speeds = self._arm_speeds(self._velocity)
         before = self.ladder
         self.ladder = descend(before, events, self._speeds, self.assembly.period, self.stop_limits)
         hardest = max(self.ladder.values(), key=lambda decision: decision.rung)
