@@ -19,6 +19,7 @@ from impedance_modules.diagnosis.dynamics import gravity_regressor
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.rollout.wearing import Dressed
 from impedance_modules.effects.motion import JointMotion
+from impedance_modules.errors import BadInput
 from impedance_modules.plant.seeded import Seed
 
 Array = NDArray[np.float64]
@@ -78,28 +79,32 @@ def driver_of(prepared: Prepared, drive: str, dressed: Dressed) -> Driver:
     order = np.argsort(dressed.order)
     position = s.position[:, order] - sensors.offset
     effort = None if s.effort is None else _true_effort(s.effort[:, order], dressed)
-    rate = s.motor_acceleration * s.reflected_inertia + s.motor_damping * s.motor_velocity
-    inverse = s.model.torque(s.position, s.velocity, s.acceleration)
-    sprung = effort if effort is not None and log.effort_source == "joint_sensor" else inverse[:, order]
-    if drive == "command" and log.command is not None:
-        command = log.command[:, order]
-    elif effort is not None:
-        command = effort
+    if effort is not None and log.effort_source == "joint_sensor":
+        sprung = effort
     else:
-        command = (inverse + rate)[:, order]
-    weights = gravity_regressor(prepared.tree, s.position) @ dressed.nuisance.weights
-    compensated = drive == "command" and log.gravity_compensation == "robot"
+        sprung = s.model.torque(s.position, s.velocity, s.acceleration)[:, order]
+    torque = effort if drive != "command" else None if log.command is None else log.command[:, order]
+    if torque is None:
+        raise BadInput(f"{log.name}: does not hold the torque that is to drive the plant (valid: {drive})")
     return Driver(
         time=s.time,
         position=position,
         velocity=s.velocity[:, order],
         load=sprung,
         load_rate=np.gradient(sprung, 1.0 / log.rate, axis=0),
-        command=command,
-        extra=-weights[:, order] if compensated else np.zeros_like(position),
+        command=torque,
+        extra=_unknown_weight(prepared, drive, dressed)[:, order],
         aims=_aims(log.position_command, log.rate, order),
         delay=dressed.worn.command_delay + dressed.nuisance.delay if drive == "command" else 0.0,
     )
+
+
+def _unknown_weight(prepared: Prepared, drive: str, dressed: Dressed) -> Array:
+    """What the robot's own compensation carries beyond the model's weight (N, n)."""
+    s, change = prepared.signals, dressed.nuisance.weights
+    if drive != "command" or prepared.log.gravity_compensation != "robot" or not change.any():
+        return np.zeros_like(s.position)
+    return -np.asarray(gravity_regressor(prepared.tree, s.position) @ change)
 
 
 def _true_effort(reported: Array, dressed: Dressed) -> Array:

@@ -117,10 +117,12 @@ def roll_out(
     drive = choose_drive(held[0])
     if not drive:
         return nothing_rolled_out(LeftOut("all recordings", "they hold no torque that could drive a plant"))
-    windows = held_out_windows(evidence.prepared, evidence.heldout)
+    # Recordings that lack this torque cannot stand beside the others.
+    alike = [index for index, item in enumerate(evidence.prepared) if choose_drive(item) == drive]
+    windows = held_out_windows(evidence.prepared, [index for index in evidence.heldout if index in alike])
     if not windows:
         return nothing_rolled_out(LeftOut("all recordings", "the held-out ones are too short for a window"))
-    pairs = tuple(_pairs(evidence))
+    pairs = tuple(pair for pair in _pairs(evidence) if set(pair) <= set(alike))
     with turning_freely(urdf) as links:
         robot = robot_of_model(model, links, drive, held[0].log.gravity_compensation)
         return _compared(_Stage(evidence, robot, drive, windows, pairs), found.causes, worn)
