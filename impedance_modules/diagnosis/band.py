@@ -2,8 +2,8 @@
 r"""The frequency band in which recordings are compared, and the zero-phase filter for everything.
 
 Differentiating a noisy position twice multiplies its noise by (2 \pi f)^2. The band ends where that noise
-would reach a twentieth of the acceleration itself; one filter, forwards and backwards, then treats measured
-torque, predicted torque and every candidate's column alike, so that it can favour none of them.
+would reach a twentieth of the acceleration itself; one symmetric filter then treats measured torque,
+predicted torque and every candidate's column alike, so that it can favour none of them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, firwin, sosfiltfilt, upfirdn
 
 from impedance_modules.diagnosis.log import Log
 
@@ -29,8 +29,11 @@ BAND_MIN, BAND_MAX = 3.0, 20.0
 WORK_RATE = 200.0
 """Recordings above it are thinned to it, behind a zero-phase filter [Hz]."""
 
-MARGIN = 0.4
-"""Cut off at both ends, where a filter has seen only one side [s]."""
+REACH = 2.6
+"""Half the filter's length, in periods of the end of the band; so much is cut off at both ends."""
+
+CHUNK = 4_000_000
+"""Values that are filtered in one go: enough to be quick, too few to need memory."""
 
 
 @dataclass(frozen=True)
@@ -58,25 +61,36 @@ class Band:
 
     @property
     def margin(self) -> int:
-        """Samples cut off at each end."""
-        return int(MARGIN * self.rate)
+        """Samples cut off at each end: whole steps, so that the kept samples fall into place."""
+        return self.step * max(1, round(REACH / self.cutoff * self.rate / self.step))
 
     @cached_property
-    def _sections(self) -> Array:
-        return np.asarray(butter(4, self.cutoff / (0.5 * self.rate), output="sos"))
+    def _taps(self) -> Array:
+        return np.asarray(firwin(2 * self.margin + 1, self.cutoff, fs=self.rate, window=("kaiser", 4.0)))
 
     def smooth(self, values: Array) -> Array:
         """Filters motion without a phase, along the first axis."""
         return _zero_phase(values, self.rate, self.motion_cutoff)
 
+    def kept(self, samples: int) -> int:
+        """Counts how many of so many samples `condense` keeps."""
+        return max(0, (samples - 2 * self.margin - 1) // self.step + 1)
+
     def condense(self, values: Array) -> Array:
         """Filters samples along the first axis, cuts the margins off and keeps every `step`-th."""
-        filtered = sosfiltfilt(self._sections, values, axis=0)
-        return np.ascontiguousarray(filtered[self.margin : len(values) - self.margin : self.step])
+        flat = values.reshape(len(values), -1)
+        out = np.empty((self.kept(len(values)), flat.shape[1]), dtype=values.dtype)
+        taps, first = self._taps.astype(values.dtype), 2 * self.margin // self.step
+        width = max(1, CHUNK // len(values))
+        for start in range(0, flat.shape[1], width):
+            part = np.ascontiguousarray(flat[:, start : start + width].T)
+            slow = upfirdn(taps, part, 1, self.step, axis=1)
+            out[:, start : start + width] = slow[:, first : first + len(out)].T
+        return out.reshape(len(out), *values.shape[1:])
 
     def pick(self, values: Array) -> Array:
         """Keeps the samples that `condense` keeps, unfiltered."""
-        return values[self.margin : len(values) - self.margin : self.step]
+        return values[self.margin : len(values) - self.margin : self.step][: self.kept(len(values))]
 
 
 def thin(values: Array, rate: float) -> tuple[Array, float]:

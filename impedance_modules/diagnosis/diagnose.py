@@ -7,32 +7,39 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.admit import admit
 from impedance_modules.diagnosis.arrange import Arrangement, arrange
 from impedance_modules.diagnosis.band import choose_cutoff
-from impedance_modules.diagnosis.candidates import list_candidates, shape_candidates
-from impedance_modules.diagnosis.causes import Evidence, name_causes
+from impedance_modules.diagnosis.causes import name_causes
 from impedance_modules.diagnosis.conclude import conclude
-from impedance_modules.diagnosis.design import build_design
-from impedance_modules.diagnosis.generic import generic_stand_ins
+from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.log import DataReport
 from impedance_modules.diagnosis.model import NominalModel
-from impedance_modules.diagnosis.noise import noise_floor
-from impedance_modules.diagnosis.noise_motion import floor_at
 from impedance_modules.diagnosis.prepare import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, Remainder
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
 from impedance_modules.diagnosis.rollout.stage import with_rollouts
-from impedance_modules.diagnosis.select import select
-from impedance_modules.diagnosis.trial import Bench
+from impedance_modules.diagnosis.selection.candidates import instrument, list_candidates, shapes_of
+from impedance_modules.diagnosis.selection.design import build_design
+from impedance_modules.diagnosis.selection.drafts import Draft, draft_candidates
+from impedance_modules.diagnosis.selection.floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
+from impedance_modules.diagnosis.selection.generic import draft_stand_ins
+from impedance_modules.diagnosis.selection.nuisance import Nuisance, build_nuisance
+from impedance_modules.diagnosis.selection.plain import PlainRows
+from impedance_modules.diagnosis.selection.refine import Refiner
+from impedance_modules.diagnosis.selection.select import Selector
+from impedance_modules.diagnosis.selection.whiten import Whitening
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch import EffectSpec
 
 UNSEARCHED = ("external_contact",)
 """Bound to one recording's time: no other recording can confirm it, so the common procedure does not look for it."""
+
+Array = NDArray[np.float64]
 
 Progress = Callable[[str], None]
 
@@ -70,7 +77,7 @@ def diagnose(
     cutoff = choose_cutoff(arrangement.logs)
     prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)
     progress("evaluating candidates")
-    evidence = _explain(prepared, arrangement, model, cutoff, without, progress)
+    evidence = _explain(prepared, arrangement, model, without, progress)
     progress("judging rivals")
     causes = name_causes(evidence)
     progress("concluding")
@@ -79,39 +86,64 @@ def diagnose(
     return with_rollouts(found, evidence, model, urdf, worn)
 
 
-def _explain(  # noqa: PLR0917 - all of them belong together
+def _explain(
     prepared: tuple[Prepared, ...],
     arrangement: Arrangement,
     model: NominalModel,
-    cutoff: float,
     without: Collection[str],
     progress: Progress,
 ) -> Evidence:
     residuals = list(prepared[0].residuals)
-    candidates = list_candidates(CATALOGUE, prepared, {*without, *UNSEARCHED})
-    shaped = shape_candidates(candidates, prepared, residuals)
-    for residual in residuals:
-        shaped += generic_stand_ins(prepared, residual)
-    design = build_design(prepared, shaped, model.tree.inertia)
+    signals = [instrument(item.signals) for item in prepared]
+    shaped = [
+        (candidate, shape)
+        for candidate in list_candidates(CATALOGUE, prepared, {*without, *UNSEARCHED})
+        for shape in shapes_of(candidate, signals[0])
+    ]
+    stand_ins = draft_stand_ins(prepared, residuals)
+    drafts = draft_candidates(shaped, prepared, signals, residuals)
+    nuisance = build_nuisance(prepared, model.tree.inertia)
+    raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
+    floor = _floor(raw, prepared, nuisance, [*stand_ins, *_simple(drafts)], arrangement.fitted)
     rate = prepared[0].band.rate / prepared[0].band.step
-    pairs, share = repeat_pairs(prepared, arrangement.fitted), min(1.0, 2.0 * cutoff / rate)
-    floor = noise_floor(design, pairs, np.zeros(design.total), share, arrangement.fitted)
-    found = select(design, arrangement.folds, floor, rate, progress)
-    bench = Bench(design, arrangement.folds, found.causes, floor, rate)
-    # With the causes known, repeats that did not quite repeat no longer leak into the floor.
-    floor = noise_floor(design, pairs, bench.whole.coefficients, share, arrangement.fitted)
-    bench = Bench(design, arrangement.folds, found.causes, floor, rate)
-    noise = floor_at(floor, design.groups, prepared, pairs, arrangement.heldout)
-    return Evidence(design, arrangement.folds, arrangement.heldout, prepared, floor, noise, bench, rate)
+    names = [item.log.name for item in prepared]
+    design = build_design([*drafts, *stand_ins], nuisance, raw, floor, names, rate)
+    del drafts
+    selector = Selector(design, arrangement.folds, Refiner(design, prepared, signals), model.position_resolution)
+    return _search(selector, prepared, arrangement, progress)
 
 
-def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of recordings of one motion."""
+def _search(
+    selector: Selector, prepared: tuple[Prepared, ...], arrangement: Arrangement, progress: Progress
+) -> Evidence:
+    """Finds the causes, and judges the noise once more with them."""
+    found = selector.run(progress)
+    bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
+    floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
+    if pairs:
+        # With the causes known, repeats that did not quite repeat no longer leak into the floor.
+        left = [plain.left(bench, r) for r in range(len(prepared))]
+        floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs)
+    return Evidence(selector, arrangement.heldout, prepared, bench, floor, plain, found.refusal)
+
+
+def _floor(
+    left: Sequence[Sequence[Array]],
+    prepared: Sequence[Prepared],
+    nuisance: Nuisance,
+    flexible: Sequence[Draft],
+    fitted: Sequence[int],
+) -> Whitening:
+    pairs = repeat_pairs(prepared, fitted)
+    if pairs:
+        return noise_by_repeats(left, prepared, nuisance, pairs)
+    return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
+
+
+def _simple(drafts: Sequence[Draft]) -> list[Draft]:
+    """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
     return [
-        (i, j)
-        for place, i in enumerate(recordings)
-        for j in recordings[:place]
-        if prepared[i].log.group == prepared[j].log.group
+        draft for draft in drafts if not draft.shape and draft.width <= 3 and len(draft.blocks[0]) == 1
     ]
 
 

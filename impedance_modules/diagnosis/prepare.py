@@ -15,6 +15,7 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from impedance_modules.diagnosis.band import Band, thin
 from impedance_modules.diagnosis.dynamics import gravity_regressor, inertial_regressor
@@ -24,9 +25,10 @@ from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.tree import RigidTree
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.description import Port
+from impedance_modules.effects.drive import lagged
 from impedance_modules.effects.effect import predicted
 from impedance_modules.effects.residuals import Residual
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.signals import Signals, differentiate
 from impedance_modules.spec.patch import EffectSpec
 
 Array = NDArray[np.float64]
@@ -45,6 +47,7 @@ class Prepared:
         link_nuisance: (M, n, 10 n) columns of the bodies' inertial parameters.
         weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
         timing_nuisance: (M, n) by how much the residual changes per second that the drive is later than believed.
+        reading_nuisance: (M, n) likewise per second that readings of effort are early, in the effort itself.
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
     """
 
@@ -56,6 +59,7 @@ class Prepared:
     link_nuisance: Array
     weight_nuisance: Array
     timing_nuisance: Array
+    reading_nuisance: Array
     time: Array
     position: Array
     velocity: Array
@@ -70,14 +74,13 @@ class Prepared:
     @contextmanager
     def remembered(self) -> Iterator[None]:
         """Keeps the regressor of all bodies while candidates are evaluated; it is too large to stay."""
-        rigid, s = self.signals.model, self.signals
+        rigid = self.signals.model
         if not isinstance(rigid, BatchedRigidModel):
             yield
             return
-        rigid.keep(s.position, inertial_regressor(rigid.tree, s.position, s.velocity, s.acceleration))
+        rigid.keep()
         yield
         rigid.forget()
-        s.__dict__.pop("_body_columns", None)
 
 
 def prepare(
@@ -87,19 +90,22 @@ def prepare(
     log = _thinned(log)
     band = Band(log.rate, cutoff)
     q = band.smooth(log.position)
-    v = np.gradient(q, 1.0 / log.rate, axis=0)
-    a = np.gradient(v, 1.0 / log.rate, axis=0)
+    time = log.start + np.arange(log.samples) / log.rate
+    v = differentiate(q, time)
+    a = differentiate(v, time)
     regressor = inertial_regressor(model.tree, q, v, a)
     weight = gravity_regressor(model.tree, q)
+    carried = weight @ model.tree.inertia
     effort = None if log.effort is None else band.smooth(log.effort)
     signals = Signals(
         model=rigid,
-        time=log.start + np.arange(log.samples) / log.rate,
+        time=time,
         position=q,
         velocity=v,
         acceleration=a,
         effort=effort,
-        drive=_drive(log, model, weight @ model.tree.inertia, band),
+        drive=_drive(log, model, carried, band),
+        assistance=carried if log.gravity_compensation == "robot" and log.command is not None else None,
         position_command=log.position_command,
         reflected_inertia=model.reflected_inertia,
         motor_damping=model.motor_damping,
@@ -124,6 +130,7 @@ def prepare(
         timing_nuisance=band.condense(
             signals.rate_of(signals.drive if signals.drive is not None else 0.0 * q)
         ),
+        reading_nuisance=band.condense(signals.rate_of(0.0 * q if effort is None else effort)),
         time=band.pick(signals.time),
         position=band.pick(q),
         velocity=band.pick(v),
@@ -147,7 +154,7 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
     elif s.drive is not None:
         found["whole"] = s.drive - torque - rotor
     if log.velocity is not None:
-        found["velocity"] = log.velocity - _lagged(s.velocity, model.velocity_filter, log.rate)
+        found["velocity"] = log.velocity - _lagged(s.velocity, model.velocity_filter, s.time)
     return found
 
 
@@ -169,15 +176,21 @@ def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | 
     if log.command is None:
         return None
     time = np.arange(log.samples) / log.rate
-    late = np.column_stack([np.interp(time - model.command_delay, time, column) for column in log.command.T])
+    late = shifted(log.command, time, model.command_delay)
     smooth = band.smooth(late)
     return smooth + weight if log.gravity_compensation == "robot" else smooth
 
 
-def _lagged(values: Array, time_constant: float, rate: float) -> Array:
-    """First-order lag by its time constant, as a shift: enough far below 1 / T."""
-    time = np.arange(len(values)) / rate
-    return np.column_stack([np.interp(time - time_constant, time, column) for column in values.T])
+def _lagged(values: Array, time_constant: float, time: Array) -> Array:
+    """Follows velocities (N, n) with the reported ones' first-order lag."""
+    return np.column_stack([lagged(column, time, time_constant) for column in values.T])
+
+
+def shifted(values: Array, time: Array, late: float) -> Array:
+    """Gives samples (N, n) of what is late by a time, by cubic pieces; before the start the first value stands."""
+    if late == 0.0:
+        return values
+    return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
 
 
 def _thinned(log: Log) -> Log:

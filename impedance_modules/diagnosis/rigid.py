@@ -24,6 +24,7 @@ class BatchedRigidModel(RigidModel):
 
     tree: RigidTree
     _kept: tuple[Array, Array] | None = None
+    _keeping: bool = False
 
     @classmethod
     def of_tree(cls, urdf: Path, tree: RigidTree) -> BatchedRigidModel:
@@ -50,15 +51,18 @@ class BatchedRigidModel(RigidModel):
         first = 10 * links.index(body)
         return self._whole(q, v, a)[:, :, first : first + 10]
 
-    def keep(self, q: Array, whole: Array) -> None:
-        """Remembers the regressor (N, n, 10 n) of the motion whose positions are this very array."""
-        self._kept = (q, whole)
+    def keep(self) -> None:
+        """Remembers the regressor (N, n, 10 n) of the motion that is asked for last, until told to forget."""
+        self._keeping = True
 
     def forget(self) -> None:
         """Gives the remembered regressor's memory back."""
-        self._kept = None
+        self._kept, self._keeping = None, False
 
     def _whole(self, q: Array, v: Array, a: Array) -> Array:
         if self._kept is not None and self._kept[0] is q:
             return self._kept[1]
-        return inertial_regressor(self.tree, q, v, a)
+        whole = inertial_regressor(self.tree, q, v, a)
+        if self._keeping:
+            self._kept = (q, whole)
+        return whole

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.causes import Evidence
+from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.result import Series
@@ -18,21 +18,13 @@ MOST_RECORDINGS = 4
 """Held-out recordings that are kept for report and viewer."""
 
 
-def held_out_series(
-    evidence: Evidence, nominal: Array, after: Array, model: NominalModel
-) -> tuple[Series, ...]:
-    """Collects every residual of the first held-out recordings.
-
-    Args:
-        evidence: The recordings.
-        nominal: All columns' coefficients without the causes.
-        after: With them.
-        model: For joints and units.
-    """
+def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[Series, ...]:
+    """Collects every residual of the first held-out recordings, without the causes and with them."""
     units = model.tree.units()
     out = []
     for index in evidence.heldout[:MOST_RECORDINGS]:
         item = evidence.prepared[index]
+        left = evidence.plain.left(evidence.bench, index)
         doing = [_doing(item, model, joint) for joint in range(model.n)]
         for group, (residual, joint) in enumerate(evidence.design.groups):
             out.append(
@@ -43,8 +35,8 @@ def held_out_series(
                     episode=item.log.name,
                     time=item.time,
                     measured=_measured(item, residual)[:, joint],
-                    before=evidence.design.residual(index, group, nominal),
-                    after=evidence.design.residual(index, group, after),
+                    before=evidence.design.raw[index][group],
+                    after=left[group],
                     regimes=doing[joint],
                 )
             )

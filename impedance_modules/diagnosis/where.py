@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.design import Design
+from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.model import NominalModel
-from impedance_modules.diagnosis.noise import Floor
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.result import Place
 
@@ -65,21 +64,16 @@ def regimes(item: Prepared, model: NominalModel, joint: int) -> dict[str, Mask]:
     return out
 
 
-def locate(  # noqa: PLR0917 - all of them belong together
-    design: Design,
-    prepared: Sequence[Prepared],
-    model: NominalModel,
-    coefficients: Array,
-    floor: Floor,
-    unit_power: Array,
-) -> tuple[Place, ...]:
+def locate(evidence: Evidence, model: NominalModel) -> tuple[Place, ...]:
     """Shares the excess residual power out among joints, ports and regimes, the largest first."""
     places: list[tuple[float, Place]] = []
-    for group, (residual, joint) in enumerate(design.groups):
+    prepared, floor, unit_power = evidence.prepared, evidence.floor, evidence.unit_power
+    left = [evidence.plain.left(evidence.calibrated, r) for r in range(len(prepared))]
+    for group, (residual, joint) in enumerate(evidence.design.groups):
         excess: dict[str, float] = {}
-        series = [design.residual(index, group, coefficients) for index in range(len(prepared))]
-        for item, values in zip(prepared, series, strict=True):
-            power = (values**2 - floor.rms[group] ** 2) / unit_power[group]
+        series = [found[group] for found in left]
+        for r, (item, values) in enumerate(zip(prepared, series, strict=True)):
+            power = (values**2 - floor.rms[r, group] ** 2) / unit_power[group]
             for name, mask in regimes(item, model, joint).items():
                 excess[name] = excess.get(name, 0.0) + float(power[mask].sum())
         band = _band(series, prepared[0])

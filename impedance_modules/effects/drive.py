@@ -13,13 +13,14 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
 from impedance_modules.effects.residuals import Residual, Stage
 from impedance_modules.effects.sample import Shape
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.signals import Signals, differentiate
 from impedance_modules.spec.robot import RobotSpec
 
 Array = NDArray[np.float64]
@@ -98,7 +99,7 @@ class CommandDelay(DriveLaw):
     def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
         """Shifts by interpolation; before the recording began the first value acted."""
         late = np.interp(time - value, time, asked)
-        return late, -np.gradient(late, time)
+        return late, -differentiate(late, time)
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Starts without a delay and at some that one step of Newton might miss."""
@@ -196,10 +197,13 @@ def lagged(values: Array, time: Array, constant: float) -> Array:
     keep = np.exp(-steps / constant)
     # Over a straight piece u(s) = u_0 + r s the lag's particular solution is u(s) - r T.
     behind = np.diff(values) / steps * constant
+    # state' = keep state + push, one first-order filter where the steps are even.
+    push = values[1:] - behind - keep * (values[:-1] - behind)
+    if np.ptp(steps) < 1e-6 * steps[0]:
+        start = np.array([keep[0] * values[0]])
+        return np.concatenate([values[:1], lfilter([1.0], [1.0, -keep[0]], push, zi=start)[0]])
     out = np.empty_like(values)
     out[0] = state = values[0]
     for i in range(steps.size):
-        error = state - (values[i] - behind[i])
-        state = values[i + 1] - behind[i] + error * keep[i]
-        out[i + 1] = state
+        out[i + 1] = state = keep[i] * state + push[i]
     return out

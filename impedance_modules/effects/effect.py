@@ -92,6 +92,10 @@ class Effect(ABC):
     ) -> Regressor | None:
         """Computes the columns in one residual; None where the effect cannot show or is not recorded."""
 
+    def unresolved(self, shape: Shape, resolution: float) -> str | None:
+        """Says why a shape cannot be seen through a position sensor's grid [rad]; None where it can."""
+        return None
+
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Proposes the shapes to try; one empty shape for a linear effect."""
         return ({},)

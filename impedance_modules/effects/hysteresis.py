@@ -30,6 +30,10 @@ STRETCH = "stretch"
 """Shape: displacement fc / s0 over which the bristles turn over [rad]."""
 
 
+COUNTS = 3
+"""Counts of the encoder over which bristles must bend to be told from dry friction."""
+
+
 def bent(bristle: Array, moved: Array, stretch: Array | float) -> Array:
     """Gives the bristles' bend zeta in [-1, 1] after a displacement in one direction."""
     direction = np.sign(moved)
@@ -74,6 +78,12 @@ class Hysteresis(Effect):
         position = signals.sample(joint, motor_side=port == "actuator").position
         column = _follow(position, float(shape[STRETCH]))
         return one_row(joint, column[:, None], None, np.zeros(1), np.full(1, np.inf))
+
+    def unresolved(self, shape: Shape, resolution: float) -> str | None:
+        """Bristles that slip within three counts are dry friction for all that can be seen."""
+        if float(shape[STRETCH]) >= COUNTS * resolution:
+            return None
+        return f"bristles slip within {COUNTS} counts of the encoder: dry friction as far as it can be seen"
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Tries lengths from a thousandth to a tenth of the joint's travel."""

@@ -157,6 +157,6 @@ class TorqueRipple(JointLaw):
         travel, jump = float(np.ptp(position)), float(np.abs(np.diff(position)).max())
         if travel < 1e-3 or jump == 0.0:
             return ()
-        spacing = 1.5 / travel
+        spacing = 2.5 / travel  # at most 0.6 rad out of phase at either end: a step of Newton mends that
         orders = np.arange(2.0 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
         return tuple({"N": float(order)} for order in orders)

@@ -15,8 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.causes import Evidence
-from impedance_modules.diagnosis.design import INERTIA_PRIOR, TIMING_PRIOR, WEIGHT_PRIOR, inertia_prior
+from impedance_modules.diagnosis.evidence import Evidence
+from impedance_modules.diagnosis.selection.nuisance import (
+    INERTIA_PRIOR,
+    TIMING_PRIOR,
+    WEIGHT_PRIOR,
+    inertia_prior,
+)
 from impedance_modules.diagnosis.tree import Body, RigidTree
 from impedance_modules.spec.robot import BodyChange
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.causes import Evidence
+from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.result import Cause, Diagnosis
 from impedance_modules.diagnosis.rollout.compare import (

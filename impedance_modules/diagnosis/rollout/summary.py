@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.causes import Evidence
+from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.rollout.compare import judge, power, rms, shrink, yardsticks
 from impedance_modules.diagnosis.rollout.outcome import CauseRollout, Drift, Growth, LeftOut, Rollout, Trace
 from impedance_modules.diagnosis.rollout.simulate import Lived

@@ -54,29 +54,29 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Shaped:
-    """A candidate with its nonlinear parameters fixed, evaluated on all recordings.
+    """A candidate with its nonlinear parameters fixed; its columns stand in the design.
 
     Attributes:
         candidate: Which; None for a generic stand-in.
         shape: Values of what enters nonlinearly.
-        columns: Recording -> group -> (M, p), in the band.
-        fixed: Recording -> group -> (M,) part without a coefficient; a group is missing where it is zero.
+        size: Number of coefficients.
+        fixed: Whether it has a part without a coefficient, which stands behind its columns.
         lower, upper: (p,) physical bounds of the coefficients.
         key: Effect, carrier and port; stand-ins are told apart by the last two.
     """
 
     candidate: Candidate | None
     shape: Mapping[str, float]
-    columns: tuple[Mapping[Group, Array], ...]
-    fixed: tuple[Mapping[Group, Array], ...]
+    size: int
+    fixed: bool
     lower: Array
     upper: Array
     key: tuple[str, str, str]
 
     @property
-    def size(self) -> int:
-        """Number of coefficients."""
-        return len(self.lower)
+    def width(self) -> int:
+        """Number of columns, the one without a coefficient included."""
+        return self.size + self.fixed
 
 
 def list_candidates(
@@ -109,61 +109,47 @@ def _keys(
         yield kind, ()
 
 
-@dataclass(eq=False)
-class _Draft:
-    """A shape while the recordings are gone through one by one."""
-
-    candidate: Candidate
-    shape: Mapping[str, float]
-    columns: list[Mapping[Group, Array]]
-    fixed: list[Mapping[Group, Array]]
-    bounds: tuple[Array, Array] | None = None
+def shapes_of(candidate: Candidate, signals: Signals) -> list[dict[str, float]]:
+    """Lists the shapes of a candidate that are worth trying on recordings like this one."""
+    shapes = candidate.effect.shapes(signals, candidate.key, candidate.port)
+    return [dict(shape) for shape in shapes if _seen(candidate, shape, signals)]
 
 
-def shape_candidates(
-    candidates: Sequence[Candidate], prepared: Sequence[Prepared], residuals: Sequence[Residual]
-) -> list[Shaped]:
-    """Evaluates all shapes of all candidates on all recordings; what cannot show in any residual is left out."""
-    first = prepared[0].signals
-    drafts = [
-        _Draft(candidate, shape, [], [])
-        for candidate in candidates
-        for shape in candidate.effect.shapes(first, candidate.key, candidate.port)
-        if _seen(candidate, shape, first)
-    ]
-    for item in prepared:
-        instrumented = instrument(item.signals)
-        with item.remembered():
-            for draft in drafts:
-                _evaluate(draft, item, instrumented, residuals)
-    found: dict[tuple[object, ...], Shaped] = {}
-    for draft in drafts:
-        if draft.bounds is not None:
-            key = (draft.candidate.effect.id, draft.candidate.key, draft.candidate.port)
-            shaped = Shaped(
-                draft.candidate, draft.shape, tuple(draft.columns), tuple(draft.fixed), *draft.bounds, key=key
-            )
-            # At a motor's torque, friction before and behind the gear are one column: the first port stands.
-            found.setdefault(_likeness(shaped), shaped)
-    return list(found.values())
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A shaped candidate on one recording at its full rate.
+
+    Attributes:
+        blocks: Group -> (N, p), or (N, p + 1) with the part without a coefficient last.
+        fixed: Whether that part is anywhere other than zero.
+        lower, upper: (p,) physical bounds of the coefficients.
+    """
+
+    blocks: Mapping[Group, Array]
+    fixed: bool
+    lower: Array
+    upper: Array
 
 
-def _evaluate(draft: _Draft, item: Prepared, signals: Signals, residuals: Sequence[Residual]) -> None:
-    here: dict[Group, Array] = {}
-    steady: dict[Group, Array] = {}
-    effect, candidate = draft.candidate.effect, draft.candidate
+def columns_of(
+    candidate: Candidate, shape: Mapping[str, float], signals: Signals, residuals: Sequence[Residual]
+) -> Columns | None:
+    """Evaluates a shape on a recording; None where it shows in no residual."""
+    blocks: dict[Group, Array] = {}
+    fixed, bounds = False, None
     for residual in residuals:
-        found = effect.regressor(signals, candidate.key, candidate.port, residual, draft.shape)
+        found = candidate.effect.regressor(signals, candidate.key, candidate.port, residual, shape)
         if found is None:
             continue
-        draft.bounds = _plausible(draft.candidate, found.lower, found.upper)
-        thinned = item.band.condense(found.columns)
+        bounds = _plausible(candidate, found.lower, found.upper)
+        fixed = fixed or bool(np.any(found.fixed))
         for place, row in enumerate(found.rows):
-            here[residual, row] = thinned[:, place]
-            if np.any(found.fixed[:, place]):
-                steady[residual, row] = item.band.condense(found.fixed[:, place])
-    draft.columns.append(here)
-    draft.fixed.append(steady)
+            blocks[residual, row] = np.column_stack([found.columns[:, place], found.fixed[:, place]])
+    if bounds is None:
+        return None
+    if not fixed:
+        blocks = {group: block[:, :-1] for group, block in blocks.items()}
+    return Columns(blocks, fixed, *bounds)
 
 
 def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array, Array]:
@@ -181,13 +167,6 @@ def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) ->
         return True
     swept = float(np.ptp(signals.position[:, signals.joint(candidate.key)]))
     return shape["N"] * swept / (2.0 * np.pi) >= PERIODS_MIN
-
-
-def _likeness(shaped: Shaped) -> tuple[object, ...]:
-    """What two shapes of one effect on one carrier share if they are the same regression."""
-    first = shaped.columns[0]
-    marks = tuple((group, tuple(np.round(np.sum(values[:50], axis=0), 9))) for group, values in first.items())
-    return (shaped.key[0], shaped.key[1], tuple(shaped.shape.values()), marks)
 
 
 def instrument(signals: Signals) -> Signals:

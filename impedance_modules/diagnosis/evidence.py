@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What all conclusions are drawn from: the accepted model, fitted, and what it leaves on unseen recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.selection.bench import Bench
+from impedance_modules.diagnosis.selection.design import Design
+from impedance_modules.diagnosis.selection.plain import PlainRows
+from impedance_modules.diagnosis.selection.select import Refusal, Selector
+from impedance_modules.diagnosis.selection.whiten import Whitening
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What all causes are judged by.
+
+    Attributes:
+        selector: The candidates and how they were searched.
+        heldout: Recordings that no fit has seen.
+        prepared: All recordings.
+        bench: The accepted model, fitted.
+        floor: The noise, judged with the causes known.
+        plain: Rows in their own units.
+        refusal: Why the next best candidate was not accepted.
+    """
+
+    selector: Selector
+    heldout: tuple[int, ...]
+    prepared: tuple[Prepared, ...]
+    bench: Bench
+    floor: Whitening
+    plain: PlainRows
+    refusal: Refusal | None
+
+    @property
+    def design(self) -> Design:
+        """The rows."""
+        return self.selector.design
+
+    @cached_property
+    def calibrated(self) -> Bench:
+        """The nominal model with the nuisance adjusted within its prior, and no cause."""
+        return self.selector.bench(())
+
+    @cached_property
+    def heldout_noise(self) -> Array:
+        """(groups,) rms of the noise on the unseen recordings."""
+        return np.asarray(np.sqrt(np.mean(self.floor.rms[list(self.heldout)] ** 2, axis=0)))
+
+    @cached_property
+    def unit_power(self) -> Array:
+        """(groups,) noise power of a residual's average joint: in its units powers of joints add as they are."""
+        names = [residual for residual, _ in self.design.groups]
+        power = self.heldout_noise**2
+        return np.array([
+            np.mean([p for p, other in zip(power, names, strict=True) if other == name]) for name in names
+        ])
+
+    def rms(self, bench: Bench | None) -> Array:
+        """(groups,) rms that a model leaves on the unseen recordings; None is the nominal model as it stands."""
+        left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in self.heldout]
+        return np.array([
+            np.sqrt(np.mean(np.concatenate([x[g] for x in left]) ** 2)) for g in range(len(self.design.groups))
+        ])
+
+    def excess(self, bench: Bench | None) -> float:
+        """Unseen residual power beyond the noise, over all groups, in units of the average joint's noise."""
+        power = self.rms(bench) ** 2 - self.heldout_noise**2
+        return float(np.sum(np.clip(power, 0.0, None) / self.unit_power))
+
+    @cached_property
+    def excess_before(self) -> float:
+        """Excess of the nominal model."""
+        return self.excess(None)

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Whether what is left is noise: the last word on a verdict.
+
+    F_g = \frac{SSE_g / n_g}{1 + v_g},      v_g the variance that the parameters' own uncertainty gives
+
+in whitened rows, on recordings that no fit has seen. The limit is Fisher's for so many samples here and in the
+floor, all groups together; and no stand-in may find structure in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as fisher
+
+from impedance_modules.diagnosis.evidence import Evidence
+
+Array = NDArray[np.float64]
+
+ALPHA = 0.002
+"""Probability that a right model fails, all groups together."""
+
+SYSTEMATIC = 1.25
+"""Power over noise that the nominal model's own approximations may leave (differences, held commands, filters)."""
+
+WEAK = 2.0
+"""Factor on the limit where no repeats measured the floor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lack:
+    """The test's outcome.
+
+    Attributes:
+        ratio: (groups,) residual power over expected power.
+        limit: (groups,) what may pass.
+        structure: What a stand-in still finds, in words; empty if nothing.
+    """
+
+    ratio: Array
+    limit: Array
+    structure: str
+
+    @property
+    def passed(self) -> bool:
+        """Nothing but noise is left."""
+        return bool(np.all(self.ratio <= self.limit)) and not self.structure
+
+
+def lack_of_fit(evidence: Evidence) -> Lack:
+    """Tests what the accepted model leaves on unseen recordings."""
+    bench, design = evidence.bench, evidence.design
+    rescale = (design.whitening.innovation / evidence.floor.innovation)[list(evidence.heldout)]
+    left = [bench.residuals(bench.whole.coefficients, r) for r in evidence.heldout]
+    ratio, limit = [], []
+    for g in range(len(design.groups)):
+        rows = np.concatenate([x[g] * rescale[i, g] for i, x in enumerate(left)])
+        T = np.concatenate([bench.rows[r][g] * rescale[i, g] for i, r in enumerate(evidence.heldout)])
+        ids = bench.ids[g]
+        variance = float(np.sum((T @ bench.whole.inverse[np.ix_(ids, ids)]) * T) / len(T))
+        part = design.whitening.part[g]
+        ratio.append(float(np.mean(rows**2)) / (part + variance))
+        chance = 1.0 - ALPHA / len(design.groups)
+        limit.append(SYSTEMATIC * float(fisher.ppf(chance, part * len(rows), design.whitening.samples[g])))
+    factor = WEAK if evidence.floor.weak else 1.0
+    return Lack(np.array(ratio), factor * np.array(limit), "")

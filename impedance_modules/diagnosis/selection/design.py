@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The regression that all candidates compete in: rows of all recordings, columns of all candidates.
+
+Rows fall into groups (one residual of one joint) and recordings. The nuisance (what any recording may be wrong
+by, see `nuisance`) has columns of its own, scaled to one standard deviation of their prior; then come the columns
+of every shaped candidate. Candidates' columns are kept in single precision: there are thousands of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.selection.candidates import Group, Shaped
+from impedance_modules.diagnosis.selection.drafts import Draft, alike
+from impedance_modules.diagnosis.selection.nuisance import Nuisance
+from impedance_modules.diagnosis.selection.whiten import Whitening
+
+Array = NDArray[np.float64]
+Thin = NDArray[np.float32]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Slot:
+    """Where a shaped candidate's columns stand.
+
+    Attributes:
+        shaped: The candidate.
+        places: Group -> index of its first column there.
+        scale: (p,) what its columns were divided by.
+        precision: (p,) of a wide prior on its scaled coefficients; zero where there is none.
+    """
+
+    shaped: Shaped
+    places: Mapping[int, int]
+    scale: Array
+    precision: Array
+
+    @cached_property
+    def divisor(self) -> Thin:
+        """(width,) what its columns are divided by, the one without a coefficient by one."""
+        return np.append(self.scale, np.ones(int(self.shaped.fixed))).astype(np.float32)
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Indices of the groups that it touches."""
+        return tuple(self.places)
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """All rows, whitened: noise of unit size, each sample independent of the others.
+
+    Attributes:
+        groups: The groups.
+        names: Names of the recordings.
+        nuisance: What may be wrong everywhere.
+        whitening: How rows were whitened.
+        raw: Recording -> group -> (M,) residual in its own unit.
+        y: Recording -> group -> (M - order,) whitened residual.
+        Z: Recording -> group -> (M - order, k) whitened nuisance columns.
+        X: Recording -> group -> (M - order, C) whitened candidates' columns.
+        slots: One per shaped candidate that shows at all.
+        rate: Of the rows [Hz].
+    """
+
+    groups: tuple[Group, ...]
+    names: tuple[str, ...]
+    nuisance: Nuisance
+    whitening: Whitening
+    raw: tuple[tuple[Array, ...], ...]
+    y: tuple[tuple[Array, ...], ...]
+    Z: tuple[tuple[Array, ...], ...]
+    X: tuple[tuple[Thin, ...], ...]
+    slots: tuple[Slot, ...]
+    rate: float
+
+    def count(self, recordings: Sequence[int]) -> Array:
+        """Number of independent samples of each group in some recordings, (groups,)."""
+        rows = [sum(len(self.y[r][g]) for r in recordings) for g in range(len(self.groups))]
+        return np.asarray(self.whitening.part * np.array(rows, dtype=float))
+
+    @cached_property
+    def nuisance_gram(self) -> tuple[tuple[Array, ...], ...]:
+        """Recording -> group -> (k, k) Z^T Z."""
+        return tuple(tuple(block.T @ block for block in recording) for recording in self.Z)
+
+
+def build_design(
+    drafts: Sequence[Draft],
+    nuisance: Nuisance,
+    raw: Sequence[Sequence[Array]],
+    whitening: Whitening,
+    names: Sequence[str],
+    rate: float,
+) -> Design:
+    """Whitens everything and puts the candidates' columns side by side.
+
+    Args:
+        drafts: Candidates, all shapes, on all recordings.
+        nuisance: What may be wrong everywhere.
+        raw: Recording -> group -> (M,) residuals.
+        whitening: Of the noise.
+        names: Of the recordings.
+        rate: Of the rows [Hz].
+    """
+    slots, members = _slots(drafts, nuisance)
+    return Design(
+        groups=nuisance.groups,
+        names=tuple(names),
+        nuisance=nuisance,
+        whitening=whitening,
+        raw=tuple(tuple(recording) for recording in raw),
+        y=whitened(raw, whitening),
+        Z=whitened(nuisance.columns, whitening),
+        X=tuple(
+            tuple(
+                _beside([(drafts[i], slots[i]) for i in inside], (r, g), nuisance.groups[g], whitening, len(raw[r][g]))
+                for g, inside in enumerate(members)
+            )
+            for r in range(len(raw))
+        ),
+        slots=tuple(slots.values()),
+        rate=rate,
+    )
+
+
+def whitened(blocks: Sequence[Sequence[Array]], whitening: Whitening) -> tuple[tuple[Array, ...], ...]:
+    """Whitens recording -> group -> (M, ...) rows."""
+    return tuple(
+        tuple(np.asarray(whitening.apply(block, r, g)) for g, block in enumerate(recording))
+        for r, recording in enumerate(blocks)
+    )
+
+
+def slot_of(draft: Draft, groups: Sequence[Group], links: Mapping[str, Array], first: Mapping[int, int]) -> Slot | None:
+    """Describes a draft's place; None where a column of it is nowhere other than zero.
+
+    Args:
+        draft: The candidate.
+        groups: All groups.
+        links: Wide priors of link inertias.
+        first: Group -> index of its first free column.
+    """
+    touched = sorted({g for blocks in draft.blocks for g, group in enumerate(groups) if group in blocks})
+    scale = _scale(draft)
+    if not touched or not np.all(scale > 0.0):
+        return None
+    size = len(draft.lower)
+    wide = links.get(draft.key[1])
+    bound = wide is not None and size == len(wide)
+    precision = (scale * wide) ** -2.0 if bound and wide is not None else np.zeros(size)
+    shaped = Shaped(draft.candidate, draft.shape, size, draft.fixed, draft.lower, draft.upper, draft.key)
+    return Slot(shaped, {g: first[g] for g in touched}, scale, precision)
+
+
+def _slots(drafts: Sequence[Draft], nuisance: Nuisance) -> tuple[dict[int, Slot], list[list[int]]]:
+    """Places all drafts; also group -> those that stand in it, in order."""
+    first = dict.fromkeys(range(len(nuisance.groups)), 0)
+    members: list[list[int]] = [[] for _ in nuisance.groups]
+    slots: dict[int, Slot] = {}
+    seen: set[tuple[object, ...]] = set()
+    for index, draft in enumerate(drafts):
+        # At a motor's torque, friction before and behind the gear are one column: the first port stands.
+        likeness = alike(draft)
+        slot = None if likeness in seen else slot_of(draft, nuisance.groups, nuisance.links, first)
+        if slot is None:
+            continue
+        seen.add(likeness)
+        slots[index] = slot
+        for group in slot.places:
+            members[group].append(index)
+            first[group] += draft.width
+    return slots, members
+
+
+def _scale(draft: Draft) -> Array:
+    size = len(draft.lower)
+    power, count = np.zeros(size), 0
+    for blocks in draft.blocks:
+        for values in blocks.values():
+            power += np.einsum("mp,mp->p", values[:, :size], values[:, :size])
+            count += len(values)
+    scale = np.sqrt(power / max(count, 1))
+    return np.where(scale > 1e-12, scale, 0.0)
+
+
+def scaled_block(draft: Draft, slot: Slot, recording: int, group: Group, rows: int) -> Thin:
+    """A draft's columns (rows, width) in one group, divided by their scale; zero where it does not show."""
+    block = draft.blocks[recording].get(group)
+    if block is None:
+        return np.zeros((rows, slot.shaped.width), np.float32)
+    return np.asarray(block / slot.divisor)
+
+
+def _beside(
+    members: Sequence[tuple[Draft, Slot]], place: tuple[int, int], group: Group, whitening: Whitening, rows: int
+) -> Thin:
+    blocks = [scaled_block(draft, slot, place[0], group, rows) for draft, slot in members]
+    whole = np.concatenate(blocks, axis=1) if blocks else np.zeros((rows, 0), np.float32)
+    return np.asfortranarray(whitening.apply(whole, *place), dtype=np.float32)

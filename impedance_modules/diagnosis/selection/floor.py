@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 4: where the noise is seen: in the difference of repeats, or in what a flexible model leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.selection.drafts import Draft
+from impedance_modules.diagnosis.selection.noise_motion import shares
+from impedance_modules.diagnosis.selection.nuisance import Nuisance
+from impedance_modules.diagnosis.selection.whiten import Whitening, whitening_of
+
+Array = NDArray[np.float64]
+
+RIDGE = 1e-4
+"""Of the flexible model, over its columns' power."""
+
+
+def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> list[tuple[int, int]]:
+    """Pairs of recordings of one motion."""
+    return [
+        (i, j)
+        for place, i in enumerate(recordings)
+        for j in recordings[:place]
+        if prepared[i].log.group == prepared[j].log.group
+    ]
+
+
+def noise_by_repeats(
+    left: Sequence[Sequence[Array]],
+    prepared: Sequence[Prepared],
+    nuisance: Nuisance,
+    pairs: Sequence[tuple[int, int]],
+) -> Whitening:
+    """Judges the noise by recordings that repeat each other.
+
+    Args:
+        left: Recording -> group -> (M,) residual, or what causes that are known by now leave of it.
+        prepared: The recordings.
+        nuisance: For its groups.
+        pairs: Repeats.
+    """
+    noise = [[_difference(left[i][g], left[j][g]) for i, j in pairs] for g in range(len(nuisance.groups))]
+    share = shares(nuisance.groups, prepared, pairs, [float(np.mean(np.concatenate(x) ** 2)) for x in noise])
+    return whitening_of(noise, share, edge=_edge(prepared), lost=np.zeros(len(nuisance.groups)), weak=False)
+
+
+def _edge(prepared: Sequence[Prepared]) -> float:
+    """End of the band in cycles per kept sample."""
+    band = prepared[0].band
+    return band.cutoff * band.step / band.rate
+
+
+def _difference(one: Array, other: Array) -> Array:
+    size = min(len(one), len(other))
+    difference = one[:size] - other[:size]
+    return np.asarray((difference - difference.mean()) / np.sqrt(2.0))
+
+
+def noise_by_smoothness(
+    left: Sequence[Sequence[Array]],
+    prepared: Sequence[Prepared],
+    nuisance: Nuisance,
+    flexible: Sequence[Draft],
+    recordings: Sequence[int],
+) -> Whitening:
+    """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
+
+    Args:
+        left: Recording -> group -> (M,) residual.
+        prepared: The recordings.
+        nuisance: The links' columns.
+        flexible: Stand-ins and single-joint candidates.
+        recordings: Those that are fitted.
+    """
+    noise, lost = [], []
+    for index, group in enumerate(nuisance.groups):
+        members = [draft for draft in flexible if group in draft.blocks[0]]
+        pieces, used = _left_by(members, group, index, left, nuisance, recordings)
+        noise.append(pieces)
+        lost.append(used)
+    share = np.ones((len(left), len(nuisance.groups)))
+    return whitening_of(noise, share, edge=_edge(prepared), lost=np.array(lost), weak=True)
+
+
+def _left_by(  # noqa: PLR0917 - all of them belong together
+    members: Sequence[Draft],
+    group: tuple[str, int],
+    index: int,
+    left: Sequence[Sequence[Array]],
+    nuisance: Nuisance,
+    recordings: Sequence[int],
+) -> tuple[list[Array], float]:
+    blocks = []
+    for recording in recordings:
+        own = [draft.blocks[recording][group] for draft in members if group in draft.blocks[recording]]  # type: ignore[index]
+        blocks.append(np.concatenate([nuisance.columns[recording][index], *own], axis=1).astype(float))
+    X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
+    X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
+    gram = X.T @ X
+    solution = np.linalg.solve(gram + RIDGE * len(y) * np.eye(len(gram)), np.column_stack([X.T @ y, gram]))
+    rest = y - X @ solution[:, 0]
+    ends = np.cumsum([len(block) for block in blocks])[:-1]
+    return list(np.split(rest, ends)), float(np.trace(solution[:, 1:]))

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Moves a candidate's nonlinear parameters off their grid: Gauss and Newton, columns and shape together.
+
+With X(\theta) \beta the candidate's part, the shape's own column is d(X \beta)/d\theta by differences. The same
+columns give the shape's standard deviation: its place in the joint covariance (profile likelihood to second order).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.selection.bench import Bench
+from impedance_modules.diagnosis.selection.candidates import Candidate
+from impedance_modules.diagnosis.selection.design import Design, Slot, scaled_block, slot_of
+from impedance_modules.diagnosis.selection.drafts import Draft, draft_candidates
+from impedance_modules.diagnosis.selection.term import Term
+from impedance_modules.effects.signals import Signals
+
+Array = NDArray[np.float64]
+
+ROUNDS = 5
+"""Steps at most."""
+
+CLOSE = 0.05
+"""A step smaller than this part of a standard deviation is none."""
+
+REACH = 0.5
+"""Longest step, as a part of the shape's value."""
+
+SLOPE = 1e-3
+"""Step of the differences, likewise."""
+
+
+class Refiner:
+    """Evaluates candidates at any shape, in a design's rows.
+
+    Attributes:
+        design: The rows.
+        prepared: The recordings.
+    """
+
+    def __init__(self, design: Design, prepared: Sequence[Prepared], signals: Sequence[Signals]) -> None:
+        """Takes rows and what they were made of."""
+        self.design, self.prepared, self._signals = design, tuple(prepared), tuple(signals)
+        self._residuals = list(dict.fromkeys(residual for residual, _ in design.groups))
+
+    def draft(self, candidate: Candidate, shape: Mapping[str, float]) -> Draft | None:
+        """A candidate's thinned columns, in their own units."""
+        return next(iter(draft_candidates([(candidate, shape)], self.prepared, self._signals, self._residuals)), None)
+
+    def term(self, candidate: Candidate, shape: Mapping[str, float], like: Slot | None = None) -> Term | None:
+        """Evaluates a candidate; scaled as another term where one is given."""
+        draft = self.draft(candidate, shape)
+        groups, nuisance = self.design.groups, self.design.nuisance
+        slot = None if draft is None else slot_of(draft, groups, nuisance.links, dict.fromkeys(range(len(groups)), 0))
+        if draft is None or slot is None:
+            return None
+        if like is not None:
+            slot = Slot(slot.shaped, slot.places, like.scale, like.precision)
+        size = slot.shaped.size
+        columns, fixed = [], []
+        for r in range(len(self.prepared)):
+            blocks = {
+                g: np.asarray(
+                    self.design.whitening.apply(
+                        scaled_block(draft, slot, r, groups[g], len(self.design.raw[r][g])).astype(float), r, g
+                    )
+                )
+                for g in slot.places
+            }
+            columns.append({g: block[:, :size] for g, block in blocks.items()})
+            fixed.append({g: block[:, size] for g, block in blocks.items() if slot.shaped.fixed})
+        return Term(slot, tuple(columns), tuple(fixed))
+
+    def slopes(self, term: Term, coefficients: Array) -> dict[str, tuple[Mapping[int, Array], ...]]:
+        """What each nonlinear parameter changes per unit, symbol -> recording -> group -> (M,), whitened."""
+        out = {}
+        for symbol, value in term.shaped.shape.items():
+            step = SLOPE * max(abs(value), 1e-3)
+            moved = self.term(term.candidate, {**term.shaped.shape, symbol: value + step}, term.slot)
+            if moved is None or moved.groups != term.groups or moved.shaped.fixed != term.shaped.fixed:
+                continue
+            out[symbol] = tuple(
+                {
+                    g: ((new[g] - old[g]) @ coefficients + more.get(g, 0.0) - less.get(g, 0.0)) / step
+                    for g in old
+                }
+                for new, old, more, less in zip(moved.columns, term.columns, moved.fixed, term.fixed, strict=True)
+            )
+        return out
+
+    def refine(self, bench: Bench, term: Term) -> Term:
+        """Improves a candidate's shape beside a model; gives back what came in where nothing is better."""
+        if not term.shaped.shape or term.generic:
+            return term
+        best = Bench(bench.design, bench.folds, [*bench.model, term])
+        for _ in range(ROUNDS):
+            moved = self._step(best)
+            if moved is None:
+                break
+            better = Bench(bench.design, bench.folds, [*bench.model, moved])
+            if _loss(better, bench) >= _loss(best, bench) - 1e-3:
+                break
+            best = better
+        return best.model[-1]
+
+    def _step(self, bench: Bench) -> Term | None:
+        """One step of the last term's shape; None where it has converged or cannot move."""
+        term, index = bench.model[-1], len(bench.model) - 1
+        coefficients = bench.of(index)
+        shape = dict(term.shaped.shape)
+        candidate = term.candidate
+        values = candidate.effect.values(
+            np.clip(coefficients, term.shaped.lower, term.shaped.upper),
+            shape,
+            self.prepared[0].signals,
+            candidate.key,
+            candidate.port,
+        )
+        limited = candidate.effect.next_shape(values, shape)
+        if limited == shape:
+            told = self._newton(bench, term, coefficients * term.slot.scale)
+            limited = {
+                symbol: value + float(np.clip(told[symbol] - value, -_reach(value), _reach(value)))
+                for symbol, value in shape.items()
+            }
+        if all(abs(limited[s] - shape[s]) <= 1e-4 * max(abs(shape[s]), 1e-4) for s in shape):
+            return None
+        return self.term(candidate, limited)
+
+    def _newton(self, bench: Bench, term: Term, coefficients: Array) -> dict[str, float]:
+        """Solves for coefficients and shape together, linearised."""
+        slopes = self.slopes(term, coefficients)
+        shape = dict(term.shaped.shape)
+        for symbol, slope in slopes.items():
+            cross, own, right = np.zeros(bench.size), 0.0, 0.0
+            for r in bench.fitted:
+                left = bench.residuals(bench.whole.coefficients, r)
+                for g, column in slope[r].items():
+                    weight = bench.weights[g]
+                    cross[bench.ids[g]] += weight * (bench.rows[r][g].T @ column)
+                    own += weight * float(column @ column)
+                    right += weight * float(column @ left[g])
+            free = own - float(cross @ bench.whole.inverse @ cross)
+            if free > 1e-6 * own > 0.0:
+                shape[symbol] = shape[symbol] + right / free
+        return shape
+
+
+def _reach(value: float) -> float:
+    return REACH * max(abs(value), 0.02)
+
+
+def _loss(bench: Bench, reference: Bench) -> float:
+    """Squares left by the whole fit, all with the same weights."""
+    return float(bench.left @ reference.weights) + float(
+        bench.whole.coefficients**2 @ bench.prior
+    )

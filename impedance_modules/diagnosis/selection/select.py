@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 5: which causes there are. One is accepted at a time; each must earn its place on unseen recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from impedance_modules.diagnosis.selection.bench import Bench
+from impedance_modules.diagnosis.selection.design import Design, Slot
+from impedance_modules.diagnosis.selection.refine import Refiner
+from impedance_modules.diagnosis.selection.screen import Look, Screen
+from impedance_modules.diagnosis.selection.term import Term, term_of
+from impedance_modules.diagnosis.selection.trial import Trial, try_term
+
+CAUSES_MAX = 30
+"""More are not looked for."""
+
+TRIED = 10
+"""Candidates that are tried on held-out folds in each round."""
+
+REFINED = 4
+"""Of these, so many of the best are moved off the grid of their shapes before they are compared."""
+
+SAME_REACH = 0.95
+"""Candidates that explain this part of what the best one does are as good; the cheaper one is taken."""
+
+STAND_INS = 6
+"""Generic stand-ins that are tried beside them."""
+
+BIC_MIN = 15.0
+"""Least improvement of the Bayesian information criterion."""
+
+TRIMMED = 0.05
+"""Part of the blocks of time, those that gain most, without which a cause must still gain ..."""
+
+TRIMMED_MIN = 3.0
+"""... so much [nats]: what happens in a few moments only can be confirmed by nothing else."""
+
+SPECIFIC = 3.0
+"""Standard errors by which a cause must beat the best generic stand-in."""
+
+REDUCTION_MIN = 0.05
+"""Least part of a group's held-out squares that a cause removes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refusal:
+    """Why a candidate that fitted best was not named."""
+
+    trial: Trial
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What was found.
+
+    Attributes:
+        causes: Accepted candidates, in the order they were found.
+        refusal: Why the next best was not accepted; None where nothing was left to try.
+    """
+
+    causes: tuple[Term, ...]
+    refusal: Refusal | None
+
+
+class Selector:
+    """Searches one design.
+
+    Attributes:
+        design: All candidates.
+        folds: Fitted recordings by fold.
+        screen: First looks.
+        refiner: Moves shapes off their grid.
+        resolution: Grid of the position sensors [rad]; zero where nothing is stated.
+    """
+
+    def __init__(
+        self, design: Design, folds: Sequence[Sequence[int]], refiner: Refiner, resolution: float
+    ) -> None:
+        """Prepares the first look."""
+        self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
+        self.screen = Screen(design, [index for fold in folds for index in fold])
+
+    def bench(self, model: Sequence[Term]) -> Bench:
+        """Fits a model."""
+        return Bench(self.design, self.folds, model)
+
+    def run(self, progress: Callable[[str], None]) -> Selection:
+        """Accepts causes until the next one does not earn its place, then exchanges and removes."""
+        model: list[Term] = []
+        refusal: Refusal | None = None
+        while len(model) < CAUSES_MAX:
+            found, refusal = self._next(self.bench(model))
+            if found is None:
+                break
+            model.append(found)
+            progress(f"found {found.key[0]} on {found.key[1]}")
+            if len(model) > 1:
+                model = self._exchanged(model)
+        return Selection(tuple(self._pruned(model)), refusal)
+
+    def trial(self, bench: Bench, slot: Slot) -> Trial:
+        """Tries a candidate of the grid."""
+        return try_term(bench, term_of(self.design, slot))
+
+    def unresolved(self, term: Term) -> str | None:
+        """Why a term's shape cannot be seen through the position's grid."""
+        return term.candidate.effect.unresolved(term.shaped.shape, self.resolution)
+
+    def _next(self, bench: Bench) -> tuple[Term | None, Refusal | None]:
+        """The best candidate that earns its place, or why there is none."""
+        looks = self.screen.look(bench)
+        trials = [self.trial(bench, slot) for slot in promising(looks, TRIED)]
+        trials = self.refined(bench, trials)
+        generic = [look.slot for look in looks if look.slot.shaped.candidate is None][:STAND_INS]
+        stand_ins = [self.trial(bench, slot) for slot in generic]
+        refusal: Refusal | None = None
+        for trial in by_merit(trials):
+            reason = objection(trial, stand_ins) or self.unresolved(trial.term)
+            if reason is None:
+                return trial.term, None
+            refusal = refusal or Refusal(trial, reason)
+        return None, refusal
+
+    def refined(self, bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
+        """Moves the best shapes off their grid."""
+        ranked = sorted(trials, key=lambda trial: -trial.gain)
+        best = [try_term(bench, self.refiner.refine(bench, trial.term)) for trial in ranked[:REFINED]]
+        kept = [new if new.gain > old.gain else old for new, old in zip(best, ranked, strict=False)]
+        return [*kept, *ranked[REFINED:]]
+
+    def _exchanged(self, model: list[Term]) -> list[Term]:
+        """Replaces an accepted cause by another that does better now that the last one is known."""
+        for index, term in enumerate(model[:-1]):
+            if not set(term.groups) & set(model[-1].groups):
+                continue
+            rest = [*model[:index], *model[index + 1 :]]
+            bench = self.bench(rest)
+            own = try_term(bench, term)
+            rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
+            better = max(self.refined(bench, rivals), key=adjusted, default=own)
+            if adjusted(better) > adjusted(own) + BIC_MIN and (
+                objection(better, []) or self.unresolved(better.term)
+            ) is None:
+                model = [*model[:index], better.term, *model[index + 1 :]]
+            else:
+                model = [*model[:index], self.refiner.refine(bench, term), *model[index + 1 :]]
+        return model
+
+    def _pruned(self, model: list[Term]) -> list[Term]:
+        """Removes causes that no longer earn their place beside the others."""
+        for term in list(model):
+            rest = [other for other in model if other is not term]
+            if objection(try_term(self.bench(rest), term), []) is not None:
+                model = rest
+        return model
+
+
+def best_of_each(looks: Sequence[Look], most: int) -> list[Look]:
+    """The best physical shape of each candidate, the best candidates first."""
+    found: dict[tuple[str, str, str], Look] = {}
+    for look in looks:
+        if look.physical and look.slot.shaped.candidate is not None:
+            found.setdefault(look.slot.shaped.key, look)
+    return list(found.values())[:most]
+
+
+def promising(looks: Sequence[Look], most: int) -> list[Slot]:
+    """The best candidates by likelihood, and the best by the power they would explain."""
+    by_gain = best_of_each(looks, most)
+    by_power = best_of_each(sorted(looks, key=lambda look: -look.power), most)
+    return list({look.slot.shaped.key: look.slot for look in [*by_gain, *by_power]}.values())
+
+
+def by_merit(trials: Sequence[Trial]) -> list[Trial]:
+    """Sorts trials by what they explain; of those that explain the same, the one whose parameters cost least."""
+    left = sorted(trials, key=lambda item: -item.reach)
+    out: list[Trial] = []
+    while left:
+        near = [item for item in left if item.reach >= SAME_REACH * left[0].reach]
+        chosen = max(near, key=adjusted, default=left[0])
+        out.append(chosen)
+        left.remove(chosen)
+    return out
+
+
+def adjusted(trial: Trial) -> float:
+    """Held-out gain less the price of its parameters [nats]: a simpler law is worth as much as it says."""
+    return trial.gain - price(trial)
+
+
+def price(trial: Trial) -> float:
+    """Price of a candidate's parameters by the Bayesian information criterion [nats]."""
+    shaped = trial.term.shaped
+    samples = float(np.max(trial.bench.counts[list(trial.term.groups)]))
+    return float(0.5 * (shaped.size + len(shaped.shape)) * np.log(max(samples, 2.0)))
+
+
+def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
+    """Why a candidate does not earn its place; None if it does."""
+    gain = 2.0 * (trial.gain - price(trial))
+    if gain < BIC_MIN:
+        return f"gains too little for its parameters on unseen recordings (BIC {gain:.1f}, needs {BIC_MIN:g})"
+    if trial.reduction < REDUCTION_MIN:
+        return f"removes only {100 * trial.reduction:.1f} % of the residual on unseen recordings"
+    if np.mean(trial.folds > 0.0) < (1.0 if len(trial.folds) < 5 else 0.8):
+        return "helps on some recordings and harms on others"
+    if trial.trimmed(TRIMMED) < TRIMMED_MIN:
+        return "its gain comes from a few moments only"
+    own = set(trial.term.groups)
+    for rival in stand_ins:
+        if not own & set(rival.term.groups) or rival.term.shaped.size > trial.term.shaped.size:
+            continue
+        better = rival.reach_on(trial.term.groups) > trial.reach_on(trial.term.groups)
+        if better or trial.advantage(rival) < SPECIFIC:
+            return "no better than a generic smooth function of the same signals: not specific"
+    return None

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""What a candidate gains on recordings that its fit has not seen.
+
+    gain = \sum_g (n_g / 2) \log(SSE_g^{without} / SSE_g^{with})       [nats]
+
+over held-out folds: the log predictive likelihood of white rows with each group's level profiled out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.selection.bench import FLAT, Bench, Fit
+from impedance_modules.diagnosis.selection.term import Term
+
+Array = NDArray[np.float64]
+
+BLOCK = 1.0
+"""Length of the blocks over which a gain is averaged and its error judged [s]."""
+
+Unseen = Mapping[int, Sequence[Array]]
+"""Recording -> group -> (M,) residual by a fit that has not seen the recording's fold."""
+
+
+def significance(better: Array, worse: Array) -> float:
+    """Mean difference of two models' block losses over its standard error."""
+    difference = worse - better
+    spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0
+    if spread == 0.0:
+        return 0.0
+    return float(difference.mean() / (spread / np.sqrt(len(difference))))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate, tried beside a model.
+
+    Attributes:
+        bench: The model.
+        term: The candidate.
+        coefficients: (folds, p) without each fold, scaled.
+        unseen: What model and candidate leave.
+    """
+
+    bench: Bench
+    term: Term
+    coefficients: Array
+    unseen: Unseen
+
+    @cached_property
+    def _sums(self) -> tuple[Array, Array]:
+        """(folds, groups) squares without and with the candidate."""
+        pairs = (self.bench.unseen, self.unseen)
+        first, second = (
+            np.array([
+                np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in self.bench.folds
+            ])
+            for left in pairs
+        )
+        return first, second
+
+    @cached_property
+    def gain(self) -> float:
+        """Held-out gain [nats]."""
+        without, with_it = self._sums
+        ratio = np.log(np.maximum(without.sum(axis=0), 1e-9) / np.maximum(with_it.sum(axis=0), 1e-9))
+        return float(0.5 * np.sum(self.bench.counts * ratio))
+
+    @cached_property
+    def powers(self) -> Array:
+        """(groups,) held-out residual power that it explains, in units of the noise."""
+        without, with_it = self._sums
+        return np.asarray((without - with_it).sum(axis=0))
+
+    @cached_property
+    def folds(self) -> Array:
+        """(folds,) weighted gain on each fold."""
+        without, with_it = self._sums
+        return np.asarray(0.5 * ((without - with_it) * self.bench.weights).sum(axis=1))
+
+    @cached_property
+    def reduction(self) -> float:
+        """Largest part of a touched group's held-out squares that it removes."""
+        without, with_it = (part.sum(axis=0)[list(self.term.groups)] for part in self._sums)
+        return float(np.max(1.0 - with_it / np.maximum(without, 1e-9)))
+
+    @property
+    def reach(self) -> float:
+        """Residual power that it explains over all groups."""
+        return float(self.powers.sum())
+
+    def reach_on(self, groups: Sequence[int]) -> float:
+        """Residual power that it explains in some groups."""
+        return float(self.powers[list(groups)].sum())
+
+    def trimmed(self, part: float) -> float:
+        """Weighted gain where it acts, without the part of all blocks that gain most [nats]."""
+        groups = self.term.groups
+        gains = losses(self.bench, self.bench.unseen, groups) - losses(self.bench, self.unseen, groups)
+        most = max(2, int(np.ceil(part * len(gains))))
+        return 0.5 * float(np.sum(np.sort(gains)[: len(gains) - most]))
+
+    def advantage(self, rival: Trial | None) -> float:
+        """Standard errors by which its held-out losses lie below a rival's, or below the model's own.
+
+        Both are judged where this candidate acts.
+        """
+        other = self.bench.unseen if rival is None else rival.unseen
+        groups = self.term.groups
+        return significance(losses(self.bench, self.unseen, groups), losses(self.bench, other, groups))
+
+
+def losses(bench: Bench, unseen: Unseen, groups: Sequence[int]) -> Array:
+    """Weighted held-out squares of some groups, in blocks of time, (blocks,)."""
+    size = max(2, round(BLOCK * bench.design.rate))
+    out = []
+    for left in unseen.values():
+        total = np.sum([left[g] ** 2 * bench.weights[g] for g in groups], axis=0)
+        starts = np.arange(0, max(len(total) - size + 1, 1), size)
+        out.append(np.add.reduceat(total, starts))
+    return np.concatenate(out)
+
+
+def try_term(bench: Bench, term: Term) -> Trial:
+    """Tries one candidate beside a model, without each fold in turn."""
+    unseen: dict[int, Sequence[Array]] = {}
+    coefficients = []
+    for fold, base in enumerate(bench.without):
+        found, more = _extended(bench, bench.train(fold), base, term)
+        coefficients.append(more)
+        for r in bench.folds[fold]:
+            unseen[r] = with_term(bench.residuals(found, r), term, r, more)
+    return Trial(bench, term, np.array(coefficients), unseen)
+
+
+def with_term(left: Sequence[Array], term: Term, recording: int, coefficients: Array) -> list[Array]:
+    """Takes a candidate's part out of residuals."""
+    out = list(left)
+    for g, block in term.columns[recording].items():
+        out[g] = out[g] - block @ coefficients
+    for g, steady in term.fixed[recording].items():
+        out[g] = out[g] - steady
+    return out
+
+
+def _extended(bench: Bench, recordings: Sequence[int], base: Fit, term: Term) -> tuple[Array, Array]:
+    """Adds a candidate to a fit; returns the model's coefficients and its own."""
+    size = term.shaped.size
+    steady = bool(term.fixed[recordings[0]])
+    width = size + steady
+    cross, own, right = np.zeros((width, bench.size)), np.zeros((width, width)), np.zeros(width)
+    for r in recordings:
+        for g, block in term.columns[r].items():
+            X = np.column_stack([block, term.fixed[r][g]]) if steady else block
+            ids, rows = bench.ids[g], bench.rows[r][g]
+            left = bench.target[r][g] - rows @ base.coefficients[ids]
+            cross[:, ids] += bench.weights[g] * (X.T @ rows)
+            own += bench.weights[g] * (X.T @ X)
+            right += bench.weights[g] * (X.T @ left)
+    pull = base.inverse @ cross.T
+    schur = own - cross @ pull
+    matrix = schur[:size, :size] + np.diag(FLAT * (1.0 + np.diag(own)[:size]) + term.slot.precision)
+    found = np.linalg.solve(matrix, right[:size] - schur[:size, size:].sum(axis=1))
+    whole = np.append(found, np.ones(int(steady)))
+    return base.coefficients - pull @ whole, found

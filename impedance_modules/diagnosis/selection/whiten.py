@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The noise of every residual: how strong, of which colour, and the filter that makes it white and of unit size.
+
+    e_t = (x_t + \sum_k a_k x_{t-k}) / s,      x the noise in the band
+
+Repeats show the noise without any model: half the power of the difference of two residuals of one motion.
+Without repeats it is what a flexible model of each joint (smooth functions, no physics) leaves; that floor is weak.
+Filtered by the same coefficients, columns keep their meaning, and ordinary least squares is efficient and honest
+about its errors (Aitken; Ljung 1999, prediction-error filter).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+from scipy.signal import welch
+
+Array = NDArray[np.float64]
+
+ORDER = 4
+"""Of the autoregression."""
+
+LEAST = 0.02
+"""White noise that is added to the estimated one, over its power: no frequency is trusted to be silent."""
+
+FLAT = 0.8
+"""Part of the band in which the band's own filter does nothing ..."""
+
+EDGE = 0.6
+"""... and from where to there its noise stands for that beyond, which no one shall dig out again."""
+
+SEGMENT = 64
+"""Samples over which a spectrum is taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """Noise of all groups in all recordings.
+
+    Attributes:
+        filters: Group -> (ORDER + 1,) 1, a_1, a_2 ...
+        innovation: (recordings, groups) s [N.m], [N] or [rad/s].
+        rms: (recordings, groups) noise in the band.
+        part: (groups,) power of whitened noise: its samples that are independent over all of them.
+        samples: (groups,) independent samples that the floor rests on.
+        weak: True where no repeats measured it.
+    """
+
+    filters: tuple[Array, ...]
+    innovation: Array
+    rms: Array
+    part: Array
+    samples: Array
+    weak: bool
+
+    def apply(self, values: NDArray[np.floating], recording: int, group: int) -> NDArray[np.floating]:
+        """Whitens (M, ...) samples; the first ORDER are lost."""
+        taps = (self.filters[group] / self.innovation[recording, group]).astype(values.dtype)
+        out = taps[0] * values[ORDER:]
+        for lag in range(1, ORDER + 1):
+            out += taps[lag] * values[ORDER - lag : -lag]
+        return out
+
+
+def whitening_of(
+    noise: Sequence[Sequence[Array]], share: Array, *, edge: float, lost: Array, weak: bool
+) -> Whitening:
+    """Fits the noise model.
+
+    Args:
+        noise: Group -> pieces of noise.
+        share: (recordings, groups) how much stronger the noise is there than in the pieces.
+        edge: End of the band in cycles per sample.
+        lost: (groups,) degrees of freedom that were fitted away to get the pieces.
+        weak: No repeats measured it.
+    """
+    filters, scale, rms, part, samples = [], [], [], [], []
+    for group, pieces in enumerate(noise):
+        count = sum(len(piece) for piece in pieces)
+        grow = count / max(count - lost[group], 0.1 * count)
+        power = max(sum(float(piece @ piece) for piece in pieces) / count * grow, 1e-24)
+        taps = _autoregression(pieces, edge)
+        left = [_filtered(piece, taps) for piece in pieces]
+        frequency, density = _spectrum(left)
+        level = max(float(np.mean(density[frequency <= FLAT * edge])) * grow, 1e-24)
+        filters.append(taps)
+        scale.append(np.sqrt(level))
+        rms.append(np.sqrt(power))
+        part.append(min(1.0, max(float(np.mean(np.concatenate(left) ** 2)) * grow / level, 0.1)))
+        samples.append(part[-1] * max(count - lost[group], 0.1 * count))
+    return Whitening(
+        filters=tuple(filters),
+        innovation=share * np.array(scale),
+        rms=share * np.array(rms),
+        part=np.array(part),
+        samples=np.array(samples),
+        weak=weak,
+    )
+
+
+def _filtered(piece: Array, taps: Array) -> Array:
+    return np.convolve(piece, taps)[ORDER : len(piece)]
+
+
+def _spectrum(pieces: Sequence[Array]) -> tuple[Array, Array]:
+    """Frequencies [cycles per sample] and mean power density of all pieces, white noise's being its variance."""
+    size = min(SEGMENT, *(len(piece) for piece in pieces))
+    found = [
+        welch(piece, fs=1.0, nperseg=size, detrend=False, return_onesided=False)[1] for piece in pieces
+    ]
+    frequency = np.abs(np.fft.fftfreq(size))
+    weights = [len(piece) for piece in pieces]
+    return frequency, np.average(found, axis=0, weights=weights)
+
+
+def _autoregression(pieces: Sequence[Array], edge: float) -> Array:
+    """Yule and Walker's equations, (ORDER + 1,), the noise continued beyond the band as it is near its end."""
+    frequency, density = _spectrum(pieces)
+    near = (frequency > EDGE * edge) & (frequency <= FLAT * edge)
+    if near.any():
+        density = np.where(frequency > FLAT * edge, np.mean(density[near]), density)
+    covariance = np.fft.ifft(density).real[: ORDER + 1]
+    if covariance[0] <= 0.0:
+        return np.concatenate([[1.0], np.zeros(ORDER)])
+    covariance[0] *= 1.0 + LEAST
+    return np.concatenate([[1.0], -solve_toeplitz(covariance[:ORDER], covariance[1:])])
