@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from scipy.signal import butter, firwin, sosfiltfilt, upfirdn
 from impedance_modules.diagnosis.log import Log
 
 Array = NDArray[np.float64]
+
+Real = TypeVar("Real", np.float32, np.float64)
 
 NOISE_SHARE = 0.05
 """Noise of the acceleration over the acceleration, at the end of the band."""
@@ -76,7 +79,7 @@ class Band:
         """Counts how many of so many samples `condense` keeps."""
         return max(0, (samples - 2 * self.margin - 1) // self.step + 1)
 
-    def condense(self, values: Array) -> Array:
+    def condense(self, values: NDArray[Real]) -> NDArray[Real]:
         """Filters samples along the first axis, cuts the margins off and keeps every `step`-th."""
         flat = values.reshape(len(values), -1)
         out = np.empty((self.kept(len(values)), flat.shape[1]), dtype=values.dtype)

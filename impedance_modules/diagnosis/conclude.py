@@ -20,6 +20,7 @@ from impedance_modules.diagnosis.where import locate
 
 Array = NDArray[np.float64]
 
+
 def conclude(
     evidence: Evidence, causes: tuple[Cause, ...], model: NominalModel, report: DataReport
 ) -> Diagnosis:
@@ -95,7 +96,7 @@ def _remainder(evidence: Evidence, model: NominalModel) -> Remainder:
     if not found.passed:
         words += "; not explained by the catalogue"
         if evidence.refusal is not None:
-            words += f" (nearest: {evidence.refusal.trial.term.candidate.name}, which {evidence.refusal.reason})"
+            words += (
+                f" (nearest: {evidence.refusal.trial.term.candidate.name}, which {evidence.refusal.reason})"
+            )
     return Remainder(ratio, found.passed, words)
-
-

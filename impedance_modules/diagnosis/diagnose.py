@@ -22,7 +22,12 @@ from impedance_modules.diagnosis.result import Diagnosis, Remainder
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
 from impedance_modules.diagnosis.rollout.stage import with_rollouts
-from impedance_modules.diagnosis.selection.candidates import instrument, list_candidates, shapes_of
+from impedance_modules.diagnosis.selection.candidates import (
+    command_noise,
+    instrument,
+    list_candidates,
+    shapes_of,
+)
 from impedance_modules.diagnosis.selection.design import build_design
 from impedance_modules.diagnosis.selection.drafts import Draft, draft_candidates
 from impedance_modules.diagnosis.selection.floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
@@ -94,7 +99,8 @@ def _explain(
     progress: Progress,
 ) -> Evidence:
     residuals = list(prepared[0].residuals)
-    signals = [instrument(item.signals) for item in prepared]
+    noise = command_noise(prepared, repeat_pairs(prepared, arrangement.fitted))
+    signals = [instrument(item.signals, noise) for item in prepared]
     shaped = [
         (candidate, shape)
         for candidate in list_candidates(CATALOGUE, prepared, {*without, *UNSEARCHED})
@@ -107,9 +113,11 @@ def _explain(
     floor = _floor(raw, prepared, nuisance, [*stand_ins, *_simple(drafts)], arrangement.fitted)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]
-    design = build_design([*drafts, *stand_ins], nuisance, raw, floor, names, rate)
+    design = build_design([*drafts, *stand_ins], nuisance, raw, floor, names=names, rate=rate)
     del drafts
-    selector = Selector(design, arrangement.folds, Refiner(design, prepared, signals), model.position_resolution)
+    selector = Selector(
+        design, arrangement.folds, Refiner(design, prepared, signals), model.position_resolution
+    )
     return _search(selector, prepared, arrangement, progress)
 
 
@@ -142,9 +150,7 @@ def _floor(
 
 def _simple(drafts: Sequence[Draft]) -> list[Draft]:
     """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
-    return [
-        draft for draft in drafts if not draft.shape and draft.width <= 3 and len(draft.blocks[0]) == 1
-    ]
+    return [draft for draft in drafts if not draft.shape and draft.width <= 3 and len(draft.blocks[0]) == 1]
 
 
 def _with_warnings(report: DataReport, arrangement: Arrangement) -> DataReport:

@@ -61,16 +61,19 @@ class Evidence:
         """(groups,) noise power of a residual's average joint: in its units powers of joints add as they are."""
         names = [residual for residual, _ in self.design.groups]
         power = self.heldout_noise**2
-        return np.array([
-            np.mean([p for p, other in zip(power, names, strict=True) if other == name]) for name in names
-        ])
+        return np.array(
+            [np.mean([p for p, other in zip(power, names, strict=True) if other == name]) for name in names]
+        )
 
     def rms(self, bench: Bench | None) -> Array:
         """(groups,) rms that a model leaves on the unseen recordings; None is the nominal model as it stands."""
         left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in self.heldout]
-        return np.array([
-            np.sqrt(np.mean(np.concatenate([x[g] for x in left]) ** 2)) for g in range(len(self.design.groups))
-        ])
+        return np.array(
+            [
+                np.sqrt(np.mean(np.concatenate([x[g] for x in left]) ** 2))
+                for g in range(len(self.design.groups))
+            ]
+        )
 
     def excess(self, bench: Bench | None) -> float:
         """Unseen residual power beyond the noise, over all groups, in units of the average joint's noise."""

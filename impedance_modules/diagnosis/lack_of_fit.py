@@ -9,6 +9,7 @@ floor, all groups together; and no stand-in may find structure in it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,19 +51,31 @@ class Lack:
 
 
 def lack_of_fit(evidence: Evidence) -> Lack:
-    """Tests what the accepted model leaves on unseen recordings."""
+    """Tests what the accepted model leaves, on unseen recordings and on all of them."""
+    unseen = _ratios(evidence, evidence.heldout)
+    fitted = _ratios(evidence, (*evidence.bench.fitted, *evidence.heldout))
+    ratio, limit = (np.array(part) for part in zip(*map(_worse, unseen, fitted), strict=True))
+    factor = WEAK if evidence.floor.weak else 1.0
+    return Lack(ratio, factor * limit, "")
+
+
+def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    return max(one, other, key=lambda pair: pair[0] / pair[1])
+
+
+def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, float]]:
+    """Residual power over expected power, and its limit, of each group."""
     bench, design = evidence.bench, evidence.design
-    rescale = (design.whitening.innovation / evidence.floor.innovation)[list(evidence.heldout)]
-    left = [bench.residuals(bench.whole.coefficients, r) for r in evidence.heldout]
-    ratio, limit = [], []
-    for g in range(len(design.groups)):
-        rows = np.concatenate([x[g] * rescale[i, g] for i, x in enumerate(left)])
-        T = np.concatenate([bench.rows[r][g] * rescale[i, g] for i, r in enumerate(evidence.heldout)])
-        ids = bench.ids[g]
+    rescale = design.whitening.innovation / evidence.floor.innovation
+    left = {r: bench.residuals(bench.whole.coefficients, r) for r in recordings}
+    chance = 1.0 - ALPHA / len(design.groups)
+    out = []
+    for g, ids in enumerate(bench.ids):
+        rows = np.concatenate([left[r][g] * rescale[r, g] for r in recordings])
+        T = np.concatenate([bench.rows[r][g] * rescale[r, g] for r in recordings])
         variance = float(np.sum((T @ bench.whole.inverse[np.ix_(ids, ids)]) * T) / len(T))
         part = design.whitening.part[g]
-        ratio.append(float(np.mean(rows**2)) / (part + variance))
-        chance = 1.0 - ALPHA / len(design.groups)
-        limit.append(SYSTEMATIC * float(fisher.ppf(chance, part * len(rows), design.whitening.samples[g])))
-    factor = WEAK if evidence.floor.weak else 1.0
-    return Lack(np.array(ratio), factor * np.array(limit), "")
+        ratio = float(np.mean(rows**2)) / (part + variance)
+        limit = SYSTEMATIC * float(fisher.ppf(chance, part * len(rows), design.whitening.samples[g]))
+        out.append((ratio, limit))
+    return out

@@ -50,6 +50,8 @@ class TransmissionCoupling(Effect):
         worn="The plant: the two motors' equations; refused where the rotors' inertia would be no inertia.",
     )
 
+    symmetric = True
+
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
     ) -> Regressor | None:

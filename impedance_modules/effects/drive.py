@@ -31,9 +31,11 @@ class DriveLaw(Effect):
 
     Attributes:
         symbol: The parameter's.
+        peaks: What happens at single peaks of the torque counts, which no cleaned signal shows.
     """
 
     symbol: str
+    peaks: bool = False
 
     @abstractmethod
     def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
@@ -54,7 +56,8 @@ class DriveLaw(Effect):
         if not self.shows(port, residual) or signals.drive is None:
             return None
         joint, value = signals.joint(key), float(shape[self.symbol])
-        asked = self.asked(signals, signals.drive)[:, joint]
+        known = signals.drive if signals.clean_drive is None or self.peaks else signals.clean_drive
+        asked = self.asked(signals, known)[:, joint]
         given, slope = self.given(asked, signals.time, value)
         lowest = self.description.parameter(self.symbol).lower - value
         return one_row(joint, -slope[:, None], asked - given, np.array([lowest]), np.full(1, np.inf))
@@ -154,6 +157,7 @@ class TorqueSaturation(DriveLaw):
     """clip(u, -limit, limit)."""
 
     symbol = "limit"
+    peaks = True
     shape = ("limit",)
     description = Description(
         id="torque_saturation",

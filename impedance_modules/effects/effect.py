@@ -63,11 +63,13 @@ class Effect(ABC):
         description: In words.
         shape: Names of what enters nonlinearly; empty for a linear effect.
         replaces: It replaces a number of the robot file instead of adding to it.
+        symmetric: On a pair of joints it is the same effect either way round.
     """
 
     description: Description
     shape: tuple[str, ...] = ()
     replaces: bool = False
+    symmetric: bool = False
 
     @property
     def id(self) -> str:

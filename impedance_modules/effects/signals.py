@@ -33,7 +33,9 @@ def differentiate(values: Array, time: Array) -> Array:
         return plain
     last, total = len(time), np.zeros_like(plain[reach:-reach])
     for lag, weight in enumerate(STENCIL, start=1):
-        total += weight * (values[reach + lag : last - reach + lag] - values[reach - lag : last - reach - lag])
+        total += weight * (
+            values[reach + lag : last - reach + lag] - values[reach - lag : last - reach - lag]
+        )
     plain[reach:-reach] = total / float(np.mean(steps))
     return plain
 
@@ -55,6 +57,8 @@ class Signals:
         encoder: Side of the gear whose position is recorded.
         assistance: Part of ``drive`` that the robot adds by itself, which no delay of the command touches;
             None where it adds nothing.
+        clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
+            otherwise gain by smoothing the noise that the residual carries too.
     """
 
     model: RigidModel
@@ -71,6 +75,7 @@ class Signals:
     effort_source: Literal["joint_sensor", "motor"]
     encoder: Literal["link", "motor"] = "link"
     assistance: Array | None = None
+    clean_drive: Array | None = None
 
     @property
     def samples(self) -> int:

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_modules.diagnosis.band import MARGIN
 from impedance_modules.diagnosis.prepare import Prepared
+
+MARGIN = 0.4
+"""Left out at both ends of a recording, where filters have seen only one side [s]."""
 
 WINDOW = 0.4
 """Length of a window [s]: long enough for friction to show, short enough for an open loop."""

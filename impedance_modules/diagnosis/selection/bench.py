@@ -70,7 +70,9 @@ class Bench:
         self.starts = design.nuisance.size + np.cumsum([0, *sizes], dtype=np.intp)
         self.size = int(self.starts[-1])
         self.ids: tuple[Indices, ...] = tuple(self._ids(g) for g in range(len(design.groups)))
-        self.rows = tuple(tuple(self._rows(r, g) for g in range(len(design.groups))) for r in range(len(design.y)))
+        self.rows = tuple(
+            tuple(self._rows(r, g) for g in range(len(design.groups))) for r in range(len(design.y))
+        )
         self.target = tuple(
             tuple(self._target(r, g) for g in range(len(design.groups))) for r in range(len(design.y))
         )
@@ -101,7 +103,11 @@ class Bench:
 
     def _target(self, recording: int, group: int) -> Array:
         steady = [term.fixed[recording][group] for term in self.model if group in term.fixed[recording]]
-        return np.asarray(self.design.y[recording][group] - sum(steady)) if steady else self.design.y[recording][group]
+        return (
+            np.asarray(self.design.y[recording][group] - sum(steady))
+            if steady
+            else self.design.y[recording][group]
+        )
 
     @cached_property
     def _sums(self) -> tuple[tuple[tuple[Array, Array], ...], ...]:
@@ -133,12 +139,13 @@ class Bench:
             A[np.ix_(ids, ids)] += self.weights[g] * gram
             b[ids] += self.weights[g] * sum(self._sums[r][g][1] for r in recordings)
         inverse = np.linalg.inv(A)
-        return Fit(inverse @ b, inverse)
+        return Fit(np.asarray(inverse @ b), np.asarray(inverse))
 
     def residuals(self, coefficients: Array, recording: int) -> list[Array]:
         """What coefficients leave of a recording: group -> (M,) whitened."""
         return [
-            self.target[recording][g] - self.rows[recording][g] @ coefficients[ids] for g, ids in enumerate(self.ids)
+            self.target[recording][g] - self.rows[recording][g] @ coefficients[ids]
+            for g, ids in enumerate(self.ids)
         ]
 
     @property
@@ -148,7 +155,8 @@ class Bench:
 
     def squares(self, coefficients: Array, recordings: Sequence[int]) -> Array:
         """(groups,) sums of squares that coefficients leave."""
-        return np.sum([[float(x @ x) for x in self.residuals(coefficients, r)] for r in recordings], axis=0)
+        parts = [[float(x @ x) for x in self.residuals(coefficients, r)] for r in recordings]
+        return np.asarray(np.sum(parts, axis=0))
 
     def train(self, fold: int) -> tuple[int, ...]:
         """Recordings of all folds but one."""

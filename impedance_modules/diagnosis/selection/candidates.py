@@ -26,6 +26,9 @@ Group = tuple[Residual, int]
 SENSOR_SHARE_MAX = 0.5
 """Largest share of a torque by which a sensor is believed to be wrong."""
 
+ALONE = 1.5
+"""Times a command's noise that motion and model may leave of it, for the rest to count as noise."""
+
 PERIODS_MIN = 2.0
 """Fewest periods that a periodic effect must run through in the recordings."""
 
@@ -90,19 +93,20 @@ def list_candidates(
         if effect.id in without:
             continue
         for kind in effect.description.keys:
-            for key, carried in _keys(kind, joints, bodies):
+            for key, carried in _keys(kind, joints, bodies, effect.symmetric):
                 found.extend(Candidate(effect, port, key, carried) for port in effect.description.ports)
     return tuple(found)
 
 
 def _keys(
-    kind: KeyKind, joints: Sequence[str], bodies: Sequence[tuple[str, str]]
+    kind: KeyKind, joints: Sequence[str], bodies: Sequence[tuple[str, str]], symmetric: bool
 ) -> Iterator[tuple[str, tuple[str, ...]]]:
     if kind == "joint":
         yield from ((joint, (joint,)) for joint in joints)
     elif kind == "pair":
-        for joint in joints:
-            yield from ((f"{joint}{PAIR}{other}", (joint,)) for other in joints if other != joint)
+        for index, joint in enumerate(joints):
+            others = joints[index + 1 :] if symmetric else [other for other in joints if other != joint]
+            yield from ((f"{joint}{PAIR}{other}", (joint,)) for other in others)
     elif kind == "body":
         yield from ((link, (joint,)) for link, joint in bodies)
     else:
@@ -169,18 +173,58 @@ def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) ->
     return shape["N"] * swept / (2.0 * np.pi) >= PERIODS_MIN
 
 
-def instrument(signals: Signals) -> Signals:
-    """Replaces the measured effort by its regression on the model's torque and the motion.
+def instrument(signals: Signals, noise: Array | None = None) -> Signals:
+    """Replaces the measured effort by its regression on the model's torque and the motion, and cleans the command.
 
     A column that is computed from the reading carries the reading's noise, and so does the residual: the two
     would agree where nothing is. A gain could then explain anything by scaling all away, an elasticity clean data.
+
+    Args:
+        signals: One recording.
+        noise: (n,) rms of the commands' noise as repeats show it; without it commands stay as they are.
     """
-    if signals.effort is None:
-        return signals
-    out = np.empty_like(signals.effort)
+    effort = signals.effort
+    if effort is not None:
+        effort = np.column_stack(
+            [
+                _onto(_basis(signals, joint, signals.rigid[:, [joint]]), effort[:, joint])
+                for joint in range(signals.n)
+            ]
+        )
+    return replace(signals, effort=effort, clean_drive=_clean_drive(signals, noise))
+
+
+def _clean_drive(signals: Signals, noise: Array | None) -> Array | None:
+    """The torque asked for, without noise on every joint where motion and model leave no more than noise of it."""
+    if signals.drive is None or noise is None:
+        return None
+    assistance = np.zeros_like(signals.drive) if signals.assistance is None else signals.assistance
+    out = signals.drive.copy()
     for joint in range(signals.n):
-        q, v, a = (x[:, joint] for x in (signals.position, signals.velocity, signals.acceleration))
-        basis = np.column_stack([signals.rigid[:, joint], np.ones_like(q), q, v, a, np.tanh(v / 0.05)])
-        solution = np.linalg.lstsq(basis, signals.effort[:, joint], rcond=None)[0]
-        out[:, joint] = basis @ solution
-    return replace(signals, effort=out)
+        asked, weight = signals.drive[:, joint] - assistance[:, joint], signals.weight[:, joint]
+        q = signals.position[:, joint]
+        own = np.column_stack([signals.rigid[:, joint] - weight, weight, np.cos(q), np.sin(q)])
+        smooth = _onto(_basis(signals, joint, own), asked)
+        if float(np.std(asked - smooth)) < ALONE * noise[joint]:
+            out[:, joint] = smooth + assistance[:, joint]
+    return out
+
+
+def command_noise(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array | None:
+    """Rms (n,) of what differs in the commands of repeats; None without any."""
+    found = []
+    for i, j in pairs:
+        first, second = prepared[i].signals.drive, prepared[j].signals.drive
+        if first is not None and second is not None:
+            size = min(len(first), len(second))
+            found.append(np.mean((first[:size] - second[:size]) ** 2, axis=0) / 2.0)
+    return np.sqrt(np.mean(found, axis=0)) if found else None
+
+
+def _basis(signals: Signals, joint: int, own: Array) -> Array:
+    q, v, a = (x[:, joint] for x in (signals.position, signals.velocity, signals.acceleration))
+    return np.column_stack([own, np.ones_like(q), q, v, a, np.tanh(v / 0.05)])
+
+
+def _onto(basis: Array, values: Array) -> Array:
+    return np.asarray(basis @ np.linalg.lstsq(basis, values, rcond=None)[0])

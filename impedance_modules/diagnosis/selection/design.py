@@ -8,6 +8,7 @@ of every shaped candidate. Candidates' columns are kept in single precision: the
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -86,6 +87,11 @@ class Design:
         return np.asarray(self.whitening.part * np.array(rows, dtype=float))
 
     @cached_property
+    def shapes(self) -> Mapping[tuple[str, str, str], int]:
+        """Candidate -> how many shapes of it are tried."""
+        return Counter(slot.shaped.key for slot in self.slots)
+
+    @cached_property
     def nuisance_gram(self) -> tuple[tuple[Array, ...], ...]:
         """Recording -> group -> (k, k) Z^T Z."""
         return tuple(tuple(block.T @ block for block in recording) for recording in self.Z)
@@ -96,6 +102,7 @@ def build_design(
     nuisance: Nuisance,
     raw: Sequence[Sequence[Array]],
     whitening: Whitening,
+    *,
     names: Sequence[str],
     rate: float,
 ) -> Design:
@@ -120,7 +127,13 @@ def build_design(
         Z=whitened(nuisance.columns, whitening),
         X=tuple(
             tuple(
-                _beside([(drafts[i], slots[i]) for i in inside], (r, g), nuisance.groups[g], whitening, len(raw[r][g]))
+                _beside(
+                    [(drafts[i], slots[i]) for i in inside],
+                    (r, g),
+                    nuisance.groups[g],
+                    whitening,
+                    len(raw[r][g]),
+                )
                 for g, inside in enumerate(members)
             )
             for r in range(len(raw))
@@ -138,7 +151,9 @@ def whitened(blocks: Sequence[Sequence[Array]], whitening: Whitening) -> tuple[t
     )
 
 
-def slot_of(draft: Draft, groups: Sequence[Group], links: Mapping[str, Array], first: Mapping[int, int]) -> Slot | None:
+def slot_of(
+    draft: Draft, groups: Sequence[Group], links: Mapping[str, Array], first: Mapping[int, int]
+) -> Slot | None:
     """Describes a draft's place; None where a column of it is nowhere other than zero.
 
     Args:
@@ -199,7 +214,11 @@ def scaled_block(draft: Draft, slot: Slot, recording: int, group: Group, rows: i
 
 
 def _beside(
-    members: Sequence[tuple[Draft, Slot]], place: tuple[int, int], group: Group, whitening: Whitening, rows: int
+    members: Sequence[tuple[Draft, Slot]],
+    place: tuple[int, int],
+    group: Group,
+    whitening: Whitening,
+    rows: int,
 ) -> Thin:
     blocks = [scaled_block(draft, slot, place[0], group, rows) for draft, slot in members]
     whole = np.concatenate(blocks, axis=1) if blocks else np.zeros((rows, 0), np.float32)

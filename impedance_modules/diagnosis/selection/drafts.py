@@ -68,7 +68,8 @@ class Filler:
         """Filters what waits."""
         if not self._waiting:
             return
-        thinned = self._item.band.condense(np.concatenate([block for _, _, block in self._waiting], axis=1))
+        whole = np.concatenate([block for _, _, block in self._waiting], axis=1)
+        thinned: Thin = self._item.band.condense(whole)
         first = 0
         for into, group, block in self._waiting:
             into[group] = thinned[:, first : first + block.shape[1]]

@@ -74,9 +74,8 @@ def _covariance(bench: Bench, refiner: Refiner, index: int, symbols: list[str]) 
     size, count = term.shaped.size, len(symbols)
     start = int(bench.starts[index])
     own = np.arange(start, start + size)
-    told = term.candidate.effect.next_shape
-    probe = {symbol: value for symbol, value in term.shaped.shape.items()}
-    free = {} if _told(bench, refiner, index, told, probe) else refiner.slopes(term, bench.of(index) * term.slot.scale)
+    moves = _told(bench, refiner, index)
+    free = {} if moves else refiner.slopes(term, bench.of(index) * term.slot.scale)
     cross, gram = np.zeros((count, bench.size)), np.zeros((count, count))
     for r in bench.fitted:
         for g in term.groups:
@@ -107,10 +106,10 @@ def _covariance(bench: Bench, refiner: Refiner, index: int, symbols: list[str]) 
     return out * _inflation(bench, index)
 
 
-def _told(bench: Bench, refiner: Refiner, index: int, told: Callable, shape: dict[str, float]) -> bool:  # type: ignore[type-arg]
+def _told(bench: Bench, refiner: Refiner, index: int) -> bool:
     """Whether a parameter of the shape follows from the coefficients, which carry its error then."""
-    term = bench.model[index]
-    candidate = term.candidate
+    candidate = bench.model[index].candidate
+    shape = dict(bench.model[index].shaped.shape)
     signals = refiner.prepared[0].signals
     first, second = (
         candidate.effect.values(bench.of(index) * factor, shape, signals, candidate.key, candidate.port)

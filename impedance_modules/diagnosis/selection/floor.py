@@ -97,7 +97,7 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
 ) -> tuple[list[Array], float]:
     blocks = []
     for recording in recordings:
-        own = [draft.blocks[recording][group] for draft in members if group in draft.blocks[recording]]  # type: ignore[index]
+        own = [draft.blocks[recording][group] for draft in members if group in draft.blocks[recording]]
         blocks.append(np.concatenate([nuisance.columns[recording][index], *own], axis=1).astype(float))
     X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)

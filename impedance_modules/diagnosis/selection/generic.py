@@ -55,9 +55,9 @@ def draft_stand_ins(prepared: Sequence[Prepared], residuals: Sequence[Residual])
 def _inputs(item: Prepared, joint: int) -> Array:
     """(N, 4) position, velocity, acceleration and the model's torque of a joint."""
     s = item.signals
-    return np.column_stack([
-        s.position[:, joint], s.velocity[:, joint], s.acceleration[:, joint], s.rigid[:, joint]
-    ])
+    return np.column_stack(
+        [s.position[:, joint], s.velocity[:, joint], s.acceleration[:, joint], s.rigid[:, joint]]
+    )
 
 
 def _functions(inputs: Sequence[Array]) -> Iterator[tuple[str, list[Array]]]:

@@ -29,7 +29,10 @@ FEW = 8
 
 
 def shares(
-    groups: Sequence[Group], prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]], power: Sequence[float]
+    groups: Sequence[Group],
+    prepared: Sequence[Prepared],
+    pairs: Sequence[tuple[int, int]],
+    power: Sequence[float],
 ) -> Array:
     """Says how much stronger the noise is in each recording than in the repeats, (recordings, groups).
 

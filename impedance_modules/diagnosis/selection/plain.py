@@ -29,10 +29,14 @@ class PlainRows:
             draft = self._refiner.draft(term.candidate, term.shaped.shape)
             rows = []
             for r, raw in enumerate(self.design.raw):
-                rows.append({
-                    g: scaled_block(draft, term.slot, r, self.design.groups[g], len(raw[g])).astype(float)
-                    for g in term.groups
-                } if draft is not None else {})
+                rows.append(
+                    {
+                        g: scaled_block(draft, term.slot, r, self.design.groups[g], len(raw[g])).astype(float)
+                        for g in term.groups
+                    }
+                    if draft is not None
+                    else {}
+                )
             self._kept[id(term)] = (term, rows)
         return self._kept[id(term)][1]
 

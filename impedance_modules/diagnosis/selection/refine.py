@@ -50,13 +50,19 @@ class Refiner:
 
     def draft(self, candidate: Candidate, shape: Mapping[str, float]) -> Draft | None:
         """A candidate's thinned columns, in their own units."""
-        return next(iter(draft_candidates([(candidate, shape)], self.prepared, self._signals, self._residuals)), None)
+        return next(
+            iter(draft_candidates([(candidate, shape)], self.prepared, self._signals, self._residuals)), None
+        )
 
     def term(self, candidate: Candidate, shape: Mapping[str, float], like: Slot | None = None) -> Term | None:
         """Evaluates a candidate; scaled as another term where one is given."""
         draft = self.draft(candidate, shape)
         groups, nuisance = self.design.groups, self.design.nuisance
-        slot = None if draft is None else slot_of(draft, groups, nuisance.links, dict.fromkeys(range(len(groups)), 0))
+        slot = (
+            None
+            if draft is None
+            else slot_of(draft, groups, nuisance.links, dict.fromkeys(range(len(groups)), 0))
+        )
         if draft is None or slot is None:
             return None
         if like is not None:
@@ -67,7 +73,9 @@ class Refiner:
             blocks = {
                 g: np.asarray(
                     self.design.whitening.apply(
-                        scaled_block(draft, slot, r, groups[g], len(self.design.raw[r][g])).astype(float), r, g
+                        scaled_block(draft, slot, r, groups[g], len(self.design.raw[r][g])).astype(float),
+                        r,
+                        g,
                     )
                 )
                 for g in slot.places
@@ -78,7 +86,7 @@ class Refiner:
 
     def slopes(self, term: Term, coefficients: Array) -> dict[str, tuple[Mapping[int, Array], ...]]:
         """What each nonlinear parameter changes per unit, symbol -> recording -> group -> (M,), whitened."""
-        out = {}
+        out: dict[str, tuple[Mapping[int, Array], ...]] = {}
         for symbol, value in term.shaped.shape.items():
             step = SLOPE * max(abs(value), 1e-3)
             moved = self.term(term.candidate, {**term.shaped.shape, symbol: value + step}, term.slot)
@@ -89,7 +97,9 @@ class Refiner:
                     g: ((new[g] - old[g]) @ coefficients + more.get(g, 0.0) - less.get(g, 0.0)) / step
                     for g in old
                 }
-                for new, old, more, less in zip(moved.columns, term.columns, moved.fixed, term.fixed, strict=True)
+                for new, old, more, less in zip(
+                    moved.columns, term.columns, moved.fixed, term.fixed, strict=True
+                )
             )
         return out
 
@@ -157,6 +167,4 @@ def _reach(value: float) -> float:
 
 def _loss(bench: Bench, reference: Bench) -> float:
     """Squares left by the whole fit, all with the same weights."""
-    return float(bench.left @ reference.weights) + float(
-        bench.whole.coefficients**2 @ bench.prior
-    )
+    return float(bench.left @ reference.weights) + float(bench.whole.coefficients**2 @ bench.prior)

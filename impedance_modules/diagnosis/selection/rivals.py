@@ -14,7 +14,7 @@ from impedance_modules.diagnosis.selection.trial import Trial, try_term
 ASKED = 8
 """Rivals that are tried beside each cause."""
 
-EQUAL_SIGMA = 2.0
+EQUAL_SIGMA = 3.0
 """Fewer standard errors than this between two candidates: the recordings cannot tell them apart ..."""
 
 EQUAL_LOSS = 0.01

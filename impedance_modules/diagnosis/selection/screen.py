@@ -64,13 +64,14 @@ class Screen:
         self._lags = int(widths.max(initial=1))
         self._ids = tuple(self._columns(g) for g in range(len(design.groups)))
         self._nuisance = tuple(
-            sum(np.asarray(design.X[r][g].T @ design.Z[r][g].astype(np.float32), float) for r in self._recordings)
+            sum(
+                np.asarray(design.X[r][g].T @ design.Z[r][g].astype(np.float32), float)
+                for r in self._recordings
+            )
             for g in range(len(design.groups))
         )
         self._own = tuple(self._bands(g) for g in range(len(design.groups)))
-        self.classes = [
-            (int(width), np.flatnonzero(widths == width)) for width in np.unique(widths)
-        ]
+        self.classes = [(int(width), np.flatnonzero(widths == width)) for width in np.unique(widths)]
 
     def _columns(self, group: int) -> Indices:
         """Which of all columns stand in a group, in its order."""
@@ -125,7 +126,12 @@ class Screen:
         return cross, own, right
 
     def _judge(
-        self, bench: Bench, width: int, members: Indices, sums: tuple[Array, Array, Array], held: set[tuple[str, str, str]]
+        self,
+        bench: Bench,
+        width: int,
+        members: Indices,
+        sums: tuple[Array, Array, Array],
+        held: set[tuple[str, str, str]],
     ) -> list[Look]:
         """Looks at the candidates of one width together."""
         own, left, right = sums
@@ -138,14 +144,18 @@ class Screen:
         slots = [self.design.slots[i] for i in members]
         out: list[Look] = []
         for fixed in (False, True):
-            chosen = np.array([i for i, slot in enumerate(slots) if slot.shaped.fixed == fixed], dtype=np.intp)
+            chosen = np.array(
+                [i for i, slot in enumerate(slots) if slot.shaped.fixed == fixed], dtype=np.intp
+            )
             size = width - fixed
             if not len(chosen) or size == 0:
                 continue
             part, b = S[chosen], right[columns[chosen]]
             some = [slots[i] for i in chosen]
             precision = np.array([slot.precision for slot in some])
-            matrix = part[:, :size, :size] + np.einsum("np,pq->npq", precision + RIDGE * power[chosen][:, :size], np.eye(size))
+            matrix = part[:, :size, :size] + np.einsum(
+                "np,pq->npq", precision + RIDGE * power[chosen][:, :size], np.eye(size)
+            )
             pull = b[:, :size] - (part[:, :size, size] if fixed else 0.0)
             inverse = np.linalg.pinv(matrix, hermitian=True)
             found = np.einsum("npq,nq->np", inverse, pull)
@@ -171,11 +181,13 @@ def _looks(
     physical = np.all((coefficients > lower - spread) & (coefficients < upper + spread), axis=1)
     out = []
     for i in np.flatnonzero(seen & (gains > 0.0)):
-        slot = slots[i]
+        slot = slots[int(i)]
         if slot.shaped.key in held:
             continue
         touched = list(slot.groups)
         samples = float(np.sum(bench.counts[touched]))
         gain = -0.5 * samples * float(np.log(max(1.0 - 2.0 * gains[i] / samples, 1e-6)))
-        out.append(Look(slot, gain, float(2.0 * gains[i] / np.min(bench.weights[touched])), bool(physical[i])))
+        out.append(
+            Look(slot, gain, float(2.0 * gains[i] / np.min(bench.weights[touched])), bool(physical[i]))
+        )
     return out

@@ -39,8 +39,11 @@ TRIMMED = 0.05
 TRIMMED_MIN = 3.0
 """... so much [nats]: what happens in a few moments only can be confirmed by nothing else."""
 
-SPECIFIC = 3.0
-"""Standard errors by which a cause must beat the best generic stand-in."""
+SPECIFIC = 8.0
+"""Log-likelihood by which a cause must beat the best generic stand-in [nats]."""
+
+SPREAD, NARROW = 0.3, 0.95
+"""An effect of which more than this part falls on other joints must not gain more than that part on one."""
 
 REDUCTION_MIN = 0.05
 """Least part of a group's held-out squares that a cause removes."""
@@ -143,9 +146,10 @@ class Selector:
             own = try_term(bench, term)
             rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
             better = max(self.refined(bench, rivals), key=adjusted, default=own)
-            if adjusted(better) > adjusted(own) + BIC_MIN and (
-                objection(better, []) or self.unresolved(better.term)
-            ) is None:
+            if (
+                adjusted(better) > adjusted(own) + BIC_MIN
+                and (objection(better, []) or self.unresolved(better.term)) is None
+            ):
                 model = [*model[:index], better.term, *model[index + 1 :]]
             else:
                 model = [*model[:index], self.refiner.refine(bench, term), *model[index + 1 :]]
@@ -194,10 +198,11 @@ def adjusted(trial: Trial) -> float:
 
 
 def price(trial: Trial) -> float:
-    """Price of a candidate's parameters by the Bayesian information criterion [nats]."""
+    """Price of a candidate's parameters by the Bayesian information criterion, and of its choice of shapes [nats]."""
     shaped = trial.term.shaped
     samples = float(np.max(trial.bench.counts[list(trial.term.groups)]))
-    return float(0.5 * (shaped.size + len(shaped.shape)) * np.log(max(samples, 2.0)))
+    searched = np.log(max(trial.bench.design.shapes[shaped.key], 1))
+    return float(0.5 * shaped.size * np.log(max(samples, 2.0)) + searched)
 
 
 def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
@@ -211,11 +216,15 @@ def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
         return "helps on some recordings and harms on others"
     if trial.trimmed(TRIMMED) < TRIMMED_MIN:
         return "its gain comes from a few moments only"
+    if trial.outside:
+        return "its parameters are at the end of what is physical, or beyond"
+    if trial.spread > SPREAD and trial.narrow > NARROW:
+        return "it should show on several joints and helps on one alone"
     own = set(trial.term.groups)
     for rival in stand_ins:
         if not own & set(rival.term.groups) or rival.term.shaped.size > trial.term.shaped.size:
             continue
         better = rival.reach_on(trial.term.groups) > trial.reach_on(trial.term.groups)
-        if better or trial.advantage(rival) < SPECIFIC:
+        if better or trial.gain < rival.gain + SPECIFIC:
             return "no better than a generic smooth function of the same signals: not specific"
     return None

@@ -71,5 +71,7 @@ def term_of(design: Design, slot: Slot) -> Term:
     return Term(
         slot=slot,
         columns=tuple({group: block[:, :size] for group, block in found.items()} for found in blocks),
-        fixed=tuple({group: block[:, size] for group, block in found.items() if width > size} for found in blocks),
+        fixed=tuple(
+            {group: block[:, size] for group, block in found.items() if width > size} for found in blocks
+        ),
     )

@@ -45,27 +45,38 @@ class Trial:
         term: The candidate.
         coefficients: (folds, p) without each fold, scaled.
         unseen: What model and candidate leave.
+        seen_gain: Gain on the fitted recordings themselves [nats].
     """
 
     bench: Bench
     term: Term
     coefficients: Array
     unseen: Unseen
+    seen_gain: float
 
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
         """(folds, groups) squares without and with the candidate."""
         pairs = (self.bench.unseen, self.unseen)
         first, second = (
-            np.array([
-                np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in self.bench.folds
-            ])
+            np.array(
+                [np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in self.bench.folds]
+            )
             for left in pairs
         )
         return first, second
 
-    @cached_property
+    @property
     def gain(self) -> float:
+        """What it gains for certain [nats].
+
+        A candidate can gain on unseen recordings by luck, where it happens to mend what the nuisance extrapolates
+        badly; it then gains nothing once all are fitted. What is there gains both ways.
+        """
+        return min(self.unseen_gain, self.seen_gain)
+
+    @cached_property
+    def unseen_gain(self) -> float:
         """Held-out gain [nats]."""
         without, with_it = self._sums
         ratio = np.log(np.maximum(without.sum(axis=0), 1e-9) / np.maximum(with_it.sum(axis=0), 1e-9))
@@ -88,6 +99,33 @@ class Trial:
         """Largest part of a touched group's held-out squares that it removes."""
         without, with_it = (part.sum(axis=0)[list(self.term.groups)] for part in self._sums)
         return float(np.max(1.0 - with_it / np.maximum(without, 1e-9)))
+
+    @cached_property
+    def narrow(self) -> float:
+        """Part of its weighted gain that comes from the one group where it gains most."""
+        without, with_it = self._sums
+        gains = ((without - with_it) * self.bench.weights).sum(axis=0)
+        total = float(gains.sum())
+        return float(gains.max()) / total if total > 0.0 else 1.0
+
+    @cached_property
+    def spread(self) -> float:
+        """Part of what it predicts that falls on other groups than the one where it predicts most."""
+        power = np.zeros(len(self.bench.design.groups))
+        for fold, own in zip(self.bench.folds, self.coefficients, strict=True):
+            for r in fold:
+                for g, block in self.term.columns[r].items():
+                    steady = self.term.fixed[r].get(g)
+                    torque = block @ own if steady is None else block @ own + steady
+                    power[g] += self.bench.weights[g] * float(torque @ torque)
+        total = float(power.sum())
+        return 1.0 - float(power.max()) / total if total > 0.0 else 0.0
+
+    @property
+    def outside(self) -> bool:
+        """Whether its mean coefficients leave their physical bounds."""
+        mean = self.coefficients.mean(axis=0) / self.term.slot.scale
+        return bool(np.any(mean <= self.term.shaped.lower) or np.any(mean >= self.term.shaped.upper))
 
     @property
     def reach(self) -> float:
@@ -135,7 +173,19 @@ def try_term(bench: Bench, term: Term) -> Trial:
         coefficients.append(more)
         for r in bench.folds[fold]:
             unseen[r] = with_term(bench.residuals(found, r), term, r, more)
-    return Trial(bench, term, np.array(coefficients), unseen)
+    return Trial(bench, term, np.array(coefficients), unseen, _seen_gain(bench, term))
+
+
+def _seen_gain(bench: Bench, term: Term) -> float:
+    """Gain of the whole fit, in likelihood and prior together."""
+    found, more = _extended(bench, bench.fitted, bench.whole, term)
+    squares = np.zeros(len(bench.design.groups))
+    for r in bench.fitted:
+        squares += [float(x @ x) for x in with_term(bench.residuals(found, r), term, r, more)]
+    ratio = np.log(np.maximum(bench.left, 1e-9) / np.maximum(squares, 1e-9))
+    prior = float(bench.prior @ (bench.whole.coefficients**2 - found**2))
+    own = float(term.slot.precision @ more**2)
+    return float(0.5 * (bench.counts @ ratio + prior - own))
 
 
 def with_term(left: Sequence[Array], term: Term, recording: int, coefficients: Array) -> list[Array]:

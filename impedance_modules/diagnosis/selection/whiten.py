@@ -63,7 +63,7 @@ class Whitening:
         out = taps[0] * values[ORDER:]
         for lag in range(1, ORDER + 1):
             out += taps[lag] * values[ORDER - lag : -lag]
-        return out
+        return np.asarray(out)
 
 
 def whitening_of(
@@ -109,9 +109,7 @@ def _filtered(piece: Array, taps: Array) -> Array:
 def _spectrum(pieces: Sequence[Array]) -> tuple[Array, Array]:
     """Frequencies [cycles per sample] and mean power density of all pieces, white noise's being its variance."""
     size = min(SEGMENT, *(len(piece) for piece in pieces))
-    found = [
-        welch(piece, fs=1.0, nperseg=size, detrend=False, return_onesided=False)[1] for piece in pieces
-    ]
+    found = [welch(piece, fs=1.0, nperseg=size, detrend=False, return_onesided=False)[1] for piece in pieces]
     frequency = np.abs(np.fft.fftfreq(size))
     weights = [len(piece) for piece in pieces]
     return frequency, np.average(found, axis=0, weights=weights)

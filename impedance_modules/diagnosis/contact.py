@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Pushes from outside: moments in which one force on one link explains all joints at once.
+
+A push is bound to one recording's time, so no other recording can confirm it. Three things can:
+
+- *pattern*: r = -J^T(q) f(t), three numbers an instant for all joints, explains what free torques would;
+- *moment*: outside a few intervals nothing is needed;
+- *absence*: where the recording repeats another, the same force is not there at the same time.
+
+f(t) is piecewise linear, with hats of half a second, fitted to the links' whitened residual of a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.selection.bench import Bench
+from impedance_modules.effects.residuals import uses_motion
+
+Array = NDArray[np.float64]
+
+SPACING = 0.25
+"""Between the tips of two hats [s]."""
+
+STRONG = 16.3
+"""Chi-square of three numbers that noise passes once in a thousand times: a hat that may belong to a push."""
+
+GAIN_MIN = 60.0
+"""Chi-square beyond its degrees of freedom that a push must explain."""
+
+PATTERN_MIN = 0.7
+"""Part of what free torques would explain."""
+
+SECOND_MIN = 0.1
+"""Part of what it explains that falls on the second joint at least."""
+
+LOCAL_MAX = 0.5
+"""Part of a recording that pushes may fill; beyond it the gap is not local."""
+
+REPEATED_MAX = 0.5
+"""Size of the difference to the repeat's force, over the push, below which it is the robot's own doing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """One push.
+
+    Attributes:
+        recording: Index.
+        body: Link.
+        start, end: Since the recording began [s].
+        force: (3,) mean over the interval, base axes [N].
+        std: (3,) of it.
+        gain: Chi-square that it explains beyond its degrees of freedom.
+    """
+
+    recording: int
+    body: str
+    start: float
+    end: float
+    force: Array
+    std: Array
+    gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Forces:
+    """Hats of one link on one recording: (k, 3) forces, their covariance, and what each joint gains by them."""
+
+    body: str
+    force: Array
+    covariance: Array
+    joints: Array
+    gain: float
+
+
+def find_pushes(bench: Bench, prepared: Sequence[Prepared]) -> tuple[Push, ...]:
+    """Looks for pushes in what a model leaves of each recording."""
+    groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
+    if len(groups) < 2:
+        return ()
+    found: dict[int, _Forces] = {}
+    for r, item in enumerate(prepared):
+        left = bench.residuals(bench.whole.coefficients, r)
+        if _quiet(bench, item, r, left, groups):
+            continue
+        best = [_forces(bench, item, r, left, body.link) for body in item.tree.bodies]
+        found[r] = max(best, key=lambda forces: forces.gain)
+    out = [push for r in found for push in _intervals(bench, prepared, r, found)]
+    return tuple(push for push in out if not _repeated(push, prepared, found))
+
+
+def _hats(item: Prepared, rows: int) -> tuple[Array, Array]:
+    """Tips (k,) [s] and hats (rows, k) at the recording's last rows."""
+    time = item.time[-rows:]
+    tips = np.arange(time[0], time[-1] + SPACING, SPACING)
+    return tips, np.clip(1.0 - np.abs(time[:, None] - tips) / SPACING, 0.0, None)
+
+
+def _quiet(bench: Bench, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
+    """Whether no joint's residual stands out at any moment."""
+    return all(float(np.max(_free(bench, item, r, left, g))) < STRONG for g in groups)
+
+
+def _free(bench: Bench, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
+    """Chi-square (k,) of a free torque of one joint at each hat."""
+    _, hats = _hats(item, item.samples)
+    X = np.asarray(bench.design.whitening.apply(hats, r, g))
+    gram = X.T @ X + 1e-6 * np.eye(X.shape[1])
+    covariance = np.linalg.inv(gram)
+    torque = covariance @ (X.T @ left[g])
+    return np.asarray(torque**2 / np.diag(covariance))
+
+
+def _forces(bench: Bench, item: Prepared, r: int, left: Sequence[Array], body: str) -> _Forces:
+    """Fits one link's hats."""
+    J = item.band.condense(item.signals.model.jacobian(body, item.signals.position)[:, :3])
+    _, hats = _hats(item, item.samples)
+    count = hats.shape[1]
+    gram, right = 1e-6 * np.eye(3 * count), np.zeros(3 * count)
+    blocks = {}
+    for g, (residual, joint) in enumerate(bench.design.groups):
+        if not uses_motion(residual):
+            continue
+        columns = -(hats[:, :, None] * J[:, None, :, joint]).reshape(len(hats), -1)
+        X = np.asarray(bench.design.whitening.apply(columns, r, g))
+        gram += X.T @ X
+        right += X.T @ left[g]
+        blocks[g] = X
+    covariance = np.linalg.inv(gram)
+    force = np.asarray(covariance @ right)
+    joints = np.array(
+        [float(np.sum(left[g] ** 2) - np.sum((left[g] - X @ force) ** 2)) for g, X in blocks.items()]
+    )
+    return _Forces(body, force.reshape(-1, 3), np.asarray(covariance), joints, float(force @ right))
+
+
+def _intervals(bench: Bench, prepared: Sequence[Prepared], r: int, found: dict[int, _Forces]) -> list[Push]:
+    """Runs of strong hats that pass as pushes."""
+    forces, item = found[r], prepared[r]
+    count = len(forces.force)
+    strength = np.array([_strength(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
+    runs = _runs(strength > STRONG)
+    left = bench.residuals(bench.whole.coefficients, r)
+    groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
+    free = np.sum([_free(bench, item, r, left, g) for g in groups], axis=0)
+    second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
+    if second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
+        return []
+    tips, _ = _hats(item, item.samples)
+    out = []
+    for first, last in runs:
+        size = last - first
+        gain = _strength(forces, slice(3 * first, 3 * last)) - 3.0 * size
+        if gain < GAIN_MIN or gain < PATTERN_MIN * (float(np.sum(free[first:last])) - len(groups) * size):
+            continue
+        mean = np.repeat(np.eye(3)[None] / size, size, axis=0).transpose(1, 0, 2).reshape(3, -1)
+        part = forces.covariance[3 * first : 3 * last, 3 * first : 3 * last]
+        out.append(
+            Push(
+                recording=r,
+                body=forces.body,
+                start=float(tips[first] - SPACING),
+                end=float(tips[last - 1] + SPACING),
+                force=forces.force[first:last].mean(axis=0),
+                std=np.sqrt(np.diag(mean @ part @ mean.T)),
+                gain=float(gain),
+            )
+        )
+    return out
+
+
+def _strength(forces: _Forces, part: slice) -> float:
+    """Chi-square of some hats together."""
+    force = forces.force.reshape(-1)[part]
+    return float(force @ np.linalg.solve(forces.covariance[part, part], force))
+
+
+def _runs(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last-but-one index of every run of true values; one false value does not end a run."""
+    bridged = strong.copy()
+    bridged[1:-1] |= strong[:-2] & strong[2:]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], bridged.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _repeated(push: Push, prepared: Sequence[Prepared], found: dict[int, _Forces]) -> bool:
+    """Whether a recording of the same motion shows about the same force at the same time."""
+    group = prepared[push.recording].log.group
+    for other, forces in found.items():
+        if other == push.recording or prepared[other].log.group != group or forces.body != push.body:
+            continue
+        tips, _ = _hats(prepared[other], prepared[other].samples)
+        inside = (tips >= push.start) & (tips <= push.end)
+        if inside.any():
+            there = forces.force[inside].mean(axis=0)
+            if np.linalg.norm(there - push.force) < REPEATED_MAX * np.linalg.norm(push.force):
+                return True
+    return False
