@@ -64,12 +64,14 @@ class Effect(ABC):
         shape: Names of what enters nonlinearly; empty for a linear effect.
         replaces: It replaces a number of the robot file instead of adding to it.
         symmetric: On a pair of joints it is the same effect either way round.
+        essence: Sums of coefficients that differ from zero if it is this effect and not a simpler one.
     """
 
     description: Description
     shape: tuple[str, ...] = ()
     replaces: bool = False
     symmetric: bool = False
+    essence: tuple[tuple[float, ...], ...] = ()
 
     @property
     def id(self) -> str:

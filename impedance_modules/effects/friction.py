@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.description import Description, Parameter, Port
 from impedance_modules.effects.effect import JointLaw, Values
-from impedance_modules.effects.sample import Sample, Shape, smoothing
+from impedance_modules.effects.sample import SMOOTHING, Sample, Shape, smoothing
 from impedance_modules.effects.signals import Signals
 
 Array = NDArray[np.float64]
@@ -19,6 +19,10 @@ BOTH_SIDES: tuple[Port, ...] = ("actuator", "link")
 WORN = "The plant, as a torque at the motor (port actuator) or at the link; the controller does not know it."
 COULOMB = Parameter("fc", "N.m", "Coulomb friction", lower=0.0, linear_unit="N")
 VISCOUS = Parameter("fv", "N.m.s/rad", "viscous friction", lower=0.0, linear_unit="N.s/m")
+
+
+TURNED_OVER = 2.0 * SMOOTHING
+"""Speed at which dry friction has turned over, nearly [rad/s]."""
 
 
 class CoulombFriction(JointLaw):
@@ -95,6 +99,8 @@ class StribeckFriction(JointLaw):
     )
     shape = ("vs",)
 
+    essence = ((0.0, 1.0),)
+
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes sgn(v), and the bump alone: neither coefficient is negative, so fs is not below fc."""
         slow = np.exp(-((sample.velocity / shape["vs"]) ** 2))
@@ -119,6 +125,12 @@ class StribeckFriction(JointLaw):
         return tuple(
             {"vs": float(speed)} for speed in np.geomspace(least, max(fastest / 3.0, 2.0 * least), 8)
         )
+
+    def unresolved(self, shape: Shape, resolution: float) -> str | None:
+        """A fall as fast as dry friction itself turns over cannot be told from how it turns over."""
+        if float(shape["vs"]) >= TURNED_OVER:
+            return None
+        return "falls as fast as dry friction turns over: dry friction as far as it can be seen"
 
     def relations(self, values: Values) -> list[str]:
         """Friction at rest is not below that in motion."""

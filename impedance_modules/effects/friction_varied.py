@@ -48,6 +48,8 @@ class AsymmetricFriction(JointLaw):
         worn=WORN,
     )
 
+    essence = ((1.0, -1.0, 0.0), (0.0, 0.0, 1.0))
+
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes sgn(v) where v > 0, sgn(v) where v < 0, and |v|."""
         s = sample.direction
@@ -124,6 +126,7 @@ class FrictionDrift(JointLaw):
         reference="Bittencourt et al. 2010",
         worn=WORN,
     )
+    essence = ((1.0, -1.0),)
     shape = ("T",)
 
     def basis(self, sample: Sample, shape: Shape) -> Array:

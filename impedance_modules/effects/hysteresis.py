@@ -30,8 +30,8 @@ STRETCH = "stretch"
 """Shape: displacement fc / s0 over which the bristles turn over [rad]."""
 
 
-COUNTS = 3
-"""Counts of the encoder over which bristles must bend to be told from dry friction."""
+COUNTS = 6
+"""Counts of the encoder over which bristles must bend to be told from dry friction, behind any filter."""
 
 
 def bent(bristle: Array, moved: Array, stretch: Array | float) -> Array:

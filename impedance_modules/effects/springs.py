@@ -56,6 +56,8 @@ class ParallelSpring(JointLaw):
         worn="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
     )
 
+    essence = ((1.0, 0.0),)
+
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes q and -1."""
         return np.stack([sample.position, -np.ones_like(sample.position)], axis=-1)

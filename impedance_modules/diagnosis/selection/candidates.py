@@ -191,7 +191,42 @@ def instrument(signals: Signals, noise: Array | None = None) -> Signals:
                 for joint in range(signals.n)
             ]
         )
-    return replace(signals, effort=effort, clean_drive=_clean_drive(signals, noise))
+    return replace(
+        signals,
+        effort=effort,
+        clean_drive=_clean_drive(signals, noise),
+        position_command=_aimed(signals),
+    )
+
+
+def _aimed(signals: Signals) -> Array | None:
+    """The commanded positions (N, n) of a controller that meets nothing unexpected, as far as motion and model tell.
+
+    A controller answers any disturbance with a tracking error that looks like it: the error as recorded would
+    explain whatever there is. Only the part that follows from the commanded motion is evidence of wrong gains.
+    """
+    aim = signals.position_command
+    if aim is None:
+        return None
+    v = signals.rate_of(aim)
+    a = signals.rate_of(v)
+    weight = signals.weight
+    out = np.empty_like(aim)
+    for joint in range(signals.n):
+        basis = np.column_stack(
+            [
+                np.ones(len(aim)),
+                aim[:, joint],
+                v[:, joint],
+                a[:, joint],
+                np.tanh(v[:, joint] / 0.05),
+                weight[:, joint],
+                signals.rigid[:, joint] - weight[:, joint],
+            ]
+        )
+        error = aim[:, joint] - signals.position[:, joint]
+        out[:, joint] = signals.position[:, joint] + _onto(basis, error)
+    return out
 
 
 def _clean_drive(signals: Signals, noise: Array | None) -> Array | None:

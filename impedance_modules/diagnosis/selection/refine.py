@@ -162,7 +162,7 @@ class Refiner:
 
 
 def _reach(value: float) -> float:
-    return REACH * max(abs(value), 0.02)
+    return REACH * abs(value)
 
 
 def _loss(bench: Bench, reference: Bench) -> float:

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from impedance_modules.diagnosis.result import Rival
 from impedance_modules.diagnosis.selection.candidates import Candidate
-from impedance_modules.diagnosis.selection.select import Selector, price, promising
-from impedance_modules.diagnosis.selection.term import Term
+from impedance_modules.diagnosis.selection.select import ESSENCE_MIN, Selector, price, promising
+from impedance_modules.diagnosis.selection.term import Term, part_of
 from impedance_modules.diagnosis.selection.trial import Trial, try_term
 
 ASKED = 8
@@ -56,18 +58,32 @@ def _named(candidate: Candidate, reason: str) -> Rival:
 def _equal(own: Trial, rival: Trial) -> bool:
     groups = own.term.groups
     mine, its = own.reach_on(groups), rival.reach_on(groups)
-    if contains(rival, own) or mine <= 0.0:
+    if mine <= 0.0 or (contains(rival, own) and not _alone(rival, own)):
         return False
     loss = (mine - its) / mine
     return loss < EQUAL_LOSS or (loss < 5.0 * EQUAL_LOSS and own.advantage(rival) < EQUAL_SIGMA)
 
 
 def contains(rival: Trial, own: Trial) -> bool:
-    """Whether the rival is the cause with more parameters: then it lost by being no better."""
+    """Whether the rival is the cause with more parameters: then it lost by being no better.
+
+    Either its symbols say so, or that what makes it more than a simpler law is not there for certain.
+    """
     more, less = rival.term.candidate, own.term.candidate
-    return more.key == less.key and set(more.effect.description.symbols) > set(
-        less.effect.description.symbols
-    )
+    larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
+    empty = bool(more.effect.essence) and rival.seen.essence < ESSENCE_MIN and not less.effect.essence
+    return more.key == less.key and (larger or empty)
+
+
+def _alone(rival: Trial, own: Trial) -> bool:
+    """Whether what makes the rival more than the cause does as well by itself: then neither can be told apart."""
+    rows = np.array(rival.term.candidate.effect.essence)
+    if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
+        return False
+    kept = np.flatnonzero(rows.any(axis=0))
+    part = try_term(rival.bench, part_of(rival.term, kept))
+    mine, its = own.reach_on(own.term.groups), part.reach_on(own.term.groups)
+    return mine - its < EQUAL_LOSS * mine
 
 
 def _reason(own: Trial, rival: Trial) -> str:

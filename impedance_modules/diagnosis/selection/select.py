@@ -42,8 +42,14 @@ TRIMMED_MIN = 3.0
 SPECIFIC = 8.0
 """Log-likelihood by which a cause must beat the best generic stand-in [nats]."""
 
+ESSENCE_MIN = 12.0
+"""Least chi-square of what makes an effect this effect: three and a half standard deviations of one number."""
+
 SPREAD, NARROW = 0.3, 0.95
 """An effect of which more than this part falls on other joints must not gain more than that part on one."""
+
+HARM_MAX = 0.15
+"""Part of what it gains on some recordings that a cause may lose on others."""
 
 REDUCTION_MIN = 0.05
 """Least part of a group's held-out squares that a cause removes."""
@@ -110,9 +116,19 @@ class Selector:
         """Tries a candidate of the grid."""
         return try_term(bench, term_of(self.design, slot))
 
-    def unresolved(self, term: Term) -> str | None:
-        """Why a term's shape cannot be seen through the position's grid."""
-        return term.candidate.effect.unresolved(term.shaped.shape, self.resolution)
+    def unphysical(self, trial: Trial) -> str | None:
+        """Why a candidate's own numbers speak against it: too fine to be seen, or against each other."""
+        term = trial.term
+        effect, shape = term.candidate.effect, term.shaped.shape
+        reason = effect.unresolved(shape, self.resolution)
+        if reason is not None:
+            return reason
+        if trial.seen.essence < ESSENCE_MIN:
+            return "what makes it this effect rather than a simpler one is not there for certain"
+        coefficients = trial.coefficients.mean(axis=0) / term.slot.scale
+        signals = self.refiner.prepared[0].signals
+        values = effect.values(coefficients, shape, signals, term.candidate.key, term.candidate.port)
+        return next(iter(effect.relations(values)), None)
 
     def _next(self, bench: Bench) -> tuple[Term | None, Refusal | None]:
         """The best candidate that earns its place, or why there is none."""
@@ -123,7 +139,7 @@ class Selector:
         stand_ins = [self.trial(bench, slot) for slot in generic]
         refusal: Refusal | None = None
         for trial in by_merit(trials):
-            reason = objection(trial, stand_ins) or self.unresolved(trial.term)
+            reason = objection(trial, stand_ins) or self.unphysical(trial)
             if reason is None:
                 return trial.term, None
             refusal = refusal or Refusal(trial, reason)
@@ -148,7 +164,7 @@ class Selector:
             better = max(self.refined(bench, rivals), key=adjusted, default=own)
             if (
                 adjusted(better) > adjusted(own) + BIC_MIN
-                and (objection(better, []) or self.unresolved(better.term)) is None
+                and (objection(better, []) or self.unphysical(better)) is None
             ):
                 model = [*model[:index], better.term, *model[index + 1 :]]
             else:
@@ -208,23 +224,34 @@ def price(trial: Trial) -> float:
 def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
     """Why a candidate does not earn its place; None if it does."""
     gain = 2.0 * (trial.gain - price(trial))
-    if gain < BIC_MIN:
-        return f"gains too little for its parameters on unseen recordings (BIC {gain:.1f}, needs {BIC_MIN:g})"
-    if trial.reduction < REDUCTION_MIN:
-        return f"removes only {100 * trial.reduction:.1f} % of the residual on unseen recordings"
-    if np.mean(trial.folds > 0.0) < (1.0 if len(trial.folds) < 5 else 0.8):
-        return "helps on some recordings and harms on others"
-    if trial.trimmed(TRIMMED) < TRIMMED_MIN:
-        return "its gain comes from a few moments only"
-    if trial.outside:
-        return "its parameters are at the end of what is physical, or beyond"
-    if trial.spread > SPREAD and trial.narrow > NARROW:
-        return "it should show on several joints and helps on one alone"
-    own = set(trial.term.groups)
-    for rival in stand_ins:
-        if not own & set(rival.term.groups) or rival.term.shaped.size > trial.term.shaped.size:
-            continue
-        better = rival.reach_on(trial.term.groups) > trial.reach_on(trial.term.groups)
-        if better or trial.gain < rival.gain + SPECIFIC:
-            return "no better than a generic smooth function of the same signals: not specific"
-    return None
+    lost, won = -float(np.minimum(trial.folds, 0.0).sum()), float(np.maximum(trial.folds, 0.0).sum())
+    checks: tuple[tuple[bool, str], ...] = (
+        (
+            gain < BIC_MIN,
+            f"gains too little for its parameters on unseen recordings (BIC {gain:.1f}, needs {BIC_MIN:g})",
+        ),
+        (
+            trial.reduction < REDUCTION_MIN,
+            f"removes only {100 * trial.reduction:.1f} % of the residual on unseen recordings",
+        ),
+        (lost > HARM_MAX * won, "helps on some recordings and harms on others"),
+        (trial.trimmed(TRIMMED) < TRIMMED_MIN, "its gain comes from a few moments only"),
+        (trial.outside, "its parameters are at the end of what is physical, or beyond"),
+        (
+            trial.spread > SPREAD and trial.narrow > NARROW,
+            "it should show on several joints and helps on one alone",
+        ),
+        (
+            any(_as_good(rival, trial) for rival in stand_ins),
+            "no better than a generic smooth function of the same signals: not specific",
+        ),
+    )
+    return next((reason for holds, reason in checks if holds), None)
+
+
+def _as_good(rival: Trial, trial: Trial) -> bool:
+    """Whether a stand-in with no more coefficients does about as well where a candidate acts."""
+    own = trial.term.groups
+    if not set(own) & set(rival.term.groups) or rival.term.shaped.size > trial.term.shaped.size:
+        return False
+    return rival.reach_on(own) > trial.reach_on(own) or trial.gain < rival.gain + SPECIFIC

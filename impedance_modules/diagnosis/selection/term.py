@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,4 +74,17 @@ def term_of(design: Design, slot: Slot) -> Term:
         fixed=tuple(
             {group: block[:, size] for group, block in found.items() if width > size} for found in blocks
         ),
+    )
+
+
+def part_of(term: Term, kept: NDArray[np.intp]) -> Term:
+    """Keeps some of a term's coefficients."""
+    slot = term.slot
+    shaped = replace(
+        slot.shaped, size=len(kept), lower=slot.shaped.lower[kept], upper=slot.shaped.upper[kept]
+    )
+    return Term(
+        slot=Slot(shaped, slot.places, slot.scale[kept], slot.precision[kept]),
+        columns=tuple({g: block[:, kept] for g, block in found.items()} for found in term.columns),
+        fixed=term.fixed,
     )

@@ -36,6 +36,14 @@ def significance(better: Array, worse: Array) -> float:
     return float(difference.mean() / (spread / np.sqrt(len(difference))))
 
 
+@dataclass(frozen=True)
+class Seen:
+    """A candidate fitted to all recordings: its gain [nats], and the chi-square of its essence."""
+
+    gain: float
+    essence: float
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """A candidate, tried beside a model.
@@ -45,14 +53,14 @@ class Trial:
         term: The candidate.
         coefficients: (folds, p) without each fold, scaled.
         unseen: What model and candidate leave.
-        seen_gain: Gain on the fitted recordings themselves [nats].
+        seen: Gain on the fitted recordings themselves, and what the effect's essence weighs there.
     """
 
     bench: Bench
     term: Term
     coefficients: Array
     unseen: Unseen
-    seen_gain: float
+    seen: Seen
 
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
@@ -73,7 +81,7 @@ class Trial:
         A candidate can gain on unseen recordings by luck, where it happens to mend what the nuisance extrapolates
         badly; it then gains nothing once all are fitted. What is there gains both ways.
         """
-        return min(self.unseen_gain, self.seen_gain)
+        return min(self.unseen_gain, self.seen.gain)
 
     @cached_property
     def unseen_gain(self) -> float:
@@ -169,23 +177,33 @@ def try_term(bench: Bench, term: Term) -> Trial:
     unseen: dict[int, Sequence[Array]] = {}
     coefficients = []
     for fold, base in enumerate(bench.without):
-        found, more = _extended(bench, bench.train(fold), base, term)
+        found, more, _ = _extended(bench, bench.train(fold), base, term)
         coefficients.append(more)
         for r in bench.folds[fold]:
             unseen[r] = with_term(bench.residuals(found, r), term, r, more)
-    return Trial(bench, term, np.array(coefficients), unseen, _seen_gain(bench, term))
+    return Trial(bench, term, np.array(coefficients), unseen, _seen(bench, term))
 
 
-def _seen_gain(bench: Bench, term: Term) -> float:
-    """Gain of the whole fit, in likelihood and prior together."""
-    found, more = _extended(bench, bench.fitted, bench.whole, term)
+def _seen(bench: Bench, term: Term) -> Seen:
+    """Looks at the fit of all recordings, in likelihood and prior together."""
+    found, more, covariance = _extended(bench, bench.fitted, bench.whole, term)
     squares = np.zeros(len(bench.design.groups))
     for r in bench.fitted:
         squares += [float(x @ x) for x in with_term(bench.residuals(found, r), term, r, more)]
     ratio = np.log(np.maximum(bench.left, 1e-9) / np.maximum(squares, 1e-9))
     prior = float(bench.prior @ (bench.whole.coefficients**2 - found**2))
     own = float(term.slot.precision @ more**2)
-    return float(0.5 * (bench.counts @ ratio + prior - own))
+    return Seen(float(0.5 * (bench.counts @ ratio + prior - own)), _essence(term, more, covariance))
+
+
+def _essence(term: Term, coefficients: Array, covariance: Array) -> float:
+    """Chi-square of the sums that make an effect what it is (Wald); infinite where every coefficient does."""
+    rows = () if term.generic else term.candidate.effect.essence
+    if not rows or len(rows[0]) != len(coefficients):
+        return float("inf")
+    L = np.array(rows) / term.slot.scale
+    found = L @ coefficients
+    return float(found @ np.linalg.pinv(L @ covariance @ L.T, hermitian=True) @ found)
 
 
 def with_term(left: Sequence[Array], term: Term, recording: int, coefficients: Array) -> list[Array]:
@@ -198,8 +216,8 @@ def with_term(left: Sequence[Array], term: Term, recording: int, coefficients: A
     return out
 
 
-def _extended(bench: Bench, recordings: Sequence[int], base: Fit, term: Term) -> tuple[Array, Array]:
-    """Adds a candidate to a fit; returns the model's coefficients and its own."""
+def _extended(bench: Bench, recordings: Sequence[int], base: Fit, term: Term) -> tuple[Array, Array, Array]:
+    """Adds a candidate to a fit; returns the model's coefficients, its own and their covariance."""
     size = term.shaped.size
     steady = bool(term.fixed[recordings[0]])
     width = size + steady
@@ -215,6 +233,7 @@ def _extended(bench: Bench, recordings: Sequence[int], base: Fit, term: Term) ->
     pull = base.inverse @ cross.T
     schur = own - cross @ pull
     matrix = schur[:size, :size] + np.diag(FLAT * (1.0 + np.diag(own)[:size]) + term.slot.precision)
-    found = np.linalg.solve(matrix, right[:size] - schur[:size, size:].sum(axis=1))
+    covariance = np.linalg.inv(matrix)
+    found = covariance @ (right[:size] - schur[:size, size:].sum(axis=1))
     whole = np.append(found, np.ones(int(steady)))
-    return base.coefficients - pull @ whole, found
+    return base.coefficients - pull @ whole, np.asarray(found), np.asarray(covariance)
