@@ -160,5 +160,5 @@ class TorqueRipple(JointLaw):
         if travel < 1e-3 or jump == 0.0:
             return ()
         spacing = 2.5 / travel  # at most 0.6 rad out of phase at either end: a step of Newton mends that
-        orders = np.arange(2.0 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
+        orders = np.arange(1.2 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
         return tuple({"N": float(order)} for order in orders)

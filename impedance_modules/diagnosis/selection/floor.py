@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.selection.candidates import Group
 from impedance_modules.diagnosis.selection.drafts import Draft
 from impedance_modules.diagnosis.selection.noise_motion import shares
 from impedance_modules.diagnosis.selection.nuisance import Nuisance
@@ -79,7 +80,7 @@ def noise_by_smoothness(
     """
     noise, lost = [], []
     for index, group in enumerate(nuisance.groups):
-        members = [draft for draft in flexible if group in draft.blocks[0]]
+        members = [draft for draft in flexible if all(group in blocks for blocks in draft.blocks)]
         pieces, used = _left_by(members, group, index, left, nuisance, recordings)
         noise.append(pieces)
         lost.append(used)
@@ -89,7 +90,7 @@ def noise_by_smoothness(
 
 def _left_by(  # noqa: PLR0917 - all of them belong together
     members: Sequence[Draft],
-    group: tuple[str, int],
+    group: Group,
     index: int,
     left: Sequence[Sequence[Array]],
     nuisance: Nuisance,
@@ -97,7 +98,7 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
 ) -> tuple[list[Array], float]:
     blocks = []
     for recording in recordings:
-        own = [draft.blocks[recording][group] for draft in members if group in draft.blocks[recording]]
+        own = [draft.blocks[recording][group] for draft in members]
         blocks.append(np.concatenate([nuisance.columns[recording][index], *own], axis=1).astype(float))
     X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
