@@ -110,6 +110,12 @@ class Truth:
         """Computes the true pose of any frame of the robot in world."""
         return self._model.pose(self._memory.part("position"), frame)
 
+    def hand_twist(self, frame: str) -> Array:
+        """Gives the true twist (6,) of a hand frame at its origin, world axes [m/s], [rad/s]."""
+        self._integrator.place()
+        jacobian = self._memory.jacobian[self._body(frame)]
+        return np.asarray(jacobian @ self._memory.part("velocity"))
+
     def contact_wrench(self, body: str) -> Array:
         """Gives the wrench (6,) of all surfaces on a hand frame or ``object``, world axes at its origin."""
         return np.array(self._memory.wrench[self._body(body), 0])
