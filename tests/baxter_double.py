@@ -92,12 +92,6 @@ class Double:
         assert found is not None
         return found
 
-    def wait_for_commands(self, limb: str, count: int, seconds: float = 30.0) -> None:
-        """Waits until a limb has been commanded so often."""
-        assert _until(lambda: self.lines()[-1]["commands"][limb] >= count, seconds), (
-            f"{self.lines()[-1]}; {self.said}"
-        )
-
     def last(self) -> dict[str, Any]:
         """The diary's line of the last second, waited for: what happened before is in it."""
         count = len(self.lines())

@@ -255,7 +255,5 @@ def missed(memory: Array, at: Indices, n: int) -> None:
         one(memory, at, SCALARS),
         one(memory, at, CONSTANTS),
         one(memory, at, SPEED_BOUND),
-        one(memory, at, SENSING_ERROR),
-        one(memory, at, APPLIED),
         two(memory, at, PENDING, n),
     )

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-ENTRIES, CONSTANTS = 14, 7
+ENTRIES, CONSTANTS = 16, 7
 """Scalars and constants of ``safety.compiled_ledger``, repeated here because importing it wakes the compiler."""
 
 Array = NDArray[np.float64]

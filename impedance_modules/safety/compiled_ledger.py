@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 
 LEVEL, POTENTIAL, SCALE, NEED, SHORT, STARVED, MISSED, OVERSPEED = 0, 1, 2, 3, 4, 5, 6, 7
 INITIAL, WORK, CHARGED, ASSUMED, SPILLED, VARIANCE = 8, 9, 10, 11, 12, 13
-ENTRIES = 14
+GAP_WORK, GAP_SPREAD = 14, 15
+ENTRIES = 16
 """Places of the ledger's scalars in ``Book.scalars``; names as in ``tank.Tank``."""
 
 MAX, FLOOR, PERIOD, DELAY, HOLD, RECOVERY, WHITE = 0, 1, 2, 3, 4, 5, 6
@@ -55,6 +56,7 @@ def open_book(tank: Tank, settings: TankSettings) -> Book:
     """Copies a record and its constants into arrays."""
     scalars = np.zeros(ENTRIES)
     scalars[[LEVEL, POTENTIAL, SCALE, NEED]] = tank.level, tank.potential, tank.spring_scale, tank.need
+    scalars[[GAP_WORK, GAP_SPREAD]] = tank.gap_work, tank.gap_spread
     scalars[[SHORT, STARVED, MISSED]] = float(tank.short), tank.starved_time, float(tank.missed)
     scalars[[INITIAL, WORK, CHARGED]] = tank.initial_energy, tank.work, tank.charged
     scalars[[ASSUMED, SPILLED, VARIANCE]] = tank.assumed, tank.spilled, tank.variance
@@ -97,6 +99,8 @@ def record(book: Book, overspeed: tuple[int, ...] = ()) -> Tank:
         short=bool(entry[SHORT]),
         starved_time=float(entry[STARVED]),
         missed=int(entry[MISSED]),
+        gap_work=float(entry[GAP_WORK]),
+        gap_spread=float(entry[GAP_SPREAD]),
         overspeed=overspeed,
         initial_energy=float(entry[INITIAL]),
         work=float(entry[WORK]),
@@ -137,7 +141,7 @@ def measure(
     """
     n = q.size
     skipped = scalars[MISSED]
-    work, charge, too_fast = 0.0, 0.0, n
+    worst, seen, charge, too_fast = 0.0, scalars[GAP_SPREAD], 0.0, n
     variance = scalars[VARIANCE]
     for i in range(n):
         theta = q[i] + effort[i] * compliance[i]
@@ -146,27 +150,29 @@ def measure(
         if too_fast == n and abs(travel) > allowed * (1.0 + 1e-9):
             too_fast = i
         motor_position[i] = theta
-        if skipped > 0.0:
-            work += abs(pending[0, i]) * speed_bound[i] * constants[PERIOD]
-            applied[i] = 0.0
-        else:
-            work += pending[0, i] * travel
-            change = pending[0, i] - applied[i]
-            charge += abs(change) * sensing_error[i]
-            variance += (change * sensing_deviation[i]) ** 2
-            applied[i] = pending[0, i]
-    if constants[WHITE] > 0.0 and skipped == 0.0:
+        worst += abs(pending[0, i]) * speed_bound[i] * constants[PERIOD]
+        seen += pending[0, i] * travel
+        change = pending[0, i] - applied[i]
+        charge += abs(change) * sensing_error[i]
+        variance += (change * sensing_deviation[i]) ** 2
+    told = skipped == 0.0 or seen <= scalars[GAP_WORK] + worst
+    if told:
+        work, assumed = seen - scalars[GAP_WORK], scalars[GAP_SPREAD] - scalars[GAP_WORK]
+        applied[:] = pending[0]
+    else:
+        work, assumed, charge = worst, worst, absolute_dot(applied, sensing_error)
+        applied[:] = 0.0
+    if constants[WHITE] > 0.0 and told:
         charge = max(0.0, min(charge, DEVIATIONS * math.sqrt(variance) - scalars[CHARGED]))
         scalars[VARIANCE] = variance
     scalars[LEVEL] -= work + scalars[SCALE] * (potential - scalars[POTENTIAL]) + charge
     scalars[POTENTIAL] = potential
-    scalars[MISSED] = 0.0
+    scalars[MISSED] = scalars[GAP_WORK] = scalars[GAP_SPREAD] = 0.0
     scalars[SHORT] = 0.0
     scalars[OVERSPEED] = float(too_fast)
     scalars[WORK] += work
     scalars[CHARGED] += charge
-    if skipped > 0.0:
-        scalars[ASSUMED] += work
+    scalars[ASSUMED] += assumed
     _advance(pending)
     pending[-1, :] = 0.0
     _cap(scalars, constants)
@@ -178,19 +184,20 @@ def missed(
     scalars: Array,
     constants: Array,
     speed_bound: Array,
-    sensing_error: Array,
-    applied: Array,
     pending: Array,
 ) -> None:
     """Books a cycle without a usable state, or whose torque came too late."""
     work = absolute_dot(pending[0], speed_bound) * constants[PERIOD]
-    charge = absolute_dot(applied, sensing_error)
-    scalars[LEVEL] -= work + charge
+    scalars[LEVEL] -= work
     scalars[MISSED] += 1.0
+    scalars[GAP_WORK] += work
     scalars[WORK] += work
-    scalars[CHARGED] += charge
     scalars[ASSUMED] += work
-    applied[:] = 0.0
+    change = 0.0
+    if pending.shape[0] > 1:
+        for i in range(speed_bound.size):
+            change += abs(pending[1, i] - pending[0, i]) * speed_bound[i] * constants[PERIOD]
+    scalars[GAP_SPREAD] += scalars[MISSED] * change
     _advance(pending)
 
 
@@ -274,6 +281,8 @@ def pay(
         if scale < 1.0:
             effort[i] *= scale
         pending[-1, i] = effort[i]
+    if scalars[MISSED] > 0.0 and pending.shape[0] == 1:
+        scalars[GAP_SPREAD] = math.inf
     starved = scalars[SHORT] > 0.0 or scale < 1.0
     scalars[NEED] = power * (constants[HOLD] + delay * period) + (4.0 * delay + 5.0) * blindness
     scalars[STARVED] = scalars[STARVED] + period if starved else 0.0

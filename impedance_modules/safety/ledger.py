@@ -32,7 +32,9 @@ def measure(tank: Tank, settings: TankSettings, q: Vector, effort: Vector, poten
     """Books what the last interval cost, at the motor side.
 
     ``T <- min(T_max, T - [tau_applied . dtheta + r (U - U_last)] - charge)``, see ``sensing_charge``. After missed
-    cycles the interval's work is assumed: ``|tau_applied| . v_max h``.
+    cycles dtheta is the travel over all of them, and what their torques may have done beyond tau_applied on it is
+    added (``missed``); what was booked for them comes back. If assuming the worst again, ``|tau_applied| . v_max h``,
+    is cheaper, that is done, and ``|tau_before| . e`` charged to end the chain of samples.
 
     Args:
         tank: The record after the last ``pay`` or ``missed``.
@@ -52,21 +54,26 @@ def measure(tank: Tank, settings: TankSettings, q: Vector, effort: Vector, poten
         )
     travel = theta - tank.motor_position
     applied = tank.pending[0]
-    if tank.missed:
-        work = assumed = absolute_dot(applied, settings.speed_bound) * settings.period
-        charge, variance = 0.0, tank.variance
-    else:
-        work, assumed = float(applied @ travel), 0.0
+    worst = absolute_dot(applied, settings.speed_bound) * settings.period
+    seen = float(applied @ travel) + tank.gap_spread
+    told = not tank.missed or seen <= tank.gap_work + worst
+    if told:
+        work, assumed = seen - tank.gap_work, tank.gap_spread - tank.gap_work
         charge, variance = sensing_charge(tank, settings, applied - tank.applied)
+    else:
+        work = assumed = worst
+        charge, variance = absolute_dot(tank.applied, settings.sensing_error), tank.variance
     change = tank.spring_scale * (potential - tank.potential)
     booked = replace(
         tank,
         level=tank.level - work - change - charge,
         potential=potential,
         motor_position=theta,
-        applied=np.zeros_like(applied) if tank.missed else applied,
+        applied=applied if told else np.zeros_like(applied),
         pending=_advanced(tank.pending, np.zeros_like(applied)),
         missed=0,
+        gap_work=0.0,
+        gap_spread=0.0,
         short=False,
         overspeed=_too_fast(travel, tank.missed, settings),
         work=tank.work + work,
@@ -102,19 +109,25 @@ def sensing_charge(tank: Tank, settings: TankSettings, change: Vector) -> tuple[
 def missed(tank: Tank, settings: TankSettings) -> Tank:
     """A cycle without a usable state, or too late to send: the robot keeps its last command one period more.
 
-    Nobody saw the travel, so the worst is booked: ``T <- T - |tau_applied| . v_max h - |tau_before| . e``.
+    Nobody saw the travel, so the worst is booked: ``T <- T - |tau_applied| . v_max h``. Later, ``measure`` knows the
+    travel over all missed cycles together. Its torques' work is then at most
+
+        sum_k tau_k . dtheta_k  <=  tau_n . sum_k dtheta_k  +  sum_k |tau_k - tau_n| . v_max h
+
+    and the last sum, over m missed cycles, at most ``sum_j j |tau_(j+1) - tau_j| . v_max h``: ``gap_spread``.
     """
     applied = tank.pending[0]
+    pending = _advanced(tank.pending, tank.pending[-1])
+    change = absolute_dot(pending[0] - applied, settings.speed_bound) * settings.period
     work = absolute_dot(applied, settings.speed_bound) * settings.period
-    charge = absolute_dot(tank.applied, settings.sensing_error)
     return replace(
         tank,
-        level=tank.level - work - charge,
-        applied=np.zeros_like(applied),
-        pending=_advanced(tank.pending, tank.pending[-1]),
+        level=tank.level - work,
+        pending=pending,
         missed=tank.missed + 1,
+        gap_work=tank.gap_work + work,
+        gap_spread=tank.gap_spread + (tank.missed + 1) * change,
         work=tank.work + work,
-        charged=tank.charged + charge,
         assumed=tank.assumed + work,
     )
 
@@ -221,11 +234,14 @@ def pay(tank: Tank, settings: TankSettings, effort: Vector, stopping: bool) -> t
     granted = effort if scale == 1.0 else scale * effort
     pending = tank.pending.copy()
     pending[-1] = granted
+    # A blind command that acts at once would have to be part of the gap's changes: then the worst stays booked.
+    replaced = tank.missed > 0 and len(pending) == 1
     starved = tank.short or scale < 1.0
     lasting = settings.hold + settings.delay * settings.period
     paid = replace(
         tank,
         pending=pending,
+        gap_spread=math.inf if replaced else tank.gap_spread,
         need=power * lasting + (4 * settings.delay + 5) * blindness,
         starved_time=tank.starved_time + settings.period if starved else 0.0,
     )

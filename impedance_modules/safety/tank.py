@@ -89,7 +89,8 @@ class Tank:
             measured state and the equilibrium and gains now in force [J].
         spring_scale: r in [0, 1]; springs and joint bias act as r times their declared selves.
         motor_position: (n,) rotor angles of the last measured cycle [rad].
-        applied: (n,) torque that acted in the last interval [N.m]; zero after an interval nobody measured.
+        applied: (n,) torque that acted in the last interval [N.m]; of the last measured one
+            in a gap, zero after one that was booked at its worst.
         pending: (delay + 1, n) commands issued and not yet over, oldest first [N.m]; the last row is zero
             between ``measure`` and ``pay``.
         need: Level above the floor at which the last wanted torque would be paid in full, for ever [J].
@@ -97,12 +98,14 @@ class Tank:
             no part of a wanted change.
         starved_time: For how long torque or springs have been reduced without a break [s].
         missed: Cycles without a state sample since the last one.
+        gap_work: What was booked for those cycles [J]; given back when the travel over all of them is seen.
+        gap_spread: By how much their torques may have done more work than the last of them on that travel [J].
         overspeed: Joints whose rotor moved farther than v_max allows since the last cycle.
         initial_energy: T_0 + U_0 [J].
         work: Sum of tau_applied . dtheta as measured (an upper bound over missed cycles) [J].
         charged: Charged so far for what the sensors cannot see [J].
         variance: Of the error in ``work`` since the start, where the sensors' error is white [J^2].
-        assumed: The part of ``work`` that was assumed, not measured, in missed cycles [J].
+        assumed: The part of ``work`` that was assumed, not measured, in missed cycles that were not made up for [J].
         spilled: Thrown away above the ceiling [J].
     """
 
@@ -116,6 +119,8 @@ class Tank:
     short: bool
     starved_time: float
     missed: int
+    gap_work: float
+    gap_spread: float
     overspeed: tuple[int, ...]
     initial_energy: float
     work: float
@@ -156,6 +161,8 @@ def filled_tank(settings: TankSettings, q: Vector, effort: Vector, potential: fl
         short=False,
         starved_time=0.0,
         missed=0,
+        gap_work=0.0,
+        gap_spread=0.0,
         overspeed=(),
         initial_energy=settings.initial + potential,
         work=0.0,

@@ -153,11 +153,11 @@ def test_another_robot_agrees(tmp_path_factory) -> None:
 
 
 def test_starved_tanks_agree(tmp_path_factory) -> None:
-    """A small tank, and missed cycles that are booked at their worst: motions are granted in part, torques shrink."""
-    assembly = pair_assembly(tmp_path_factory.mktemp("tasks"), 0.9)
+    """A small tank, and so many missed cycles that some are never made up for: motions are granted in part."""
+    assembly = pair_assembly(tmp_path_factory.mktemp("tasks"), 0.6)
     seen: set[str] = set()
     for seed in (10, 11, 12):
-        seen |= live(assembly, seed, size=0.12, cycles=250, lane=True, blind=0.15)
+        seen |= live(assembly, seed, size=0.05, cycles=250, lane=True, blind=0.7)
     assert {"relaxed", "scaled"} <= seen
     assert seen & {"slowed", "halted"}
 

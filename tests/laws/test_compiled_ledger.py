@@ -65,7 +65,7 @@ class Pair:
 
     def missed(self) -> None:
         self.clear = ledger.missed(self.clear, self.settings)
-        names = ("scalars", "constants", "speed_bound", "sensing_error", "applied", "pending")
+        names = ("scalars", "constants", "speed_bound", "pending")
         compiled_ledger.missed(*self.parts(*names))
 
     def grant(self, potential_at: Callable[[float], float]) -> float:

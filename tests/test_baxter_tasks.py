@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The same YAML on the simulated robot and, over ROS, on the double: the same motion, the same phases."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from baxter_double import double, impedance
+
+from impedance_modules.episode.data import Episode
+from impedance_modules.episode.reader import read_episode
+from impedance_modules.spec.locate import list_tasks
+from impedance_modules.spec.task_reader import read_task
+
+pytestmark = pytest.mark.ros
+
+RATE = "200"
+
+BUSY = re.compile("no state|controller was silent|late cycles|tank starved|overspeed|no fresh state|come at")
+"""How a run ends on a machine that cannot keep up: rightly, and no answer to the question asked here."""
+
+ATTEMPTS = 4
+
+
+def without_surroundings() -> list[str]:
+    """Tasks that need nothing but the robot."""
+    tasks = {name: read_task(name)[0] for name in list_tasks()}
+    return [name for name, task in tasks.items() if not task.environment and task.object is None]
+
+
+def phases(folder: Path) -> list[str]:
+    summary = json.loads((folder / "summary.json").read_text())
+    return [phase["name"] for phase in summary["phases"]]
+
+
+def progress(episode: Episode) -> np.ndarray:
+    """How far the task is, phase by phase: a phase's clock stands still while a state is missing."""
+    names = phases_of(episode)
+    place = np.array([names.index(str(name)) for name in episode.phase])
+    return place + np.minimum(episode.extra["phase_clock"] / 100.0, 0.999)
+
+
+def phases_of(episode: Episode) -> list[str]:
+    return list(dict.fromkeys(str(name) for name in episode.phase))
+
+
+def apart(one: Episode, other: Episode) -> tuple[dict[str, float], dict[str, float]]:
+    """RMS distance of joints [rad] and of hands [m] at the same points of two runs of a task."""
+    here, there = progress(one), progress(other)
+    # Phases end where each run reached their end; what only one of them has is left out.
+    last = {k: min(here[here // 1 == k].max(), there[there // 1 == k].max()) for k in np.unique(here // 1)}
+    both = np.array([point <= last[point // 1] for point in here])
+    at = here[both]
+    joints = {
+        joint: rms(one.position[joint][both], np.interp(at, there, other.position[joint]))
+        for limb in one.metadata["limbs"].values()
+        for joint in limb
+    }
+    hands = {
+        frame: rms(
+            one.pose[frame][both, :3].T,
+            np.stack([np.interp(at, there, other.pose[frame][:, i]) for i in range(3)]),
+        )
+        for frame in one.pose
+    }
+    return joints, hands
+
+
+def rms(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(np.atleast_2d(one - other) ** 2, axis=0))))
+
+
+@pytest.mark.parametrize("task", without_surroundings())
+def test_a_task_moves_the_double_as_it_moves_the_simulation(task: str, master: str, tmp_path: Path) -> None:
+    simulated = tmp_path / "sim"
+    run = impedance("run", task, "--rate", RATE, "--out", str(simulated))
+    assert run.returncode == 0, run.stdout + run.stderr
+    for attempt in range(ATTEMPTS):
+        real = tmp_path / f"real-{attempt}"
+        real.mkdir()
+        with double(real, master, "--posture", task, "--enabled") as robot:
+            run = impedance("run", task, "--rate", RATE, "--backend", "baxter", "--out", str(real / "run"))
+        if run.returncode == 0 or not BUSY.search(re.sub(r"\s+", " ", run.stdout + run.stderr)):
+            break
+    assert run.returncode == 0, f"{run.stdout}{run.stderr}{robot.said}"
+    real = real / "run"
+    assert phases(real) == phases(simulated)
+    one, other = read_episode(simulated), read_episode(real)
+    joints, hands = apart(one, other)
+    print(f"{task}: joints {1e3 * max(joints.values()):.2f} mrad, hands {1e3 * max(hands.values()):.2f} mm")
+    assert max(joints.values()) < 0.02, joints
+    assert max(hands.values()) < 0.005, hands
