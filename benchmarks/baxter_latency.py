@@ -4,7 +4,7 @@
 This process plays a robot that stands still and stamps what it sends and hears; the other one is
 ``impedance run soft-hold --backend baxter`` with both arms, recording and watchdog. The echo answers each state with
 a constant torque in the callback: what the transport alone costs. Medians and the ratio to the echo say something
-about the code; the tails say how busy the machine was.
+about the code; the tails say how busy the machine was. The robot's other topics come half a period later.
 
 Usage: python benchmarks/baxter_latency.py [--transport rospy|sockets] [--rate HZ ...]
 """
@@ -71,12 +71,17 @@ class StandingRobot:
             self._open = dict.fromkeys(self._model.limbs, time.monotonic())
             self._states.send(state)
             self.sent += 1
+            self._until(due + 0.5 / self.rate)
             if seq % max(1, self.rate // 100) == 0:
                 self._robot.send(ON)
                 for publisher, message in self._slow:
                     publisher.send(message)
             due = max(due + 1.0 / self.rate, time.monotonic())
-            time.sleep(max(0.0, due - time.monotonic()))
+            self._until(due)
+
+    @staticmethod
+    def _until(moment: float) -> None:
+        time.sleep(max(0.0, moment - time.monotonic()))
 
     def _hear(self, limb: str, message: messages.JointCommand, received: float) -> None:  # noqa: ARG002 - a callback
         if message.mode == message.TORQUE_MODE and limb in self._open:
