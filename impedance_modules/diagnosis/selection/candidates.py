@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.effects.description import KeyKind, Port
 from impedance_modules.effects.effect import PAIR, Effect
 from impedance_modules.effects.residuals import Residual
+from impedance_modules.effects.sample import smoothing
 from impedance_modules.effects.signals import Signals
 
 Array = NDArray[np.float64]
@@ -258,7 +259,9 @@ def command_noise(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]
 
 def _basis(signals: Signals, joint: int, own: Array) -> Array:
     q, v, a = (x[:, joint] for x in (signals.position, signals.velocity, signals.acceleration))
-    return np.column_stack([own, np.ones_like(q), q, v, a, np.tanh(v / 0.05)])
+    # With the turnover of dry friction itself: a wider one would lend the reading a friction curve of its own.
+    turnover = float(smoothing(signals.model.sliding)[joint])
+    return np.column_stack([own, np.ones_like(q), q, v, a, np.tanh(v / turnover)])
 
 
 def _onto(basis: Array, values: Array) -> Array:

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impedance_modules.diagnosis.physical import can_exist
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.design import Design, Slot
+from impedance_modules.diagnosis.selection.pairs import find_pair
 from impedance_modules.diagnosis.selection.refine import Refiner
 from impedance_modules.diagnosis.selection.screen import Look, Screen
 from impedance_modules.diagnosis.selection.term import Term, term_of
@@ -92,6 +94,7 @@ class Selector:
     ) -> None:
         """Prepares the first look."""
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
+        self._bodies = {body.link: body.inertia for body in refiner.prepared[0].tree.bodies}
         self.screen = Screen(design, [index for fold in folds for index in fold])
 
     def bench(self, model: Sequence[Term]) -> Bench:
@@ -103,11 +106,15 @@ class Selector:
         model: list[Term] = []
         refusal: Refusal | None = None
         while len(model) < CAUSES_MAX:
-            found, refusal = self._next(self.bench(model))
-            if found is None:
+            bench = self.bench(model)
+            found, refusal = self._next(bench)
+            more = (
+                (found,) if found else find_pair(self.screen, bench, self.bench, best_of_each, self.objection)
+            )
+            if more is None:
                 break
-            model.append(found)
-            progress(f"found {found.key[0]} on {found.key[1]}")
+            model += more
+            progress(f"found {' and '.join(f'{term.key[0]} on {term.key[1]}' for term in more)}")
             if len(model) > 1:
                 model = self._exchanged(model)
         return Selection(tuple(self._pruned(model)), refusal)
@@ -116,18 +123,24 @@ class Selector:
         """Tries a candidate of the grid."""
         return try_term(bench, term_of(self.design, slot))
 
-    def unphysical(self, trial: Trial) -> str | None:
-        """Why a candidate's own numbers speak against it: too fine to be seen, or against each other."""
-        term = trial.term
-        effect, shape = term.candidate.effect, term.shaped.shape
-        reason = effect.unresolved(shape, self.resolution)
+    def objection(self, trial: Trial) -> str | None:
+        """Why a candidate does not earn its place, stand-ins aside; None if it does."""
+        return objection(trial, []) or self.impossible(trial)
+
+    def impossible(self, trial: Trial) -> str | None:
+        """Why a trial's own numbers speak against it: too fine to be seen, against each other, or no body's."""
+        term, effect = trial.term, trial.term.candidate.effect
+        body = self._bodies.get(term.candidate.key)
+        change = trial.coefficients.mean(axis=0) / term.slot.scale
+        if body is not None and len(change) == len(body) and not can_exist(body, change):
+            return "no body has such an inertia: its mass would be negative somewhere"
+        reason = effect.unresolved(term.shaped.shape, self.resolution)
         if reason is not None:
             return reason
         if trial.seen.essence < ESSENCE_MIN:
             return "what makes it this effect rather than a simpler one is not there for certain"
-        coefficients = trial.coefficients.mean(axis=0) / term.slot.scale
         signals = self.refiner.prepared[0].signals
-        values = effect.values(coefficients, shape, signals, term.candidate.key, term.candidate.port)
+        values = effect.values(change, term.shaped.shape, signals, term.candidate.key, term.candidate.port)
         return next(iter(effect.relations(values)), None)
 
     def _next(self, bench: Bench) -> tuple[Term | None, Refusal | None]:
@@ -139,7 +152,7 @@ class Selector:
         stand_ins = [self.trial(bench, slot) for slot in generic]
         refusal: Refusal | None = None
         for trial in by_merit(trials):
-            reason = objection(trial, stand_ins) or self.unphysical(trial)
+            reason = objection(trial, stand_ins) or self.impossible(trial)
             if reason is None:
                 return trial.term, None
             refusal = refusal or Refusal(trial, reason)
@@ -162,10 +175,7 @@ class Selector:
             own = try_term(bench, term)
             rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
             better = max(self.refined(bench, rivals), key=adjusted, default=own)
-            if (
-                adjusted(better) > adjusted(own) + BIC_MIN
-                and (objection(better, []) or self.unphysical(better)) is None
-            ):
+            if adjusted(better) > adjusted(own) + BIC_MIN and self.objection(better) is None:
                 model = [*model[:index], better.term, *model[index + 1 :]]
             else:
                 model = [*model[:index], self.refiner.refine(bench, term), *model[index + 1 :]]
@@ -175,7 +185,7 @@ class Selector:
         """Removes causes that no longer earn their place beside the others."""
         for term in list(model):
             rest = [other for other in model if other is not term]
-            if objection(try_term(self.bench(rest), term), []) is not None:
+            if self.objection(try_term(self.bench(rest), term)) is not None:
                 model = rest
         return model
 
