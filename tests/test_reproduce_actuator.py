@@ -18,3 +18,16 @@ def test_springs_hide_in_slow_motion_and_show_in_a_blow(tmp_path: Path) -> None:
     assert facts["lowest rigid limit"] < 90.0 < facts["highest rigid limit"]
     assert facts["least real part, collocated"] >= 0.0 > facts["least real part, non-collocated"]
     assert facts["departure of the angle"] < 0.02 and facts["departure of the velocity"] > 0.3
+
+
+def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(tmp_path: Path) -> None:
+    facts = find_experiment("reflected-inertia-matters").run(short(tmp_path)).facts
+    # Square roots of the masses are what Table 3.1 comes near; the masses themselves are not.
+    printed = {"largest mass with": 2.574, "smallest mass with": 1.31, "largest mass without": 1.628}
+    assert all(abs(facts[name] ** 0.5 / value - 1.0) < 0.15 for name, value in printed.items())
+    assert abs(facts["contact time"] - 0.07) < 0.007
+    assert abs(facts["contact time without, softer surface"] - 0.07) < 0.007
+    # The surface feels the predicted masses, within what springs and controller add during the touch.
+    assert abs(facts["ratio of mass felt"] / facts["ratio of predicted mass"] - 1.0) < 0.1
+    assert 1.2 < facts["ratio of mass felt"] < 1.8
+    assert facts["ratio of peak force"] < facts["ratio of mean force, same contact time"]

@@ -38,6 +38,12 @@ class Experiment:
 
 _ALL: tuple[Experiment, ...] = (
     Experiment("series-elastic", "3.1", "What do the springs in the joints do?", "series_elastic"),
+    Experiment(
+        "reflected-inertia-matters",
+        "3.3",
+        "How much heavier do the rotors make a blow?",
+        "reflected_inertia_matters",
+    ),
     Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
     Experiment("two-arms", "6.2.4", "Do two real arms on one object add?", "two_arms"),
 )
