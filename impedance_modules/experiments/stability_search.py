@@ -21,7 +21,7 @@ from impedance_modules.runtime.predict.mechanism import Mechanism, Setting
 from impedance_modules.runtime.predict.stability import forecast_stability
 from impedance_modules.runtime.predict.statics import Loads, analyse_state, find_rest
 from impedance_modules.runtime.supervisor import Ending, Supervisor
-from impedance_modules.spec.task import ArmSpec
+from impedance_modules.spec.task import ArmSpec, PushSpec
 
 Array = NDArray[np.float64]
 
@@ -78,14 +78,17 @@ def finely_sensed(assembly: Assembly) -> Assembly:
     Rounded angles keep any loop with fast dampers trembling, and a torque that changes faster than the robot allows
     bounds any ringing: both hide whether a small one dies or grows.
     """
-    pushes = tuple(
-        replace(push, wrench=tuple(GENTLE * part for part in push.wrench)) for push in assembly.task.pushes
-    )
+    pushes = tuple(_gentle(push) for push in assembly.task.pushes)
     sensors = replace(assembly.robot.sensors, position_resolution=0.0, effort_resolution=0.0)
     robot = replace(assembly.robot, sensors=sensors)
     model = RobotModel(robot)
     task = replace(assembly.task, pushes=pushes)
     return replace(assembly, task=task, robot=robot, model=model, modules=build_modules(task, model))
+
+
+def _gentle(push: PushSpec) -> PushSpec:
+    x, y, z, rx, ry, rz = (GENTLE * part for part in push.wrench)
+    return replace(push, wrench=(x, y, z, rx, ry, rz))
 
 
 def hand_stiffness(assembly: Assembly) -> float:
