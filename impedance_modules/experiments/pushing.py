@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,9 @@ from impedance_modules.robot.rotation import log3
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly
 from impedance_modules.runtime.supervisor import Supervisor
+from impedance_modules.spec.locate import data_folder
 from impedance_modules.spec.task import PushSpec
+from impedance_modules.spec.task_reader import read_task
 
 Array = NDArray[np.float64]
 
@@ -48,6 +51,17 @@ class Trace:
     def over(self, first: float, last: float) -> NDArray[np.bool_]:
         """Marks the looks between two times [s]."""
         return np.asarray((self.time >= first) & (self.time < last))
+
+
+def patch_of(task_name: str, patch: str) -> Path:
+    """Finds a patch that is shipped with the robot of a task."""
+    task, _ = read_task(task_name)
+    return data_folder("robots") / task.robot / "patches" / f"{patch}.yaml"
+
+
+def only_arm(assembly: Assembly) -> str:
+    """Names a task's first arm."""
+    return next(iter(assembly.task.arms))
 
 
 def first_pushes(assembly: Assembly, count: int, settle: float) -> Assembly:

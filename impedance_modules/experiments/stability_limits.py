@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impedance_modules.experiments.page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_modules.experiments.pushing import patch_of
 from impedance_modules.experiments.settings import Settings, Size
 from impedance_modules.experiments.stability_search import (
     Knock,
@@ -20,7 +21,6 @@ from impedance_modules.experiments.stability_search import (
     stiffened,
 )
 from impedance_modules.runtime.assembly import Assembly, assemble
-from impedance_modules.spec.locate import data_folder
 
 Array = NDArray[np.float64]
 
@@ -116,8 +116,7 @@ def _limit(loop: Loop, halvings: int) -> Limit:
 
 
 def _drift(stiffness: float, seed: int) -> tuple[float, float]:
-    patch = data_folder("robots") / "baxter" / "patches" / f"{PATCH}.yaml"
-    assembly = assemble(SOFT_TASK, effects=patch, rate=None, scale=1.0, arm=None)
+    assembly = assemble(SOFT_TASK, effects=patch_of(SOFT_TASK, PATCH), rate=None, scale=1.0, arm=None)
     return hand_drift(assembly, stiffness, seed)
 
 
