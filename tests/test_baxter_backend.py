@@ -10,6 +10,7 @@ import pytest
 from baxter_driving import POSITION, SPEC, STALE, TORQUE, driving, started
 from baxter_stand_in import StandIn
 
+from impedance_modules.backends.baxter.approach import ARRIVED
 from impedance_modules.backends.baxter.watchdog import LOOK
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_events import Event
@@ -196,7 +197,8 @@ def test_arms_elsewhere_are_refused_or_brought_there_slowly() -> None:
     with driving(robot, start=far, approach=True) as drive:
         started(drive)
         way = np.array([c[3][0] for c in robot.commands if c[2] == POSITION])
-        assert way[-1] == pytest.approx(0.5)
+        assert way[-1] == pytest.approx(0.5, abs=ARRIVED)  # it ends by holding where the arm is
+        assert way.max() <= 0.5 + ARRIVED
         assert (np.diff(way[way < 0.499]) >= -1e-9).all()
 
 
