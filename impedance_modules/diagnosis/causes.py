@@ -19,6 +19,10 @@ from impedance_modules.diagnosis.selection.term import Term
 Array = NDArray[np.float64]
 
 
+SLIGHT = 0.1
+"""Weight of one joint's part over another's, of one effect, below which its rivals are not the effect's."""
+
+
 def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Turns the accepted candidates into causes, those that explain most first."""
     merged: dict[tuple[str, str], Cause] = {}
@@ -85,12 +89,18 @@ def _range(evidence: Evidence, candidate: Candidate, quantity: str) -> Mapping[s
 
 
 def _merge(one: Cause, other: Cause) -> Cause:
+    most = max(one.weight, other.weight)
     return replace(
         one,
         joints=tuple(dict.fromkeys([*one.joints, *other.joints])),
         parameters={**one.parameters, **other.parameters},
         weight=one.weight + other.weight,
-        equivalent=tuple(dict.fromkeys([*one.equivalent, *other.equivalent])),
+        # A joint where hardly anything happens says nothing about the others.
+        equivalent=tuple(
+            dict.fromkeys(
+                rival for cause in (one, other) if cause.weight >= SLIGHT * most for rival in cause.equivalent
+            )
+        ),
         rivals=tuple(dict.fromkeys([*one.rivals, *other.rivals])),
         position_range={**one.position_range, **other.position_range},
         velocity_range={**one.velocity_range, **other.velocity_range},

@@ -21,6 +21,10 @@ from impedance_modules.diagnosis.where import locate
 Array = NDArray[np.float64]
 
 
+WEIGHTY = 0.05
+"""Part of the gap that a cause must explain for its rivals to make the whole answer ambiguous."""
+
+
 def conclude(
     evidence: Evidence, causes: tuple[Cause, ...], model: NominalModel, report: DataReport
 ) -> Diagnosis:
@@ -50,7 +54,7 @@ def conclude(
 def _verdict(causes: Sequence[Cause], remainder: Remainder) -> str:
     if not causes:
         return "no_gap" if remainder.explained else "unexplained"
-    if any(cause.equivalent for cause in causes):
+    if any(cause.equivalent and cause.weight >= WEIGHTY for cause in causes):
         return "ambiguous"
     return "explained" if remainder.explained else "partly_explained"
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
 from impedance_modules.diagnosis.evidence import Evidence
+from impedance_modules.diagnosis.structure import structure
 
 Array = NDArray[np.float64]
 
@@ -56,7 +57,7 @@ def lack_of_fit(evidence: Evidence) -> Lack:
     fitted = _ratios(evidence, (*evidence.bench.fitted, *evidence.heldout))
     ratio, limit = (np.array(part) for part in zip(*map(_worse, unseen, fitted), strict=True))
     factor = WEAK if evidence.floor.weak else 1.0
-    return Lack(ratio, factor * limit, "")
+    return Lack(ratio, factor * limit, structure(evidence))
 
 
 def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

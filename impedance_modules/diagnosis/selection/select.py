@@ -50,6 +50,9 @@ ESSENCE_MIN = 12.0
 SPREAD, NARROW = 0.3, 0.95
 """An effect of which more than this part falls on other joints must not gain more than that part on one."""
 
+DISCORD_MAX = 0.3
+"""What separate numbers for the joints may gain over one for all, as a part of what that one gains."""
+
 HARM_MAX = 0.15
 """Part of what it gains on some recordings that a cause may lose on others."""
 
@@ -250,6 +253,10 @@ def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
         (
             trial.spread > SPREAD and trial.narrow > NARROW,
             "it should show on several joints and helps on one alone",
+        ),
+        (
+            trial.term.candidate.key == "log" and trial.discord > DISCORD_MAX,
+            "the joints do not agree on it, and it is one number for all",
         ),
         (
             any(_as_good(rival, trial) for rival in stand_ins),

@@ -129,6 +129,22 @@ class Trial:
         total = float(power.sum())
         return 1.0 - float(power.max()) / total if total > 0.0 else 0.0
 
+    @cached_property
+    def discord(self) -> float:
+        """By how much more it would gain if every group had its own number, over what it gains with one for all."""
+        if self.term.shaped.size != 1:
+            return 0.0
+        right, own = np.zeros(len(self.bench.design.groups)), np.zeros(len(self.bench.design.groups))
+        for r in self.bench.fitted:
+            left = self.bench.residuals(self.bench.whole.coefficients, r)
+            for g, block in self.term.columns[r].items():
+                right[g] += self.bench.weights[g] * float(block[:, 0] @ left[g])
+                own[g] += self.bench.weights[g] * float(block[:, 0] @ block[:, 0])
+        shown = own > 1e-9
+        common = float(right[shown].sum() ** 2 / max(own[shown].sum(), 1e-9))
+        apart = float(np.sum(right[shown] ** 2 / own[shown])) - float(shown.sum())
+        return (apart - common) / max(common, 1e-9)
+
     @property
     def outside(self) -> bool:
         """Whether its mean coefficients leave their physical bounds."""
