@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.contact_cause import contact_cause
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.result import Cause
 from impedance_modules.diagnosis.selection.candidates import Candidate
@@ -38,6 +39,10 @@ def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
         replace(cause, weight=cause.weight * scale, shrink=_own_shrink(evidence, cause))
         for cause in merged.values()
     ]
+    if evidence.pushes:
+        share = evidence.pushed_share
+        weighed = [replace(cause, weight=cause.weight * (1.0 - share)) for cause in weighed]
+        weighed.append(contact_cause(evidence, share))
     return tuple(sorted(weighed, key=lambda cause: -cause.weight))
 
 

@@ -23,6 +23,7 @@ from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.effects.residuals import uses_motion
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 SPACING = 0.25
 """Between the tips of two hats [s]."""
@@ -41,6 +42,9 @@ SECOND_MIN = 0.1
 
 LOCAL_MAX = 0.5
 """Part of a recording that pushes may fill; beyond it the gap is not local."""
+
+MARGIN = 0.2
+"""Before and after a push that is set aside with it [s]."""
 
 REPEATED_MAX = 0.5
 """Size of the difference to the repeat's force, over the push, below which it is the robot's own doing."""
@@ -95,9 +99,20 @@ def find_pushes(bench: Bench, prepared: Sequence[Prepared]) -> tuple[Push, ...]:
     return tuple(push for push in out if not _repeated(push, prepared, found))
 
 
+def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[int, Mask]:
+    """Recording -> (M,) rows that no push touches, the filter's reach included."""
+    out: dict[int, Mask] = {}
+    for push in pushes:
+        item = prepared[push.recording]
+        time = item.time - item.log.start
+        clear = out.setdefault(push.recording, np.ones(item.samples, dtype=bool))
+        clear &= (time < push.start - MARGIN) | (time > push.end + MARGIN)
+    return out
+
+
 def _hats(item: Prepared, rows: int) -> tuple[Array, Array]:
     """Tips (k,) [s] and hats (rows, k) at the recording's last rows."""
-    time = item.time[-rows:]
+    time = item.time[-rows:] - item.log.start
     tips = np.arange(time[0], time[-1] + SPACING, SPACING)
     return tips, np.clip(1.0 - np.abs(time[:, None] - tips) / SPACING, 0.0, None)
 

@@ -14,6 +14,7 @@ from impedance_modules.diagnosis.arrange import Arrangement, arrange
 from impedance_modules.diagnosis.band import choose_cutoff
 from impedance_modules.diagnosis.causes import name_causes
 from impedance_modules.diagnosis.conclude import conclude
+from impedance_modules.diagnosis.contact import find_pushes, moments_clear
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.log import DataReport
 from impedance_modules.diagnosis.model import NominalModel
@@ -41,8 +42,8 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch import EffectSpec
 
-UNSEARCHED = ("external_contact",)
-"""Bound to one recording's time: no other recording can confirm it, so the common procedure does not look for it."""
+CONTACT = "external_contact"
+"""Bound to one recording's time: no other recording can confirm it, so it has a procedure of its own (`contact`)."""
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ def _explain(
     signals = [instrument(item.signals, noise) for item in prepared]
     shaped = [
         (candidate, shape)
-        for candidate in list_candidates(CATALOGUE, prepared, {*without, *UNSEARCHED})
+        for candidate in list_candidates(CATALOGUE, prepared, {*without, CONTACT})
         for shape in shapes_of(candidate, signals[0])
     ]
     stand_ins = draft_stand_ins(prepared, residuals)
@@ -118,21 +119,33 @@ def _explain(
     selector = Selector(
         design, arrangement.folds, Refiner(design, prepared, signals), model.position_resolution
     )
-    return _search(selector, prepared, arrangement, progress)
+    contact = CONTACT in CATALOGUE and CONTACT not in without
+    return _search(selector, prepared, arrangement, progress, contact=contact)
 
 
 def _search(
-    selector: Selector, prepared: tuple[Prepared, ...], arrangement: Arrangement, progress: Progress
+    selector: Selector,
+    prepared: tuple[Prepared, ...],
+    arrangement: Arrangement,
+    progress: Progress,
+    *,
+    contact: bool,
 ) -> Evidence:
-    """Finds the causes, and judges the noise once more with them."""
+    """Finds the causes, sets moments of contact aside, and judges the noise once more with all of that known."""
     found = selector.run(progress)
+    pushes = find_pushes(selector.bench(found.causes), prepared) if contact else ()
+    if pushes:
+        progress("setting moments of contact aside")
+        selector = selector.on(selector.design.without(moments_clear(pushes, prepared)))
+        found = selector.run(progress)
     bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
     if pairs:
         # With the causes known, repeats that did not quite repeat no longer leak into the floor.
         left = [plain.left(bench, r) for r in range(len(prepared))]
-        floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs)
-    return Evidence(selector, arrangement.heldout, prepared, bench, floor, plain, found.refusal)
+        clear = selector.design.whitening.clear
+        floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, clear)
+    return Evidence(selector, arrangement.heldout, prepared, bench, floor, plain, found.refusal, pushes)
 
 
 def _floor(

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.contact import Push
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.design import Design
@@ -31,6 +32,7 @@ class Evidence:
         floor: The noise, judged with the causes known.
         plain: Rows in their own units.
         refusal: Why the next best candidate was not accepted.
+        pushes: From outside; the rows that they touch are left aside everywhere.
     """
 
     selector: Selector
@@ -40,6 +42,7 @@ class Evidence:
     floor: Whitening
     plain: PlainRows
     refusal: Refusal | None
+    pushes: tuple[Push, ...] = ()
 
     @property
     def design(self) -> Design:
@@ -68,12 +71,30 @@ class Evidence:
     def rms(self, bench: Bench | None) -> Array:
         """(groups,) rms that a model leaves on the unseen recordings; None is the nominal model as it stands."""
         left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in self.heldout]
+        clear = [self.clear(r) for r in self.heldout]
         return np.array(
             [
-                np.sqrt(np.mean(np.concatenate([x[g] for x in left]) ** 2))
+                np.sqrt(np.mean(np.concatenate([x[g][c] for x, c in zip(left, clear, strict=True)]) ** 2))
                 for g in range(len(self.design.groups))
             ]
         )
+
+    def clear(self, recording: int) -> NDArray[np.bool_]:
+        """(M,) rows of a recording that no push touches."""
+        everything = np.ones(self.prepared[recording].samples, dtype=bool)
+        return self.design.whitening.clear.get(recording, everything)
+
+    @cached_property
+    def pushed_share(self) -> float:
+        """Part of the excess power of all recordings, nuisance adjusted, that pushes make."""
+        inside, total = 0.0, 0.0
+        for r in range(len(self.prepared)):
+            left, clear = self.plain.left(self.calibrated, r), self.clear(r)
+            for g, values in enumerate(left):
+                power = (values**2 - self.floor.rms[r, g] ** 2) / self.unit_power[g]
+                inside += float(power[~clear].sum())
+                total += float(power.sum())
+        return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
 
     def excess(self, bench: Bench | None) -> float:
         """Unseen residual power beyond the noise, over all groups, in units of the average joint's noise."""

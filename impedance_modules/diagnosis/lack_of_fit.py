@@ -75,8 +75,8 @@ def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, 
         rows = np.concatenate([left[r][g] * rescale[r, g] for r in recordings])
         T = np.concatenate([bench.rows[r][g] * rescale[r, g] for r in recordings])
         variance = float(np.sum((T @ bench.whole.inverse[np.ix_(ids, ids)]) * T) / len(T))
-        part = design.whitening.part[g]
-        ratio = float(np.mean(rows**2)) / (part + variance)
-        limit = SYSTEMATIC * float(fisher.ppf(chance, part * len(rows), design.whitening.samples[g]))
+        part, count = design.whitening.part[g], design.count(recordings)[g]
+        ratio = part * float(np.sum(rows**2)) / count / (part + variance)
+        limit = SYSTEMATIC * float(fisher.ppf(chance, count, design.whitening.samples[g]))
         out.append((ratio, limit))
     return out

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.description import Description, Port
 from impedance_modules.effects.residuals import COVERS, STAGE_OF_PORT, Residual, Stage
-from impedance_modules.effects.sample import Sample, Shape
+from impedance_modules.effects.sample import Sample, Shape, smoothing
 from impedance_modules.effects.signals import Signals
 from impedance_modules.spec.robot import RobotSpec
 
@@ -144,11 +144,24 @@ class Effect(ABC):
         """Tells the plant what reality does and the model does not know."""
 
 
+WAY = "way"
+"""Shape: displacement over which dry friction turns over [rad]; zero where it turns over a speed."""
+
+SHORT_WAYS = (0.03, 0.1, 0.2)
+"""Displacements tried, in multiples of the distance that the turnover's speed goes in a second."""
+
+
 class JointLaw(Effect):
     """A torque that one joint consumes by a law of its own motion.
 
-    The law is written once, as ``basis``: plant and diagnosis both evaluate it.
+    The law is written once, as ``basis``: plant and diagnosis both evaluate it. How dry friction turns over at a
+    reversal is no part of a law that is ``dry``: the diagnosis tries it over a speed and over a short way.
+
+    Attributes:
+        dry: Whether it asks for the sign of the speed.
     """
+
+    dry: bool = False
 
     @abstractmethod
     def basis(self, sample: Sample, shape: Shape) -> Array:
@@ -167,7 +180,23 @@ class JointLaw(Effect):
             return None
         joint = signals.joint(key)
         sample = signals.sample(joint, motor_side=port == "actuator")
+        way = float(shape.get(WAY, 0.0))
+        if way > 0.0:
+            sample = replace(sample, bristles=signals.bristles(joint, way, motor_side=port == "actuator"))
         return one_row(joint, self.basis(sample, shape), None, *self.bounds())
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """One empty shape, or both ways in which dry friction may turn over."""
+        return self.ways(signals, key, ({},))
+
+    def ways(
+        self, signals: Signals, key: str, shapes: tuple[dict[str, float], ...]
+    ) -> tuple[dict[str, float], ...]:
+        """Lets every shape of a dry law turn over a speed, and over a way."""
+        if not self.dry:
+            return shapes
+        second = float(smoothing(signals.model.sliding)[signals.joint(key)])
+        return (*shapes, *({**shape, WAY: way * second} for way in SHORT_WAYS for shape in shapes))
 
     def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Puts the same law on the plant's joints, as a torque against the motion."""

@@ -42,6 +42,8 @@ class CoulombFriction(JointLaw):
         worn=WORN,
     )
 
+    dry = True
+
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes sgn(v)."""
         return sample.direction[..., None]
@@ -99,6 +101,7 @@ class StribeckFriction(JointLaw):
     )
     shape = ("vs",)
 
+    dry = True
     essence = ((0.0, 1.0),)
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
@@ -122,9 +125,8 @@ class StribeckFriction(JointLaw):
         joint = signals.joint(key)
         fastest = float(np.abs(signals.velocity[:, joint]).max())
         least = float(smoothing(signals.model.sliding)[joint])
-        return tuple(
-            {"vs": float(speed)} for speed in np.geomspace(least, max(fastest / 3.0, 2.0 * least), 8)
-        )
+        speeds = np.geomspace(least, max(fastest / 3.0, 2.0 * least), 5)
+        return self.ways(signals, key, tuple({"vs": float(speed)} for speed in speeds))
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
         """A fall as fast as dry friction itself turns over cannot be told from how it turns over."""

@@ -48,6 +48,7 @@ class AsymmetricFriction(JointLaw):
         worn=WORN,
     )
 
+    dry = True
     essence = ((1.0, -1.0, 0.0), (0.0, 0.0, 1.0))
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
@@ -96,6 +97,8 @@ class LoadDependentFriction(JointLaw):
         reference="Hamon, Gautier & Garrec 2010; Rhoban BAM 2025, models M3 to M6",
         worn=WORN,
     )
+
+    dry = True
 
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes |load| sgn(v)."""

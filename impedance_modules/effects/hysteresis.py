@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.effects.bristles import bent, follow
 from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
@@ -32,12 +33,6 @@ STRETCH = "stretch"
 
 COUNTS = 6
 """Counts of the encoder over which bristles must bend to be told from dry friction, behind any filter."""
-
-
-def bent(bristle: Array, moved: Array, stretch: Array | float) -> Array:
-    """Gives the bristles' bend zeta in [-1, 1] after a displacement in one direction."""
-    direction = np.sign(moved)
-    return np.asarray(direction + (bristle - direction) * np.exp(-np.abs(moved) / stretch))
 
 
 class Hysteresis(Effect):
@@ -76,7 +71,7 @@ class Hysteresis(Effect):
             return None
         joint = signals.joint(key)
         position = signals.sample(joint, motor_side=port == "actuator").position
-        column = _follow(position, float(shape[STRETCH]))
+        column = follow(position, float(shape[STRETCH]))
         return one_row(joint, column[:, None], None, np.zeros(1), np.full(1, np.inf))
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
@@ -111,18 +106,6 @@ class Hysteresis(Effect):
         side: Literal["motor", "link"] = "motor" if port == "actuator" else "link"
         joints = builder.joints(parameters)
         builder.torques.append(BristleTorque(side, joints, friction, friction / stiffness))
-
-
-def _follow(position: Array, stretch: float) -> Array:
-    """Computes zeta (N,) along a path."""
-    out = np.zeros(position.size)
-    steps = np.diff(position)
-    keep, direction = np.exp(-np.abs(steps) / stretch), np.sign(steps)
-    bristle = 0.0
-    for i in range(steps.size):
-        bristle = direction[i] + (bristle - direction[i]) * keep[i]
-        out[i + 1] = bristle
-    return out
 
 
 class BristleTorque:

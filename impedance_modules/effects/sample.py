@@ -34,6 +34,7 @@ class Sample:
             the plant, which is still to find the acceleration, gives zeros.
         load: Torque between gear and link [N.m].
         turnover: Speed v_0 over which dry friction turns over.
+        bristles: Bend in [-1, 1] of what rubs, where dry friction turns over a way and not a speed; or None.
     """
 
     time: Array
@@ -42,10 +43,13 @@ class Sample:
     acceleration: Array
     load: Array
     turnover: Array | float = SMOOTHING
+    bristles: Array | None = None
 
     @property
     def direction(self) -> Array:
-        """The regularised sign of the velocity."""
+        """The regularised sign of the velocity, or the bend of the bristles."""
+        if self.bristles is not None:
+            return self.bristles
         return sign(self.velocity, self.turnover)
 
 

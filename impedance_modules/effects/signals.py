@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.effects.bristles import follow
 from impedance_modules.effects.rigid import RigidModel
 from impedance_modules.effects.sample import Sample, smoothing
 from impedance_modules.errors import BadInput
@@ -158,6 +159,14 @@ class Signals:
         if body not in kept:
             kept[body] = self.model.body_columns(body, self.position, self.velocity, self.acceleration)
         return kept[body]
+
+    def bristles(self, joint: int, way: float, *, motor_side: bool) -> Array:
+        """Bend of bristles along a joint's path (N,), computed once."""
+        kept: dict[tuple[int, float, bool], Array] = self.__dict__.setdefault("_bristles", {})
+        key = (joint, way, motor_side)
+        if key not in kept:
+            kept[key] = follow(self.sample(joint, motor_side=motor_side).position, way)
+        return kept[key]
 
     def sample(self, joint: int, *, motor_side: bool) -> Sample:
         """Gives one joint's motion on one side of its gear."""

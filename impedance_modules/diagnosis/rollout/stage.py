@@ -130,7 +130,8 @@ def roll_out(
 
 def _compared(stage: _Stage, causes: Sequence[Cause], worn: Sequence[EffectSpec]) -> Rollout:
     base, left_out = wearable(worn, stage.drive)
-    specs = {(cause.effect, cause.port): spec_of_cause(cause) for cause in causes}
+    # A push is bound to its recording's time: no window of another can live it again.
+    specs = {(c.effect, c.port): spec_of_cause(c) for c in causes if c.port != "contact"}
     kept, dropped = wearable(tuple(specs.values()), stage.drive)
     chosen = {key: spec for key, spec in specs.items() if spec in kept}
     try:

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,13 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.selection.candidates import Group, Shaped
 from impedance_modules.diagnosis.selection.drafts import Draft, alike
 from impedance_modules.diagnosis.selection.nuisance import Nuisance
-from impedance_modules.diagnosis.selection.whiten import Whitening
+from impedance_modules.diagnosis.selection.whiten import ORDER, Whitening
 
 Array = NDArray[np.float64]
 Thin = NDArray[np.float32]
 Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Real = TypeVar("Real", Array, Thin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +86,23 @@ class Design:
 
     def count(self, recordings: Sequence[int]) -> Array:
         """Number of independent samples of each group in some recordings, (groups,)."""
-        rows = [sum(len(self.y[r][g]) for r in recordings) for g in range(len(self.groups))]
+        rows = [
+            sum(self.whitening.rows(r, len(self.y[r][g])) for r in recordings)
+            for g in range(len(self.groups))
+        ]
         return np.asarray(self.whitening.part * np.array(rows, dtype=float))
+
+    def without(self, clear: Mapping[int, Mask]) -> Design:
+        """The same design without some rows: recording -> (M,) those that count."""
+        whitening = replace(self.whitening, clear=clear)
+        keep = {r: np.convolve(~mask, np.ones(ORDER + 1))[ORDER:-ORDER] == 0.0 for r, mask in clear.items()}
+
+        def cut(blocks: tuple[tuple[Real, ...], ...]) -> tuple[tuple[Real, ...], ...]:
+            return tuple(
+                tuple(_kept(block, keep.get(r)) for block in recording) for r, recording in enumerate(blocks)
+            )
+
+        return replace(self, whitening=whitening, y=cut(self.y), Z=cut(self.Z), X=cut(self.X))
 
     @cached_property
     def shapes(self) -> Mapping[tuple[str, str, str], int]:
@@ -95,6 +113,15 @@ class Design:
     def nuisance_gram(self) -> tuple[tuple[Array, ...], ...]:
         """Recording -> group -> (k, k) Z^T Z."""
         return tuple(tuple(block.T @ block for block in recording) for recording in self.Z)
+
+
+def _kept(block: Real, keep: Mask | None) -> Real:
+    """Puts rows that do not count to zero."""
+    if keep is None:
+        return block
+    out = block.copy(order="K")
+    out[~keep] = 0.0
+    return out
 
 
 def build_design(

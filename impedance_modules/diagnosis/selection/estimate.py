@@ -36,10 +36,10 @@ def estimates(bench: Bench, refiner: Refiner, index: int, *, prismatic: bool) ->
     candidate, shape = term.candidate, dict(term.shaped.shape)
     signals = refiner.prepared[0].signals
     coefficients = np.clip(bench.of(index), term.shaped.lower, term.shaped.upper)
-    symbols = list(shape)
+    symbols = [symbol for symbol in shape if symbol in candidate.effect.shape]
 
     def values(x: Array) -> dict[str, float]:
-        moved = dict(zip(symbols, map(float, x[len(coefficients) :]), strict=True))
+        moved = {**shape, **dict(zip(symbols, map(float, x[len(coefficients) :]), strict=True))}
         return candidate.effect.values(x[: len(coefficients)], moved, signals, candidate.key, candidate.port)
 
     point = np.concatenate([coefficients, [shape[symbol] for symbol in symbols]])

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.selection.nuisance import Nuisance
 from impedance_modules.diagnosis.selection.whiten import Whitening, whitening_of
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 RIDGE = 1e-4
 """Of the flexible model, over its columns' power."""
@@ -36,6 +37,7 @@ def noise_by_repeats(
     prepared: Sequence[Prepared],
     nuisance: Nuisance,
     pairs: Sequence[tuple[int, int]],
+    clear: Mapping[int, Mask] | None = None,
 ) -> Whitening:
     """Judges the noise by recordings that repeat each other.
 
@@ -44,8 +46,13 @@ def noise_by_repeats(
         prepared: The recordings.
         nuisance: For its groups.
         pairs: Repeats.
+        clear: Recording -> (M,) rows that count; all of them where it is missing.
     """
-    noise = [[_difference(left[i][g], left[j][g]) for i, j in pairs] for g in range(len(nuisance.groups))]
+    shown = {pair: _both_clear(pair, prepared, clear or {}) for pair in pairs}
+    noise = [
+        [_difference(left[i][g], left[j][g], shown[i, j]) for i, j in pairs]
+        for g in range(len(nuisance.groups))
+    ]
     share = shares(nuisance.groups, prepared, pairs, [float(np.mean(np.concatenate(x) ** 2)) for x in noise])
     return whitening_of(noise, share, edge=_edge(prepared), lost=np.zeros(len(nuisance.groups)), weak=False)
 
@@ -56,9 +63,16 @@ def _edge(prepared: Sequence[Prepared]) -> float:
     return band.cutoff * band.step / band.rate
 
 
-def _difference(one: Array, other: Array) -> Array:
-    size = min(len(one), len(other))
-    difference = one[:size] - other[:size]
+def _both_clear(pair: tuple[int, int], prepared: Sequence[Prepared], clear: Mapping[int, Mask]) -> Mask:
+    """Rows that count in both of two repeats."""
+    masks = [clear.get(r, np.ones(prepared[r].samples, dtype=bool)) for r in pair]
+    size = min(map(len, masks))
+    return np.asarray(masks[0][:size] & masks[1][:size])
+
+
+def _difference(one: Array, other: Array, shown: Mask) -> Array:
+    size = len(shown)
+    difference = (one[:size] - other[:size])[shown]
     return np.asarray((difference - difference.mean()) / np.sqrt(2.0))
 
 

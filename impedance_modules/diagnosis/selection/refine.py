@@ -41,17 +41,18 @@ class Refiner:
     Attributes:
         design: The rows.
         prepared: The recordings.
+        signals: Theirs, as columns may see them.
     """
 
     def __init__(self, design: Design, prepared: Sequence[Prepared], signals: Sequence[Signals]) -> None:
         """Takes rows and what they were made of."""
-        self.design, self.prepared, self._signals = design, tuple(prepared), tuple(signals)
+        self.design, self.prepared, self.signals = design, tuple(prepared), tuple(signals)
         self._residuals = list(dict.fromkeys(residual for residual, _ in design.groups))
 
     def draft(self, candidate: Candidate, shape: Mapping[str, float]) -> Draft | None:
         """A candidate's thinned columns, in their own units."""
         return next(
-            iter(draft_candidates([(candidate, shape)], self.prepared, self._signals, self._residuals)), None
+            iter(draft_candidates([(candidate, shape)], self.prepared, self.signals, self._residuals)), None
         )
 
     def term(self, candidate: Candidate, shape: Mapping[str, float], like: Slot | None = None) -> Term | None:
@@ -87,7 +88,10 @@ class Refiner:
     def slopes(self, term: Term, coefficients: Array) -> dict[str, tuple[Mapping[int, Array], ...]]:
         """What each nonlinear parameter changes per unit, symbol -> recording -> group -> (M,), whitened."""
         out: dict[str, tuple[Mapping[int, Array], ...]] = {}
-        for symbol, value in term.shaped.shape.items():
+        for symbol in term.candidate.effect.shape:
+            value = term.shaped.shape.get(symbol)
+            if value is None:
+                continue
             step = SLOPE * max(abs(value), 1e-3)
             moved = self.term(term.candidate, {**term.shaped.shape, symbol: value + step}, term.slot)
             if moved is None or moved.groups != term.groups or moved.shaped.fixed != term.shaped.fixed:
@@ -105,7 +109,7 @@ class Refiner:
 
     def refine(self, bench: Bench, term: Term) -> Term:
         """Improves a candidate's shape beside a model; gives back what came in where nothing is better."""
-        if not term.shaped.shape or term.generic:
+        if term.generic or not term.candidate.effect.shape:
             return term
         best = Bench(bench.design, bench.folds, [*bench.model, term])
         for _ in range(ROUNDS):

@@ -100,6 +100,11 @@ class Selector:
         self._bodies = {body.link: body.inertia for body in refiner.prepared[0].tree.bodies}
         self.screen = Screen(design, [index for fold in folds for index in fold])
 
+    def on(self, design: Design) -> Selector:
+        """The same search on a design with other rows."""
+        refiner = Refiner(design, self.refiner.prepared, self.refiner.signals)
+        return Selector(design, self.folds, refiner, self.resolution)
+
     def bench(self, model: Sequence[Term]) -> Bench:
         """Fits a model."""
         return Bench(self.design, self.folds, model)

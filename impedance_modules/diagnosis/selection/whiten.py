@@ -11,8 +11,8 @@ about its errors (Aitken; Ljung 1999, prediction-error filter).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import welch
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 ORDER = 4
 """Of the autoregression."""
@@ -48,6 +49,7 @@ class Whitening:
         part: (groups,) power of whitened noise: its samples that are independent over all of them.
         samples: (groups,) independent samples that the floor rests on.
         weak: True where no repeats measured it.
+        clear: Recording -> (M,) rows that count; a recording all of whose rows do is missing.
     """
 
     filters: tuple[Array, ...]
@@ -56,6 +58,7 @@ class Whitening:
     part: Array
     samples: Array
     weak: bool
+    clear: Mapping[int, Mask] = field(default_factory=dict)
 
     def apply(self, values: NDArray[np.floating], recording: int, group: int) -> NDArray[np.floating]:
         """Whitens (M, ...) samples; the first ORDER are lost."""
@@ -63,7 +66,21 @@ class Whitening:
         out = taps[0] * values[ORDER:]
         for lag in range(1, ORDER + 1):
             out += taps[lag] * values[ORDER - lag : -lag]
+        left_out = self._left_out(recording)
+        if left_out is not None:
+            out[left_out] = 0.0
         return np.asarray(out)
+
+    def _left_out(self, recording: int) -> Mask | None:
+        """Whitened rows that rest on a row that does not count."""
+        if recording not in self.clear:
+            return None
+        return np.asarray(np.convolve(~self.clear[recording], np.ones(ORDER + 1))[ORDER:-ORDER] > 0.0)
+
+    def rows(self, recording: int, whitened: int) -> int:
+        """Number of whitened rows that count, of so many."""
+        left_out = self._left_out(recording)
+        return whitened if left_out is None else whitened - int(left_out.sum())
 
 
 def whitening_of(

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pushes from outside as a cause: it happened, it is no property of the robot, and no patch wears it."""
+
+from __future__ import annotations
+
+from impedance_modules.diagnosis.contact import SPACING
+from impedance_modules.diagnosis.evidence import Evidence
+from impedance_modules.diagnosis.result import Cause, Estimate, Rival
+from impedance_modules.effects.contact import FORCE
+
+
+def contact_cause(evidence: Evidence, share: float) -> Cause:
+    """Describes the strongest push on every link that was pushed.
+
+    Args:
+        evidence: With its pushes.
+        share: Part of the gap that they make.
+    """
+    strongest = {push.body: push for push in sorted(evidence.pushes, key=lambda push: push.gain)}
+    parameters = {}
+    for body, push in strongest.items():
+        named = zip(FORCE, push.force, push.std, strict=True)
+        forces = {symbol: Estimate(float(value), float(std), "N") for symbol, value, std in named}
+        times = {"start": Estimate(push.start, SPACING, "s"), "end": Estimate(push.end, SPACING, "s")}
+        parameters[body] = {**forces, **times}
+    names = [evidence.prepared[push.recording].log.name for push in evidence.pushes]
+    told = ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
+    return Cause(
+        effect="external_contact",
+        joints=(),
+        port="contact",
+        parameters=parameters,
+        weight=share,
+        shrink=None,
+        equivalent=(),
+        rivals=(
+            Rival("free torques", (), f"one force explains the joints together; pushes in {told}, set aside"),
+        ),
+        position_range={},
+        velocity_range={},
+    )
