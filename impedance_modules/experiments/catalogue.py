@@ -45,6 +45,12 @@ _ALL: tuple[Experiment, ...] = (
         "reflected_inertia_matters",
     ),
     Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
+    Experiment(
+        "impedance-controller",
+        "4",
+        "What does one impedance-controlled arm feel like?",
+        "impedance_controller",
+    ),
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
     Experiment("two-arms", "6.2.4", "Do two real arms on one object add?", "two_arms"),
 )

@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One arm's impedance: net stiffness, inertia by posture, and a lost support."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from impedance_modules.experiments.impedance_controller import reproduce
+from impedance_modules.experiments.settings import Settings, Size
+
+
+def test_the_hand_has_its_net_stiffness_and_a_deep_spring_holds_twice_the_energy(tmp_path: Path) -> None:
+    facts = reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
+    assert abs(facts["slope_error"]) < 0.05
+    assert facts["force"] == pytest.approx(20.0, abs=0.1)
+    assert facts["energy_ratio"] == pytest.approx(2.0, rel=0.02)
+    assert 1.0 < facts["speed_soft"] / facts["speed_stiff"] < 2.0**0.5
+    assert facts["anisotropy_arm-stretched"] > 3.0 * facts["anisotropy_elbow-out"]
