@@ -88,17 +88,3 @@ def is_cause(causes: Sequence[Mapping[str, Any]], at: int, truth: Mapping[str, A
         return bool(joints) and joints <= right
     alike = [set(one.get("joints", [])) for one in causes if one["effect"] == cause["effect"]]
     return not all(alike) or (set().union(*alike) <= right and 2 * len(set().union(*alike)) > len(right))
-
-
-def parameter_pairs(
-    cause: Mapping[str, Any], truth: Mapping[str, Any]
-) -> list[tuple[float, float, float | None]]:
-    """Returns (value, true value, standard error) of every parameter that both state under the same key."""
-    found = []
-    for key, symbols in truth["parameters"].items():
-        said = cause.get("parameters", {}).get(key, {})
-        for symbol, true in symbols.items():
-            value = said.get(symbol)
-            if value is not None and value.get("value") is not None:
-                found.append((float(value["value"]), float(true), value.get("std")))
-    return found

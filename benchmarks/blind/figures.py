@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.blind.answers import NO_ANSWER, parameter_pairs
+from benchmarks.blind.answers import NO_ANSWER
 from benchmarks.blind.blocks import COUNTS
 from benchmarks.blind.judged import (
     Cases,
@@ -30,6 +30,7 @@ from benchmarks.blind.judged import (
     truth_reported,
     wrongly_named,
 )
+from benchmarks.blind.parameters import Comparison, compare
 from benchmarks.blind.wilson import Rate
 
 
@@ -47,20 +48,25 @@ def _rate(chosen: Callable[[Judged], bool], right: Callable[[Judged], bool]) -> 
 
 
 def _parameter_error(cases: Cases) -> str:
-    errors = [abs(value - true) / abs(true) for value, true, _ in _pairs(cases) if true != 0.0]
-    return f"{100 * float(np.median(errors)):.1f} % median of {len(errors)}" if errors else "none stated"
+    errors = [one.error for one in _compared(cases)]
+    if not errors:
+        return "none stated"
+    middle, nine = 100 * np.quantile(errors, [0.5, 0.9])
+    return f"{middle:.1f} % median, {nine:.0f} % for nine of ten, of {len(errors)}"
 
 
 def _coverage(cases: Cases) -> str:
-    return str(
-        Rate.of([abs(value - true) <= 1.96 * std for value, true, std in _pairs(cases) if std is not None])
-    )
+    return str(Rate.of([one.covered for one in _compared(cases) if one.covered is not None]))
 
 
-def _pairs(cases: Cases) -> list[tuple[float, float, float | None]]:
+def _compared(cases: Cases) -> list[Comparison]:
     right = [case for case in cases if is_clear(case) and case.first_right]
     exact = [case for case in right if case.answer.first == case.effects[0]["effect"]]
-    return [pair for case in exact for pair in parameter_pairs(case.answer.causes[0], case.effects[0])]
+    return [
+        one
+        for case in exact
+        for one in compare(case.answer.causes[0], case.effects[0], str(case.truth["side"]))
+    ]
 
 
 def _closed(cases: Cases) -> str:

@@ -28,7 +28,7 @@ CAUSE = {
 WRONG = {"effect": "backlash", "joints": ["left_w2"], "parameters": {}, "equivalent": []}
 SECOND = {**TRUE, "effect": "torque_offset", "parameters": {"left_e1": {"c": 1.0}}}
 
-BENCH = {"noise_level": 1.0, "inertia_error": 0.01}
+BENCH = {"noise_level": 1.0, "inertia_error": 0.01, "side": "left"}
 
 Case = tuple[dict[str, Any], str, list[dict[str, Any]]]
 

@@ -125,6 +125,18 @@ def read_arm(side: str) -> tuple[Link, ...]:
     return tuple(links)
 
 
+def turned(rpy: Array) -> Array:
+    """Returns the rotation (3, 3) of fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
 def _ancestors(root: ET.Element, joint: ET.Element, inertials: dict[str, Inertial | None]) -> list[Link]:
     carriers = {_attribute(one, "child", "link"): one for one in root.iter("joint")}
     found: list[Link] = []
