@@ -54,6 +54,19 @@ def run(out: Path, answers: Path | None, **wish: Any) -> None:
 
 @main.command()
 @click.argument("out", type=click.Path(path_type=Path, exists=True))
+@click.option("--answers", type=click.Path(path_type=Path), help="OUT/answers when left out.")
+@click.option("--tool", type=click.Choice(TOOLS), default=TOOLS[0], show_default=True)
+@click.option("--jobs", type=click.IntRange(1), default=2, show_default=True)
+def oracle(out: Path, answers: Path | None, tool: str, jobs: int) -> None:
+    """Measures on the arm itself how far block A's answers close the held-out gap, beside an oracle."""
+    from benchmarks.blind.gaps import measure_gaps
+    from benchmarks.blind.run import ANSWERS
+
+    measure_gaps(out, answers or out / ANSWERS, tool, jobs, lambda text: click.echo(text, err=True))
+
+
+@main.command()
+@click.argument("out", type=click.Path(path_type=Path, exists=True))
 @click.option("--answers", type=click.Path(path_type=Path), help="Where they are; OUT/answers when left out.")
 @click.option("--case", "case", metavar="NAME", help="Only print truth and answers of this one.")
 def score(out: Path, answers: Path | None, case: str | None) -> None:

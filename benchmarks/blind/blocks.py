@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -64,19 +63,14 @@ def make(block: str, index: int, seeds: str, folder: Path) -> list[Made]:
         seeds: ``dev`` or ``report``.
         folder: Where the cases' folders go.
     """
-    rng = np.random.default_rng((SEEDS[seeds], ord(block), index))
+    rng = rng_of(block, index, seeds)
     if block == "D":
         return _make_pair(index, rng, folder)
-    noise = NOISES[(index + index // len(CATALOGUE)) % len(NOISES)]
-    bench = draw_bench(rng, noise)
-    episodes = task_episodes(bench, rng) if block == "G" else rich_episodes(bench, rng)
-    if block == "G":
-        bench = on_a_surface(bench, episodes)
-    planted = _plant(block, index, bench, episodes, rng)
+    drawn = _draw(block, index, rng)
     truth: dict[str, Any] = {"block": block, "index": index}
     without = []
     if block == "F":
-        without = [planted[0].injection.effect]
+        without = [drawn.planted[0].injection.effect]
     if block == "G":
         truth["surroundings"] = [
             "external_contact",
@@ -84,7 +78,35 @@ def make(block: str, index: int, seeds: str, folder: Path) -> list[Made]:
             "surface_stiffness",
             "surface_friction",
         ]
-    return [_write(folder, bench, episodes, planted, rng, truth, without, phases=block == "G")]
+    return [_write(folder, drawn, rng, truth, without, phases=block == "G")]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """An arm, its runs, and what is wrong with it, before anything is recorded."""
+
+    bench: Bench
+    episodes: list[Episode]
+    planted: list[Planted]
+
+
+def rng_of(block: str, index: int, seeds: str) -> np.random.Generator:
+    """Returns the random numbers of one case."""
+    return np.random.default_rng((SEEDS[seeds], ord(block), index))
+
+
+def draw_case(block: str, index: int, seeds: str) -> Drawn:
+    """Draws a case again, the same as `make` did; not for block D."""
+    return _draw(block, index, rng_of(block, index, seeds))
+
+
+def _draw(block: str, index: int, rng: np.random.Generator) -> Drawn:
+    noise = NOISES[(index + index // len(CATALOGUE)) % len(NOISES)]
+    bench = draw_bench(rng, noise)
+    episodes = task_episodes(bench, rng) if block == "G" else rich_episodes(bench, rng)
+    if block == "G":
+        bench = on_a_surface(bench, episodes)
+    return Drawn(bench, episodes, _plant(block, index, bench, episodes, rng))
 
 
 def _plant(
@@ -144,22 +166,22 @@ def _make_pair(index: int, rng: np.random.Generator, folder: Path) -> list[Made]
             "index": index,
             "apart": seen.apart,
         }
-        made.append(_write(folder, bench, seen.episodes, [seen.planted], rng, truth, [], phases=False))
+        drawn = Drawn(bench, seen.episodes, [seen.planted])
+        made.append(_write(folder, drawn, rng, truth, [], phases=False))
     return made
 
 
 def _write(
     folder: Path,
-    bench: Bench,
-    episodes: Sequence[Episode],
-    planted: Sequence[Planted],
+    drawn: Drawn,
     rng: np.random.Generator,
     truth: dict[str, Any],
     without: list[str],
     phases: bool,
 ) -> Made:
+    bench = drawn.bench
     name = f"{int(rng.integers(16**10)):010x}"
-    shown = write_logs(folder / name, bench, episodes, planted, int(rng.integers(2**31)), phases)
+    shown = write_logs(folder / name, bench, drawn.episodes, drawn.planted, int(rng.integers(2**31)), phases)
     effects = [
         {
             "effect": one.injection.effect,
@@ -171,7 +193,7 @@ def _write(
             "size_in_weakest_motion": one.size.weakest,
             "size_with_inertias": one.size.raw,
         }
-        for one in planted
+        for one in drawn.planted
     ]
     truth = truth | {
         "effects": effects,

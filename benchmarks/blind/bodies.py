@@ -23,7 +23,8 @@ def payload(s: Situation) -> Injection:
 
     def wear(arm: Arm, a: float, _: int) -> Arm:
         return replace(
-            arm, links=tuple(_loaded(link, a, place) if link.name == hand else link for link in arm.links)
+            arm,
+            links=tuple(with_payload(link, a, place) if link.name == hand else link for link in arm.links),
         )
 
     def truth(a: float) -> dict[str, dict[str, float]]:
@@ -92,7 +93,8 @@ def tilted(rx: float, ry: float) -> Array:
     return -GRAVITY * np.array([-y * np.sin(angle), x * np.sin(angle), np.cos(angle)])
 
 
-def _loaded(link: Link, mass: float, place: Array) -> Link:
+def with_payload(link: Link, mass: float, place: Array) -> Link:
+    """Returns a link that carries a small ball of some mass [kg] at a place (3,) [m] in its frame."""
     if link.inertial is None:
         raise ValueError(f"link {link.name}: cannot be loaded, it has no mass")
     old = link.inertial

@@ -9,16 +9,18 @@ from typing import Any
 
 from benchmarks.blind.answers import NO_ANSWER, Answer, is_cause
 from benchmarks.blind.catalogue import SUPERSETS
+from benchmarks.blind.oracle import Gap
 from benchmarks.blind.yardstick import ALIKE, APART
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One case: its truth and a tool's answer."""
+    """One case: its truth, a tool's answer, and how far that closes the gap where it was measured."""
 
     name: str
     truth: dict[str, Any]
     answer: Answer
+    gap: Gap | None = None
 
     @property
     def block(self) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 from benchmarks.blind.answers import Answer, read_answer
 from benchmarks.blind.confusion import confusion, worst_cells
 from benchmarks.blind.figures import FIGURES, by_block, by_size
+from benchmarks.blind.gaps import read_gap
 from benchmarks.blind.generate import SEALED, SEALS, seal_of
 from benchmarks.blind.judged import Judged
 from benchmarks.blind.wrong import describe, wrong_list
@@ -85,5 +86,5 @@ def judge(out: Path, answers: Path, tool: str) -> list[Judged]:
         for name, truth in cases.items():
             answer: Answer | None = read_answer(answers / tool, name, truth.get("surroundings", []))
             if answer is not None:
-                found.append(Judged(name, truth, answer))
+                found.append(Judged(name, truth, answer, read_gap(answers, tool, name)))
     return found

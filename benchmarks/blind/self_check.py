@@ -8,7 +8,9 @@ import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,11 +19,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from benchmarks.blind.blocks import make
-from benchmarks.blind.case import draw_bench, measure, plant_effect, rich_episodes
+from benchmarks.blind.case import Planted, draw_bench, measure, plant_effect, rich_episodes
 from benchmarks.blind.catalogue import CATALOGUE
 from benchmarks.blind.excitation import Motion
 from benchmarks.blind.figures import FIGURES
 from benchmarks.blind.generate import SEALED
+from benchmarks.blind.injection import Injection
 from benchmarks.blind.logs import record
 from benchmarks.blind.mjcf import Joints, write_mjcf
 from benchmarks.blind.motion import inverse_dynamics
@@ -32,9 +35,14 @@ from benchmarks.blind.residual import residual
 from benchmarks.blind.run import ANSWERS
 from benchmarks.blind.score import check_seals, judge, score_all
 from benchmarks.blind.urdf_numbers import ROBOT_FOLDER, hand_of, read_arm, read_drive
+from benchmarks.blind.wearing import wear_answer
+from benchmarks.blind.yardstick import Yardstick
 
 Array = NDArray[np.float64]
 Result = tuple[bool, str]
+
+PARTLY_STATED = ("external_contact", "torque_ripple", "link_inertia", "clock_drift")
+"""Effects whose truth leaves out what would be needed to wear it: pushes, phase, moments, which of the clocks."""
 
 
 def same_dynamics() -> Result:
@@ -128,6 +136,38 @@ def _noisy_change(
     return logs
 
 
+def truths_can_be_worn() -> Result:
+    """An answer that states the truth, put on by its symbols and signs, leaves under 15 % of the effect's signature."""
+    rng = np.random.default_rng(8)
+    bench = draw_bench(rng, 1.0)
+    episodes = rich_episodes(bench, rng)
+    stick = Yardstick(bench.arm, [episodes[0].motion], bench.gains, 1.0, 9)
+    left = {}
+    for effect in (name for name in CATALOGUE if name not in PARTLY_STATED):
+        planted = plant_effect(CATALOGUE[effect], bench, stick, episodes, 3.0, rng, None, True)
+        _, true = stick.signature(partial(_wear_planted, planted))
+        _, said = stick.signature(partial(_wear_said, _as_cause(planted.injection, planted.amplitude)))
+        left[effect] = float(np.sqrt(np.sum((true - said) ** 2) / np.sum(true**2)))
+    worst = max(left, key=lambda effect: left[effect])
+    return left[worst] < 0.15, f"{len(left)} effects; most is left of {worst}, {100 * left[worst]:.1f} %"
+
+
+def _as_cause(one: Injection, amplitude: float) -> dict[str, Any]:
+    parameters = {
+        key: {symbol: {"value": value} for symbol, value in symbols.items()}
+        for key, symbols in one.parameters(amplitude).items()
+    }
+    return {"effect": one.effect, "port": one.port, "parameters": parameters}
+
+
+def _wear_planted(planted: Planted, arm: Arm, episode: int) -> Arm:
+    return planted.injection.wear(arm, planted.amplitude, episode)
+
+
+def _wear_said(cause: dict[str, Any], arm: Arm, _: int) -> Arm:
+    return wear_answer(arm, [cause])[0]
+
+
 def nothing_leaks() -> Result:
     """Neither files nor names nor metadata of a case carry a word of the truth."""
     words = set(CATALOGUE) | set(OPEN_SET) | {"truth", "amplitude", "seed"}
@@ -179,6 +219,7 @@ CHECKS: tuple[Callable[[], Result], ...] = (
     keeps_energy,
     nominal_is_silent,
     sizes_hold,
+    truths_can_be_worn,
     nothing_leaks,
 )
 

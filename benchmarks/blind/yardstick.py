@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -83,6 +83,18 @@ class Yardstick:
         net = raw.copy()
         net[1] = net_of_inertias(change[1], self.noise[1], self._inertia)
         return raw, net
+
+    def excess(self, logs: Sequence[Mapping[str, Array]], arms: Sequence[Arm]) -> Array:
+        """Returns what recorded logs hold beyond noiseless runs of arms, (3, samples, n), net of inertias."""
+        found = []
+        for log, arm, motion in zip(logs, arms, self._motions, strict=True):
+            fine = replace(arm, drive=self._arm.drive)
+            ideal = residual(self._columns(fine, motion, None), self._arm.drive, self._model)
+            found.append(residual(log, self._arm.drive, self._model) - ideal)
+        change = np.concatenate(found, axis=1)
+        net = change / self.noise[:, None, :]
+        net[1] = net_of_inertias(change[1], self.noise[1], self._inertia)
+        return net
 
     def size(self, wear: Callable[[Arm, int], Arm]) -> Size:
         """Returns the size of what ``wear(arm, episode)`` puts on."""
