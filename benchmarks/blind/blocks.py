@@ -27,8 +27,9 @@ from benchmarks.blind.injection import Draw
 from benchmarks.blind.open_set import OPEN_SET
 from benchmarks.blind.pair_cases import draw_pair
 from benchmarks.blind.pairs import PAIRS
+from benchmarks.blind.three_names import make_named
 
-COUNTS: dict[str, int] = {"A": 140, "B": 250, "C": 80, "D": 80, "E": 100, "F": 112, "G": 40}
+COUNTS: dict[str, int] = {"A": 140, "B": 250, "C": 80, "D": 80, "E": 100, "F": 112, "G": 40, "N": 4}
 """Cases per block, so many that a method at the target rate stays clear of the floor by its Wilson interval.
 
 Each of D is one poor and one rich set of logs of the same arm.
@@ -58,7 +59,7 @@ def make(block: str, index: int, seeds: str, folder: Path) -> list[Made]:
     """Makes one case of a block (two for D) and writes its logs below ``folder``.
 
     Args:
-        block: A to G.
+        block: A to G, or N.
         index: Of the case in its block.
         seeds: ``dev`` or ``report``.
         folder: Where the cases' folders go.
@@ -66,6 +67,8 @@ def make(block: str, index: int, seeds: str, folder: Path) -> list[Made]:
     rng = rng_of(block, index, seeds)
     if block == "D":
         return _make_pair(index, rng, folder)
+    if block == "N":
+        return [Made(*make_named(index, rng, folder))]
     drawn = _draw(block, index, rng)
     truth: dict[str, Any] = {"block": block, "index": index}
     without = []

@@ -105,6 +105,10 @@ def _any(_: Judged) -> bool:
     return True
 
 
+def _named_three(case: Judged) -> bool:
+    return case.block == "N" and bool(case.effects)
+
+
 def _clear_or_two(case: Judged) -> bool:
     return is_clear(case) or case.block == "C"
 
@@ -126,6 +130,11 @@ _ROWS: tuple[tuple[str, str, Callable[[Cases], str]], ...] = (
     ("two effects, both found (C)", "90 % (80)", _rate(in_block("C"), all_found)),
     ("first cause and joint, task logs with contact (G)", "-", _rate(is_task(True), first_right)),
     ("false alarm on clean task logs (G)", "-", _rate(is_task(False), blamed)),
+    (
+        "three right names (N: friction, delay, gain of a five-joint arm)",
+        "3 of 3",
+        _rate(_named_three, first_right),
+    ),
     ("parameter error where the cause is right (A)", "3 % (8)", _parameter_error),
     ("95 % intervals that cover the truth (A)", "93-97 % (88-99)", _coverage),
     ("held-out gap closed, of what an oracle closes (A)", "97 % (90)", _closed),

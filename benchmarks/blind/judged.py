@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,8 +41,8 @@ class Judged:
 
     @property
     def size(self) -> float:
-        """Of the smallest planted effect, over noise."""
-        return min((float(effect["size"]) for effect in self.effects), default=0.0)
+        """Of the smallest planted effect, over noise; infinite where it was given by number."""
+        return min((float(effect.get("size", math.inf)) for effect in self.effects), default=0.0)
 
 
 Cases = Sequence[Judged]

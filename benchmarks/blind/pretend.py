@@ -62,6 +62,7 @@ def _cases() -> dict[str, list[Case]]:
         ],
         "E": [({"effects": [strange]}, "unexplained", [])],
         "F": [({"effects": [TRUE]}, "partly_explained", [WRONG])],
+        "N": [({"effects": [TRUE]}, "explained", [CAUSE])],
         "G": [({"effects": [TRUE]}, "explained", [CAUSE]), ({"effects": []}, "no_gap", [])],
     }
 

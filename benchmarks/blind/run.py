@@ -19,9 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.blind.blocks import COUNTS
 from benchmarks.blind.generate import CASES, SEALED
+from benchmarks.blind.three_names import FOLDER
 
 ANSWERS = "answers"
+ROBOTS = {"arm5": str(FOLDER)}
+"""Robots that are not the package's own, by their folders."""
 TOOLS = ("impedance", "least-squares", "sysid")
 
 
@@ -50,7 +54,8 @@ def run_all(out: Path, answers: Path, wish: Wish, tell: Callable[[str], None]) -
     """Diagnoses all wanted cases that have no answer yet; stopped and started again it goes on."""
     folder = answers / wish.tool
     folder.mkdir(parents=True, exist_ok=True)
-    names = [name for name in names_of(out, wish.blocks) if not wish.cases or name in wish.cases]
+    blocks = wish.blocks or tuple(block for block in COUNTS if block != "N" or wish.tool == TOOLS[0])
+    names = [name for name in names_of(out, blocks) if not wish.cases or name in wish.cases]
     waiting = [name for name in names if wish.again or not (folder / f"{name}.run.json").exists()]
 
     def one(name: str) -> str:
@@ -128,7 +133,7 @@ def _command(tool: str, shown: dict[str, Any], answer: Path) -> list[str]:
             *shown["logs"],
             *held,
             "--robot",
-            shown["robot"],
+            ROBOTS.get(shown["robot"], shown["robot"]),
             "--json",
             str(answer),
             *without,

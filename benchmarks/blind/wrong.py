@@ -38,8 +38,8 @@ def _truth(effect: Mapping[str, Any]) -> str:
     also = f" (or {', '.join(effect['also'])})" if effect["also"] else ""
     where = ",".join(effect["joints"]) if len(effect["joints"]) < 4 else "all joints"
     return (
-        f"{effect['effect']}{also} {where or '-'} at {effect['port']}, size {effect['size']:.2f}"
-        f" ({effect['size_with_inertias']:.1f} with inertias): {_numbers(effect['parameters'])}"
+        f"{effect['effect']}{also} {where or '-'} at {effect['port']}, size {_short(effect.get('size'))}"
+        f" ({_short(effect.get('size_with_inertias'))} with inertias): {_numbers(effect['parameters'])}"
     )
 
 
