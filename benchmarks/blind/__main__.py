@@ -43,7 +43,7 @@ def generate(blocks: tuple[str, ...], seeds: str, count: int | None, out: Path, 
 @click.option("--case", "cases", multiple=True, metavar="NAME", help="All of the blocks when left out.")
 @click.option("--again", is_flag=True, help="Ask again where an answer is kept.")
 @click.option("--answers", type=click.Path(path_type=Path), help="Kept here; OUT/answers when left out.")
-@click.option("--timeout", type=float, default=180.0, show_default=True, help="Per case [s].")
+@click.option("--timeout", type=float, default=180.0, show_default=True, help="Processor time per case [s].")
 @click.option("--jobs", type=click.IntRange(1), default=2, show_default=True)
 def run(out: Path, answers: Path | None, **wish: Any) -> None:
     """Diagnoses the cases that have no answer yet; answers go to OUT/answers/TOOL."""

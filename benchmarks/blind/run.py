@@ -7,7 +7,9 @@ A tool sees copies of a case's logs in a folder of their own, nothing else.
 from __future__ import annotations
 
 import json
+import math
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -16,6 +18,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +27,8 @@ from benchmarks.blind.generate import CASES, SEALED
 from benchmarks.blind.three_names import FOLDER
 
 ANSWERS = "answers"
+PATIENCE = 10.0
+"""Wall time allowed per second of processor time."""
 ROBOTS = {"arm5": str(FOLDER)}
 """Robots that are not the package's own, by their folders."""
 TOOLS = ("impedance", "least-squares", "sysid")
@@ -38,7 +43,7 @@ class Wish:
         blocks: All where empty.
         cases: Names; all of the blocks where empty.
         again: Whether cases that have an answer are asked again.
-        timeout: Per case [s].
+        timeout: Processor time per case [s].
         jobs: Cases side by side.
     """
 
@@ -82,7 +87,7 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
     """Runs one tool on one case.
 
     Returns:
-        exit (None after a timeout), seconds on the wall and of the processor, peak memory [MB] and the end of
+        exit (negative where the time was up), seconds on the wall and of the processor, peak memory [MB] and the end of
         what it printed as errors.
     """
     shown = json.loads((case / "case.json").read_text())
@@ -96,20 +101,30 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
         environment["PYTHONPATH"] = os.pathsep.join([os.getcwd(), environment.get("PYTHONPATH", "")])
         with errors.open("wb") as sink:
             process = subprocess.Popen(
-                ["nice", *command], cwd=room, stdout=subprocess.DEVNULL, stderr=sink, env=environment
+                ["nice", "-n", "5", *command],
+                cwd=room,
+                stdout=subprocess.DEVNULL,
+                stderr=sink,
+                env=environment,
+                preexec_fn=partial(_allow, math.ceil(timeout)),
             )
-            status, used, memory = _wait(process, timeout)
+            status, used, memory = _wait(process, PATIENCE * timeout)
         seconds = time.monotonic() - start
         said = errors.read_text(errors="replace")[-2000:]
     times = {"seconds": seconds, "processor_seconds": used}
     return {"exit": status, **times, "memory_mb": memory, "errors": said}
 
 
+def _allow(seconds: int) -> None:
+    """Lets this process use so much processor time and no more: fair on a busy machine, too."""
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+
+
 def _wait(process: subprocess.Popen[bytes], timeout: float) -> tuple[int | None, float, float]:
-    """Waits for a child; kills it when the time is up.
+    """Waits for a child; kills it when it takes much too long.
 
     Returns:
-        Exit status (None when killed), processor time [s] and peak memory [MB].
+        Exit status (None when killed here), processor time [s] and peak memory [MB].
     """
     end = time.monotonic() + timeout
     while time.monotonic() < end:

@@ -74,9 +74,7 @@ def make_named(
     if wrong is not None:
         port = "timing" if wrong.effect == "command_delay" else "actuator"
         effect = {"effect": wrong.effect, "joints": [JOINT], "port": port, "also": []}
-        effects = [
-            effect | {"parameters": {JOINT: wrong.parameters}, "size": 10.0, "size_with_inertias": 10.0}
-        ]
+        effects = [effect | {"parameters": {JOINT: wrong.parameters}}]
     truth = {"block": "N", "index": index, "effects": effects, "noise_level": 1.0, "inertia_error": 0.0}
     return name, shown, truth
 
