@@ -18,7 +18,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -106,18 +105,14 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
                 stdout=subprocess.DEVNULL,
                 stderr=sink,
                 env=environment,
-                preexec_fn=partial(_allow, math.ceil(timeout)),
             )
+            limit = math.ceil(timeout)
+            resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
             status, used, memory = _wait(process, PATIENCE * timeout)
         seconds = time.monotonic() - start
         said = errors.read_text(errors="replace")[-2000:]
     times = {"seconds": seconds, "processor_seconds": used}
     return {"exit": status, **times, "memory_mb": memory, "errors": said}
-
-
-def _allow(seconds: int) -> None:
-    """Lets this process use so much processor time and no more: fair on a busy machine, too."""
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 
 def _wait(process: subprocess.Popen[bytes], timeout: float) -> tuple[int | None, float, float]:
