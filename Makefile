@@ -36,6 +36,7 @@ $(VENV)/develop.stamp: requirements/develop.txt $(VENV)/run.stamp
 lock:
 	uv pip compile pyproject.toml --group build --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/run.txt
 	uv pip compile pyproject.toml --group build --group test --group lint --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/develop.txt
+	uv pip compile pyproject.toml --group benchmark --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/benchmark.txt
 
 clean:
 	rm -rf $(VENV) out build dist

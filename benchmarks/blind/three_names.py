@@ -83,7 +83,7 @@ def load(wrong: Wrong | None) -> mujoco.MjModel:
     """Returns the arm with rotors, dampers and, where planted, dry friction."""
     drives = yaml.safe_load((FOLDER / "robot.yaml").read_text())["joints"]
     spec = mujoco.MjSpec.from_file(str(FOLDER / "arm5.urdf"))
-    spec.option.timestep, spec.option.integrator = 0.0005, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.timestep, spec.option.integrator = 0.0005, mujoco.mjtIntegrator.mjINT_RK4
     for joint in spec.joints:
         joint.armature = drives["reflected_inertia"][joint.name]
         joint.damping = np.array([drives["motor_damping"][joint.name], *np.ravel(joint.damping)[1:]])
