@@ -31,3 +31,9 @@ def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(tmp_path: P
     assert abs(facts["ratio of mass felt"] / facts["ratio of predicted mass"] - 1.0) < 0.1
     assert 1.2 < facts["ratio of mass felt"] < 1.8
     assert facts["ratio of peak force"] < facts["ratio of mean force, same contact time"]
+
+
+def test_the_diagnosis_residual_recovers_the_plants_own_reflected_inertia(tmp_path: Path) -> None:
+    facts = find_experiment("reflected-inertia").run(short(tmp_path)).facts
+    assert abs(facts["inertia"] / facts["truth"] - 1.0) < 0.03
+    assert facts["accounted"] > 0.96
