@@ -345,7 +345,7 @@ def test_mixed_rates_are_brought_to_the_lowest(tmp_path, urdf):
     np.testing.assert_allclose(logs[2].position[inner, 1], expected[inner], atol=2e-4)
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(late=st.integers(-80, 80))
 def test_repeats_are_aligned_however_late_they_were_started(tmp_path, urdf, late):
     whole, again = columns(0, seconds=14.0), columns(0, seconds=14.0, seed=1)
