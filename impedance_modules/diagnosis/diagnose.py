@@ -16,7 +16,7 @@ from impedance_modules.diagnosis.causes import name_causes
 from impedance_modules.diagnosis.conclude import conclude
 from impedance_modules.diagnosis.contact import find_pushes, moments_clear
 from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.log import DataReport
+from impedance_modules.diagnosis.log import DataReport, InsufficientData
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.prepare import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, Remainder
@@ -41,6 +41,9 @@ from impedance_modules.diagnosis.selection.whiten import Whitening
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch import EffectSpec
+
+ROWS_MIN = 12
+"""Fewest samples in the band that a recording must give."""
 
 CONTACT = "external_contact"
 """Bound to one recording's time: no other recording can confirm it, so it has a procedure of its own (`contact`)."""
@@ -82,6 +85,7 @@ def diagnose(
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
     cutoff = choose_cutoff(arrangement.logs)
     prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)
+    _refuse_too_short(prepared)
     progress("evaluating candidates")
     evidence = _explain(prepared, arrangement, model, without, progress)
     progress("judging rivals")
@@ -90,6 +94,17 @@ def diagnose(
     found = conclude(evidence, causes, model, _with_warnings(report, arrangement))
     progress("letting the plant live the held-out recordings again")
     return with_rollouts(found, evidence, model, urdf, worn)
+
+
+def _refuse_too_short(prepared: Sequence[Prepared]) -> None:
+    """Refuses a recording, or a stretch of one, of which hardly anything is left behind the band's filter."""
+    for item in prepared:
+        if item.samples < ROWS_MIN:
+            needed = (ROWS_MIN * item.band.step + 2 * item.band.margin) / item.band.rate
+            raise InsufficientData(
+                f"{item.log.name}: {item.log.duration:.3g} s are too short for motions whose band ends at"
+                f" {item.band.cutoff:.2g} Hz (valid: {needed:.2g} s or more; leave it out or record longer)"
+            )
 
 
 def _explain(
