@@ -14,7 +14,7 @@ import impedance_modules
 from impedance_modules.cli.threads import use_one_thread
 from impedance_modules.errors import ImpedanceError
 
-VERBS = ("check", "analyze", "run", "replay", "import", "diagnose", "effects", "reproduce", "baxter")
+VERBS = ("check", "analyze", "run", "replay", "import", "diagnose", "probe", "effects", "reproduce", "baxter")
 
 
 class Verbs(click.Group):

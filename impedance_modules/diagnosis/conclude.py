@@ -46,9 +46,15 @@ def conclude(
         causes=causes,
         unexplained_weight=max(0.0, 1.0 - sum(cause.weight for cause in causes)),
         remainder=remainder,
-        next_motion=propose(causes, report, model),
+        next_motion=propose(causes, report, model, _middle(evidence, model)),
         series=held_out_series(evidence, model),
     )
+
+
+def _middle(evidence: Evidence, model: NominalModel) -> dict[str, float]:
+    """Joint -> median of all recorded positions: about where the next motion may begin."""
+    middle = np.median(np.concatenate([item.position for item in evidence.prepared]), axis=0)
+    return {joint: float(q) for joint, q in zip(model.joints, middle, strict=True)}
 
 
 def _verdict(causes: Sequence[Cause], remainder: Remainder) -> str:

@@ -11,8 +11,23 @@ from impedance_modules.diagnosis.result import Cause
 from impedance_modules.effects.catalogue import CATALOGUE
 
 
-def propose(causes: Sequence[Cause], report: DataReport, model: NominalModel) -> Mapping[str, object]:
-    """Names the joints to move and the excitation that the catalogue asks for."""
+def propose(
+    causes: Sequence[Cause], report: DataReport, model: NominalModel, start: Mapping[str, float]
+) -> Mapping[str, object]:
+    """Names the joints to move, the excitation that the catalogue asks for, and about which posture.
+
+    `impedance probe` turns it into the shortest safe motion; it needs the robot's limits and shapes.
+
+    Args:
+        causes: What was found.
+        report: Of the data.
+        model: Of the robot.
+        start: Joint -> middle of what was recorded [rad].
+    """
+    return {**_asked(causes, report, model), "start": dict(start)}
+
+
+def _asked(causes: Sequence[Cause], report: DataReport, model: NominalModel) -> Mapping[str, object]:
     unclear = [cause for cause in causes if cause.equivalent]
     if unclear:
         cause = unclear[0]

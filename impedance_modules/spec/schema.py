@@ -110,3 +110,11 @@ def _explained(schema: dict[str, Any]) -> str:
     text = str(schema.get("description", "")).split(". ")[0].rstrip(".")
     unit = schema.get("unit", "1")
     return f" ({text}{'' if unit == '1' else f', in {unit}'})" if text else ""
+
+
+def first_deviation(value: object, name: str) -> str | None:
+    """Says where data that no person wrote (a JSON answer) deviate from a schema; None where they do not."""
+    from jsonschema.exceptions import best_match  # noqa: PLC0415 - as above
+
+    found = best_match(_validator(name).iter_errors(value))
+    return None if found is None else f"{found.json_path}: {found.message}"

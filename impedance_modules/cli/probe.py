@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``impedance probe``: the shortest safe motion that tells what a diagnosis could not, as a task to run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from impedance_modules.errors import BadInput
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from impedance_modules.diagnosis.model import NominalModel
+    from impedance_modules.diagnosis.probe.propose import Probe
+    from impedance_modules.spec.robot import RobotSpec
+
+PATH = click.Path(path_type=Path)
+
+UNTESTED_NEED = 50.0
+"""Tank with which a probe is rehearsed to find what it needs [J]."""
+
+
+@click.command("probe")
+@click.argument("diagnosis", metavar="[DIAGNOSIS.json]", required=False, type=PATH)
+@click.option("--robot", metavar="NAME", help="Robot that will move; its folder gives limits and links.")
+@click.option("--urdf", type=PATH, help="URDF instead of a robot: tables of the motion, no task.")
+@click.option("--out", required=True, type=PATH, metavar="DIR", help="Folder for what is written.")
+def command(diagnosis: Path | None, robot: str | None, urdf: Path | None, out: Path) -> int:
+    """Propose the next motion to record: the shortest safe one that answers what DIAGNOSIS.json leaves open.
+
+    Without a diagnosis, a motion that shows every joint in every way. Writes DIR/probe.yaml, a task for
+    `impedance run`, and DIR/probe.json; with --urdf DIR/motion.csv and DIR/postures.csv instead of the task.
+    Exit: 0 done, 2 bad input.
+    """
+    from rich.console import Console
+
+    from impedance_modules.diagnosis.probe.propose import propose_probe
+
+    if (robot is None) == (urdf is None):
+        raise BadInput("probe needs to know what moves: give --robot NAME or --urdf FILE, one of them")
+    spec, model, file = _model(robot, urdf)
+    answer = None if diagnosis is None else _answer(diagnosis)
+    console = Console()
+    with console.status("looking for a motion") as status:
+        probe = propose_probe(answer, model, file, spec, status.update)
+    written = _write(probe, spec, out)
+    _print(probe, written, console)
+    return 0
+
+
+def _model(robot: str | None, urdf: Path | None) -> tuple[RobotSpec | None, NominalModel, Path]:
+    from impedance_modules.diagnosis.model import model_of_spec, model_of_urdf
+    from impedance_modules.spec.robot_reader import read_robot
+    from impedance_modules.spec.urdf import read_urdf
+
+    if urdf is not None:
+        if not urdf.is_file():
+            raise BadInput(f"--urdf {urdf}: no such file (valid: a URDF of the robot)")
+        moving = [name for name, joint in read_urdf(urdf).joints.items() if joint.moves]
+        return None, model_of_urdf(urdf, moving), urdf
+    spec = read_robot(str(robot))
+    return spec, model_of_spec(spec, list(spec.joints)), spec.urdf
+
+
+def _answer(path: Path) -> dict[str, Any]:
+    """Reads a diagnosis as `impedance diagnose --json` writes it."""
+    from impedance_modules.spec.schema import first_deviation
+
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: cannot be read: {error} (valid: what diagnose --json wrote)") from error
+    except json.JSONDecodeError as error:
+        raise BadInput(f"{path}:{error.lineno}:{error.colno}: not JSON: {error.msg}") from error
+    deviation = first_deviation(found, "diagnosis")
+    if deviation is not None:
+        raise BadInput(f"{path}: {deviation} (valid: what diagnose --json wrote)")
+    answer: dict[str, Any] = found
+    return answer
+
+
+def _write(probe: Probe, spec: RobotSpec | None, out: Path) -> list[Path]:
+    """Writes the files; the task with the tank that its own rehearsal asks for."""
+    from impedance_modules.diagnosis.probe.propose import resisting_work
+    from impedance_modules.diagnosis.probe.to_json import probe_object
+    from impedance_modules.diagnosis.probe.words import motion_table, posture_table, task_text
+    from impedance_modules.spec.locate import list_robots
+
+    texts = {"probe.json": json.dumps(probe_object(probe), indent=2, allow_nan=False) + "\n"}
+    proposal, follower = probe.proposal, probe.follower
+    if spec is None:
+        texts["motion.csv"] = motion_table(proposal, follower)
+        texts["postures.csv"] = posture_table(proposal, follower)
+    else:
+        named = spec.name if spec.name in list_robots() else json.dumps(str(spec.folder.resolve()))
+
+        def text(need: float) -> str:
+            return task_text(proposal, follower, spec, probe.brief.purpose, robot=named, need=need)
+
+        texts["probe.yaml"] = text(_need(text(UNTESTED_NEED)) + resisting_work(probe))
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, content in texts.items():
+            (out / name).write_text(content, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written: {error.strerror} (valid: a writable folder)") from error
+    return [out / name for name in texts]
+
+
+def _need(text: str) -> float:
+    """Rehearses a task and says what its tank needs [J]."""
+    import tempfile
+
+    from impedance_modules.runtime.assembly import assemble
+    from impedance_modules.runtime.predict.energy import forecast_tank
+    from impedance_modules.runtime.predict.mechanism import Mechanism
+    from impedance_modules.runtime.predict.rehearsal import rehearse
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "probe.yaml"
+        path.write_text(text, encoding="utf-8")
+        assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
+        return forecast_tank(assembly, Mechanism(assembly), rehearse(assembly)).need
+
+
+def _print(probe: Probe, written: list[Path], console: Console) -> None:
+    from rich.table import Table
+
+    proposal = probe.proposal
+    console.print(f"to {probe.brief.purpose}")
+    console.print(f"{', '.join(proposal.motion.kinds)}: {proposal.motion.duration:.1f} s")
+    table = Table("question", "expected chi-square", "share", "answered")
+    for item in proposal.expected:
+        found = item.separation
+        answered = "yes" if item.met else "no motion of the library does"
+        table.add_row(item.question.name, f"{found.chi_square:.0f}", f"{found.share:.2f}", answered)
+    console.print(table)
+    if proposal.pair:
+        console.print(f"nearest links: {proposal.pair}, {proposal.nearest:.3f} m")
+    for path in written:
+        console.print(f"written: {path}", soft_wrap=True)
