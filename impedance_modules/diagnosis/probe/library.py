@@ -117,7 +117,10 @@ def _reversals(reach: _Reach) -> list[Stroke]:
     way = min(SMALL, (reach.high - reach.low) / 2.0)
     centre = min(max(reach.start, reach.low + way), reach.high - way)
     places = [centre + way, centre - way] * 5
-    return [*go(reach.joint, places, reach.time(2.0 * way, 0.5)), *_home(reach)]
+    return [
+        *go(reach.joint, places, reach.time(2.0 * way, 0.5)),
+        *_home(reach, abs(centre - reach.start) + way),
+    ]
 
 
 def _chirp(reach: _Reach) -> list[Stroke]:
@@ -129,8 +132,9 @@ def _chirp(reach: _Reach) -> list[Stroke]:
     return [*out, *_home(reach)]
 
 
-def _home(reach: _Reach) -> list[Stroke]:
-    return [Stroke({reach.joint: reach.start}, reach.time((reach.high - reach.low), 0.5)), Stroke({}, 0.5)]
+def _home(reach: _Reach, way: float | None = None) -> list[Stroke]:
+    longest = reach.high - reach.low if way is None else way
+    return [Stroke({reach.joint: reach.start}, reach.time(longest, 0.5)), Stroke({}, 0.5)]
 
 
 KINDS: dict[str, Callable[[_Reach], list[Stroke]]] = {
