@@ -69,7 +69,8 @@ class Kinematics:
         pin.computeJointJacobians(model, data, q)
         for slot, (index, rotation, translation) in enumerate(self._live):
             pin.updateFramePlacement(model, data, index)
-            self.jacobian[slot] = pin.getFrameJacobian(model, data, index, WORLD_AXES)
+            # One joint alone comes back as a vector.
+            self.jacobian[slot] = pin.getFrameJacobian(model, data, index, WORLD_AXES).reshape(6, -1)
             self.rotation[slot] = rotation
             self.translation[slot] = translation
         self.bias = pin.nonLinearEffects(self._weightless, self._bias_data, q, v)

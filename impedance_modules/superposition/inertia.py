@@ -51,6 +51,8 @@ def operational_inertia(jacobian: Array, inverse_inertia: Array) -> OperationalI
         inverse_inertia: (k, k) (M + I_r)^-1 of the same joints; with I_r = 0 the bare links'.
     """
     found = mobility(jacobian, inverse_inertia)
+    if jacobian.shape[1] < jacobian.shape[0]:  # fewer joints than directions: some cannot be moved in
+        return OperationalInertia(None, found)
     triangle = np.linalg.qr((jacobian @ np.linalg.cholesky(inverse_inertia)).T, mode="r")
     if _exists(found, float(np.linalg.cond(triangle)) ** 2):
         half = np.linalg.inv(triangle)
