@@ -17,6 +17,7 @@ from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.equilibrium import OBJECT, PhaseMotion
 from impedance_modules.modules.pose_motion import PoseMotion
+from impedance_modules.robot.compiled_rotation import compose, exponential
 from impedance_modules.robot.pose import Pose
 
 Array = NDArray[np.float64]
@@ -107,23 +108,6 @@ def minimum_jerk(fraction: float) -> float:
 
 
 @compiled
-def exponential(x: float, y: float, z: float, rotation: Array) -> None:
-    """Writes the rotation matrix of a rotation vector [rad] (Rodrigues)."""
-    square = x * x + y * y + z * z
-    angle = math.sqrt(square)
-    if angle < 1e-4:
-        first, second = 1.0 - square / 6.0, 0.5 - square / 24.0
-    else:
-        first, second = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
-    rotation[0, 0] = 1.0 - second * (y * y + z * z)
-    rotation[1, 1] = 1.0 - second * (x * x + z * z)
-    rotation[2, 2] = 1.0 - second * (x * x + y * y)
-    rotation[0, 1], rotation[1, 0] = second * x * y - first * z, second * x * y + first * z
-    rotation[0, 2], rotation[2, 0] = second * x * z + first * y, second * x * z - first * y
-    rotation[1, 2], rotation[2, 1] = second * y * z - first * x, second * y * z + first * x
-
-
-@compiled
 def _mover_pose(row: Array, s: float, clock: float, turn: Array, rotation: Array, translation: Array) -> None:
     """Writes X_WT of one mover."""
     wave = np.empty(6)
@@ -134,28 +118,24 @@ def _mover_pose(row: Array, s: float, clock: float, turn: Array, rotation: Array
         start = row[START + 9 + k]
         local[k] = start + s * (row[GOAL + k] - start) + wave[k]
     reference = row[PLACE : PLACE + 9].reshape((3, 3))
+    vector = np.empty(3)
     if row[ALONG] > 0.0:
-        vector = row[FIRST : FIRST + 3] + s * (row[LAST : LAST + 3] - row[FIRST : FIRST + 3]) + wave[3:]
-        exponential(vector[0], vector[1], vector[2], turn)
-        multiply(reference, turn, rotation)
+        for k in range(3):
+            vector[k] = row[FIRST + k] + s * (row[LAST + k] - row[FIRST + k]) + wave[3 + k]
+        exponential(vector, turn)
+        compose(reference, turn, rotation)
     else:
-        exponential(s * row[TURN], s * row[TURN + 1], s * row[TURN + 2], turn)
+        for k in range(3):
+            vector[k] = s * row[TURN + k]
+        exponential(vector, turn)
         start_rotation = row[START : START + 9].reshape((3, 3))
         product = np.empty((3, 3))
-        multiply(start_rotation, turn, product)
-        multiply(reference, product, rotation)
+        compose(start_rotation, turn, product)
+        compose(reference, product, rotation)
     for k in range(3):
         translation[k] = row[PLACE + 9 + k]
         for j in range(3):
             translation[k] += reference[k, j] * local[j]
-
-
-@compiled
-def multiply(a: Array, b: Array, out: Array) -> None:
-    """Writes the product of two 3x3 matrices; a call into a library would cost more than the arithmetic."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
 @compiled
@@ -181,7 +161,7 @@ def targets(
     for i in range(rides.size):
         m = rides[i]
         offset = offsets[i, :9].reshape((3, 3))
-        multiply(place[m], offset, rotation[i])
+        compose(place[m], offset, rotation[i])
         for k in range(3):
             translation[i, k] = origin[m, k]
             for j in range(3):

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.modules.compiled_motion import multiply
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.squeeze import squeeze_forces
 from impedance_modules.modules.weight import STANDARD_GRAVITY, share_wrench
+from impedance_modules.robot.compiled_rotation import compose
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -92,7 +92,7 @@ def object_efforts(
     if slots.size == 0:
         return
     R_WO, share = np.empty((3, 3)), np.empty(6)
-    multiply(rotation[slots[0]], turn, R_WO)
+    compose(rotation[slots[0]], turn, R_WO)
     for h in range(slots.size):
         first, last = moved_by[0, slots[h]], moved_by[1, slots[h]]
         for i in range(6):

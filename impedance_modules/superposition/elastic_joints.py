@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import RobotSpec
-from impedance_modules.superposition.matrix_exponential import matrix_exponential
 
 Array = NDArray[np.float64]
 
@@ -135,7 +135,7 @@ def sampled_arm(
     period = 1.0 / (sampling.rate * sampling.robot_loops)
     generator = np.zeros((size + k, size + k))
     generator[:size, :size], generator[:size, size:] = system, torque
-    step = matrix_exponential(generator * period)
+    step = expm(generator * period)
     links = np.eye(size)[: N.shape[1]]
     loop, push = _with_estimate(
         step[:size, :size], step[:size, size:], N @ links, period, sampling.velocity_filter

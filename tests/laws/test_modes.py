@@ -17,7 +17,7 @@ from arm_samples import (
     relative,
     six_joint_pair,
 )
-from scipy.linalg import block_diag, eigh, expm
+from scipy.linalg import block_diag, eigh
 
 from impedance_modules.modules.mobility import mobility
 from impedance_modules.modules.modal_damping import endpoint_damping, joint_damping
@@ -37,7 +37,6 @@ from impedance_modules.superposition.ellipsoid import (
     linear_ellipsoid,
 )
 from impedance_modules.superposition.inertia import carry_inertia, operational_inertia
-from impedance_modules.superposition.matrix_exponential import matrix_exponential
 from impedance_modules.superposition.modes import (
     JointSpace,
     hold_together,
@@ -268,18 +267,3 @@ def test_ellipsoids_give_back_their_matrix() -> None:
     along = np.array([1.0, 0.0, 0.0])
     assert apparent_mass(np.diag([0.5, 1, 1, 1, 1, 1.0]), along) == pytest.approx(2.0)
     assert apparent_mass(np.zeros((6, 6)), along) is None
-
-
-@pytest.mark.parametrize("size", [0.0, 1e-3, 1.0, 30.0, 1e3])
-def test_the_matrix_exponential_agrees_with_scipys_and_with_its_own_inverse(size: float) -> None:
-    """Swinging systems from slow to fast, whose exponentials neither vanish nor explode."""
-    random = np.random.default_rng(17)
-    for n in (2, 5, 21):
-        for _ in range(10):
-            matrix = random.normal(size=(n, n))
-            matrix = matrix - matrix.T + 1e-3 * matrix
-            matrix *= size / np.linalg.norm(matrix, 1)
-            found = matrix_exponential(matrix)
-            np.testing.assert_allclose(found, expm(matrix), rtol=1e-9, atol=1e-10)
-            if size <= 1.0:
-                np.testing.assert_allclose(found @ matrix_exponential(-matrix), np.eye(n), atol=1e-12)

@@ -8,12 +8,12 @@ import pinocchio as pin
 import pytest
 from plant_parts import BAXTER, SIX_JOINTS, in_both_hands, middle, plane, plant, spec_of, with_every
 
-from impedance_modules.plant import compiled_algebra
 from impedance_modules.plant.compiled_links import accelerate, place_links
 from impedance_modules.plant.compiled_step import rate
 from impedance_modules.plant.links import link_table
 from impedance_modules.plant.records import PUSH_ROW, RATE, STAGE, START
 from impedance_modules.plant.reference import plain_rate
+from impedance_modules.robot import compiled_rotation
 from impedance_modules.robot.rotation import exp3, log3
 
 
@@ -139,9 +139,9 @@ def test_the_compiled_rotations_are_the_plain_ones() -> None:
     for size in (1e-9, 1e-5, 1e-2, 1.0, 3.0):
         phi = rng.normal(size=3)
         phi *= size / np.linalg.norm(phi)
-        compiled_algebra.exponential(phi, matrix)
+        compiled_rotation.exponential(phi, matrix)
         np.testing.assert_allclose(matrix, exp3(phi), atol=1e-14)
-        compiled_algebra.logarithm(matrix, vector)
+        compiled_rotation.logarithm(matrix, vector)
         np.testing.assert_allclose(vector, log3(exp3(phi)), rtol=1e-10, atol=1e-15)
 
 
@@ -150,6 +150,6 @@ def test_a_rotation_vectors_rate_is_its_derivative() -> None:
     rng = np.random.default_rng(1)
     for _ in range(20):
         phi, spin, rate, h = 0.05 * rng.normal(size=3), rng.normal(size=3), np.zeros(3), 1e-6
-        compiled_algebra.add_rotation_rate(phi, spin, rate)
+        compiled_rotation.add_rotation_rate(phi, spin, rate)
         change = (log3(exp3(h * spin) @ exp3(phi)) - log3(exp3(-h * spin) @ exp3(phi))) / (2.0 * h)
         np.testing.assert_allclose(rate, change, atol=1e-6)

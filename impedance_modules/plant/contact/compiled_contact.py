@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.compiled_algebra import add_cross, dot, turn
 from impedance_modules.plant.records import Row, Table
+from impedance_modules.robot.compiled_rotation import add_cross, dot, turn
 
 Array = NDArray[np.float64]
 

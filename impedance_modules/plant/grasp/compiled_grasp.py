@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.compiled_algebra import (
+from impedance_modules.plant.records import Row, Table
+from impedance_modules.robot.compiled_rotation import (
     add_cross,
     add_rotation_rate,
     compose,
@@ -27,7 +28,6 @@ from impedance_modules.plant.compiled_algebra import (
     turn,
     turn_back,
 )
-from impedance_modules.plant.records import Row, Table
 
 Array = NDArray[np.float64]
 
