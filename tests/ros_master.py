@@ -78,6 +78,15 @@ def until(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
     return condition()
 
 
+def forget(uri: str, node: str) -> None:
+    """Has a master forget a node, as ``rosnode cleanup`` does for one that was killed."""
+    master = MasterClient(uri, node)
+    address = master.address_of(node)
+    for method, topics in master.registrations_of(node).items():
+        for topic in topics:
+            master.ask(method, topic, address)
+
+
 class Heard:
     """A callback that keeps everything."""
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from baxter_double import Double, double, end, impedance, start
+from ros_master import forget
 
 from impedance_modules.backends.baxter.messages import JointCommand, JointState
 from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
@@ -39,6 +40,7 @@ def running(
             yield robot, process
         finally:
             end(process)
+            forget(master, f"/impedance_run_{process.pid}")
 
 
 def start_run(robot: Double, transport: str, folder: Path) -> subprocess.Popen[str]:
@@ -73,6 +75,20 @@ def test_killed_controller_is_given_up_by_the_robot(tmp_path: Path, master: str,
         after = robot.last()
         assert after["enabled"] == (result != "disable")
         assert after["modes"]["right"] == ("floats" if result == "float" else "holds")
+
+
+@pytest.mark.parametrize("transport", ["sockets", "rospy"])
+def test_what_a_killed_run_leaves_with_the_master_is_no_obstacle(
+    tmp_path: Path, master: str, transport: str
+) -> None:
+    with running(tmp_path, master, transport=transport) as (robot, killed):
+        killed.kill()
+        robot.wait_for("no command for")
+        check = impedance("baxter", "check", "--transport", transport)
+        said = re.sub(r"[\s│]+", "", check.stdout)
+        left = f"aregistrationof/impedance_run_{killed.pid},whichnolongeranswers,isignored"
+        assert check.returncode == 0 and left in said, check.stdout + check.stderr
+        end(start_run(robot, transport, tmp_path / "again"))
 
 
 @pytest.mark.parametrize("fault", ["silence", "freeze"])

@@ -6,6 +6,7 @@ from __future__ import annotations
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,6 +19,7 @@ from impedance_modules.backends.baxter.description import compare_description
 from impedance_modules.backends.baxter.gates import refuse_closed
 from impedance_modules.backends.baxter.messages import Float64, JointCommand
 from impedance_modules.backends.baxter.transport.in_process import InProcessTransport
+from impedance_modules.backends.baxter.transport.protocol import Offer
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.task_reader import read_task
@@ -174,13 +176,37 @@ def test_a_spring_beside_a_joint_is_noticed_and_no_obstacle() -> None:
         refuse_closed(gates.values(), commanding=True)
 
 
-def test_a_dead_second_robot_is_named_and_no_obstacle() -> None:
+def gates_by_name(session, limbs=("left", "right")):
+    return {gate.name: gate for gate in session.gates(limbs)}
+
+
+def test_dead_nodes_are_named_and_no_obstacle() -> None:
     robot = StandIn(SPEC)
-    robot.hub.dead.append(("/old_double", "/robot/state"))
+    robot.hub.dead += [("/old_double", "/robot/state")]
+    robot.hub.dead += [("/old_run", f"/robot/limb/{limb}/joint_command") for limb in ("left", "right")]
     with open_session(robot) as session:
-        gate = next(gate for gate in session.gates(("left",)) if gate.name == "one robot")
-        assert gate.passed
-        assert "/old_double" in gate.found
+        gates = gates_by_name(session)
+        refuse_closed(gates.values(), commanding=True)
+    for name, node in (("one robot", "/old_double"), ("nobody else", "/old_run")):
+        said = f"a registration of {node}, which no longer answers, is ignored; 'rosnode cleanup' removes it"
+        assert gates[name].passed and gates[name].found.endswith(said), gates[name].found
+
+
+@pytest.mark.parametrize(
+    ("topic", "name"), [("/robot/state", "one robot"), ("/robot/limb/left/joint_command", "nobody else")]
+)
+def test_a_node_that_cannot_be_told_dead_counts_as_living(topic: str, name: str) -> None:
+    silent = Offer("/silent", None, None, "cannot be reached: timed out")
+    with open_session(StandIn(SPEC)) as session:
+        ask = session.transport.offers_of
+
+        def asked(where: str) -> tuple[Offer, ...]:
+            return (*ask(where), silent) if where == topic else ask(where)
+
+        with mock.patch.object(session.transport, "offers_of", asked):
+            gate = gates_by_name(session)[name]
+    assert gate.passed is False
+    assert "/silent, which cannot be reached: timed out" in gate.found and "rosnode cleanup" in gate.remedy
 
 
 def test_the_other_arm_may_be_commanded_by_somebody_else() -> None:

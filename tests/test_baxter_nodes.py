@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import re
+import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -12,10 +14,12 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from ros_master import Heard, free_port, until
+from baxter_double import start
+from ros_master import Heard, forget, free_port, until
 
 from impedance_modules.backends.baxter.messages import Bool, Float64, UInt16
 from impedance_modules.backends.baxter.transport.protocol import NoMasterError
+from impedance_modules.backends.baxter.transport.sockets.connect import topic_address
 from impedance_modules.backends.baxter.transport.sockets.master import MasterClient, master_uri_of
 from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
 
@@ -43,6 +47,71 @@ def test_a_dead_publisher_is_survived_and_named(kind: str, master: str, request)
     alive.close()
     if kind == "sockets":
         own.close()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("kind", ["sockets", "rospy"])
+def test_a_dead_nodes_port_taken_by_somebody_else_makes_nobody_alive(kind: str, master: str, request) -> None:
+    """Ports come back: a later node, its topics, another program, or the master itself may answer there."""
+    own = request.getfixturevalue("rospy_node") if kind == "rospy" else SocketTransport("/own", master)
+    topic = f"/topic_{next(NUMBERS)}"
+    heir, other = SocketTransport("/heir", master), SocketTransport("/other", master)
+    heir.advertise(topic, Bool)
+    other.advertise(f"{topic}_else", Bool)
+    address = MasterClient(master, "/test").address_of
+    door = topic_address(str(address("/heir")), "/test", topic)
+    with HTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as web:
+        threading.Thread(target=web.serve_forever, daemon=True).start()
+        answering = {
+            "/dead_heir": address("/heir"),
+            "/dead_other": address("/other"),
+            "/dead_rospy": address("/by_rospy") if kind == "rospy" else address("/other"),
+            "/dead_door": f"http://{door[0]}:{door[1]}/",
+            "/dead_web": f"http://127.0.0.1:{web.server_address[1]}/",
+            "/dead_master": master,
+        }
+        for node, uri in answering.items():
+            MasterClient(master, node).ask("registerPublisher", topic, "std_msgs/Bool", uri)
+        offers = {offer.node: offer for offer in own.offers_of(topic)}
+        web.shutdown()
+    assert {node for node, offer in offers.items() if not offer.gone} == {"/heir"}, offers
+    for node in answering:
+        forget(master, node)
+    for transport in (heir, other, *([own] if kind == "sockets" else [])):
+        transport.close()
+
+
+@pytest.mark.ros
+def test_a_node_that_keeps_silent_counts_as_living(master: str) -> None:
+    topic = f"/topic_{next(NUMBERS)}"
+    own = SocketTransport("/own", master)
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        silent = MasterClient(master, "/silent")
+        silent.ask("registerPublisher", topic, "std_msgs/Bool", f"http://127.0.0.1:{mute.getsockname()[1]}/")
+        MasterClient(master, "/nowhere").ask(
+            "registerPublisher", topic, "std_msgs/Bool", "http://no-such-robot.invalid:4000/"
+        )
+        offers = own.offers_of(topic)
+    assert [(offer.node, offer.gone) for offer in offers] == [("/nowhere", False), ("/silent", False)]
+    assert all("cannot be reached" in str(offer.problem) for offer in offers)
+    for node in ("/silent", "/nowhere"):
+        forget(master, node)
+    own.close()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("kind", ["sockets", "rospy"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_verb_ended_by_a_person_leaves_nothing_with_the_master(kind: str, number: int, master: str) -> None:
+    """Also while it is still waiting for a robot, and though its terminal is gone."""
+    process = start("baxter", "check", "--transport", kind)
+    node = f"/impedance_check_{process.pid}"
+    known = MasterClient(master, "/test").registrations_of
+    assert until(lambda: any(known(node).values()), 30.0)
+    process.send_signal(number)
+    said, _ = process.communicate(timeout=30.0)
+    assert process.returncode == 130, said
+    assert not any(known(node).values()), known(node)
 
 
 @pytest.mark.ros

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import gc
-import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from impedance_modules.backends.backend import Backend
 from impedance_modules.errors import EndOfRecording, RobotStopped
 from impedance_modules.robot.state import RobotState
+from impedance_modules.runtime.signals import handled_by
 from impedance_modules.runtime.supervisor import Supervisor
 from impedance_modules.safety.stop_events import Event
 
@@ -26,35 +26,19 @@ OnCycle = Callable[[RobotState, Array, bool, bool], None]
 
 
 class Interrupt:
-    """Remembers that somebody asked for a stop (Ctrl-C, SIGTERM); a second Ctrl-C changes nothing."""
+    """Remembers that somebody asked for a stop, by Ctrl-C, say; a second time changes nothing."""
 
     def __init__(self) -> None:
         self.asked = False
 
     @contextmanager
     def listening(self) -> Iterator[Interrupt]:
-        """Turns SIGINT and SIGTERM into a wish for the duration of a run."""
-        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-        for number in before:
-            signal.signal(number, self._ask)
-        try:
+        """Turns Ctrl-C, SIGTERM and SIGHUP into a wish for the duration of a run."""
+        with handled_by(self._ask):
             yield self
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signal module's signature
         self.asked = True
-
-
-@contextmanager
-def sigterm_as_interrupt() -> Iterator[None]:
-    """Has SIGTERM raise KeyboardInterrupt, as Ctrl-C does, while a robot is being prepared."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

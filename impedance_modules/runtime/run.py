@@ -17,9 +17,10 @@ from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import SafetyStop
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly
-from impedance_modules.runtime.loop import Interrupt, no_collections, run_loop, sigterm_as_interrupt
+from impedance_modules.runtime.loop import Interrupt, no_collections, run_loop
 from impedance_modules.runtime.record import Recorder
 from impedance_modules.runtime.scene import SceneView
+from impedance_modules.runtime.signals import as_interrupt
 from impedance_modules.runtime.summary import Summary
 from impedance_modules.runtime.supervisor import Ending, Supervisor
 
@@ -94,7 +95,7 @@ def carry_out(
     with ExitStack() as ending:
         # Whatever happens, the robot is held; once it is, again does nothing.
         ending.callback(backend.finish, "hold")
-        with sigterm_as_interrupt():
+        with as_interrupt():
             first = backend.start()
             real = backend if isinstance(backend, RealRobot) else None
             recorder = Recorder(

@@ -11,20 +11,16 @@ import numpy as np
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.description import Comparison
 from impedance_modules.backends.baxter.gates_model import effort_gate, gravity_gate, hand_gate, range_gate
+from impedance_modules.backends.baxter.gates_network import (
+    alone_gate,
+    messages_gate,
+    one_robot_gate,
+    software_gate,
+)
 from impedance_modules.backends.baxter.gates_types import Gate
 from impedance_modules.backends.baxter.link import RobotLink
-from impedance_modules.backends.baxter.messages import (
-    AssemblyState,
-    CollisionDetectionState,
-    DigitalIOState,
-    EndpointState,
-    JointState,
-    Message,
-    SEAJointState,
-)
+from impedance_modules.backends.baxter.messages import AssemblyState
 from impedance_modules.backends.baxter.stop_rules import why_off
-from impedance_modules.backends.baxter.transport.protocol import Offer, Transport
-from impedance_modules.backends.baxter.wire import checksum_of
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
 
@@ -58,13 +54,13 @@ def judge(subject: Subject, now: float) -> tuple[Gate, ...]:
     """
     transport = subject.link.transport
     return (
-        _software(transport),
-        _one_robot(transport),
-        _messages(transport, subject.limbs),
+        software_gate(transport),
+        one_robot_gate(transport),
+        messages_gate(transport, subject.limbs),
         _joints(subject.link),
         _rate(subject.link, now),
         _description(subject.comparison),
-        _alone(transport, subject.limbs),
+        alone_gate(transport, subject.limbs),
         _power(subject.link.robot),
         _collision(subject),
         _cuff(subject),
@@ -89,60 +85,6 @@ def refuse_closed(gates: Iterable[Gate], *, commanding: bool) -> None:
     if closed:
         lines = [f"{gate.name}: {gate.found} (valid: {gate.remedy})" for gate in closed]
         raise RobotRefused("the robot must not be moved now; nothing was sent\n  " + "\n  ".join(lines))
-
-
-def _software(transport: Transport) -> Gate:
-    version = transport.get_parameter(topics.SOFTWARE_VERSION)
-    remedy = f"the master of a Baxter with software {topics.SUPPORTED_SOFTWARE}x in ROS_MASTER_URI"
-    if version is None:
-        found = f"the master has no parameter {topics.SOFTWARE_VERSION}: it is no Baxter's"
-        return Gate("software", False, found, remedy, for_motion=False)
-    fits = str(version).startswith(topics.SUPPORTED_SOFTWARE)
-    return Gate("software", fits, f"version {version}", remedy, for_motion=False)
-
-
-def _one_robot(transport: Transport) -> Gate:
-    offers = transport.offers_of(topics.ROBOT_STATE)
-    present = [offer.node for offer in offers if not offer.gone]
-    dead = [offer.node for offer in offers if offer.gone]
-    aside = f" (dead: {', '.join(dead)})" if dead else ""
-    if len(present) == 1:
-        return Gate("one robot", True, f"{present[0]} alone publishes /robot/state{aside}", "")
-    if not present:
-        found = f"nobody publishes /robot/state{aside}"
-        return Gate("one robot", False, found, "a robot that has booted", for_motion=False)
-    found = f"{' and '.join(present)} publish /robot/state: which robot is meant?{aside}"
-    return Gate("one robot", False, found, "end the simulators and doubles on this master", for_motion=False)
-
-
-def _messages(transport: Transport, limbs: Sequence[str]) -> Gate:
-    heard: list[tuple[str, type[Message]]] = [
-        (topics.ROBOT_STATE, AssemblyState),
-        (topics.JOINT_STATES, JointState),
-    ]
-    for limb in limbs:
-        heard += [
-            (topics.sea_state(limb), SEAJointState),
-            (topics.endpoint_state(limb), EndpointState),
-            (topics.collision_state(limb), CollisionDetectionState),
-            (topics.cuff(limb), DigitalIOState),
-        ]
-    wrong, asked = [], 0
-    for topic, kind in heard:
-        for offer in transport.offers_of(topic):
-            asked += 1
-            if offer.problem is None and not _means(offer, kind):
-                wrong.append(f"{offer.node} sends {topic} as {offer.ros_type} {offer.checksum}")
-            elif offer.problem is not None and not offer.gone:
-                wrong.append(f"{offer.node} does not answer for {topic}: {offer.problem}")
-    if wrong:
-        remedy = f"a robot with software {topics.SUPPORTED_SOFTWARE}x, whose messages are the ones known here"
-        return Gate("messages", False, "; ".join(wrong), remedy, for_motion=False)
-    return Gate("messages", True, f"{asked} publishers send what is expected", "", for_motion=False)
-
-
-def _means(offer: Offer, kind: type[Message]) -> bool:
-    return offer.ros_type == kind.ros_type and offer.checksum == checksum_of(kind)
 
 
 def _joints(link: RobotLink) -> Gate:
@@ -175,19 +117,6 @@ def _description(comparison: Comparison) -> Gate:
         return Gate("description", False, "; ".join(comparison.problems), remedy)
     found = "; ".join(comparison.notes) if comparison.notes else "is our model"
     return Gate("description", True, found, "")
-
-
-def _alone(transport: Transport, limbs: Sequence[str]) -> Gate:
-    others = [
-        f"{offer.node} ({limb})"
-        for limb in limbs
-        for offer in transport.offers_of(topics.joint_command(limb))
-        if not offer.gone
-    ]
-    if others:
-        found = f"commanded by {', '.join(others)}"
-        return Gate("nobody else", False, found, "end the other controllers first")
-    return Gate("nobody else", True, f"nobody else commands {' and '.join(limbs)}", "")
 
 
 def _power(robot: AssemblyState | None) -> Gate:

@@ -27,11 +27,17 @@ robot_option = click.option(
 
 @contextmanager
 def node(kind: str, purpose: str) -> Iterator[Transport]:
-    """Brings a node up and takes it down, whatever happens in between."""
-    from impedance_modules.backends.baxter.transport.choose import connect
+    """Brings a node up and takes it down, whatever happens in between.
 
-    transport = connect(kind, purpose)
-    try:
-        yield transport
-    finally:
-        transport.close()
+    Ctrl-C, SIGTERM and a closed terminal unwind everything; while the master is told, it takes three.
+    """
+    from impedance_modules.backends.baxter.transport.choose import connect
+    from impedance_modules.runtime.signals import as_interrupt, stubborn
+
+    with as_interrupt():
+        transport = connect(kind, purpose)
+        try:
+            yield transport
+        finally:
+            with stubborn():
+                transport.close()

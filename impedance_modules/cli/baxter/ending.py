@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ctrl-C and SIGTERM as a wish, for verbs that must end tidily."""
+"""Ctrl-C, SIGTERM and SIGHUP as a wish, for verbs that must end tidily."""
 
 from __future__ import annotations
 
-import signal
 from types import FrameType, TracebackType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from impedance_modules.runtime.signals import handled_by
 
 
 class Ending:
@@ -14,7 +13,7 @@ class Ending:
 
     def __init__(self) -> None:
         self._asked = False
-        self._before = {number: signal.getsignal(number) for number in SIGNALS}
+        self._listening = handled_by(self._ask)
 
     def asked(self) -> bool:
         """Says whether somebody did."""
@@ -22,16 +21,14 @@ class Ending:
 
     def __enter__(self) -> Ending:
         """Starts to listen."""
-        for number in SIGNALS:
-            signal.signal(number, self._ask)
+        self._listening.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Gives the signals back."""
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
+        self._listening.__exit__(kind, error, trace)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signal module's signature
         self._asked = True

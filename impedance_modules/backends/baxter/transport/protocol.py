@@ -47,7 +47,7 @@ class Offer:
         ros_type: Message type it sends; None when it could not be asked.
         checksum: MD5 of that type; None when it could not be asked.
         problem: Why it could not be asked; None when it answered.
-        gone: Nobody is at its address any more: it died without saying so.
+        gone: It is not at its address any more: it died without saying so. False where that is not certain.
     """
 
     node: str

@@ -13,12 +13,10 @@ from impedance_modules.backends.baxter.message_definition import full_text
 from impedance_modules.backends.baxter.messages import MESSAGE_TYPES, Message
 from impedance_modules.backends.baxter.transport.protocol import (
     Callback,
-    Offer,
-    ParameterValue,
     TransportClosedError,
 )
-from impedance_modules.backends.baxter.transport.sockets.connect import offers_of
 from impedance_modules.backends.baxter.transport.sockets.master import MasterClient
+from impedance_modules.backends.baxter.transport.with_master import MasterTransport
 from impedance_modules.backends.baxter.wire import checksum_of, decode, encode
 from impedance_modules.errors import ImpedanceError
 
@@ -37,7 +35,7 @@ class NoRospyError(ImpedanceError):
     """ROS 1 is not installed where this Python looks; the message says what to install."""
 
 
-class RospyTransport:
+class RospyTransport(MasterTransport):
     """The ROS node of this process; rospy knows only one, and none after it has been closed."""
 
     def __init__(self, node_name: str, master_uri: str) -> None:
@@ -63,15 +61,8 @@ class RospyTransport:
         rospy.init_node(
             node_name.lstrip("/"), disable_signals=True, disable_rosout=True, disable_rostime=True
         )
-        self._node_name = str(rospy.get_name())
-        self._master = MasterClient(master_uri, self._node_name)
+        super().__init__(str(rospy.get_name()), master_uri)
         self._parts: list[_Publisher[Any] | _Subscription[Any]] = []
-        self._closed = False
-
-    @property
-    def node_name(self) -> str:
-        """Full name of this node."""
-        return self._node_name
 
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> _Publisher[M]:
         """Becomes a publisher of a topic."""
@@ -93,26 +84,6 @@ class RospyTransport:
         self._parts.append(subscription)
         return subscription
 
-    def get_parameter(self, name: str) -> ParameterValue | None:
-        """Returns a parameter, or None if nobody has set it."""
-        self._check()
-        return self._master.get_parameter(name)
-
-    def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Sets a parameter."""
-        self._check()
-        self._master.set_parameter(name, value)
-
-    def publishers_of(self, topic: str) -> tuple[str, ...]:
-        """Names the nodes registered as publishers of a topic, dead ones too, sorted."""
-        self._check()
-        return self._master.publishers_of(topic)
-
-    def offers_of(self, topic: str) -> tuple[Offer, ...]:
-        """Asks every other publisher of a topic what it sends."""
-        self._check()
-        return offers_of(self._master, self._node_name, topic)
-
     def close(self) -> None:
         """Withdraws everything and ends the node; rospy cannot start another one in this process."""
         if self._closed:
@@ -121,11 +92,8 @@ class RospyTransport:
         # Ears first: what is heard may make somebody send.
         for part in sorted(self._parts, key=lambda part: isinstance(part, _Publisher)):
             part.close()
+        self._sweep(str(self._rospy.get_node_uri()))
         self._rospy.signal_shutdown("the transport is closed")
-
-    def _check(self) -> None:
-        if self._closed:
-            raise TransportClosedError(f"{self._node_name}: the transport is closed")
 
 
 class _Publisher(Generic[M]):

@@ -131,13 +131,26 @@ class MasterClient:
         publishers, _, _ = self.ask("getSystemState")
         return tuple(sorted({node for name, nodes in publishers if name == topic for node in nodes}))
 
-    def address_of(self, node: str) -> str:
-        """Returns the XML-RPC address of a node.
+    def registrations_of(self, node: str) -> dict[str, list[str]]:
+        """Lists the topics of a node that are registered, by the method that ends the registration.
 
         Raises:
-            NoMasterError: As in ``ask``; also when the node has gone in the meantime.
+            NoMasterError: As in ``ask``.
         """
-        return str(self.ask("lookupNode", node))
+        publishers, subscribers, _ = self.ask("getSystemState")
+        return {
+            "unregisterSubscriber": [topic for topic, nodes in subscribers if node in nodes],
+            "unregisterPublisher": [topic for topic, nodes in publishers if node in nodes],
+        }
+
+    def address_of(self, node: str) -> str | None:
+        """Returns the XML-RPC address of a node, or None if the master does not know it.
+
+        Raises:
+            NoMasterError: Nobody answers, or somebody else does.
+        """
+        code, _, value = self._answer("lookupNode", node)
+        return str(value) if code == SUCCESS else None
 
     def _answer(self, method: str, *arguments: Any) -> tuple[int, str, Any]:
         try:

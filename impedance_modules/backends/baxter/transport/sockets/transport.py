@@ -11,20 +11,17 @@ from impedance_modules.backends.baxter.messages import Message
 from impedance_modules.backends.baxter.transport.protocol import (
     Callback,
     NoMasterError,
-    Offer,
-    ParameterValue,
-    TransportClosedError,
 )
-from impedance_modules.backends.baxter.transport.sockets.connect import offers_of
 from impedance_modules.backends.baxter.transport.sockets.incoming import SocketSubscription
-from impedance_modules.backends.baxter.transport.sockets.master import MasterClient, own_host
+from impedance_modules.backends.baxter.transport.sockets.master import own_host
 from impedance_modules.backends.baxter.transport.sockets.node import NodeEvents, NodeServer
 from impedance_modules.backends.baxter.transport.sockets.outgoing import Outlet, SocketPublisher
+from impedance_modules.backends.baxter.transport.with_master import MasterTransport
 
 M = TypeVar("M", bound=Message)
 
 
-class SocketTransport:
+class SocketTransport(MasterTransport):
     """One ROS node."""
 
     def __init__(self, node_name: str, master_uri: str) -> None:
@@ -37,13 +34,11 @@ class SocketTransport:
         Raises:
             NoMasterError: No master answers there, or this machine's own name (ROS_IP) is wrong.
         """
-        self._node_name = node_name
-        self._master = MasterClient(master_uri, node_name)
+        super().__init__(node_name, master_uri)
         self._master.check()
         self._lock = threading.RLock()
         self._outlets: dict[str, Outlet] = {}
         self._subscriptions: list[SocketSubscription[Any]] = []
-        self._closed = False
         host = own_host(os.environ, master_uri)
         events = NodeEvents(self._follow, self._outlets.get, self._listened, self._published, self.close)
         try:
@@ -53,11 +48,6 @@ class SocketTransport:
                 f"'{host}' is not an address of this machine: {error.strerror or error}"
                 " (valid: ROS_IP=the address of this machine in the robot's network)"
             ) from error
-
-    @property
-    def node_name(self) -> str:
-        """Full name of this node."""
-        return self._node_name
 
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> SocketPublisher[M]:
         """Becomes a publisher of a topic."""
@@ -85,26 +75,6 @@ class SocketTransport:
         subscription.update(publishers)
         return subscription
 
-    def get_parameter(self, name: str) -> ParameterValue | None:
-        """Returns a parameter, or None if nobody has set it."""
-        self._check()
-        return self._master.get_parameter(name)
-
-    def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Sets a parameter."""
-        self._check()
-        self._master.set_parameter(name, value)
-
-    def publishers_of(self, topic: str) -> tuple[str, ...]:
-        """Names the nodes registered as publishers of a topic, dead ones too, sorted."""
-        self._check()
-        return self._master.publishers_of(topic)
-
-    def offers_of(self, topic: str) -> tuple[Offer, ...]:
-        """Asks every other publisher of a topic what it sends."""
-        self._check()
-        return offers_of(self._master, self._node_name, topic)
-
     def close(self) -> None:
         """Withdraws everything this node has registered; a master that has gone does not matter."""
         with self._lock:
@@ -116,6 +86,7 @@ class SocketTransport:
             subscription.close()
         for topic in topics:
             self._drop(topic)
+        self._sweep(self._server.uri)
         self._server.close()
 
     def _follow(self, topic: str, publishers: list[str]) -> None:
@@ -162,7 +133,3 @@ class SocketTransport:
         except NoMasterError:
             # A master that is gone remembers nothing that could be withdrawn.
             return
-
-    def _check(self) -> None:
-        if self._closed:
-            raise TransportClosedError(f"{self._node_name}: the transport is closed")
