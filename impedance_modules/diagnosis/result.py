@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.log import DataReport
-from impedance_modules.diagnosis.rollout.outcome import CauseRollout, Rollout
+from impedance_modules.diagnosis.rollout.outcome import CauseRollout, Rollout, shrink
 
 Array = NDArray[np.float64]
 
@@ -45,10 +45,8 @@ class JointGap:
 
     @property
     def shrink(self) -> float | None:
-        """1 - sqrt(excess after / excess before); None where there was none before."""
-        start = self.before**2 - self.noise_floor**2
-        left = max(0.0, self.after**2 - self.noise_floor**2)
-        return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+        """Part of the excess over the noise that is gone; None where there was none before."""
+        return shrink(self.before, self.after, self.noise_floor)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def shrink(before: float, after: float, noise_floor: float) -> float | None:
+    """Part of an rms error's excess over its noise that is gone, 1 - sqrt(excess after / excess before).
+
+    Returns:
+        1 where nothing is left, negative where it grew; None where there was no excess before.
+    """
+    start = before**2 - noise_floor**2
+    left = max(0.0, after**2 - noise_floor**2)
+    return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+
+
 @dataclass(frozen=True)
 class Drift:
     """Rms error of one joint's rollouts in one quantity, over all windows.
@@ -29,10 +40,8 @@ class Drift:
 
     @property
     def shrink(self) -> float | None:
-        """1 - sqrt(excess after / excess before); None where there was none before."""
-        start = self.before**2 - self.noise_floor**2
-        left = max(0.0, self.after**2 - self.noise_floor**2)
-        return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+        """Part of the excess over the noise that is gone; None where there was none before."""
+        return shrink(self.before, self.after, self.noise_floor)
 
 
 @dataclass(frozen=True)

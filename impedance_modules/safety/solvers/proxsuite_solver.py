@@ -15,10 +15,10 @@ import numpy as np
 
 from impedance_modules.safety.problem import FilterProblem
 from impedance_modules.safety.solvers.finish import finish
-from impedance_modules.safety.solvers.normal_form import NormalForm, normal_form
-from impedance_modules.safety.solvers.shifted import Shifted
+from impedance_modules.safety.solvers.general_solver import GeneralSolver
+from impedance_modules.safety.solvers.normal_form import NormalForm
 from impedance_modules.safety.solvers.slack_form import slack_rows
-from impedance_modules.safety.solvers.solution import FilterSolution, failed
+from impedance_modules.safety.solvers.solution import FilterSolution
 
 _TOLERANCE = 1e-9
 _ITERATIONS = 50
@@ -26,7 +26,7 @@ _INNER_ITERATIONS = 50
 _INFINITE = 1e20
 
 
-class ProxsuiteSolver:
+class ProxsuiteSolver(GeneralSolver):
     """Keeps one ProxQP object; a problem of another shape makes a new one.
 
     Args:
@@ -36,24 +36,12 @@ class ProxsuiteSolver:
     name = "proxsuite"
 
     def __init__(self, proxqp: Any) -> None:
+        super().__init__()
         self._proxqp = proxqp
-        self._shifted = Shifted(0, 0)
         self._program: Any = None
 
-    def solve(self, problem: FilterProblem) -> FilterSolution:
-        """Solves one problem (see `Solver.solve`)."""
-        if not self._shifted.fits(problem):
-            m, n = problem.matrix.shape
-            self._shifted = Shifted(n, m)
-            self._program = None
-        outcome = self._shifted.fill(problem)
-        if outcome is not None:
-            return outcome
-        try:
-            form = normal_form(problem, self._shifted)
-        except np.linalg.LinAlgError:
-            return failed("the metric is not positive definite", 0)
-        return self._optimum(problem, form)
+    def _forget(self) -> None:
+        self._program = None
 
     def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
         self._load(form)

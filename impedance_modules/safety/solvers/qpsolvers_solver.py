@@ -9,13 +9,14 @@ import numpy as np
 
 from impedance_modules.safety.problem import FilterProblem, Vector
 from impedance_modules.safety.solvers.finish import finish
-from impedance_modules.safety.solvers.normal_form import NormalForm, normal_form
-from impedance_modules.safety.solvers.shifted import INFINITE, Shifted
+from impedance_modules.safety.solvers.general_solver import GeneralSolver
+from impedance_modules.safety.solvers.normal_form import NormalForm
+from impedance_modules.safety.solvers.shifted import INFINITE
 from impedance_modules.safety.solvers.slack_form import slack_rows
 from impedance_modules.safety.solvers.solution import FilterSolution, failed
 
 
-class QpsolversSolver:
+class QpsolversSolver(GeneralSolver):
     """A solver behind qpsolvers' interface; slower than a native one, for comparison.
 
     Args:
@@ -24,24 +25,13 @@ class QpsolversSolver:
     """
 
     def __init__(self, solver: str, qpsolvers: Any) -> None:
+        super().__init__()
         self.name = f"qpsolvers:{solver}"
         self._solver = solver
         self._qpsolvers = qpsolvers
-        self._shifted = Shifted(0, 0)
 
-    def solve(self, problem: FilterProblem) -> FilterSolution:
-        """Solves one problem (see `Solver.solve`)."""
-        if not self._shifted.fits(problem):
-            m, n = problem.matrix.shape
-            self._shifted = Shifted(n, m)
-        outcome = self._shifted.fill(problem)
-        if outcome is not None:
-            return outcome
-        try:
-            form = normal_form(problem, self._shifted)
-        except np.linalg.LinAlgError:
-            return failed("the metric is not positive definite", 0)
-        return self._optimum(problem, form)
+    def _forget(self) -> None:
+        """Nothing is kept from problem to problem."""
 
     def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
         multipliers, found = self._multipliers(form)
