@@ -91,6 +91,8 @@ class Controller(CycleReadings):
         self.workspace = filter_workspace(layout, self.memory, limits.effort_max)
         self.module_names = module_names(modules)
         self._booked: RobotState | None = None
+        self._before_gap: tuple[Array, Array] | None = None
+        self._in_force: Array = np.zeros(model.n)
         write_constants(self.memory, assembly, self.kinematics, layout)
         self._blocks = self.memory.floats, self.memory.float_at, self.memory.integers, self.memory.integer_at
         self.motion: PhaseMotion
@@ -135,6 +137,8 @@ class Controller(CycleReadings):
         """
         kinematics, distances = self.kinematics, self.distances
         self._position = state.position
+        self._in_force[:] = self.memory["pending"][-1]
+        self._before_gap = None
         kinematics.update(state.position, state.velocity)
         distances.update(state.position, state.velocity)
         self._solution = None
@@ -196,7 +200,28 @@ class Controller(CycleReadings):
         """Books a cycle without a usable state."""
         self._forget_answer()
         self.distances.skip()
+        if self._before_gap is None:
+            self._before_gap = self.memory["book_scalars"].copy(), self.memory["pending"].copy()
         compiled_cycle.missed(self.memory.floats, self.memory.float_at, self._effort.size)
+
+    def reckon(self, intervals: int, *, anew: bool) -> None:
+        """Books a gap as long as the state that ends it says it was; call it before the ``tick`` for that state.
+
+        Args:
+            intervals: Periods since the last state, or since the last cycle that was booked.
+            anew: Since the last state: what ``miss`` has booked since was provisional (docs/passivity.md).
+        """
+        memory = self.memory
+        if anew and self._before_gap is not None:
+            memory["book_scalars"][:], memory["pending"][:] = self._before_gap
+        for _ in range(intervals - 1):
+            compiled_cycle.missed(memory.floats, memory.float_at, self._effort.size)
+
+    def repeat(self) -> None:
+        """Puts the command before the last one back in force; ``effort`` is that."""
+        for name in ("pending", "previous", "effort"):
+            block = self.memory[name]
+            block[-1 if name == "pending" else slice(None)] = self._in_force
 
     def withdraw(self) -> None:
         """Takes back the last torque, which was ready too late and never left: the one before goes on acting."""

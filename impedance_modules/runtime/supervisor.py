@@ -139,10 +139,7 @@ class Supervisor:
             (n,) torque to send [N.m], or None when nothing may leave in this cycle. After ``ending`` is set, None.
         """
         running = self._hardest < Rung.DAMP
-        if state is None:
-            self._without_state += 1
-        else:
-            self.missed, self._without_state = self._without_state, 0
+        overdue = self._count_intervals(state, running=running)
         events = self._clock_events(state, late)
         if stop_request is not None and not self._interrupted:
             self._interrupted = True
@@ -153,8 +150,30 @@ class Supervisor:
             events = self._run(state)
             if not events:
                 self._velocity, self._time = state.velocity, state.time
+                if overdue:
+                    self.controller.repeat()
                 return None if self.ending is not None else self.controller.effort
         return self._descend(state, events, entering=running)
+
+    def _count_intervals(self, state: RobotState | None, *, running: bool) -> bool:
+        """Tells the ledger how many periods the robot has lived through since its last state, by the robot's clock.
+
+        Fewer than the cycles that were counted meanwhile: the state is late, not lost. Its torque would begin to act
+        somewhere within a period that is under way, and nobody could say what it does there: the last one goes on.
+
+        Returns:
+            Whether the state is late.
+        """
+        if state is None:
+            self._without_state += 1
+            return False
+        self.missed, self._without_state = self._without_state, 0
+        intervals = max(1, round((state.time - self._time) / self.assembly.period))
+        counted = self.missed + 1
+        # In a stop a torque left for every cycle that was counted, with or without a state: those stay booked.
+        if intervals > counted or (running and intervals < counted):
+            self.controller.reckon(intervals if running else intervals - self.missed, anew=running)
+        return intervals < counted
 
     def _run(self, state: RobotState) -> list[Occurrence]:
         """One cycle of the law; returns what went wrong."""

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from impedance_modules.backends.backend import Backend
 from impedance_modules.backends.sim import SimBackend
 from impedance_modules.plant.effects_port import JointMotion
 from impedance_modules.plant.options import PlantOptions
@@ -132,6 +133,7 @@ def meet(
     tamper: Callable[[Controller], None] = lambda controller: None,
     rigid_books: bool = False,
     jumps: bool = True,
+    between: Callable[[SimBackend], Backend] = lambda robot: robot,
 ) -> Adversity:
     """Runs a random task in a random world, to its end or to a stop."""
     random = np.random.default_rng(seed)
@@ -156,7 +158,7 @@ def meet(
     world = Adversity(assembly, supervisor, plant)
     run_loop(
         supervisor,
-        backend,
+        between(backend),
         first.state,
         world.watch,
         Interrupt(),

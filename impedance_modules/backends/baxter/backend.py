@@ -28,7 +28,7 @@ from impedance_modules.robot.state import RobotState
 Array = NDArray[np.float64]
 
 PATIENCE = 1.5
-"""A state is awaited for so many periods; later ones for one period each."""
+"""A state is awaited for so many periods; after a miss the next one is, for one period more each time."""
 
 DWELL = 0.3
 """How long zero torque is tried before a run [s]."""
@@ -141,8 +141,7 @@ class BaxterBackend:
         last = self._last
         if last is None:
             raise NotConnected("the robot is not connected: call start() first")
-        patience = PATIENCE if self._misses == 0 else self._misses + 1.0
-        deadline = last.received + patience * self._period
+        deadline = last.received + (PATIENCE + self._misses) * self._period
         while True:
             self.driver.raise_fault()
             sample = self._link.wait(last.number, max(deadline - time.monotonic(), 0.0))
