@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""States that come late, are overtaken by the next one, or are lost: the books stay true, and lateness costs nothing."""
+"""States that come late, are overtaken by the next, or are lost: the books stay true, and lateness costs nothing."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Hiccups:
         """It comes, but only after it was given up."""
         self.kept = state
 
-    def overtaken(self, state: RobotState) -> RobotState:  # noqa: ARG002 - nobody ever sees it
+    def overtaken(self, state: RobotState) -> RobotState:
         """The loop was asleep: it sees one or two states later, and was told of no miss."""
         for _ in range(self.random.integers(1, 3)):
             state = self.robot.read()
