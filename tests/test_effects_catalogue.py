@@ -23,12 +23,13 @@ from impedance_modules.effects.effect import PAIR
 from impedance_modules.effects.residuals import RESIDUALS
 from impedance_modules.effects.rigid import RigidModel
 from impedance_modules.effects.signals import Signals
-from impedance_modules.effects.wear import wear_patch, wear_plant
+from impedance_modules.effects.wear import wear_patch, wear_plant, wear_surfaces
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import read_patch
 from impedance_modules.spec.robot import RobotSpec
 from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.task import SurfaceSpec
 
 ROOT = Path(__file__).parent.parent
 SIX_JOINTS = ROOT / "tests" / "robots" / "six_joint_pair"
@@ -61,6 +62,12 @@ CONTRACT = [
     "external_contact",
     "controller_gain",
     "transmission_coupling",
+    "surface_height",
+    "surface_stiffness",
+    "surface_friction",
+    "buoyancy",
+    "added_mass",
+    "fluid_drag",
 ]
 SYMBOLS = {
     "coulomb_friction": {"fc"},
@@ -99,6 +106,8 @@ EXAMPLES = {
     "transmission_coupling": {"Ia": 0.01},
     "external_contact": {"fx": 1.0, "fy": 0.0, "fz": -2.0, "start": 0.5, "end": 1.0},
     "load_dependent_friction": {"kl": 0.1},
+    "added_mass": {"mx": 0.5, "mz": 0.1, "cx": 0.0, "cy": 0.0, "cz": 0.1},
+    "fluid_drag": {"dy": 8.0, "cx": 0.0, "cy": 0.0, "cz": 0.1},
 }
 
 
@@ -115,6 +124,7 @@ def key_of(effect: str) -> str:
         "body": "port_palm",
         "base": "base",
         "log": "log",
+        "surface": "surface0",
     }
     return keys[kind]
 
@@ -146,7 +156,7 @@ def test_the_catalogue_is_the_contract() -> None:
         assert symbols <= set(CATALOGUE[effect].description.symbols), effect
     schema = json.loads((ROOT / "schemas" / "patch.schema.json").read_text())
     allowed = schema["$defs"]["effect"]["properties"]
-    assert set(CATALOGUE) <= set(allowed["effect"]["enum"])
+    assert set(CATALOGUE) == set(allowed["effect"]["enum"])
     for effect in CATALOGUE.values():
         assert set(effect.description.ports) <= set(allowed["port"]["enum"])
 
@@ -212,6 +222,8 @@ def recording() -> Signals:
         motor_damping=model.column("motor_damping"),
         spring_compliance=model.spring_compliance(),
         effort_source="joint_sensor",
+        surfaces=(SurfaceSpec("plane", 0.3, None, (0.1, 0.0, 0.0), None, 900.0, 5.0, 0.4),),
+        hands=("port_palm",),
     )
 
 
@@ -243,14 +255,22 @@ def test_a_link_side_sensor_sees_no_rotor_and_a_motor_sees_both_frictions() -> N
 
 
 BROKEN = {
-    "unknown effect of this version": (
-        {
-            "effect": "buoyancy",
-            "joints": [],
-            "port": "link",
-            "parameters": {"base": {"x": {"value": 1, "unit": "1"}}},
-        },
-        "this version cannot wear 'buoyancy'",
+    "water on a joint": (
+        {**entry("buoyancy", "link"), "parameters": {"port_lift": {"m": {"value": 1, "unit": "kg"}}}},
+        "takes its numbers for a link that moves",
+    ),
+    "water that sinks": (
+        entry("buoyancy", "link", {"m": -1.0, "cx": 0.0, "cy": 0.0, "cz": 0.0}),
+        "not physical (valid: at least 0)",
+    ),
+    "no water taken along": (
+        entry("added_mass", "link", {"cx": 0.0, "cy": 0.0, "cz": 0.0}),
+        "takes no water along",
+    ),
+    "no drag": (entry("fluid_drag", "link", {"cx": 0.0, "cy": 0.0, "cz": 0.0}), "in no direction"),
+    "no surface": (
+        {**entry("surface_height", "contact"), "parameters": {"table": {"dh": {"value": 0.1, "unit": "m"}}}},
+        "(valid: surface0, surface1)",
     ),
     "wrong port": (entry("viscous_friction", "sensor"), "(valid: actuator, link)"),
     "wrong symbol": (
@@ -432,3 +452,19 @@ def test_the_robots_own_numbers_stay_as_they_were() -> None:
     before = replace(robot())
     wear_patch(robot(), patch_at(entry("payload", "link"), entry("reflected_inertia", "actuator")))
     assert robot() == before
+
+
+def test_a_map_is_worn_as_the_patch_says_and_a_surface_too_many_is_refused() -> None:
+    plane = SurfaceSpec("plane", 0.3, None, (0.1, 0.0, 0.0), None, 900.0, 5.0, 0.4)
+    block = SurfaceSpec("box", None, (0.1, 0.2, 0.3), (0.0, 0.0, 0.0), (1.0, 1.0, 0.2), 900.0, 5.0, 0.4)
+    wrong = [
+        entry("surface_height", "contact", {"dh": 0.02}),
+        entry("surface_stiffness", "contact", {"k": 400.0}),
+        entry("surface_friction", "contact", {"mu": 0.9}),
+    ]
+    found = wear_surfaces((plane, block), patch_at(*wrong))
+    assert found[0] == replace(plane, height=0.32, stiffness=400.0, friction=0.9) and found[1] == block
+    moved = wear_surfaces((block,), patch_at(wrong[0]))
+    assert moved[0].position == pytest.approx((0.1, 0.2, 0.32))
+    with pytest.raises(BadFile, match=r"no surface 'surface0'.*no environment"):
+        wear_surfaces((), patch_at(wrong[0]))

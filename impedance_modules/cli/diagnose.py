@@ -29,6 +29,7 @@ PATH = click.Path(path_type=Path)
 @click.option("--urdf", type=PATH, help="URDF whose model is compared, instead of a robot.")
 @click.option("--effects", type=PATH, metavar="PATCH", help="Start from the model that wears this patch.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue.")
+@click.option("--under-water", is_flag=True, help="The robot was under water: look for what water does, too.")
 @click.option("--json", "json_path", type=PATH, metavar="F", help="Write the answer as JSON.")
 @click.option(
     "--report", type=PATH, metavar="F.html", help="Write a report that needs nothing but a browser."
@@ -44,6 +45,7 @@ def command(
     urdf: Path | None,
     effects: Path | None,
     without: tuple[str, ...],
+    under_water: bool,
     json_path: Path | None,
     report: Path | None,
     recording: Path | None,
@@ -81,6 +83,7 @@ def command(
                 file,
                 heldout=[episode.name for episode in tested],
                 without=without,
+                under_water=under_water,
                 worn=worn,
                 progress=status.update,
             )

@@ -13,7 +13,14 @@ if TYPE_CHECKING:
 
     from impedance_modules.effects.description import Description, Parameter
 
-KEY_WORDS = {"joint": "joint", "pair": "JOINT<-OTHER", "body": "link", "base": "base", "log": "log"}
+KEY_WORDS = {
+    "joint": "joint",
+    "pair": "JOINT<-OTHER",
+    "body": "link",
+    "base": "base",
+    "log": "log",
+    "surface": "surface0, ...",
+}
 
 
 @click.command("effects")

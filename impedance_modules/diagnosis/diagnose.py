@@ -38,7 +38,7 @@ from impedance_modules.diagnosis.selection.plain import PlainRows
 from impedance_modules.diagnosis.selection.refine import Refiner
 from impedance_modules.diagnosis.selection.select import Selector
 from impedance_modules.diagnosis.selection.whiten import Whitening
-from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.catalogue import CATALOGUE, SURFACES, WATER
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch import EffectSpec
 
@@ -60,6 +60,7 @@ def diagnose(
     *,
     heldout: Collection[str] = (),
     without: Collection[str] = (),
+    under_water: bool = False,
     worn: Sequence[EffectSpec] = (),
     progress: Progress = lambda _: None,
 ) -> Diagnosis:
@@ -71,6 +72,7 @@ def diagnose(
         urdf: File of the model's links.
         heldout: Names of recordings that no step of the fit may see; empty lets it choose.
         without: Ids of effects that are left out of the catalogue.
+        under_water: The robot was under water; only then is what water does looked for.
         worn: Effects of a patch that the model wears to begin with.
         progress: Called with a sentence for each step.
 
@@ -87,7 +89,8 @@ def diagnose(
     prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)
     _refuse_too_short(prepared)
     progress("evaluating candidates")
-    evidence = _explain(prepared, arrangement, model, without, progress)
+    left_out = {*without, *SURFACES, *(() if under_water else WATER)}
+    evidence = _explain(prepared, arrangement, model, left_out, progress)
     progress("judging rivals")
     causes = name_causes(evidence)
     progress("concluding")

@@ -34,6 +34,7 @@ class PlantBuilder:
         gap, drive_delay, drive_limit, drive_gain, drive_lag: (n,) see ``WornPlant`` and ``DrivePath``.
         spring_stiffness, spring_preload, coupling: Likewise.
         offset, effort_gain, effort_bias, crosstalk, velocity_lag, clock: See ``SensorErrors``.
+        added_mass: (n, 6, 6) see ``WornPlant``.
         tilt: (2,) rotation of the base about x and y [rad].
         modelled_delay: Part of the model's command delay that the drives make, joint by joint [s].
     """
@@ -48,6 +49,7 @@ class PlantBuilder:
         self.coupling, self.crosstalk = np.zeros((n, n)), np.zeros((n, n))
         self.offset, self.effort_bias, self.velocity_lag = np.zeros(n), np.zeros(n), np.zeros(n)
         self.effort_gain = np.ones(n)
+        self.added_mass = np.zeros((n, 6, 6))
         self.clock = 1.0
         self.tilt = np.zeros(2)
         self.modelled_delay = 0.0
@@ -81,6 +83,18 @@ class PlantBuilder:
             )
         )
 
+    def take_along(self, link: str, along: Array, centre: Array) -> None:
+        """Lets a link take water along.
+
+        Args:
+            link: Its name.
+            along: (6,) mass along [kg] and inertia about [kg.m^2] the link's axes.
+            centre: (3,) in the link's frame [m], where ``along`` is meant.
+        """
+        frame = self.model.pin_model.frames[self.model.frame_id(link)]
+        onto_centre = (frame.placement * pin.SE3(np.eye(3), centre)).inverse().action
+        self.added_mass[frame.parentJoint - 1] += onto_centre.T @ (along[:, None] * onto_centre)
+
     def link_mobility(self, position: Array) -> Array:
         """Computes the links' acceleration per torque on each (n,) [1/(kg.m^2)]; rigid joints carry rotors."""
         links = pin.Model(self.model.pin_model)
@@ -104,6 +118,7 @@ class PlantBuilder:
             torques=(*((drive,) if drive.does_anything else ()), *self.torques),
             gap=self.gap,
             coupling=self.coupling,
+            added_mass=self.added_mass,
             drive_gain=self.drive_gain,
             spring_stiffness=self.spring_stiffness,
             spring_preload=self.spring_preload,

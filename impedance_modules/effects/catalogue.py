@@ -23,7 +23,9 @@ from impedance_modules.effects.readings import Crosstalk, EncoderOffset
 from impedance_modules.effects.reporting import ClockDrift, VelocityFilterLag
 from impedance_modules.effects.sensing import TorqueGain, TorqueOffset
 from impedance_modules.effects.springs import ParallelSpring, TorqueRipple
+from impedance_modules.effects.surfaces import SurfaceFriction, SurfaceHeight, SurfaceStiffness
 from impedance_modules.effects.transmission import Backlash, JointElasticity, ReflectedInertia
+from impedance_modules.effects.water import AddedMass, Buoyancy, FluidDrag
 
 _EFFECTS: tuple[Effect, ...] = (
     CoulombFriction(),
@@ -54,7 +56,19 @@ _EFFECTS: tuple[Effect, ...] = (
     ExternalContact(),
     ControllerGain(),
     TransmissionCoupling(),
+    SurfaceHeight(),
+    SurfaceStiffness(),
+    SurfaceFriction(),
+    Buoyancy(),
+    AddedMass(),
+    FluidDrag(),
 )
 
 CATALOGUE: Mapping[str, Effect] = {effect.id: effect for effect in _EFFECTS}
 """Effect id -> effect, in the contract's order (design 3.3)."""
+
+WATER = frozenset({"buoyancy", "added_mass", "fluid_drag"})
+"""What water does: not looked for in a recording unless told that the robot was under water."""
+
+SURFACES = frozenset({"surface_height", "surface_stiffness", "surface_friction"})
+"""Errors of a task's map: worn by the plant; looked for only where a recording says what it pressed on."""

@@ -10,8 +10,8 @@ from typing import Literal
 Port = Literal["actuator", "link", "sensor", "timing", "contact"]
 """Where an effect acts: command to effort, effort to motion, what is reported, when, or on the outside."""
 
-KeyKind = Literal["joint", "pair", "body", "base", "log"]
-"""What carries an effect's numbers: a joint, ``JOINT<-OTHER``, a link, the base, or the whole recording."""
+KeyKind = Literal["joint", "pair", "body", "base", "log", "surface"]
+"""What carries an effect's numbers: a joint, ``JOINT<-OTHER``, a link, the base, the whole recording, or a surface."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.description import Description, KeyKind, Parameter, same_unit
 from impedance_modules.effects.effect import PAIR, Effect
 from impedance_modules.effects.rigid import RigidModel
+from impedance_modules.effects.surfaces import surface_index
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
@@ -23,6 +24,7 @@ KIND_IN_WORDS: dict[KeyKind, str] = {
     "body": "a link that moves",
     "base": "'base'",
     "log": "'log'",
+    "surface": "a surface of the task, 'surface0' its first",
 }
 
 
@@ -111,6 +113,8 @@ def _key_problems(check: _Check, key: str) -> Iterator[Problem]:
         named: tuple[str, ...] = (joint,)
     elif "joint" in kinds:
         fits, named = key in joints, (key,)
+    elif "surface" in kinds:
+        fits, named = surface_index(key) is not None, ()
     else:
         fits, named = (key in check.bodies) if "body" in kinds else key in kinds, ()
     if not fits:
@@ -119,6 +123,8 @@ def _key_problems(check: _Check, key: str) -> Iterator[Problem]:
             if "body" in kinds
             else tuple(joints)
             if kinds[0] in {"joint", "pair"}
+            else ("surface0", "surface1")
+            if "surface" in kinds
             else kinds
         )
         message = (

@@ -147,6 +147,15 @@ class RigidModel:
             out[i] = whole[self._columns, first : first + 10] @ onto_joint
         return out
 
+    def place(self, body: str, q: Array) -> Array:
+        """Computes where a link's origin is in base axes, (N, 3) [m]."""
+        index = self._frame(body)
+        out = np.empty((len(q), 3))
+        for i, (x, _, _) in enumerate(self._rows(q, q, q)):
+            pin.forwardKinematics(self._model, self._data, x)
+            out[i] = pin.updateFramePlacement(self._model, self._data, index).translation
+        return out
+
     def jacobian(self, body: str, q: Array) -> Array:
         """Computes J of a link's origin in base axes, (N, 6, n), linear then angular."""
         index = self._frame(body)
@@ -155,6 +164,63 @@ class RigidModel:
             J = pin.computeFrameJacobian(self._model, self._data, x, index, WORLD_AXES)
             out[i] = J[:, self._columns]
         return out
+
+    def centre(self, body: str) -> Array:
+        """Gives a link's own nominal centre of mass (3,) in its frame [m]; its origin if it has no mass."""
+        inertia = self._model.frames[self._frame(body)].inertia
+        return np.array(inertia.lever) if inertia.mass > 0.0 else np.zeros(3)
+
+    def weight_of_body(self, body: str, q: Array) -> Array:
+        r"""Computes d g / d(m, m c_x, m c_y, m c_z) of a link, (N, n, 4), in its frame.
+
+        Raises:
+            BadInput: The robot has no such link, or it never moves.
+        """
+        still = np.zeros_like(q)
+        return self.body_columns(body, q, still, still)[:, :, :4]
+
+    def motion_of_point(self, body: str, point: Array, q: Array, v: Array) -> tuple[Array, Array]:
+        """Computes J (N, 3, n) and velocity (N, 3) [m/s] of a point fixed to a link, all in the link's axes."""
+        J = self._at_point(self._own_jacobian(body, q), point)[:, :3]
+        return J, np.einsum("ijk,ik->ij", J, v)
+
+    def taken_along(self, body: str, point: Array, q: Array, v: Array, a: Array) -> Array:
+        r"""Computes the torque per unit of each diagonal entry of an added mass, (N, n, 6).
+
+        J^T (E a_c + v_c x* E v_c), E = 1 at one entry of (linear, angular) in the link's axes at a point of it;
+        a_c is the spatial acceleration there, without gravity (Kirchhoff's equations).
+        """
+        index, count = self._frame(body), len(self.joint_names)
+        twist, rate, J = np.empty((len(q), 6)), np.empty((len(q), 6)), self._own_jacobian(body, q)
+        for i, (x, u, w) in enumerate(self._rows(q, v, a)):
+            pin.forwardKinematics(self._model, self._data, x, u, w)
+            own = pin.ReferenceFrame.LOCAL
+            twist[i] = pin.getFrameVelocity(self._model, self._data, index, own).vector
+            rate[i] = pin.getFrameAcceleration(self._model, self._data, index, own).vector
+        J = self._at_point(J, point)
+        twist, rate = (self._at_point(x[:, :, None], point)[:, :, 0] for x in (twist, rate))
+        out = np.empty((len(q), count, 6))
+        for k, unit in enumerate(np.eye(6)):
+            momentum, force = twist[:, [k]] * unit, rate[:, [k]] * unit
+            force[:, :3] += np.cross(twist[:, 3:], momentum[:, :3])
+            force[:, 3:] += np.cross(twist[:, 3:], momentum[:, 3:]) + np.cross(twist[:, :3], momentum[:, :3])
+            out[:, :, k] = np.einsum("ijk,ij->ik", J, force)
+        return out
+
+    def _own_jacobian(self, body: str, q: Array) -> Array:
+        """Computes J of a link's origin in its own axes (N, 6, n)."""
+        index = self._frame(body)
+        out = np.empty((len(q), 6, q.shape[1]))
+        for i, (x, _, _) in enumerate(self._rows(q, q, q)):
+            J = pin.computeFrameJacobian(self._model, self._data, x, index, pin.ReferenceFrame.LOCAL)
+            out[i] = J[:, self._columns]
+        return out
+
+    @staticmethod
+    def _at_point(motion: Array, point: Array) -> Array:
+        """Moves the columns of motions (N, 6, k) of a link's origin to a point of it, its axes kept."""
+        linear = motion[:, :3] + np.cross(motion[:, 3:], point[None, :, None], axis=1)
+        return np.concatenate([linear, motion[:, 3:]], axis=1)
 
     def _frame(self, body: str) -> int:
         if body not in self.bodies:

@@ -18,6 +18,7 @@ from impedance_modules.effects.bristles import follow
 from impedance_modules.effects.rigid import RigidModel
 from impedance_modules.effects.sample import Sample, smoothing
 from impedance_modules.errors import BadInput
+from impedance_modules.spec.task import SurfaceSpec
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,8 @@ class Signals:
         encoder: Side of the gear whose position is recorded.
         assistance: Part of ``drive`` that the robot adds by itself, which no delay of the command touches;
             None where it adds nothing.
+        surfaces: What the hands could press on, as the task has it; empty where nobody says.
+        hands: Links whose origins touch them.
         clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
             otherwise gain by smoothing the noise that the residual carries too.
     """
@@ -77,6 +80,8 @@ class Signals:
     encoder: Literal["link", "motor"] = "link"
     assistance: Array | None = None
     clean_drive: Array | None = None
+    surfaces: tuple[SurfaceSpec, ...] = ()
+    hands: tuple[str, ...] = ()
 
     @property
     def samples(self) -> int:

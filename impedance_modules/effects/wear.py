@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.description import Port
 from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.patch_check import numbers, patch_problems
+from impedance_modules.effects.surfaces import SurfaceEffect, surface_index
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import PatchSpec
 from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.task import SurfaceSpec
 
 
 def wear_patch(robot: RobotSpec, patch: PatchSpec) -> RobotSpec:
@@ -56,6 +58,34 @@ def wear_plant(model: RobotModel, patch: PatchSpec) -> WornPlant:
         except BadInput as error:
             raise BadInput(f"{patch.path}: {error}") from None
     return builder.finish()
+
+
+def wear_surfaces(surfaces: Sequence[SurfaceSpec], patch: PatchSpec) -> tuple[SurfaceSpec, ...]:
+    """Returns a task's surfaces as they really are.
+
+    Raises:
+        BadFile: The patch has a surface that the task lacks; every problem with its place.
+    """
+    found, problems = list(surfaces), []
+    for place, spec in enumerate(patch.effects):
+        effect = CATALOGUE[spec.effect]
+        if not isinstance(effect, SurfaceEffect):
+            continue
+        for key, quantities in spec.parameters.items():
+            index = surface_index(key)
+            if index is None or index >= len(found):
+                has = (
+                    ", ".join(f"surface{i}" for i in range(len(found))) or "none: the task has no environment"
+                )
+                where = ("effects", place, "parameters", key)
+                problems.append(
+                    patch.document.problem(where, f"the task has no surface '{key}'", (has,), "key")
+                )
+                continue
+            found[index] = effect.wear_surface(found[index], numbers(quantities))
+    if problems:
+        raise BadFile(problems)
+    return tuple(found)
 
 
 def worn_effects(patch: PatchSpec) -> Iterator[tuple[Effect, Port, Mapping[str, Values]]]:

@@ -45,6 +45,8 @@ class WornPlant:
         torques: On motors and links, in the order in which they are asked.
         gap: (n,) full backlash between motor and link [rad].
         coupling: (n, n) rotor inertia that couples two motors [kg.m^2]; symmetric, zero diagonal.
+        added_mass: (n, 6, 6) inertia without weight of what each joint's link takes along, linear then angular,
+            in the joint's own axes; symmetric, positive semidefinite.
         drive_gain: (n,) motor torque per torque asked for; needed to start in equilibrium.
         spring_stiffness, spring_preload: (n,) parallel springs that a robot which carries its own weight
             compensates too [N.m/rad], [N.m].
@@ -56,6 +58,7 @@ class WornPlant:
     torques: tuple[WornTorque, ...]
     gap: Array
     coupling: Array
+    added_mass: Array
     drive_gain: Array
     spring_stiffness: Array
     spring_preload: Array

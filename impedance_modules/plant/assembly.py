@@ -28,8 +28,10 @@ def build_memory(
     frames: tuple[str, ...],
     surfaces: Sequence[SurfaceSpec],
     held: HeldObject | None,
+    *,
+    added_mass: Array | None = None,
 ) -> Memory:
-    """Takes the memory once and fills in every constant."""
+    """Takes the memory once and fills in every constant; ``added_mass`` is (n, 6, 6) of water, or None."""
     n, h = model.n, len(frames)
     hands = np.zeros(h, HAND)
     hands["turn"] = np.eye(3)
@@ -46,7 +48,7 @@ def build_memory(
     return Memory(
         state=np.zeros((4, 4 * n + OBJECT_SIZE + COUNTERS)),
         joints=joint_table(model),
-        links=link_table(links),
+        links=link_table(links, added_mass),
         hands=hands,
         body=body_table(held, links.gravity.linear),
         contacts=contact_table(surfaces, bodies),

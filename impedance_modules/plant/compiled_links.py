@@ -16,6 +16,9 @@ and outwards again, from the base's a = -g:
 
     q'' = (u - U . (a_p + c)) / D   a_i = a_p + c + S_i q''
 
+A link under water takes some along, an inertia W_i that is no rigid body's and has no weight (Kirchhoff's
+equations): I_i grows by it, and b_i by W_i g, which undoes the weight that a falling base would give it.
+
 Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 7.3. Pinocchio's ``aba`` is the same; a
 test compares both. Here it stands in the plant's own language, so that a whole period is one call.
 """
@@ -75,6 +78,8 @@ def accelerate(links: Table, velocity: Array, torque: Array, acceleration: Array
     """Writes the joints' acceleration (n,) under a torque (n,) [N.m], the links placed already."""
     for i in range(1, links.size):
         _move(links[i], links[links[i].parent], velocity[i - 1])
+        if links[i].wet:
+            _undo_weight(links[i], links[0])
     for i in range(links.size - 1, 0, -1):
         _yield_to_joint(links[i], links[links[i].parent], torque[i - 1])
     for i in range(1, links.size):
@@ -101,6 +106,8 @@ def _move(link: Row, parent: Row, speed: float) -> None:
     for k in range(6):
         drift[k] *= speed
     _own_inertia(link)
+    if link.wet:
+        _take_water_along(link)
     momentum, force = link.momentum, link.force
     for r in range(6):
         total = 0.0
@@ -136,6 +143,38 @@ def _own_inertia(link: Row) -> None:
     inertia[4, 2] = inertia[2, 4] = -x
     inertia[5, 0] = inertia[0, 5] = -y
     inertia[5, 1] = inertia[1, 5] = x
+
+
+@compiled
+def _take_water_along(link: Row) -> None:
+    """Adds X^T W X to a link's inertia, X = [[R^T, -R^T [p]], [0, R^T]] from the world's origin to its own axes."""
+    R, p, W, out = link.rotation, link.translation, link.water, link.water_now
+    X, half = np.zeros((6, 6)), np.zeros((6, 6))
+    for r in range(3):
+        for c in range(3):
+            X[r, c] = X[3 + r, 3 + c] = R[c, r]
+        X[r, 3] = R[2, r] * p[1] - R[1, r] * p[2]
+        X[r, 4] = R[0, r] * p[2] - R[2, r] * p[0]
+        X[r, 5] = R[1, r] * p[0] - R[0, r] * p[1]
+    for r in range(6):
+        for c in range(6):
+            for k in range(6):
+                half[r, c] += W[r, k] * X[k, c]
+    for r in range(6):
+        for c in range(6):
+            total = 0.0
+            for k in range(6):
+                total += X[k, r] * half[k, c]
+            out[r, c] = total
+            link.articulated[r, c] += total
+
+
+@compiled
+def _undo_weight(link: Row, world: Row) -> None:
+    """Adds W g to a link's bias force; the world's acceleration is -g."""
+    for r in range(6):
+        for k in range(6):
+            link.force[r] -= link.water_now[r, k] * world.acceleration[k]
 
 
 @compiled

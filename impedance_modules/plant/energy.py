@@ -36,7 +36,7 @@ class EnergyBook:
     """Energies and works [J] since ``reset``.
 
     Attributes:
-        links, rotors, body: Kinetic energy of links, rotors and the object.
+        links, rotors, body: Kinetic energy of links with the water they take along, rotors and the object.
         gravity: Potential of links and object.
         springs: In the series-elastic springs.
         stops, grasp, contact: In joint stops, couplings, and surfaces with their friction springs.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from impedance_modules.plant import compiled_step
 from impedance_modules.plant.contact.surfaces import NEAR, Surfaces
 from impedance_modules.plant.effects_port import JointMotion, JointTorque
+from impedance_modules.plant.links import mobility_under_water
 from impedance_modules.plant.records import ELASTIC, RATE, STAGE, START, Memory
 
 Array = NDArray[np.float64]
@@ -78,7 +79,7 @@ class Integrator:
     def link_mobility(self) -> Array:
         """Computes the inverse mass matrix (n, n) of the links without elastic rotors."""
         data = self.links.createData()
-        return np.array(pin.computeMinverse(self.links, data, self.memory.part("position")))
+        return mobility_under_water(self.links, self.memory.links, data, self.memory.part("position"))
 
     def rate(self) -> Array:
         """Writes the rate of the stage row, effects included; returns the links' acceleration (n,)."""
@@ -106,7 +107,8 @@ class Integrator:
 
     def stage_mobility(self) -> Array:
         """Computes the inverse mass matrix (n, n) of the links without elastic rotors at the stage row."""
-        return np.array(pin.computeMinverse(self.links, self._data, self.memory.part("position", STAGE)))
+        position = self.memory.part("position", STAGE)
+        return mobility_under_water(self.links, self.memory.links, self._data, position)
 
     def _advance_with_effects(self) -> None:
         """Takes the same step with effects asked before each stage."""

@@ -28,8 +28,13 @@ def link_model(model: RobotModel, gravity: Array) -> pin.Model:
     return links
 
 
-def link_table(links: pin.Model) -> Table:
-    """Tabulates the links, row 0 the world at rest and falling up; joint i moves row i + 1."""
+def link_table(links: pin.Model, added_mass: Array | None = None) -> Table:
+    """Tabulates the links, row 0 the world at rest and falling up; joint i moves row i + 1.
+
+    Args:
+        links: From ``link_model``.
+        added_mass: (n, 6, 6) of water that each link takes along, in its joint's axes; None for none.
+    """
     table = np.zeros(links.njoints, LINK)
     table["rotation"] = np.eye(3)
     table[0]["acceleration"][:3] = -links.gravity.linear
@@ -42,4 +47,26 @@ def link_table(links: pin.Model) -> Table:
         own_axes = pin.getJointJacobian(links, data, i, pin.ReferenceFrame.LOCAL)
         row["screw"] = own_axes.reshape(6, -1)[:, i - 1]
         row["mass"], row["centre"], row["inertia"] = body.mass, body.lever, body.inertia
+        if added_mass is not None:
+            row["water"] = added_mass[i - 1]
+            row["wet"] = bool(added_mass[i - 1].any())
     return table
+
+
+def water_inertia(links: pin.Model, table: Table, q: Array) -> Array:
+    """Sums sum J_i^T W_i J_i of the water that the links take along, (n, n) [kg.m^2]; without gravity."""
+    data, total = links.createData(), np.zeros((links.nv, links.nv))
+    pin.computeJointJacobians(links, data, q)
+    for i in np.flatnonzero(table["wet"]):
+        J = pin.getJointJacobian(links, data, int(i), pin.ReferenceFrame.LOCAL)
+        total += J.T @ table[i]["water"] @ J
+    return total
+
+
+def mobility_under_water(links: pin.Model, table: Table, data: pin.Data, q: Array) -> Array:
+    """Computes (M + A)^-1 (n, n) of the links at q (n,), A of the water that they take along."""
+    dry = np.array(pin.computeMinverse(links, data, q))
+    if not table["wet"].any():
+        return dry
+    water = water_inertia(links, table, q)
+    return np.asarray(np.linalg.solve(np.eye(q.size) + dry @ water, dry))

@@ -76,7 +76,7 @@ class Plant(Truth):
         self._timing = model.spec.timing
         frames = tuple(limb.hand for limb in model.limbs.values())
         links = link_model(model, gravity)
-        memory = build_memory(model, links, frames, surfaces, held)
+        memory = build_memory(model, links, frames, surfaces, held, added_mass=self._worn.added_mass)
         memory.joints["half_gap"] = 0.5 * self._worn.gap
         integrator = Integrator(
             links,

@@ -77,6 +77,9 @@ LINK = np.dtype(
         ("mass", np.float64),
         ("centre", np.float64, (3,)),
         ("inertia", np.float64, (3, 3)),
+        ("wet", np.int64),
+        ("water", np.float64, (6, 6)),
+        ("water_now", np.float64, (6, 6)),
         ("joint_rotation", np.float64, (3, 3)),
         ("rotation", np.float64, (3, 3)),
         ("translation", np.float64, (3,)),
@@ -96,7 +99,8 @@ LINK = np.dtype(
     align=True,
 )
 """One link: its place on its parent at joint angle 0, its joint's screw and its inertia about its centre of mass,
-all in its own axes; then, in world axes, its pose and what the articulated-body algorithm writes down.
+and the water it takes along if ``wet``, all in its own axes; then, in world axes, its pose and what the
+articulated-body algorithm writes down.
 """
 
 HAND = np.dtype(

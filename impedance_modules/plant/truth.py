@@ -166,13 +166,18 @@ class Truth:
         rotor = memory.joints["reflected_inertia"] * memory.part("motor_velocity") ** 2
         height = pin.computePotentialEnergy(self._weightless, self._truth_data, q)
         kinetic = pin.computeKineticEnergy(self._weightless, self._truth_data, q, v)
+        taken_along = sum(
+            0.5 * float(self._truth_data.v[int(i)].vector @ water @ self._truth_data.v[int(i)].vector)
+            for i, water in enumerate(memory.links["water"])
+            if memory.links[i]["wet"]
+        )
         moving, twist = 0.0, self.object_twist
         if twist is not None:
             spin = np.array(body["rotation"]).T @ twist[3:]
             moving = 0.5 * float(body["mass"] * twist[:3] @ twist[:3] + body["inertia"] @ spin**2)
             height -= float(body["mass"]) * float(np.dot(gravity, memory.part("object_position")))
         return EnergyBook(
-            links=float(kinetic),
+            links=float(kinetic) + taken_along,
             rotors=0.5 * float(np.sum(rotor)),
             body=moving,
             gravity=float(height),

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.wear import wear_patch
+from impedance_modules.effects.wear import wear_patch, wear_surfaces
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.build import build_modules
@@ -96,6 +96,7 @@ def assemble(
     patch = None if effects is None else read_patch(effects)
     if patch is not None:
         robot = wear_patch(robot, patch)
+        task = replace(task, environment=wear_surfaces(task.environment, patch))
     task = scaled(task, scale)
     if arm is not None:
         task = single_arm(task, arm)

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A link under water: it is lifted, takes water along when it speeds up, and is held back as it moves.
+
+The three effects of the thesis's section 6.2.5 in still water, one link at a time; they add (Morison et al.
+1950). Each acts at a point of the link; several entries on one link make a long link out of short pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.bodies import all_rows
+from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.effect import Effect, Regressor, Values
+from impedance_modules.effects.residuals import Residual, uses_motion
+from impedance_modules.effects.sample import Shape
+from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.water_torque import Buoyancy as BuoyancyTorque
+from impedance_modules.effects.water_torque import Drag
+
+Array = NDArray[np.float64]
+
+CENTRE = ("cx", "cy", "cz")
+MASSES = ("mx", "my", "mz")
+INERTIAS = ("Ix", "Iy", "Iz")
+DRAGS = ("dx", "dy", "dz")
+
+
+def _centre(values: Values) -> Array:
+    return np.array([values[name] for name in CENTRE])
+
+
+def _places(meaning: str) -> tuple[Parameter, ...]:
+    return tuple(Parameter(name, "m", f"{meaning} along the link's {name[1]} axis") for name in CENTRE)
+
+
+def _nominal_centre(signals: Signals, key: str) -> tuple[dict[str, float], ...]:
+    """Proposes the link's nominal centre of mass, near which the centre of what it displaces lies."""
+    return (dict(zip(CENTRE, map(float, signals.model.centre(key)), strict=True)),)
+
+
+class Buoyancy(Effect):
+    """The weight of the water that a link displaces, upwards."""
+
+    description = Description(
+        id="buoyancy",
+        sentence="A link is under water, which lifts it by the weight of what it displaces.",
+        equation="tau = J_c^T m g, m = rho V the displaced water's mass, g gravity, J_c of (cx, cy, cz) on the link",
+        parameters=(
+            Parameter("m", "kg", "mass of the displaced water, rho V", lower=0.0),
+            *_places("centre of the displaced volume"),
+        ),
+        ports=("link",),
+        keys=("body",),
+        signature="weight missing on all joints before the link, in fixed proportions; none of it when it speeds up",
+        confusable_with=("link_inertia", "torque_offset", "base_tilt", "encoder_offset"),
+        excitation="static poses; fast motion tells it from missing mass, which would be missing there too",
+        reference="Archimedes' principle; Fossen 2011, Handbook of Marine Craft Hydrodynamics",
+        worn="The plant: a torque on the joints. Neither the model nor the robot's weight compensation knows it.",
+    )
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Four columns, of m and m c: minus the weight of a body with these moments."""
+        if not uses_motion(residual):
+            return None
+        columns = -signals.model.weight_of_body(key, signals.position)
+        return all_rows(signals, columns, np.array([0.0, *[-np.inf] * 3]), np.full(4, np.inf))
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """Coefficients m and m c."""
+        return values["m"] * np.array([1.0, *_centre(values)]), {}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """C = (m c) / m; without displaced water there is no place."""
+        m = float(coefficients[0])
+        centre = coefficients[1:] / m if m > 0.0 else np.zeros(3)
+        return {"m": m, **dict(zip(CENTRE, map(float, centre), strict=True))}
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Lifts links."""
+        lifted = {link: (values["m"], _centre(values)) for link, values in parameters.items()}
+        builder.torques.append(BuoyancyTorque(builder.model, lifted))
+
+
+class AddedMass(Effect):
+    """Water that a link takes along when it speeds up."""
+
+    description = Description(
+        id="added_mass",
+        sentence="A link under water must speed up water with it: more inertia across it than along it, and no weight.",
+        equation=(
+            "tau = J_c^T (M_A a_c + v_c x* M_A v_c), M_A = diag(mx, my, mz, Ix, Iy, Iz) in the link's axes at"
+            " (cx, cy, cz), v_c and a_c its twist and spatial acceleration there (Kirchhoff)"
+        ),
+        parameters=(
+            *(
+                Parameter(s, "kg", f"water taken along the link's {s[1]} axis", lower=0.0, left_out="none")
+                for s in MASSES
+            ),
+            *(
+                Parameter(
+                    s, "kg.m^2", f"its inertia about the link's {s[1]} axis", lower=0.0, left_out="none"
+                )
+                for s in INERTIAS
+            ),
+            *_places("centre of the displaced volume"),
+        ),
+        ports=("link",),
+        keys=("body",),
+        signature="inertia without weight on all joints before the link",
+        confusable_with=("link_inertia", "reflected_inertia", "payload"),
+        excitation="accelerations along and across the link, beside static poses that show the weight alone",
+        reference="Kirchhoff 1869; Lamb, Hydrodynamics, 1932, ch. 6; Fossen 2011",
+        worn="The plant: the link's inertia in the articulated-body algorithm. The model does not know it.",
+    )
+    shape = CENTRE
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Six columns, of what is taken along each axis and turned about it."""
+        if not uses_motion(residual):
+            return None
+        columns = signals.model.taken_along(
+            key,
+            np.array([float(shape[name]) for name in CENTRE]),
+            signals.position,
+            signals.velocity,
+            signals.acceleration,
+        )
+        return all_rows(signals, columns, np.zeros(6), np.full(6, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """The link's nominal centre of mass; it is not refined."""
+        return _nominal_centre(signals, key)
+
+    def next_shape(self, values: Values, shape: Mapping[str, float]) -> dict[str, float]:
+        """Stays where it is."""
+        return dict(shape)
+
+    def relations(self, values: Values) -> list[str]:
+        """Some water must be taken along."""
+        return (
+            []
+            if any(name in values for name in (*MASSES, *INERTIAS))
+            else ["takes no water along in any direction"]
+        )
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Adds to links' inertia."""
+        for link, values in parameters.items():
+            along = np.array([values.get(name, 0.0) for name in (*MASSES, *INERTIAS)])
+            builder.take_along(link, along, _centre(values))
+
+
+class FluidDrag(Effect):
+    """The water's resistance to a link's motion."""
+
+    description = Description(
+        id="fluid_drag",
+        sentence="Water holds a moving link back, with the square of its speed, across it more than along it.",
+        equation="tau = J_c^T |v| diag(dx, dy, dz) v, v of (cx, cy, cz) in the link's axes; d = rho C_d A / 2",
+        parameters=(
+            *(
+                Parameter(
+                    s, "N.s^2/m^2", f"drag along the link's {s[1]} axis, rho C_d A / 2", 0.0, left_out="none"
+                )
+                for s in DRAGS
+            ),
+            *_places("where it acts"),
+        ),
+        ports=("link",),
+        keys=("body",),
+        signature="grows with the square of the link's own speed, on all joints before it",
+        confusable_with=("quadratic_drag", "viscous_friction"),
+        excitation="fast motion of one joint after the other: a joint's own drag does not reach the joints before it",
+        reference="Morison et al. 1950; Fossen 2011",
+        worn="The plant: a torque on the joints, always against the motion. The model does not know it.",
+    )
+    shape = CENTRE
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Three columns."""
+        if not uses_motion(residual):
+            return None
+        centre = np.array([float(shape[name]) for name in CENTRE])
+        J, v = signals.model.motion_of_point(key, centre, signals.position, signals.velocity)
+        speed = np.linalg.norm(v, axis=1)
+        columns = np.swapaxes(J, 1, 2) * (speed[:, None] * v)[:, None, :]
+        return all_rows(signals, columns, np.zeros(3), np.full(3, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """The link's nominal centre of mass; it is not refined."""
+        return _nominal_centre(signals, key)
+
+    def next_shape(self, values: Values, shape: Mapping[str, float]) -> dict[str, float]:
+        """Stays where it is."""
+        return dict(shape)
+
+    def relations(self, values: Values) -> list[str]:
+        """Some direction must be held back."""
+        return [] if any(name in values for name in DRAGS) else ["holds the link back in no direction"]
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Holds links back."""
+        held = {
+            link: (np.array([values.get(name, 0.0) for name in DRAGS]), _centre(values))
+            for link, values in parameters.items()
+        }
+        builder.torques.append(Drag(builder.model, held))
