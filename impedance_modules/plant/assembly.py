@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.plant.contact.points import Point, hand_point, object_points
 from impedance_modules.plant.contact.surfaces import contact_table, surface_table
+from impedance_modules.plant.contact.wood import wood_tables
 from impedance_modules.plant.grasp.coupling import body_table, prepare_hands
 from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.joints import joint_table
@@ -45,14 +46,18 @@ def build_memory(
     bodies: list[Sequence[Point]] = [(hand_point(),) for _ in frames]
     if held is not None:
         bodies.append(object_points(held.spec.shape, held.spec.size))
+    woods, worn, splinters = wood_tables(surfaces)
     return Memory(
         state=np.zeros((4, 4 * n + OBJECT_SIZE + COUNTERS)),
         joints=joint_table(model),
         links=link_table(links, added_mass),
         hands=hands,
         body=body_table(held, links.gravity.linear),
-        contacts=contact_table(surfaces, bodies),
+        contacts=contact_table(surfaces, bodies, woods),
         surfaces=surface_table(surfaces),
+        woods=woods,
+        worn=worn,
+        splinters=splinters,
         jacobian=np.zeros((h, 6, n)),
         motion=np.zeros((h + 1, 2, 6)),
         wrench=np.zeros((h + 1, 3, 6)),

@@ -16,6 +16,7 @@ from impedance_modules.compiled import compiled
 from impedance_modules.plant.compiled_links import accelerate, place_hands, place_links
 from impedance_modules.plant.compiled_stage import evaluate, hand_motion, spring
 from impedance_modules.plant.contact.compiled_contact import find_near, place_contacts, settle_contacts
+from impedance_modules.plant.contact.compiled_wood import roughen, settle_wood
 from impedance_modules.plant.grasp.compiled_grasp import (
     object_motion,
     place_grasps,
@@ -45,6 +46,9 @@ def live(
     step: float,
     near: float,
     surfaces: Table,
+    woods: Table,
+    worn: Array,
+    splinters: Table,
     joints: Table,
     links: Table,
     hands: Table,
@@ -62,14 +66,14 @@ def live(
     while done < steps:
         if place(near, surfaces, links, hands, body, contacts, state, jacobian) > 0:
             return done
-        open_step(state, hands, body, contacts)
+        open_step(state, hands, body, contacts, surfaces, woods, worn)
         for index in range(1, 5):
             if index > 1:
                 place_links(links, state[STAGE, :n])
             evaluate(joints, hands, body, contacts, state, jacobian, motion, wrench, torque)
             accelerate(links, state[STAGE, n : 2 * n], torque, acceleration)
             absorb(index, step, joints, state, acceleration)
-        close_step(joints, hands, body, contacts, state, jacobian, motion)
+        close_step(step, joints, hands, body, contacts, woods, worn, splinters, state, jacobian, motion)
         done += 1
     return done
 
@@ -119,12 +123,16 @@ def rate(
 
 
 @compiled
-def open_step(state: Array, hands: Table, body: Table, contacts: Table) -> None:
+def open_step(
+    state: Array, hands: Table, body: Table, contacts: Table, surfaces: Table, woods: Table, worn: Array
+) -> None:
     """Starts a step: stage one is the start, and couplings and contacts are placed exactly."""
     first = state.shape[1] - OBJECT_SIZE - COUNTERS
     state[STAGE] = state[START]
     position = state[START, first : first + 3]
     place_contacts(contacts, hands, position)
+    if woods.size > 0:
+        roughen(contacts, surfaces, woods, worn)
     if body[0].present:
         place_grasps(hands, body, position)
 
@@ -147,15 +155,19 @@ def absorb(index: int, step: float, joints: Table, state: Array, acceleration: A
 
 @compiled
 def close_step(
+    step: float,
     joints: Table,
     hands: Table,
     body: Table,
     contacts: Table,
+    woods: Table,
+    worn: Array,
+    splinters: Table,
     state: Array,
     jacobian: Array,
     motion: Array,
 ) -> None:
-    """Ends a step: friction springs, slipping palms and the object's rotation are brought up to date."""
+    """Ends a step: friction springs, wood, slipping palms and the object's rotation are brought up to date."""
     n = joints.size
     if contacts.size > 0 or body[0].present:
         hand_motion(jacobian, state, motion)
@@ -165,6 +177,8 @@ def close_step(
             settle_grasps(hands, body, motion)
             settle_object(body[0], final)
         settle_contacts(contacts, motion)
+        if woods.size > 0:
+            settle_wood(contacts, woods, worn, splinters, step)
     state[START] = state[STAGE]
     _read_loads(joints, state)
 

@@ -49,7 +49,10 @@ class Integrator:
         self._command, self._assist = m.joints["command"], m.joints["assist"]
         self._extra_motor, self._extra_link = m.joints["extra_motor"], m.joints["extra_link"]
         self._motions = {row: self._watched(row) for row in (START, STAGE)}
-        self._outlets = (m.joints, m.hands, m.body, m.contacts, m.state, m.jacobian, m.motion)
+        self._lived = (m.surfaces, m.woods, m.worn, m.splinters, *self.tables)
+        self._inlets = (m.state, m.hands, m.body, m.contacts, m.surfaces, m.woods, m.worn)
+        wood = (m.woods, m.worn, m.splinters)
+        self._outlets = (m.joints, m.hands, m.body, m.contacts, *wood, m.state, m.jacobian, m.motion)
 
     def place(self) -> None:
         """Brings hand poses and Jacobians, contact geometry and couplings to the present state."""
@@ -59,8 +62,7 @@ class Integrator:
     def refresh(self) -> None:
         """Brings couplings too, for whoever reads the tables between steps."""
         self.place()
-        memory = self.memory
-        compiled_step.open_step(memory.state, memory.hands, memory.body, memory.contacts)
+        compiled_step.open_step(*self._inlets)
 
     def advance(self, steps: int) -> None:
         """Moves on by some steps."""
@@ -70,7 +72,7 @@ class Integrator:
             return
         done = 0
         while True:
-            done = compiled_step.live(done, steps, self.step, NEAR, self._placed[0], *self.tables)
+            done = compiled_step.live(done, steps, self.step, NEAR, *self._lived)
             if done == steps:
                 break
             self.surfaces.measure()
@@ -115,11 +117,11 @@ class Integrator:
         memory, joints = self.memory, self.memory.joints
         self._load[:] = joints["load"]
         self.place()
-        compiled_step.open_step(memory.state, memory.hands, memory.body, memory.contacts)
+        compiled_step.open_step(*self._inlets)
         for index in range(1, 5):
             acceleration = self.rate()
             compiled_step.absorb(index, self.step, joints, memory.state, acceleration)
-        compiled_step.close_step(*self._outlets)
+        compiled_step.close_step(self.step, *self._outlets)
         self.time += self.step
         motion = self.motion(START)
         for effect in self.torques:

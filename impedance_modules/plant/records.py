@@ -37,6 +37,12 @@ COMMAND, ROBOT, EFFECT, MOTOR_LOSS, SPRING_LOSS, STOP, GRASP, CONTACT, PUSH = ra
 PUSH_ROW = 2
 """Of the wrenches on a body, beside those from contact (0) and from the grasp (1)."""
 
+CELL = 0.01
+"""Distance of the nodes at which wood remembers what was rubbed off [m]."""
+
+WAVES = 8
+"""Ripples that make up a texture."""
+
 COUNTERS = 9
 OBJECT_SIZE = 12
 
@@ -167,6 +173,11 @@ CONTACT_POINT = np.dtype(
         ("move", np.float64, (3,)),
         ("force", np.float64, (3,)),
         ("pressure", np.float64),
+        ("slid", np.float64),
+        ("wood", np.int64),
+        ("on_wood", np.int64),
+        ("caught", np.int64),
+        ("local", np.float64, (3,)),
     ],
     align=True,
 )
@@ -174,7 +185,8 @@ CONTACT_POINT = np.dtype(
 
 Coal ``measured`` the distance where it was last ``asked``; ``distance`` follows the present position from
 there, exactly while the same ``face`` is nearest (``contact.compiled_contact``). ``slip`` is the stretch of the
-tangential spring [m].
+tangential spring, ``slid`` by how much the last step has drawn it along [m]. ``wood`` is the surface's piece of wood or
+-1, ``caught`` the splinter that holds the point or -1, ``local`` the point in the box's axes while it is ``on_wood``.
 """
 
 SURFACE = np.dtype(
@@ -189,6 +201,43 @@ SURFACE = np.dtype(
 """One surface as far as the search for near points needs it; the distance itself is coal's."""
 
 
+WOOD = np.dtype(
+    [
+        ("surface", np.int64),
+        ("half", np.float64, (2,)),
+        ("friction", np.float64),
+        ("rough_friction", np.float64),
+        ("height", np.float64),
+        ("wear", np.float64),
+        ("waves", np.float64, (WAVES, 3)),
+        ("nodes", np.int64, (2,)),
+        ("first_node", np.int64),
+        ("reach", np.float64),
+        ("endurance", np.float64),
+        ("first_splinter", np.int64),
+        ("last_splinter", np.int64),
+        ("rubbed", np.float64),
+        ("broken", np.float64),
+    ],
+    align=True,
+)
+"""One piece of wood (``contact.compiled_wood``): its texture, its part of the grid and of the splinters, and the
+work of friction and of breaking splinters on it [J].
+"""
+
+SPLINTER = np.dtype(
+    [
+        ("u", np.float64),
+        ("v", np.float64),
+        ("force", np.float64),
+        ("damage", np.float64),
+        ("broken", np.int64),
+    ],
+    align=True,
+)
+"""One splinter: its place in the box's axes [m], its breaking force [N], its damage (1 breaks it)."""
+
+
 @dataclass(frozen=True)
 class Memory:
     """All tables of one plant.
@@ -201,6 +250,9 @@ class Memory:
         body: (1,) of ``BODY``.
         contacts: (points x surfaces,) of ``CONTACT_POINT``.
         surfaces: Of ``SURFACE``.
+        woods: Of ``WOOD``.
+        worn: (nodes,) friction work per area of all wood [J/m^2].
+        splinters: Of ``SPLINTER``.
         jacobian: (h, 6, n) hand Jacobians at the step's start, world axes.
         motion: (h + 1, 2, 6) displacement since the step's start, and twist, of each hand and the object.
         wrench: (h + 1, 3, 6) on each body at its own origin: from contact, from the grasp, from pushes.
@@ -215,6 +267,9 @@ class Memory:
     body: Table
     contacts: Table
     surfaces: Table
+    woods: Table
+    worn: Array
+    splinters: Table
     jacobian: Array
     motion: Array
     wrench: Array

@@ -81,7 +81,8 @@ def contact_wrench(contact: Row, move: Array, twist: Array) -> Array:
     across = np.eye(3) - np.outer(normal, normal)
     pressure = max(0.0, contact["stiffness"] * depth - contact["damping"] * (normal @ speed))
     rub = -contact["stiffness"] * (contact["slip"] + across @ shift) - contact["damping"] * (across @ speed)
-    force = _limited(rub, contact["friction"] * pressure) + pressure * normal
+    bound = np.inf if contact["caught"] >= 0 else contact["friction"] * pressure
+    force = _limited(rub, float(bound)) + pressure * normal
     return np.concatenate([force, np.cross(arm, force)])
 
 

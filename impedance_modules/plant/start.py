@@ -8,6 +8,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.effects.drive_path import DrivePath
+from impedance_modules.plant.contact.wood import renew_wood
 from impedance_modules.plant.effects_port import WornPlant
 from impedance_modules.plant.grasp.coupling import take_hold
 from impedance_modules.plant.grasp.held_object import HeldObject
@@ -47,6 +48,7 @@ class Start:
         memory.wrench[:] = 0.0
         for name in ("slip", "force", "pressure", "near", "touching"):
             memory.contacts[name] = 0.0
+        renew_wood(memory)
 
     def rest(self, position: Array) -> Array:
         """Puts everything at rest at q (n,) [rad]; returns the command (n,) [N.m] that keeps it there."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.plant.compiled_stage import spring_loads
+from impedance_modules.plant.contact.wood import WoodState, wood_states
 from impedance_modules.plant.energy import EnergyBook, potential_energies, works
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import motor_position
@@ -119,6 +120,16 @@ class Truth:
     def contact_wrench(self, body: str) -> Array:
         """Gives the wrench (6,) of all surfaces on a hand frame or ``object``, world axes at its origin."""
         return np.array(self._memory.wrench[self._body(body), 0])
+
+    @property
+    def woods(self) -> tuple[WoodState, ...]:
+        """What has become of every piece of wood, in the order of the task's surfaces."""
+        return wood_states(self._memory)
+
+    def caught(self, body: str) -> bool:
+        """Whether a splinter holds a hand frame or ``object``."""
+        own = self._memory.contacts["body"] == self._body(body)
+        return bool(np.any(own & (self._memory.contacts["caught"] >= 0)))
 
     def grasp_wrench(self, body: str) -> Array:
         """Gives the wrench (6,) of the grasp on a hand frame, or of all hands on ``object``."""

@@ -27,6 +27,7 @@ from impedance_modules.spec.task import (
     SurfaceSpec,
     TankSpec,
 )
+from impedance_modules.spec.wood import build_wood
 
 Raw = Mapping[str, Any]
 
@@ -109,6 +110,7 @@ def build_surface(raw: Raw) -> SurfaceSpec:
         stiffness=float(raw["stiffness"]),
         damping=float(raw["damping"]),
         friction=float(raw["friction"]),
+        wood=build_wood(raw["wood"]) if "wood" in raw else None,
     )
 
 

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.spec.wood import WoodSpec
+
 if TYPE_CHECKING:
     from impedance_modules.spec.source import Document
 
@@ -138,7 +140,8 @@ class SurfaceSpec:
         size: Full edge lengths of a box [m]; None for a plane.
         stiffness: Normal [N/m].
         damping: Normal [N.s/m].
-        friction: Coulomb coefficient.
+        friction: Coulomb coefficient; of smooth wood where there is wood.
+        wood: On the top face of a box; None for none.
     """
 
     surface: str
@@ -149,6 +152,13 @@ class SurfaceSpec:
     stiffness: float
     damping: float
     friction: float
+    wood: WoodSpec | None = None
+
+    @property
+    def fresh_friction(self) -> float:
+        """Coulomb coefficient before anything is worn off."""
+        rough = self.wood.roughness if self.wood is not None else None
+        return self.friction + (rough.friction if rough is not None else 0.0)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from impedance_modules.spec.source import Document, scan_document
 from impedance_modules.spec.task import TaskSpec
 from impedance_modules.spec.task_draft import Draft
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
+from impedance_modules.spec.wood import wood_problems
 
 RobotReader = Callable[[Path], RobotSpec]
 """Reads the robot in a folder."""
@@ -79,6 +80,7 @@ def _meaning_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Pr
     yield from object_problems(draft, arms)
     yield from tank_problems(draft)
     yield from push_problems(draft)
+    yield from wood_problems(draft)
     yield from phase_problems(draft, arms)
 
 

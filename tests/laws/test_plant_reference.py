@@ -44,6 +44,7 @@ def shaken(folder, grasp: str, seed: int):
     contacts["slip"] = 1e-4 * rng.normal(size=(contacts.size, 3))
     memory.wrench[:, PUSH_ROW] = rng.normal(size=(memory.hands.size + 1, 6))
     memory.hands["stretch"] += 2e-5 * rng.normal(size=(memory.hands.size, 3))
+    contacts["caught"] = np.random.default_rng(seed).integers(-1, 1, contacts.size)
     size = 4 * n + 12
     memory.state[STAGE, :size] = memory.state[START, :size] + 2e-4 * rng.normal(size=size)
     return subject

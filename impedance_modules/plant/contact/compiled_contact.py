@@ -3,7 +3,8 @@ r"""Force of one point on one surface, compiled: a unilateral spring-damper with
 
     N = max(0, k d - c d_n')    only while the depth d > 0; never adhesive
     f_t = -k s - c v_t          s the stretch of a tangential spring that stuck at first touch,
-    |f_t| <= mu N               beyond which the point slides and the spring is drawn along
+    |f_t| <= mu N               beyond which the point slides and the spring is drawn along; no bound while a
+                                splinter holds the point (``compiled_wood``)
 
 Between two questions to coal the surface counts as flat: the normal stays, the depth changes linearly. While the
 same face of the surface is nearest that is exact; around edges coal is asked again every ``FRESH``.
@@ -164,7 +165,7 @@ def _point_force(contact: Row, velocity: Array) -> bool:
         length += contact.force[k] ** 2
     length = math.sqrt(length)
     bound = contact.friction * pressure
-    share = bound / length if length > bound else 1.0
+    share = bound / length if length > bound and contact.caught < 0 else 1.0
     for k in range(3):
         contact.force[k] = share * contact.force[k] + pressure * normal[k]
     contact.pressure = pressure
@@ -177,6 +178,7 @@ def settle_contacts(contacts: Table, motion: Array) -> None:
     """Moves the tangential springs to the step's end; those beyond friction's reach are drawn along."""
     for i in range(contacts.size):
         contact = contacts[i]
+        contact.slid = 0.0
         if not contact.touching:
             for k in range(3):
                 contact.slip[k] = 0.0
@@ -190,6 +192,7 @@ def settle_contacts(contacts: Table, motion: Array) -> None:
             contact.slip[k] += contact.move[k] - along * contact.normal[k]
         length = math.sqrt(dot(contact.slip, contact.slip))
         reach = contact.friction * contact.pressure / contact.stiffness
-        if length > reach:
+        if length > reach and contact.caught < 0:
+            contact.slid = length - reach
             for k in range(3):
                 contact.slip[k] *= reach / length

@@ -53,8 +53,8 @@ def _origin(surface: SurfaceSpec) -> Array:
     )
 
 
-def contact_table(surfaces: Sequence[SurfaceSpec], bodies: Sequence[Sequence[Point]]) -> Table:
-    """Tabulates every point of every body against every surface."""
+def contact_table(surfaces: Sequence[SurfaceSpec], bodies: Sequence[Sequence[Point]], woods: Table) -> Table:
+    """Tabulates every point of every body against every surface and the wood on it."""
     rows = [
         (number, point, index)
         for number, points in enumerate(bodies)
@@ -62,8 +62,11 @@ def contact_table(surfaces: Sequence[SurfaceSpec], bodies: Sequence[Sequence[Poi
         for index in range(len(surfaces))
     ]
     table = np.zeros(len(rows), CONTACT_POINT)
+    table["caught"] = -1
+    on_surface = {int(wood["surface"]): number for number, wood in enumerate(woods)}
     for row, (body, (centre, radius), index) in zip(table, rows, strict=True):
         row["body"], row["surface"], row["centre"], row["radius"] = body, index, centre, radius
+        row["wood"] = on_surface.get(index, -1)
         for name in ("stiffness", "damping", "friction"):
             row[name] = getattr(surfaces[index], name)
     return table

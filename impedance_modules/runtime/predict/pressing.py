@@ -118,7 +118,7 @@ class Pressing:
         along = J - np.outer(contact.normal, into)
         speed = float(np.linalg.norm(along @ v))
         pressure = self._pressure.get(contact.key, max(0.0, surface.stiffness * contact.depth))
-        rubbing = surface.friction * pressure / max(speed, STICKING)
+        rubbing = surface.fresh_friction * pressure / max(speed, STICKING)
         matrix = step * (rate * np.outer(into, into) + rubbing * along.T @ along)
         return matrix, step * surface.stiffness * contact.depth * into
 
@@ -137,4 +137,6 @@ class Pressing:
             along = J @ new - contact.normal * float(contact.normal @ J @ new)
             speed = float(np.linalg.norm(along))
             pressed = before.get(contact.key, pressure)
-            self.rubbed += step * contact.surface.friction * pressed * speed * min(1.0, speed / STICKING)
+            self.rubbed += (
+                step * contact.surface.fresh_friction * pressed * speed * min(1.0, speed / STICKING)
+            )
