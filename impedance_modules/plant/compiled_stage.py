@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 
 @compiled
 def evaluate(
+    surfaces: Table,
     joints: Table,
     hands: Table,
     body: Table,
@@ -69,7 +70,7 @@ def evaluate(
         now, held = stage[first : first + OBJECT_SIZE], hands.size
         object_motion(body[0], state[START, first : first + 3], now, motion[held])
         work[GRASP] = grasp_forces(hands, body, motion, wrench)
-    work[CONTACT] = contact_forces(contacts, motion, wrench)
+    work[CONTACT] = contact_forces(surfaces, contacts, motion, wrench)
     if pushed:
         work[PUSH] = push_power(hands.size + body[0].present, motion, wrench)
     if body[0].present:

@@ -70,7 +70,7 @@ def live(
         for index in range(1, 5):
             if index > 1:
                 place_links(links, state[STAGE, :n])
-            evaluate(joints, hands, body, contacts, state, jacobian, motion, wrench, torque)
+            evaluate(surfaces, joints, hands, body, contacts, state, jacobian, motion, wrench, torque)
             accelerate(links, state[STAGE, n : 2 * n], torque, acceleration)
             absorb(index, step, joints, state, acceleration)
         close_step(step, joints, hands, body, contacts, woods, worn, splinters, state, jacobian, motion)
@@ -103,6 +103,7 @@ def place(
 
 @compiled
 def rate(
+    surfaces: Table,
     joints: Table,
     links: Table,
     hands: Table,
@@ -118,7 +119,7 @@ def rate(
     """Writes the rate of the stage row and the links' acceleration, for whoever steps outside ``live``."""
     n = joints.size
     place_links(links, state[STAGE, :n])
-    evaluate(joints, hands, body, contacts, state, jacobian, motion, wrench, torque)
+    evaluate(surfaces, joints, hands, body, contacts, state, jacobian, motion, wrench, torque)
     accelerate(links, state[STAGE, n : 2 * n], torque, acceleration)
 
 
@@ -130,7 +131,7 @@ def open_step(
     first = state.shape[1] - OBJECT_SIZE - COUNTERS
     state[STAGE] = state[START]
     position = state[START, first : first + 3]
-    place_contacts(contacts, hands, position)
+    place_contacts(surfaces, contacts, hands, position)
     if woods.size > 0:
         roughen(contacts, surfaces, woods, worn)
     if body[0].present:

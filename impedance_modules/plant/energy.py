@@ -108,7 +108,7 @@ def potential_energies(memory: Memory) -> dict[str, float]:
     grasp = grasp + held["angular_stiffness"] * np.sum(held["twist"] ** 2, axis=1)
     near = contacts[contacts["near"] == 1]
     depth = np.maximum(-near["distance"], 0.0)
-    touch = near["stiffness"] * (depth**2 + np.sum(near["slip"] ** 2, axis=1))
+    touch = near["normal_stiffness"] * depth**2 + near["stiffness"] * np.sum(near["slip"] ** 2, axis=1)
     return {
         "springs": 0.5 * float(np.sum(joints["stiffness"] * turned**2)),
         "stops": 0.5 * float(np.sum(joints["stop_stiffness"] * beyond**2)),

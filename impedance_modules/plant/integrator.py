@@ -45,11 +45,11 @@ class Integrator:
         m = memory
         self._placed = (m.surfaces, m.links, m.hands, m.body, m.contacts, m.state, m.jacobian)
         bodies = (m.joints, m.links, m.hands, m.body, m.contacts)
-        self.tables = (*bodies, m.state, m.jacobian, m.motion, m.wrench, m.torque, m.acceleration)
+        self.tables = (m.surfaces, *bodies, m.state, m.jacobian, m.motion, m.wrench, m.torque, m.acceleration)
         self._command, self._assist = m.joints["command"], m.joints["assist"]
         self._extra_motor, self._extra_link = m.joints["extra_motor"], m.joints["extra_link"]
         self._motions = {row: self._watched(row) for row in (START, STAGE)}
-        self._lived = (m.surfaces, m.woods, m.worn, m.splinters, *self.tables)
+        self._lived = (m.surfaces, m.woods, m.worn, m.splinters, *self.tables[1:])
         self._inlets = (m.state, m.hands, m.body, m.contacts, m.surfaces, m.woods, m.worn)
         wood = (m.woods, m.worn, m.splinters)
         self._outlets = (m.joints, m.hands, m.body, m.contacts, *wood, m.state, m.jacobian, m.motion)

@@ -44,6 +44,10 @@ WAVES = 8
 """Ripples that make up a texture."""
 
 COUNTERS = 9
+
+MAX_SPANS = 16
+"""Most spans of one sheet: room in its row."""
+
 OBJECT_SIZE = 12
 
 JOINT = np.dtype(
@@ -161,6 +165,7 @@ CONTACT_POINT = np.dtype(
         ("centre", np.float64, (3,)),
         ("radius", np.float64),
         ("stiffness", np.float64),
+        ("normal_stiffness", np.float64),
         ("damping", np.float64),
         ("friction", np.float64),
         ("position", np.float64, (3,)),
@@ -184,9 +189,11 @@ CONTACT_POINT = np.dtype(
 """One small sphere of a body against one surface.
 
 Coal ``measured`` the distance where it was last ``asked``; ``distance`` follows the present position from
-there, exactly while the same ``face`` is nearest (``contact.compiled_contact``). ``slip`` is the stretch of the
-tangential spring, ``slid`` by how much the last step has drawn it along [m]. ``wood`` is the surface's piece of wood or
--1, ``caught`` the splinter that holds the point or -1, ``local`` the point in the box's axes while it is ``on_wood``.
+there, exactly while the same ``face`` is nearest (``contact.compiled_contact``). On a sheet the distance is the gap
+above its shape at rest, and ``normal_stiffness`` what it opposes to the depth there; elsewhere it is ``stiffness``.
+``slip`` is the stretch of the tangential spring, ``slid`` by how much the last step has drawn it along [m]. ``wood`` is
+the surface's piece of wood or -1, ``caught`` the splinter that holds the point or -1, ``local`` the point in the box's
+axes while it is ``on_wood``.
 """
 
 SURFACE = np.dtype(
@@ -195,10 +202,16 @@ SURFACE = np.dtype(
         ("translation", np.float64, (3,)),
         ("rotation", np.float64, (3, 3)),
         ("half", np.float64, (3,)),
+        ("span_count", np.int64),
+        ("spans", np.float64, (MAX_SPANS, 9)),
+        ("softness", np.float64),
     ],
     align=True,
 )
-"""One surface as far as the search for near points needs it; the distance itself is coal's."""
+"""One surface as far as the search for near points needs it; the distance of planes and boxes is coal's.
+
+A sheet has spans (``contact.sheet``) and a softness 1 / EI [1/(N.m^2)]; other surfaces have none.
+"""
 
 
 WOOD = np.dtype(

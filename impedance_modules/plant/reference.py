@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.plant.contact.sheet import Sheet
 from impedance_modules.plant.joints import spring_torque
 from impedance_modules.plant.records import ELASTIC, IDEAL, PUSH_ROW, RIGID, STAGE, START, Memory, Row
 from impedance_modules.robot.rotation import exp3
@@ -37,7 +38,7 @@ def plain_rate(memory: Memory, links: pin.Model) -> Array:
     wrench = memory.wrench[:, PUSH_ROW].copy()
     for contact in memory.contacts[memory.contacts["near"] == 1]:
         move, twist = bodies[contact["body"]]
-        wrench[contact["body"]] += contact_wrench(contact, move, twist)
+        wrench[contact["body"]] += contact_wrench(memory.surfaces[contact["surface"]], contact, move, twist)
     for h, hand in enumerate(memory.hands):
         if hand["holds"]:
             wrench[h] += _pair(hand, bodies[h], turning, rotation, wrench[-1])
@@ -70,20 +71,35 @@ def joint_torques(memory: Memory) -> tuple[Array, Array]:
     return motor - load - loss, load + stop + joints["extra_link"]
 
 
-def contact_wrench(contact: Row, move: Array, twist: Array) -> Array:
+def contact_wrench(surface: Row, contact: Row, move: Array, twist: Array) -> Array:
     """Computes the wrench (6,) of one surface on a body at its origin, through one point."""
     arm, normal = contact["arm"], contact["normal"]
     shift = move[:3] + np.cross(move[3:], arm)
     speed = twist[:3] + np.cross(twist[3:], arm)
-    depth = -(contact["distance"] + normal @ shift)
-    if depth <= 0.0:
+    push = -contact["stiffness"] * (contact["distance"] + normal @ shift)
+    if surface["span_count"] > 0:
+        normal, push = sheet_push(surface, contact, shift)
+    if push <= 0.0:
         return np.zeros(6)
     across = np.eye(3) - np.outer(normal, normal)
-    pressure = max(0.0, contact["stiffness"] * depth - contact["damping"] * (normal @ speed))
+    pressure = max(0.0, push - contact["damping"] * (normal @ speed))
     rub = -contact["stiffness"] * (contact["slip"] + across @ shift) - contact["damping"] * (across @ speed)
     bound = np.inf if contact["caught"] >= 0 else contact["friction"] * pressure
     force = _limited(rub, float(bound)) + pressure * normal
     return np.concatenate([force, np.cross(arm, force)])
+
+
+def sheet_push(surface: Row, contact: Row, shift: Array) -> tuple[Array, float]:
+    """Gives the normal of a bent sheet under a point that has moved by ``shift`` (3,), and the force along it [N]."""
+    sheet = Sheet.of_spans(
+        surface["spans"][: surface["span_count"]], surface["half"][1], 1.0 / surface["softness"]
+    )
+    local = surface["rotation"].T @ (contact["position"] + shift - surface["translation"])
+    force = sheet.force(local - np.array([0.0, 0.0, contact["radius"]]), float(contact["stiffness"]))
+    if force is None:
+        return contact["normal"], 0.0
+    size = float(np.linalg.norm(force))
+    return surface["rotation"] @ force / size, size
 
 
 def _limited(vector: Array, bound: float) -> Array:

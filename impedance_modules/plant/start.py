@@ -46,7 +46,7 @@ class Start:
         for name in ("command", "assist", "extra_motor", "extra_link", "hold_stiffness", "hold_damping"):
             memory.joints[name] = 0.0
         memory.wrench[:] = 0.0
-        for name in ("slip", "force", "pressure", "near", "touching"):
+        for name in ("slip", "force", "pressure", "near", "face", "touching"):
             memory.contacts[name] = 0.0
         renew_wood(memory)
 

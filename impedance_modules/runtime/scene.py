@@ -12,6 +12,7 @@ from impedance_modules.episode.background import Background
 from impedance_modules.episode.scene import Body, BodyShape, EllipsoidStyle, Pose7, Scene, ViewSample
 from impedance_modules.episode.view import RecordingView
 from impedance_modules.modules.mobility import mobility
+from impedance_modules.plant.contact.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3, rotation_angle
 from impedance_modules.robot.shapes import LinkPoses, LinkShape, link_shapes
@@ -34,6 +35,9 @@ STIFFNESS_SCALE = 0.0003
 
 GROUND = 4.0
 """Edge length at which a plane is drawn [m]."""
+
+STRIPS, THIN = 40, 0.002
+"""How many strips a sheet is drawn as, and how thick [m]."""
 
 
 class SceneView:
@@ -196,6 +200,8 @@ def _object_shape(held: ObjectSpec) -> BodyShape:
 
 def _surface(index: int, surface: SurfaceSpec) -> Body:
     rotation = exp3(np.array(surface.rotation))
+    if surface.sheet is not None:
+        return Body(f"{surface.surface} {index}", _strips(surface, Sheet(surface.sheet), rotation), "surface")
     if surface.position is not None and surface.size is not None:
         centre, size = np.array(surface.position), surface.size
     else:
@@ -204,3 +210,20 @@ def _surface(index: int, surface: SurfaceSpec) -> Body:
         centre, size = top - rotation[:, 2] * 0.5 * thickness, (GROUND, GROUND, thickness)
     shape = BodyShape(surface.surface, "box", size, _seven(Pose(rotation, centre)))
     return Body(f"{surface.surface} {index}", (shape,), "surface")
+
+
+def _strips(surface: SurfaceSpec, sheet: Sheet, rotation: Array) -> tuple[BodyShape, ...]:
+    """Draws a sheet at rest as narrow strips, each along its chord."""
+    first, last = float(sheet.spans[0, 0]), float(sheet.spans[-1, :2].sum())
+    ends = np.linspace(first, last, STRIPS + 1)
+    points = [sheet.point(float(np.clip(x, first, last))) for x in ends]
+    heights = np.array([0.0 if point is None else point.height for point in points])
+    shapes = []
+    for i in range(STRIPS):
+        run, rise = ends[i + 1] - ends[i], heights[i + 1] - heights[i]
+        middle = np.array([0.5 * (ends[i] + ends[i + 1]), 0.0, 0.5 * (heights[i] + heights[i + 1])])
+        turn = rotation @ exp3(np.array([0.0, -np.arctan2(rise, run), 0.0]))
+        pose = Pose(turn, np.array(surface.position) + rotation @ middle)
+        size = (float(np.hypot(run, rise)), 2.0 * sheet.half_width, THIN)
+        shapes.append(BodyShape(f"strip{i}", "box", size, _seven(pose)))
+    return tuple(shapes)

@@ -22,6 +22,7 @@ from impedance_modules.spec.task import (
     PhaseSpec,
     PushSpec,
     ReachedCondition,
+    SheetSpec,
     Sine,
     SpringSpec,
     SurfaceSpec,
@@ -111,6 +112,16 @@ def build_surface(raw: Raw) -> SurfaceSpec:
         damping=float(raw["damping"]),
         friction=float(raw["friction"]),
         wood=build_wood(raw["wood"]) if "wood" in raw else None,
+        sheet=_sheet(raw) if raw["surface"] == "sheet" else None,
+    )
+
+
+def _sheet(raw: Raw) -> SheetSpec:
+    """Makes what a sheet has beyond other surfaces [m], [N.m^2]."""
+    return SheetSpec(
+        supports=tuple((float(support["at"]), float(support["height"])) for support in raw["supports"]),
+        width=float(raw["width"]),
+        bending_stiffness=float(raw["bending_stiffness"]),
     )
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the held object, the surfaces, pushes and the energy tank must fulfil beyond their schema."""
+"""What the held object, surfaces, pushes and the energy tank must fulfil beyond their schema."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
@@ -10,6 +11,9 @@ from impedance_modules.spec.build_task import build_object, build_push, build_su
 from impedance_modules.spec.draft_arms import DraftArm
 from impedance_modules.spec.task import ObjectSpec
 from impedance_modules.spec.task_draft import Draft
+
+CLOSEST_SUPPORTS = 1e-3
+"""Between two supports of a sheet [m]; the plane between closer ones would only be noise."""
 
 
 def object_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
@@ -66,6 +70,30 @@ def tank_problems(draft: Draft) -> Iterator[Problem]:
     if tank.floor >= tank.initial:
         message = f"the floor, {tank.floor:g} J, must be less than the initial energy, {tank.initial:g} J"
         yield draft.problem((*at, "floor"), message)
+
+
+def surface_problems(draft: Draft) -> Iterator[Problem]:
+    """Checks that the supports of every sheet lie one after the other, far enough for a gentle sheet between."""
+    for i in draft.count("environment"):
+        if draft.clean("environment", i) and draft.value("environment", i, "surface") == "sheet":
+            yield from _support_problems(draft, ("environment", i, "supports"))
+
+
+def _support_problems(draft: Draft, at: tuple[str | int, ...]) -> Iterator[Problem]:
+    supports = [(float(raw["at"]), float(raw["height"])) for raw in draft.value(*at)]
+    for k, ((before, low), (place, high)) in enumerate(itertools.pairwise(supports), start=1):
+        if place - before < CLOSEST_SUPPORTS:
+            message = (
+                f"this support, at {place:g} m, must lie at least {CLOSEST_SUPPORTS:g} m beyond the one before, "
+                f"at {before:g} m"
+            )
+            yield draft.problem((*at, k, "at"), message)
+        elif abs(high - low) > place - before:
+            message = (
+                f"the sheet would rise by {high - low:g} m over {place - before:g} m; its equation holds for "
+                "slopes up to 1: set the supports further apart"
+            )
+            yield draft.problem((*at, k, "height"), message)
 
 
 def push_problems(draft: Draft) -> Iterator[Problem]:

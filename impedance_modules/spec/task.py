@@ -129,19 +129,35 @@ class TankSpec:
 
 
 @dataclass(frozen=True)
+class SheetSpec:
+    """A flexible sheet held down on supports: a beam along its own x axis (``plant.contact.sheet``).
+
+    Attributes:
+        supports: (x, height) of each in the sheet's axes, ascending in x [m].
+        width: Across, along its y axis, half of it on either side [m].
+        bending_stiffness: EI of the whole width [N.m^2].
+    """
+
+    supports: tuple[tuple[float, float], ...]
+    width: float
+    bending_stiffness: float
+
+
+@dataclass(frozen=True)
 class SurfaceSpec:
     """A compliant surface of the built-in plant.
 
     Attributes:
-        surface: ``plane`` (horizontal half-space below ``height``) or ``box``.
-        height: Of a plane, in world [m]; None for a box.
-        position: Centre of a box in world [m]; None for a plane.
-        rotation: Rotation vector of a box or tilt of a plane, in world [rad].
-        size: Full edge lengths of a box [m]; None for a plane.
+        surface: ``plane`` (horizontal half-space below ``height``), ``box`` or ``sheet``.
+        height: Of a plane, in world [m]; None for others.
+        position: Centre of a box or origin of a sheet's axes, in world [m]; None for a plane.
+        rotation: Rotation vector of a box or sheet, or tilt of a plane, in world [rad].
+        size: Full edge lengths of a box [m]; None for others.
         stiffness: Normal [N/m].
         damping: Normal [N.s/m].
         friction: Coulomb coefficient; of smooth wood where there is wood.
         wood: On the top face of a box; None for none.
+        sheet: What makes a sheet one; None for others.
     """
 
     surface: str
@@ -153,6 +169,7 @@ class SurfaceSpec:
     damping: float
     friction: float
     wood: WoodSpec | None = None
+    sheet: SheetSpec | None = None
 
     @property
     def fresh_friction(self) -> float:

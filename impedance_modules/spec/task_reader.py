@@ -9,7 +9,12 @@ from pathlib import Path
 from impedance_modules.errors import BadFile, BadInput, Problem
 from impedance_modules.spec.build_task import build_object, build_phase, build_push, build_surface, build_tank
 from impedance_modules.spec.check_arms import arm_problems
-from impedance_modules.spec.check_object import object_problems, push_problems, tank_problems
+from impedance_modules.spec.check_object import (
+    object_problems,
+    push_problems,
+    surface_problems,
+    tank_problems,
+)
 from impedance_modules.spec.check_phases import phase_problems
 from impedance_modules.spec.check_springs import spring_problems
 from impedance_modules.spec.draft_arms import DraftArm, draft_arms
@@ -79,6 +84,7 @@ def _meaning_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Pr
     yield from spring_problems(draft, arms)
     yield from object_problems(draft, arms)
     yield from tank_problems(draft)
+    yield from surface_problems(draft)
     yield from push_problems(draft)
     yield from wood_problems(draft)
     yield from phase_problems(draft, arms)

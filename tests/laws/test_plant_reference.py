@@ -15,6 +15,19 @@ from impedance_modules.plant.records import PUSH_ROW, RATE, STAGE, START
 from impedance_modules.plant.reference import plain_rate
 from impedance_modules.robot import compiled_rotation
 from impedance_modules.robot.rotation import exp3, log3
+from impedance_modules.spec.task import SheetSpec, SurfaceSpec
+
+SHEET = SurfaceSpec(
+    surface="sheet",
+    height=None,
+    position=(0.0, 0.0, 0.0),
+    rotation=(0.0, 0.02, 0.4),
+    size=None,
+    stiffness=20000.0,
+    damping=50.0,
+    friction=0.4,
+    sheet=SheetSpec(((-2.0, 0.0), (-0.1, 0.002), (0.05, 0.0), (2.0, 0.0)), 4.0, 40.0),
+)
 
 
 def shaken(folder, grasp: str, seed: int):
@@ -22,11 +35,13 @@ def shaken(folder, grasp: str, seed: int):
     rng = np.random.default_rng(seed)
     spec = with_every(spec_of(folder), spring_damping=0.3)
     held = in_both_hands(spec, grasp=grasp, friction=0.5 if grasp == "friction" else None, squeeze=15.0)
-    subject = plant(spec, [plane(-0.2, friction=0.4)], held)
+    subject = plant(spec, [plane(-0.2, friction=0.4), SHEET], held)
     subject.reset(middle(subject.model) + 0.1 * rng.normal(size=subject.model.n))
     memory, n = subject._memory, subject.model.n
     low = min(memory.part("object_position")[2], *memory.hands["translation"][:, 2])
     memory.surfaces["translation"][0, 2] = low
+    # Over the whole sheet, the points that are low enough press it by up to some millimetres.
+    memory.surfaces["translation"][1] = memory.part("object_position") - [0.0, 0.0, 0.099]
     joints = memory.joints
     for name in ("command", "assist", "extra_motor", "extra_link", "hold_position"):
         joints[name] = rng.normal(size=n)
@@ -120,17 +135,20 @@ class Nothing:
 
 def test_a_period_in_one_call_is_its_stages_one_by_one() -> None:
     """Box on a table, pushed about: the same run with an effect of nothing asked at every stage, to the last bit."""
-    spec = spec_of(BAXTER)
+    spec, held = spec_of(BAXTER), in_both_hands(spec_of(BAXTER), squeeze=15.0)
+    bare = plant(spec, [], held)
+    bare.reset(middle(bare.model))
+    table = plane(float(bare.object_pose.translation[2]) - 0.0995)
     ends = []
     for worn in ([], [Nothing()]):
-        subject = plant(spec, [plane(-0.2)], in_both_hands(spec, squeeze=15.0))
+        subject = plant(spec, [table], held)
         subject.torques.extend(worn)
         subject.reset(middle(subject.model))
-        lowest = subject.object_pose.translation[2] - 0.101
-        subject._memory.surfaces["translation"][0, 2] = lowest
-        rng = np.random.default_rng(3)
+        pressed, rng = 0.0, np.random.default_rng(3)
         for _ in range(100):
             subject.advance(subject.start_command + rng.normal(size=subject.model.n))
+            pressed = max(pressed, subject.contact_wrench("object")[2])
+        assert pressed > 1.0
         ends.append(subject._memory.state[START].copy())
     np.testing.assert_array_equal(*ends)
 

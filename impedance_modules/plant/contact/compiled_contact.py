@@ -7,7 +7,8 @@ r"""Force of one point on one surface, compiled: a unilateral spring-damper with
                                 splinter holds the point (``compiled_wood``)
 
 Between two questions to coal the surface counts as flat: the normal stays, the depth changes linearly. While the
-same face of the surface is nearest that is exact; around edges coal is asked again every ``FRESH``.
+same face of the surface is nearest that is exact; around edges coal is asked again every ``FRESH``. A flexible sheet
+is asked anew at every stage instead (``compiled_sheet``), and its normal force is the gradient of its energy.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
+from impedance_modules.plant.contact.compiled_sheet import find_on_sheet, place_on_sheet, press_on_sheet
 from impedance_modules.plant.records import Row, Table
 from impedance_modules.robot.compiled_rotation import add_cross, dot, turn
 
@@ -49,7 +51,11 @@ def find_near(
         else:
             _place_point(contact, body[0].rotation, object_position)
         was_near, surface = contact.near, surfaces[contact.surface]
-        contact.near = _clearance(surface, contact.position, local) < contact.radius + margin
+        clearance = _clearance(surface, contact.position, local)
+        if surface.span_count > 0:
+            find_on_sheet(surface, contact, local, margin)
+            continue
+        contact.near = clearance < contact.radius + margin
         contact.stale = 0
         if not contact.near:
             continue
@@ -85,7 +91,7 @@ def _clearance(surface: Row, position: Array, local: Array) -> float:
         local[k] = 0.0
         for j in range(3):
             local[k] += surface.rotation[j, k] * (position[j] - surface.translation[j])
-    if surface.flat:
+    if surface.flat or surface.span_count > 0:
         return float(local[2])
     gap = -math.inf
     for k in range(3):
@@ -108,22 +114,26 @@ def _face(surface: Row, local: Array) -> int:
 
 
 @compiled
-def place_contacts(contacts: Table, hands: Table, object_position: Array) -> None:
+def place_contacts(surfaces: Table, contacts: Table, hands: Table, object_position: Array) -> None:
     """Writes each near point's distance now, and the arm from its body's origin to its contact [m]."""
     for i in range(contacts.size):
         contact = contacts[i]
         if not contact.near:
             continue
         on_hand = contact.body < hands.size
-        contact.distance = contact.measured
+        if surfaces[contact.surface].span_count > 0:
+            place_on_sheet(surfaces[contact.surface], contact)
+        else:
+            contact.distance = contact.measured
+            for k in range(3):
+                contact.distance += contact.normal[k] * (contact.position[k] - contact.asked[k])
         for k in range(3):
             origin = hands[contact.body].translation[k] if on_hand else object_position[k]
-            contact.distance += contact.normal[k] * (contact.position[k] - contact.asked[k])
             contact.arm[k] = contact.position[k] - origin - contact.radius * contact.normal[k]
 
 
 @compiled
-def contact_forces(contacts: Table, motion: Array, wrench: Array) -> float:
+def contact_forces(surfaces: Table, contacts: Table, motion: Array, wrench: Array) -> float:
     """Adds the wrenches of all touching points to their bodies; returns the power they give them [W]."""
     power, velocity = 0.0, np.empty(3)
     for i in range(contacts.size):
@@ -138,7 +148,7 @@ def contact_forces(contacts: Table, motion: Array, wrench: Array) -> float:
             velocity[k] = twist[k]
         add_cross(displacement[3:], contact.arm, contact.move)
         add_cross(twist[3:], contact.arm, velocity)
-        if _point_force(contact, velocity):
+        if _point_force(surfaces[contact.surface], contact, velocity):
             force = wrench[contact.body, 0]
             for k in range(3):
                 force[k] += contact.force[k]
@@ -148,14 +158,17 @@ def contact_forces(contacts: Table, motion: Array, wrench: Array) -> float:
 
 
 @compiled
-def _point_force(contact: Row, velocity: Array) -> bool:
+def _point_force(surface: Row, contact: Row, velocity: Array) -> bool:
     """Writes the force on one point [N]; returns whether it touches."""
     normal = contact.normal
-    depth = -(contact.distance + dot(normal, contact.move))
-    if depth <= 0.0:
+    if surface.span_count > 0:
+        push = press_on_sheet(surface, contact)
+    else:
+        push = -contact.stiffness * (contact.distance + dot(normal, contact.move))
+    if push <= 0.0:
         return False
     approach = -dot(normal, velocity)
-    pressure = max(0.0, contact.stiffness * depth + contact.damping * approach)
+    pressure = max(0.0, push + contact.damping * approach)
     length = 0.0
     along = dot(normal, contact.move)
     for k in range(3):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surfaces of the task's environment: their shapes, and their distance from a point, by coal.
+"""Surfaces of the task's environment: their shapes, and their distance from a point, by coal but for sheets.
 
 A point near a surface asks coal for distance and normal, and asks again once it has moved a little; far
 ones are passed over by a bound on the distance (``contact.compiled_contact.find_near``).
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.contact.points import Point
+from impedance_modules.plant.contact.sheet import spans_of
 from impedance_modules.plant.records import CONTACT_POINT, SURFACE, Row, Table
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
@@ -34,11 +35,16 @@ def surface_table(surfaces: Sequence[SurfaceSpec]) -> Table:
         row["translation"] = _origin(surface)
         if surface.size is not None:
             row["half"] = 0.5 * np.array(surface.size)
+        if surface.sheet is not None:
+            spans = spans_of(surface.sheet)
+            row["half"][1] = 0.5 * surface.sheet.width
+            row["span_count"], row["softness"] = len(spans), 1.0 / surface.sheet.bending_stiffness
+            row["spans"][: len(spans)] = spans
     return table
 
 
 def _origin(surface: SurfaceSpec) -> Array:
-    """Gives a point of a plane, or the centre of a box [m].
+    """Gives a point of a plane, the centre of a box, or the origin of a sheet [m].
 
     Raises:
         BadInput: The numbers do not describe the surface.
@@ -47,9 +53,12 @@ def _origin(surface: SurfaceSpec) -> Array:
         return np.array([0.0, 0.0, surface.height])
     if surface.surface == "box" and surface.position is not None and surface.size is not None:
         return np.array(surface.position)
+    if surface.surface == "sheet" and surface.position is not None and surface.sheet is not None:
+        return np.array(surface.position)
     raise BadInput(
         f"surface '{surface.surface}' is not one the plant knows, or lacks its numbers"
-        " (valid: plane with height; box with position and size)"
+        " (valid: plane with height; box with position and size; sheet with position, supports, width and bending"
+        " stiffness)"
     )
 
 
@@ -69,6 +78,7 @@ def contact_table(surfaces: Sequence[SurfaceSpec], bodies: Sequence[Sequence[Poi
         row["wood"] = on_surface.get(index, -1)
         for name in ("stiffness", "damping", "friction"):
             row[name] = getattr(surfaces[index], name)
+        row["normal_stiffness"] = surfaces[index].stiffness
     return table
 
 
@@ -87,13 +97,18 @@ class Surfaces:
         self._request = coal.DistanceRequest()
         self._request.enable_signed_distance = True
         self._result = coal.DistanceResult()
-        self._shapes = [shapes[index] for index in contacts["surface"]]
-        self._queries = [coal.ComputeDistance(self._point, shape) for shape, _ in self._shapes]
+        # A sheet is never asked of coal, so no point on it goes stale.
+        asked = [(i, shapes[index]) for i, index in enumerate(contacts["surface"])]
+        # Kept whole: a query does not keep the shape that it asks about.
+        self._shapes = {i: shape for i, shape in asked if shape is not None}
+        self._queries = {
+            i: coal.ComputeDistance(self._point, shape) for i, (shape, _) in self._shapes.items()
+        }
 
     def measure(self) -> None:
         """Writes signed distance [m] (below 0 inside) and outward normal of every stale point."""
         at, request, result = self._at, self._request, self._result
-        for i in self._stale.nonzero()[0]:
+        for i in self._stale.nonzero()[0].tolist():
             self._asked[i] = self._position[i]
             at.setTranslation(self._position[i])
             result.clear()
@@ -102,8 +117,10 @@ class Surfaces:
             self._normal[i] = -result.normal
 
 
-def _shape(surface: SurfaceSpec, row: Row) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
-    """Builds coal's shape and pose of one surface."""
+def _shape(surface: SurfaceSpec, row: Row) -> tuple[coal.CollisionGeometry, coal.Transform3s] | None:
+    """Builds coal's shape and pose of one surface; None of a sheet."""
+    if surface.sheet is not None:
+        return None
     if surface.size is None:
         normal = np.array(row["rotation"][:, 2])
         return coal.Halfspace(normal, float(normal @ row["translation"])), coal.Transform3s()

@@ -2,23 +2,31 @@
 r"""Where hands and object press into the task's surfaces: depth, normal and stiffness of every point.
 
 The same points and the same stiffness as the plant's (``plant.contact``), with a plane's and a box's distance
-written out, so that a forecast needs neither compiler nor collision library.
+written out, so that a forecast needs neither compiler nor collision library. A sheet is taken, where it is
+pressed, as a surface with the slope and the stiffness of the bent sheet.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.plant.contact.points import Point
+from impedance_modules.plant.contact.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
 
 Array = NDArray[np.float64]
+
+TOO_DEEP = 0.05
+"""A point further below a sheet at rest did not come from above it: a forecast sees single states [m]."""
+
+SPRUNG = 0.05
+"""Between its supports a sheet may bulge above the highest by no more than this [m]."""
 
 
 @dataclass(frozen=True)
@@ -49,18 +57,20 @@ class Contact:
 
 @dataclass(frozen=True)
 class PlacedSurface:
-    """A surface with its rotation (3, 3) and a point of it, a box's centre (3,), in world."""
+    """A surface with its rotation (3, 3) and a point of it, a box's centre or a sheet's origin (3,), in world."""
 
     spec: SurfaceSpec
     rotation: Array
     origin: Array
+    sheet: Sheet | None = None
 
 
 def place_surface(spec: SurfaceSpec) -> PlacedSurface:
     """Finds where a surface is."""
     rotation = exp3(np.array(spec.rotation))
     if spec.position is not None:
-        return PlacedSurface(spec, rotation, np.array(spec.position))
+        sheet = None if spec.sheet is None else Sheet(spec.sheet)
+        return PlacedSurface(spec, rotation, np.array(spec.position), sheet)
     return PlacedSurface(spec, rotation, np.array([0.0, 0.0, 0.0 if spec.height is None else spec.height]))
 
 
@@ -74,17 +84,46 @@ def find_contacts(
     for index, surface in enumerate(surfaces):
         close = _clearance(surface, centres) - radii < near
         for number in np.flatnonzero(close):
-            distance, normal = surface_distance(surface, centres[number])
-            depth = float(radii[number]) - distance
-            if depth > -near:
-                arm = centres[number] - pose.translation - radii[number] * normal
-                found.append(Contact((body, int(number), index), arm, normal, depth, surface.spec))
+            felt = _feel(surface, centres[number], float(radii[number]))
+            if felt is not None and felt.depth > -near:
+                arm = centres[number] - pose.translation - radii[number] * felt.normal
+                key = (body, int(number), index)
+                found.append(Contact(key, arm, felt.normal, felt.depth, felt.surface))
     return found
+
+
+@dataclass(frozen=True)
+class _Felt:
+    """Normal, depth and mechanics of a surface under one point."""
+
+    normal: Array
+    depth: float
+    surface: SurfaceSpec
+
+
+def _feel(placed: PlacedSurface, centre: Array, radius: float) -> _Felt | None:
+    """Feels a surface at a point; None beside a sheet, or too deep in one to have come from above."""
+    if placed.sheet is None:
+        distance, normal = surface_distance(placed, centre)
+        return _Felt(normal, radius - distance, placed.spec)
+    local = placed.rotation.T @ (centre - placed.origin) - np.array([0.0, 0.0, radius])
+    here = placed.sheet.point(float(local[0]))
+    if here is None or abs(local[1]) > placed.sheet.half_width or local[2] < here.height - TOO_DEEP:
+        return None
+    force = placed.sheet.force(local, placed.spec.stiffness)
+    upright = np.array([-here.slope, 0.0, 1.0]) if force is None else force
+    normal = upright / np.linalg.norm(upright)
+    depth = float(here.height - local[2]) * float(normal[2])
+    net = 1.0 / (1.0 / placed.spec.stiffness + here.compliance)
+    stiffness = net if force is None else float(np.linalg.norm(force)) / depth
+    return _Felt(placed.rotation @ normal, depth, replace(placed.spec, stiffness=stiffness))
 
 
 def _clearance(surface: PlacedSurface, points: Array) -> Array:
     """Bounds the distance of points (p, 3) from a surface from below, (p,) [m]."""
     local = (points - surface.origin) @ surface.rotation
+    if surface.spec.sheet is not None:
+        return np.asarray(local[:, 2] - max(height for _, height in surface.spec.sheet.supports) - SPRUNG)
     if surface.spec.size is None:
         return np.asarray(local[:, 2])
     return np.asarray(np.max(np.abs(local) - 0.5 * np.array(surface.spec.size), axis=1))
