@@ -98,7 +98,7 @@ class Sheet:
         if not first <= x <= last:
             return None
         x0, length, low, high, m0, m1, left, across, right = self.spans[
-            int(np.searchsorted(self.spans[1:, 0], x, side="right"))
+            np.count_nonzero(self.spans[1:, 0] <= x)
         ]
         a = x - x0
         b = length - a
