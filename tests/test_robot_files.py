@@ -147,6 +147,15 @@ def test_refused_with_a_lesson(
         assert problem.file.is_file()
 
 
+def test_a_playback_watches_joints_that_are_there(tmp_path: Path) -> None:
+    shutil.copytree(SOURCE.parents[2] / "robots" / "baxter", tmp_path / "baxter")
+    file = tmp_path / "baxter" / YAML
+    assert read_robot(tmp_path / "baxter").playback.impact["w0"] == 1.02
+    file.write_text(file.read_text().replace("squish: {s0: 16", "squish: {q0: 16"))
+    with pytest.raises(BadFile, match=r"playback.squish.q0: no limb has a joint 'q0'"):
+        read_robot(tmp_path / "baxter")
+
+
 def test_points_at_the_place(tmp_path: Path) -> None:
     refusal = broken(tmp_path, YAML, "lift: [-1.2, 1.8]", "lift: [-1.2, 2.8]")
     assert len(refusal.problems) == 2, "one for each arm"

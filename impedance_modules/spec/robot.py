@@ -114,6 +114,38 @@ class ContactDetectionSpec:
 
 
 @dataclass(frozen=True)
+class PlaybackSpec:
+    """How the robot itself plays a recorded joint path back, and when it gives up.
+
+    Attributes:
+        rate: Of the server that commands the joints [Hz].
+        position_tolerance: Distance of a joint from its path that ends a playback in position mode [rad].
+        velocity_gain: Commanded speed over distance from the path in velocity mode [1/s].
+        speed_ratio: Share of the top speed in position mode.
+        position_lag: By which position mode trails a moving command [s].
+        integral_rate, integral_limit: Integral action of the servo [1/s] and its limit [rad].
+        swing_feedback: Feedback of the links' swing, over sqrt(M_ii / K).
+        impact, squish: Short joint name -> sudden and steady torque that count as a collision [N.m].
+        impact_time, squish_time: Low pass behind the one, duration of the other [s].
+        pause: For how long a collided limb takes no commands [s].
+    """
+
+    rate: float
+    position_tolerance: float
+    velocity_gain: float
+    speed_ratio: float
+    position_lag: float
+    integral_rate: float
+    integral_limit: float
+    swing_feedback: float
+    impact: Mapping[str, float]
+    impact_time: float
+    squish: Mapping[str, float]
+    squish_time: float
+    pause: float
+
+
+@dataclass(frozen=True)
 class CollisionSpec:
     """Distance rows.
 
@@ -176,6 +208,7 @@ class RobotSpec:
         parallel_springs: URDF joint name -> spring that a patch adds; none in a robot file.
         gravity: Acceleration in the base's axes [m/s^2]; upright unless a patch tilts the base.
         joint_origins: URDF joint name -> where this very robot has been calibrated to have it; none in a robot file.
+        playback: The robot's own way to play a joint path back; None where it has none.
     """
 
     name: str
@@ -196,3 +229,4 @@ class RobotSpec:
     parallel_springs: Mapping[str, ParallelSpringSpec] = field(default_factory=dict)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     joint_origins: Mapping[str, JointOrigin] = field(default_factory=dict)
+    playback: PlaybackSpec | None = None

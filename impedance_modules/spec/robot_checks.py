@@ -32,7 +32,18 @@ def robot_problems(document: Document, urdf: UrdfFacts) -> list[Problem]:
         *_mirror_problems(document),
         *_timing_problems(document),
         *_collision_problems(document, urdf),
+        *_playback_problems(document),
     ]
+
+
+def _playback_problems(document: Document) -> Iterator[Problem]:
+    """Joints that are watched for collisions are joints of a limb."""
+    known = sorted({short for limb in document.data["limbs"].values() for short in limb["joints"]})
+    for table in ("impact", "squish"):
+        for short in document.data.get("playback", {}).get(table, {}):
+            if short not in known:
+                message = f"no limb has a joint '{short}'{nearest(short, known)}"
+                yield document.problem(("playback", table, short), message, known)
 
 
 def _limb_problems(document: Document, urdf: UrdfFacts) -> Iterator[Problem]:

@@ -19,6 +19,7 @@ from impedance_modules.spec.robot import (
     JointSpec,
     LimbSpec,
     MirrorSpec,
+    PlaybackSpec,
     RobotSpec,
     SensorSpec,
     TimingSpec,
@@ -80,11 +81,19 @@ def _build(data: Mapping[str, Any], folder: Path) -> RobotSpec:
         control_modes=tuple(data["control_modes"]),
         solver=data["solver"],
         folder=folder,
+        playback=_playback(data["playback"]) if "playback" in data else None,
     )
 
 
 def _numbers(table: Mapping[str, float]) -> dict[str, float]:
     return {key: float(value) for key, value in table.items()}
+
+
+def _playback(data: Mapping[str, Any]) -> PlaybackSpec:
+    found: dict[str, Any] = {
+        key: _numbers(value) if isinstance(value, Mapping) else float(value) for key, value in data.items()
+    }
+    return PlaybackSpec(**found)
 
 
 def _mirror(data: Mapping[str, Any]) -> MirrorSpec:
