@@ -14,7 +14,20 @@ import impedance_modules
 from impedance_modules.cli.threads import use_one_thread
 from impedance_modules.errors import ImpedanceError
 
-VERBS = ("check", "analyze", "run", "replay", "import", "diagnose", "probe", "effects", "reproduce", "baxter")
+VERBS = (
+    "check",
+    "analyze",
+    "run",
+    "replay",
+    "import",
+    "diagnose",
+    "probe",
+    "effects",
+    "tune",
+    "sweep",
+    "reproduce",
+    "baxter",
+)
 
 
 class Verbs(click.Group):

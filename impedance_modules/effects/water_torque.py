@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.motion import JointMotion
 from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.rotation import skew
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,11 @@ class Buoyancy(WaterTorque):
 
     def torque(self, motion: JointMotion) -> Array:
         """Gives what lifts the links (n,) [N.m]."""
-        return np.array(pin.computeGeneralizedGravity(self._water, self._data, motion.position))
+        return self.lift(motion.position)
+
+    def lift(self, position: Array) -> Array:
+        """Gives the same at joint positions (n,) [rad]."""
+        return np.array(pin.computeGeneralizedGravity(self._water, self._data, position))
 
     def potential(self, position: Array) -> float:
         """Gives the energy that sinking the links has stored in the water [J], up to a constant."""
@@ -63,15 +68,16 @@ class Drag(WaterTorque):
         self._data = self._model.createData()
         self._frames = [model.frame_id(link) for link in links]
         self._drag = np.array([drag for drag, _ in links.values()])
-        self._points = np.array([point for _, point in links.values()])
+        # v + w x p, from a twist at the link's origin to the point.
+        self._to_point = [np.hstack([np.eye(3), -skew(point)]) for _, point in links.values()]
 
     def torque(self, motion: JointMotion) -> Array:
         """Gives what holds the links back (n,) [N.m]."""
         pin.computeJointJacobians(self._model, self._data, motion.position)
         out = np.zeros(motion.position.size)
-        for frame, drag, point in zip(self._frames, self._drag, self._points, strict=True):
+        for frame, drag, to_point in zip(self._frames, self._drag, self._to_point, strict=True):
             J = pin.getFrameJacobian(self._model, self._data, frame, pin.ReferenceFrame.LOCAL)
-            at_point = J[:3] - np.cross(point, J[3:], axisb=0).T
+            at_point = to_point @ J
             v = at_point @ motion.velocity
             out -= at_point.T @ (drag * v * np.sqrt(v @ v))
         return out

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A task file with some of its values replaced: for tuned tasks, and for many runs of one task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from impedance_modules.errors import BadInput, nearest
+from impedance_modules.spec.locate import find_robot, find_task
+from impedance_modules.spec.source import Document, print_path, scan_document
+
+Steps = tuple[str | int, ...]
+"""Keys and places from the top of a task file to one of its values."""
+
+
+def task_document(name_or_path: str | Path) -> Document:
+    """Reads a task file as it stands.
+
+    Raises:
+        BadInput: There is no such task, or it is no text file.
+    """
+    return scan_document(find_task(name_or_path))
+
+
+def find_steps(data: Any, path: str, *, must_exist: bool = True) -> Steps:
+    """Finds a value by its path: ``arms.right.springs.0.stiffness.x``; entries with a name go by name, too.
+
+    Args:
+        data: The task file's data.
+        path: Keys and places separated by dots.
+        must_exist: Whether the last key must be there already.
+
+    Raises:
+        BadInput: A step leads nowhere; says which, and what would be valid.
+    """
+    here, steps = data, list[str | int]()
+    words = path.split(".")
+    for index, word in enumerate(words):
+        last = index == len(words) - 1
+        if isinstance(here, list):
+            step: str | int | None = _place(here, word)
+            names = tuple(str(_name(entry, place)) for place, entry in enumerate(here))
+        else:
+            names = tuple(map(str, here)) if isinstance(here, dict) else ()
+            fits = word in names or (last and not must_exist and isinstance(here, dict))
+            step = word if fits else None
+        if step is None:
+            where = print_path(steps) if steps else "the task"
+            valid = ", ".join(names) if names else "it is a single value; end the path here"
+            raise BadInput(f"'{path}': {where} has no '{word}'{nearest(word, names)} (valid: {valid})")
+        steps.append(step)
+        here = here[step] if not isinstance(here, dict) else here.get(step)
+    return tuple(steps)
+
+
+def changed(document: Document, changes: Mapping[Steps, Any], heading: str = "") -> str:
+    """Writes a task file's text with values replaced or added; comments are lost.
+
+    Args:
+        document: The original.
+        changes: Steps -> new value.
+        heading: Comment lines to begin with.
+    """
+    data: Any = deepcopy(document.data)
+    for steps, value in changes.items():
+        here = data
+        for step in steps[:-1]:
+            here = here[step]
+        here[steps[-1]] = value
+    robot = str(data["robot"])
+    if "/" in robot or "\\" in robot:
+        # The changed file may lie elsewhere.
+        data["robot"] = str(find_robot(robot, document.path).resolve())
+    return heading + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
+
+
+def _place(entries: list[Any], word: str) -> int | None:
+    for place, entry in enumerate(entries):
+        if word in {str(place), str(_name(entry, place))}:
+            return place
+    return None
+
+
+def _name(entry: Any, place: int) -> Any:
+    return entry.get("name", place) if isinstance(entry, dict) else place
