@@ -16,6 +16,7 @@ from impedance_modules.cli.options import arm_option, effects_option, rate_optio
 
 if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import Visit
+    from impedance_modules.runtime.assembly import Assembly
     from impedance_modules.runtime.run import RunResult
 
 
@@ -26,7 +27,11 @@ BACKENDS = ("sim", "replay", "baxter")
 @task_argument
 @arm_option
 @click.option("--backend", type=click.Choice(BACKENDS), default="sim", show_default=True, help="Robot.")
-@click.option("--log", type=click.Path(path_type=Path), help="Recording that the replay backend feeds back.")
+@click.option(
+    "--log",
+    type=click.Path(path_type=Path),
+    help="Recording that the replay backend feeds back, or whose joint path a task with playback plays.",
+)
 @effects_option
 @rate_option
 @click.option("--duration", type=float, metavar="S", help="End the run safely after this time.")
@@ -61,10 +66,11 @@ def command(
 ) -> int:
     """Carry out TASK, a file or the name of a shipped task.
 
-    Exit: 0 done, 2 bad input, 3 stopped by safety or by a phase not met, 130 after Ctrl-C.
+    Exit: 0 done, 2 bad input, 3 stopped by safety, by a phase not met or by the robot itself, 130 after Ctrl-C.
     """
     from rich.console import Console
 
+    from impedance_modules.cli.run_playback import PlaybackOptions, play_task_back
     from impedance_modules.cli.tables import print_run, progress
     from impedance_modules.errors import BadInput
     from impedance_modules.runtime.assembly import assemble
@@ -72,8 +78,6 @@ def command(
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")
-    if (backend == "replay") != (log is not None):
-        raise BadInput("--backend replay and --log DIR go together: the log is the robot")
     real = backend == "baxter"
     with ExitStack() as closing:
         found = closing.enter_context(_real_robot(transport)) if real else None
@@ -85,6 +89,11 @@ def command(
             arm=arm,
             calibrate=None if found is None else found.calibrate,
         )
+        if assembly.task.playback is not None:
+            asked = PlaybackOptions(backend, log, duration, _directory(out, assembly), seed, view, read_only)
+            return play_task_back(assembly, asked)
+        if (backend == "replay") != (log is not None):
+            raise BadInput("--backend replay and --log DIR go together: the log is the robot")
         refuse_unfit(assembly)
         # Only now: everything below wakes the compiler.
         from impedance_modules.runtime.prepare import baxter_backend, make_backend
@@ -95,17 +104,26 @@ def command(
             if found is None
             else baxter_backend(assembly, found.session, read_only=read_only, approach=approach)
         )
-        directory = (
-            out if out is not None else Path("out") / f"{assembly.task.name}-{time.strftime('%Y%m%d-%H%M%S')}"
-        )
         options = RunOptions(
-            out=directory, seed=seed, duration=duration, live=view, read_only=read_only, backend=backend
+            out=_directory(out, assembly),
+            seed=seed,
+            duration=duration,
+            live=view,
+            read_only=read_only,
+            backend=backend,
         )
         console = Console()
         with progress(sum(phase.duration for phase in assembly.task.phases), console) as on_progress:
             result = carry_out(assembly, robot, options, on_progress)
     print_run(result, console)
     return _exit_code(result)
+
+
+def _directory(out: Path | None, assembly: Assembly) -> Path:
+    """Where a run's files go."""
+    if out is not None:
+        return out
+    return Path("out") / f"{assembly.task.name}-{time.strftime('%Y%m%d-%H%M%S')}"
 
 
 def _exit_code(result: RunResult) -> int:

@@ -12,6 +12,7 @@ Pushes and built-in springs act on the links; both are held over one period.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -26,6 +27,7 @@ from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import ParallelSpringSpec
+from impedance_modules.spec.task import SurfaceSpec
 
 Array = NDArray[np.float64]
 
@@ -81,6 +83,7 @@ class DrivenPlant(Plant):
         options: PlantOptions,
         worn: WornPlant | None,
         springs: dict[str, ParallelSpringSpec],
+        surfaces: Sequence[SurfaceSpec] = (),
     ) -> None:
         """Builds the plant.
 
@@ -89,6 +92,7 @@ class DrivenPlant(Plant):
             options: How it is stepped.
             worn: What reality does beyond the model; None for nothing.
             springs: Joint -> spring beside it that the robot knows and compensates with the weight.
+            surfaces: Its surroundings.
         """
         worn = unworn(model) if worn is None else worn
         places = [model.joint_names.index(name) for name in springs]
@@ -103,7 +107,7 @@ class DrivenPlant(Plant):
             spring_stiffness=worn.spring_stiffness + self._stiffness,
             spring_preload=worn.spring_preload + self._preload,
         )
-        super().__init__(model, (), None, options, known)
+        super().__init__(model, surfaces, None, options, known)
         # The springs carry part of the weight from the start.
         self._start.on_links = self._on_links
         # Without effects the compiled stages take the torque from the table; with them it must be asked for.
@@ -129,6 +133,11 @@ class DrivenPlant(Plant):
         """Gives a servo as stiff as the joints' own springs, critically damped for the rotors alone, (n,) each."""
         stiffness = np.array([structural_stiffness(joint) for joint in self.model.joints])
         return stiffness, 2.0 * np.sqrt(stiffness * self.model.reflected_inertia)
+
+    def contact_torque(self) -> Array:
+        """Gives the torque of all surfaces on the joints (n,) [N.m], of the last step."""
+        memory = self._memory
+        return np.asarray(np.einsum("hri,hr->i", memory.jacobian, memory.wrench[:-1, 0]))
 
     @property
     def assistance(self) -> Array:

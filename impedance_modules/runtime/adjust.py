@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the command line may change of a task before it runs: its scale, and which arm takes part."""
+"""What may be changed of a task before it runs: its scale, which arm takes part, where a path is taught."""
 
 from __future__ import annotations
 
@@ -16,6 +16,11 @@ from impedance_modules.spec.task import (
     SpringSpec,
     TaskSpec,
 )
+
+
+def as_taught(task: TaskSpec) -> TaskSpec:
+    """Returns a task as its springs carry it out: one to be played back, on the surfaces it is taught on."""
+    return task if task.playback is None else replace(task, environment=task.playback.taught_on)
 
 
 def scaled(task: TaskSpec, scale: float) -> TaskSpec:

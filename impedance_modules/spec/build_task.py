@@ -27,6 +27,7 @@ from impedance_modules.spec.task import (
     SpringSpec,
     SurfaceSpec,
     TankSpec,
+    TaskPlayback,
 )
 from impedance_modules.spec.wood import build_wood
 
@@ -122,6 +123,13 @@ def _sheet(raw: Raw) -> SheetSpec:
         supports=tuple((float(support["at"]), float(support["height"])) for support in raw["supports"]),
         width=float(raw["width"]),
         bending_stiffness=float(raw["bending_stiffness"]),
+    )
+
+
+def build_playback(raw: Raw) -> TaskPlayback:
+    """Makes the robot's own playback."""
+    return TaskPlayback(
+        mode=raw["mode"], taught_on=tuple(build_surface(surface) for surface in raw["taught_on"])
     )
 
 

@@ -74,9 +74,10 @@ def tank_problems(draft: Draft) -> Iterator[Problem]:
 
 def surface_problems(draft: Draft) -> Iterator[Problem]:
     """Checks that the supports of every sheet lie one after the other, far enough for a gentle sheet between."""
-    for i in draft.count("environment"):
-        if draft.clean("environment", i) and draft.value("environment", i, "surface") == "sheet":
-            yield from _support_problems(draft, ("environment", i, "supports"))
+    for place in (("environment",), ("playback", "taught_on")):
+        for i in draft.count(*place):
+            if draft.clean(*place, i) and draft.value(*place, i, "surface") == "sheet":
+                yield from _support_problems(draft, (*place, i, "supports"))
 
 
 def _support_problems(draft: Draft, at: tuple[str | int, ...]) -> Iterator[Problem]:

@@ -265,6 +265,19 @@ class PhaseSpec:
 
 
 @dataclass(frozen=True)
+class TaskPlayback:
+    """A task that is carried out by the robot's own playback of a joint path.
+
+    Attributes:
+        mode: ``position`` or ``velocity``: which of the robot's own modes plays.
+        taught_on: Surfaces on which the task's springs lead the arm while the path is recorded.
+    """
+
+    mode: str
+    taught_on: tuple[SurfaceSpec, ...]
+
+
+@dataclass(frozen=True)
 class TaskSpec:
     """A whole task file. ``document`` maps every value back to its line and column."""
 
@@ -280,3 +293,4 @@ class TaskSpec:
     path: Path
     text: str = field(repr=False)
     document: Document = field(repr=False, compare=False)
+    playback: TaskPlayback | None = None

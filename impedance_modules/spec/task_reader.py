@@ -7,7 +7,14 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from impedance_modules.errors import BadFile, BadInput, Problem
-from impedance_modules.spec.build_task import build_object, build_phase, build_push, build_surface, build_tank
+from impedance_modules.spec.build_task import (
+    build_object,
+    build_phase,
+    build_playback,
+    build_push,
+    build_surface,
+    build_tank,
+)
 from impedance_modules.spec.check_arms import arm_problems
 from impedance_modules.spec.check_object import (
     object_problems,
@@ -16,6 +23,7 @@ from impedance_modules.spec.check_object import (
     tank_problems,
 )
 from impedance_modules.spec.check_phases import phase_problems
+from impedance_modules.spec.check_playback import playback_problems
 from impedance_modules.spec.check_springs import spring_problems
 from impedance_modules.spec.draft_arms import DraftArm, draft_arms
 from impedance_modules.spec.locate import find_robot, find_task
@@ -86,6 +94,7 @@ def _meaning_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Pr
     yield from tank_problems(draft)
     yield from surface_problems(draft)
     yield from push_problems(draft)
+    yield from playback_problems(draft)
     yield from wood_problems(draft)
     yield from phase_problems(draft, arms)
 
@@ -106,4 +115,5 @@ def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:
         path=document.path,
         text=document.text,
         document=document,
+        playback=build_playback(data["playback"]) if "playback" in data else None,
     )

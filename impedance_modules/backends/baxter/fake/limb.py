@@ -13,13 +13,17 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.fake.numbers import (
     DEFAULT_TIME_OUT,
+    INTEGRAL_LIMIT,
+    INTEGRAL_RATE,
     LONGEST_TIME_OUT,
+    POSITION_LAG,
     SPEED_LIMITS,
     SPEED_RATIO,
+    TICK,
     TORQUE_LIMITS,
 )
 from impedance_modules.backends.baxter.fake.options import FakeOptions
-from impedance_modules.backends.baxter.fake.servo import Reach, Reference, Sensed, Servo
+from impedance_modules.plant.servo import Reach, Reference, Sensed, Servo, Tuning
 from impedance_modules.robot.model import Limb, RobotModel
 
 Array = NDArray[np.float64]
@@ -77,7 +81,9 @@ class LimbDrive:
         specs = [model.spec.joints[name] for name in limb.joint_names]
         low = np.array([spec.position_min for spec in specs])
         high = np.array([spec.position_max for spec in specs])
-        self.reference = Reference(Reach(low, high, np.array([SPEED_LIMITS[short] for short in shorts])))
+        speed = np.array([SPEED_LIMITS[short] for short in shorts])
+        tuning = Tuning(TICK, POSITION_LAG, INTEGRAL_RATE, INTEGRAL_LIMIT)
+        self.reference = Reference(Reach(low, high, speed), tuning)
         self._k = len(specs)
         self.doing = Doing.HOLDS
         self.mode: CommandMode | None = None

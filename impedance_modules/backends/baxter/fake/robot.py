@@ -25,12 +25,12 @@ from impedance_modules.backends.baxter.fake.numbers import (
     TICK,
 )
 from impedance_modules.backends.baxter.fake.options import FakeOptions
-from impedance_modules.backends.baxter.fake.push import ContactSense, Push
-from impedance_modules.backends.baxter.fake.servo import Sensed, Servo
+from impedance_modules.backends.baxter.fake.push import Push, contact_sense
 from impedance_modules.backends.baxter.fake.suppression import Suppressions
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.plant.driven import BoardOrders, DrivenPlant
 from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.servo import Sensed, Servo
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
@@ -91,7 +91,7 @@ class FakeBaxter:
         self.cuffs = dict.fromkeys(limbs, False)
         self.pushes: dict[str, Push | None] = dict.fromkeys(limbs)
         self.colliding = dict.fromkeys(limbs, "")
-        self._senses = {name: ContactSense(limb.short_names) for name, limb in limbs.items()}
+        self._senses = {name: contact_sense(limb.short_names) for name, limb in limbs.items()}
         self.kinematics = Kinematics(model, tuple(limb.hand for limb in limbs.values()))
         self.field = ForceField(self.kinematics, FIELD_TICKS * TICK)
         self.state: RobotState = self.plant.sense()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Where a limb's position servo is led: the robot's own position, velocity and hold modes.
+r"""Where a limb's position servo is led: a robot's own position, velocity and hold modes.
 
     POSITION      eased' = clip(target - eased, +-ratio v_max T),  reference' = (eased - reference) T / lag
     RAW_POSITION  reference' = clip(target - reference, +-v_max T)
@@ -20,16 +20,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.fake.numbers import (
-    INTEGRAL_LIMIT,
-    INTEGRAL_RATE,
-    POSITION_LAG,
-    TICK,
-)
-
 Array = NDArray[np.float64]
 
-CATCHING_UP = 1.0 - math.exp(-TICK / POSITION_LAG)
+
+@dataclass(frozen=True)
+class Tuning:
+    """How a robot's own modes are tuned.
+
+    Attributes:
+        tick: Period of the robot's own loop [s].
+        lag: By which position mode trails a moving command [s].
+        integral_rate, integral_limit: Integral action of the position servo [1/s] and its limit [rad].
+    """
+
+    tick: float
+    lag: float
+    integral_rate: float
+    integral_limit: float
 
 
 @dataclass(frozen=True)
@@ -73,8 +80,9 @@ class Reference:
         integral: (k,) of the position error times the integral rate [rad].
     """
 
-    def __init__(self, reach: Reach) -> None:
-        self._reach = reach
+    def __init__(self, reach: Reach, tuning: Tuning) -> None:
+        self._reach, self._tuning = reach, tuning
+        self._catching_up = 1.0 - math.exp(-tuning.tick / tuning.lag)
         k = reach.speed.size
         self.position, self.velocity, self.integral = np.zeros(k), np.zeros(k), np.zeros(k)
         self._eased = np.zeros(k)
@@ -94,20 +102,20 @@ class Reference:
     def approach(self, target: Array, ratio: float) -> None:
         """Moves on in position mode at a share of the top speed."""
         target = np.clip(target, self._reach.low, self._reach.high)
-        step = ratio * self._reach.speed * TICK
+        step = ratio * self._reach.speed * self._tuning.tick
         self._eased = self._eased + np.clip(target - self._eased, -step, step)
-        self._move(CATCHING_UP * (self._eased - self.position))
+        self._move(self._catching_up * (self._eased - self.position))
 
     def follow(self, target: Array) -> None:
         """Moves on in raw position mode: only the joints' top speed is kept."""
-        step = self._reach.speed * TICK
+        step = self._reach.speed * self._tuning.tick
         self._move(np.clip(target - self.position, -step, step))
         self._eased = self.position.copy()
 
     def run(self, velocity: Array) -> None:
         """Moves on in velocity mode, up to the limits."""
         bounded = np.clip(velocity, -self._reach.speed, self._reach.speed)
-        goal = np.clip(self.position + bounded * TICK, self._reach.low, self._reach.high)
+        goal = np.clip(self.position + bounded * self._tuning.tick, self._reach.low, self._reach.high)
         self._move(goal - self.position)
         self._eased = self.position.copy()
 
@@ -118,12 +126,13 @@ class Reference:
             sensed: What the joints report.
             servo: How the joints' servo is set.
         """
-        self.integral += INTEGRAL_RATE * TICK * (self.position - sensed.position)
-        np.clip(self.integral, -INTEGRAL_LIMIT, INTEGRAL_LIMIT, out=self.integral)
+        tuning = self._tuning
+        self.integral += tuning.integral_rate * tuning.tick * (self.position - sensed.position)
+        np.clip(self.integral, -tuning.integral_limit, tuning.integral_limit, out=self.integral)
         swing = sensed.velocity - self.velocity
         ahead = servo.ahead + servo.lead * self.velocity - servo.ease * swing
         return np.asarray(self.position + self.integral + ahead)
 
     def _move(self, step: Array) -> None:
         self.position = self.position + step
-        self.velocity = step / TICK
+        self.velocity = step / self._tuning.tick
