@@ -25,6 +25,7 @@ VERBS = (
     "effects",
     "tune",
     "sweep",
+    "roughness",
     "reproduce",
     "baxter",
 )

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Windows of a rubbing motion, and what the force in each says (thesis 5.2.4).
+
+A stroke begins where the hand starts to move in the chosen direction a; its window is the 0.8 s from there, so that it
+holds both the breaking away and the sliding. In a window of samples f_k, N of them:
+
+    f(\nu) = 2 / N |FFT(detrended f . a)|         amplitude spectrum of the tangential force [N]
+    band   = (\sum_{15..25 Hz} f(\nu)^2 / 2)^(1/2)         its root mean square around 20 Hz [N]
+    \mu    = -mean(f . a) / mean(f . n)                    coefficient of friction
+
+f is what the surface does to the hand, n the surface's outward normal. The same samples, one after the other, feed this
+while a task runs and when a recording is read.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LENGTH = 0.8
+"""Of a window [s]; the thesis's."""
+
+SAMPLE_RATE = 100.0
+"""Samples in a second that are looked at."""
+
+BAND = (15.0, 25.0)
+"""Around the thesis's 20 Hz [Hz]."""
+
+SETTLING = 0.05
+"""Time over which speed is taken [s]."""
+
+START_SPEED = 0.02
+"""Above this a stroke has begun [m/s]."""
+
+LEAST_TRAVEL = 0.02
+"""A window in which the hand moves less was stuck [m]."""
+
+LEAST_FORCE = 0.5
+"""Normal force below which a sample does not touch [N]."""
+
+LEAST_SHARE = 0.6
+"""Part of a window's samples that must touch."""
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Unit vectors in world: ``along`` the strokes that are judged, ``normal`` out of the surface, (3,) each."""
+
+    along: Array
+    normal: Array
+
+
+@dataclass(frozen=True)
+class Window:
+    """One window.
+
+    Attributes:
+        start: When it began [s].
+        band: Root mean square of the tangential force around 20 Hz [N].
+        friction: Coefficient, mean tangential over mean normal force.
+        normal: Mean normal force [N].
+        travel: How far the hand went [m].
+        spectrum: (m,) amplitudes of the tangential force [N].
+    """
+
+    start: float
+    band: float
+    friction: float
+    normal: float
+    travel: float
+    spectrum: Array
+
+
+def frequencies(samples: int) -> Array:
+    """Gives the frequencies (m,) of a window's spectrum [Hz]."""
+    return np.fft.rfftfreq(samples, 1.0 / SAMPLE_RATE)
+
+
+def measure(start: float, position: Array, force: Array, ways: Directions) -> Window:
+    """Says what N samples of position and force (N, 3) tell."""
+    along, normal = force @ ways.along, force @ ways.normal
+    amplitude = 2.0 / len(along) * np.abs(np.fft.rfft(_detrended(along)))
+    nu = frequencies(len(along))
+    inside = (nu >= BAND[0]) & (nu <= BAND[1])
+    return Window(
+        start=start,
+        band=float(np.sqrt(np.sum(amplitude[inside] ** 2) / 2.0)),
+        friction=float(-np.mean(along) / max(float(np.mean(normal)), 1e-9)),
+        normal=float(np.mean(normal)),
+        travel=float((position[-1] - position[0]) @ ways.along),
+        spectrum=amplitude,
+    )
+
+
+def _detrended(values: Array) -> Array:
+    """Takes the straight line out that fits best."""
+    ramp = np.linspace(-1.0, 1.0, len(values))
+    return values - values.mean() - ramp * float(ramp @ values / (ramp @ ramp))
+
+
+class WindowFinder:
+    """Takes samples one by one, ``SAMPLE_RATE`` of them in a second, and gives each window when it is full.
+
+    Attributes:
+        refused: How many strokes gave no window, by why.
+    """
+
+    def __init__(self, ways: Directions) -> None:
+        self._ways = ways
+        self._recent: deque[Array] = deque(maxlen=round(SETTLING * SAMPLE_RATE) + 1)
+        self._samples: list[tuple[Array, Array]] = []
+        self._began = 0.0
+        self._armed = False
+        self.refused: Counter[str] = Counter()
+
+    def add(self, time: float, position: Array, force: Array) -> Window | None:
+        """Takes a sample: time [s], position of the hand (3,) [m], force of the surface on it (3,) [N]."""
+        self._recent.append(position.copy())
+        if self._samples:
+            return self._collect(position, force)
+        if len(self._recent) < self._recent.maxlen:  # type: ignore[operator]
+            return None
+        speed = float((self._recent[-1] - self._recent[0]) @ self._ways.along) / SETTLING
+        if speed <= START_SPEED:
+            self._armed = True
+        elif self._armed:
+            self._armed = False
+            self._began = time
+            self._samples.append((position.copy(), force.copy()))
+        return None
+
+    def _collect(self, position: Array, force: Array) -> Window | None:
+        self._samples.append((position.copy(), force.copy()))
+        if len(self._samples) < round(LENGTH * SAMPLE_RATE):
+            return None
+        places, forces = (np.array(column) for column in zip(*self._samples, strict=True))
+        self._samples.clear()
+        touching = forces @ self._ways.normal > LEAST_FORCE
+        window = measure(self._began, places, forces, self._ways)
+        if np.mean(touching) < LEAST_SHARE:
+            self.refused["out of contact"] += 1
+        elif window.travel < LEAST_TRAVEL:
+            self.refused["stuck"] += 1
+        else:
+            return window
+        return None
