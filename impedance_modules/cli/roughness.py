@@ -45,7 +45,8 @@ def command(
     Exit: 0 done, 2 no contact, no force, or too few windows.
     """
     from impedance_modules.episode.reader import read_episode
-    from impedance_modules.runtime.roughness.recorded import judge_roughness, touched_by, way_of
+    from impedance_modules.runtime.roughness.recorded import judge_roughness, touched_by
+    from impedance_modules.runtime.roughness.windows import way_of
 
     ways = None if along is None else way_of(along), way_of(normal)
     touched = touched_by(

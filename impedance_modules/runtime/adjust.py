@@ -13,6 +13,7 @@ from impedance_modules.spec.task import (
     HybridAxis,
     JointBiasSpec,
     PhaseSpec,
+    SmoothCondition,
     SpringSpec,
     TaskSpec,
 )
@@ -113,6 +114,10 @@ def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
     if isinstance(condition, ContactCondition) and condition.target not in {None, "object", arm}:
         raise BadInput(
             f"--arm {arm}: phase '{phase.name}' of task '{task.name}' waits for a contact of '{condition.target}'"
+        )
+    if isinstance(condition, SmoothCondition) and condition.target != arm:
+        raise BadInput(
+            f"--arm {arm}: phase '{phase.name}' of task '{task.name}' waits for what '{condition.target}' rubs"
         )
     own = ("object", f"{arm}.")
     return replace(

@@ -33,7 +33,10 @@ class Touch:
     Attributes:
         wrench: (arms, 6) of the surroundings on each hand, world axes at the hand [N, N.m].
         period: Time between updates [s].
+        state: The newest one.
     """
+
+    state: RobotState
 
     def __init__(
         self, model: RobotModel, modules: TaskModules, kinematics: Kinematics, period: float
@@ -51,11 +54,13 @@ class Touch:
 
     def reset(self, state: RobotState) -> None:
         """Starts from a state taken as steady."""
+        self.state = state
         self._torque.reset(state)
         self._solve()
 
     def update(self, state: RobotState) -> None:
         """Takes a state for which the kinematics are up to date."""
+        self.state = state
         self._torque.update(state)
         self._solve()
 

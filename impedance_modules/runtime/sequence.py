@@ -11,7 +11,8 @@ from impedance_modules.modules.equilibrium import OBJECT
 from impedance_modules.robot.rotation import log3
 from impedance_modules.runtime.conditions import ContactJudge, Touch
 from impedance_modules.runtime.controller import Controller
-from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition
+from impedance_modules.runtime.roughness.judge import SmoothJudge
+from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition, SmoothCondition
 
 SLOWEST = 20.0
 """A phase that takes this many times its duration, because the tank grants it next to nothing, is not met."""
@@ -41,7 +42,7 @@ class Sequence:
         self.index = 0
         self.ended: list[tuple[str, float, str]] = []
         self._began = 0.0
-        self._judge = self._contact_judge()
+        self._judge, self._smooth = self._contact_judge(), self._smooth_judge()
 
     @property
     def phase(self) -> PhaseSpec:
@@ -76,7 +77,7 @@ class Sequence:
             return Outcome.DONE
         self.index += 1
         self._began = time
-        self._judge = self._contact_judge()
+        self._judge, self._smooth = self._contact_judge(), self._smooth_judge()
         return Outcome.NEXT
 
     def _contact_judge(self) -> ContactJudge | None:
@@ -85,7 +86,15 @@ class Sequence:
             return None
         return ContactJudge(until, self._touch, self._controller.assembly.model)
 
+    def _smooth_judge(self) -> SmoothJudge | None:
+        until = self.phase.until
+        if not isinstance(until, SmoothCondition):
+            return None
+        return SmoothJudge(until, self._controller.assembly.model, self._touch.period)
+
     def _met(self) -> bool:
+        if self._smooth is not None:
+            return self._smooth.met(self._touch.state)
         if self._judge is not None:
             return self._judge.met()
         until = self.phase.until
@@ -109,4 +118,6 @@ class Sequence:
 def _condition_name(phase: PhaseSpec) -> str:
     if isinstance(phase.until, ContactCondition):
         return "contact" if phase.until.present else "loss of contact"
+    if isinstance(phase.until, SmoothCondition):
+        return "smooth surface"
     return "arrival" if phase.until is not None else "end"

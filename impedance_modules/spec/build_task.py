@@ -24,6 +24,7 @@ from impedance_modules.spec.task import (
     ReachedCondition,
     SheetSpec,
     Sine,
+    SmoothCondition,
     SpringSpec,
     SurfaceSpec,
     TankSpec,
@@ -171,7 +172,17 @@ def _coordinate(raw: Any) -> Coordinate:
     return Sine(float(sine["amplitude"]), float(sine["frequency"]), _number(sine, "center"))
 
 
-def _until(raw: Raw) -> ContactCondition | ReachedCondition:
+def _until(raw: Raw) -> ContactCondition | ReachedCondition | SmoothCondition:
+    if "smooth" in raw:
+        smooth = raw["smooth"]
+        return SmoothCondition(
+            target=smooth["target"],
+            along=smooth["along"],
+            normal=smooth.get("normal", "z"),
+            by=smooth["by"],
+            below=float(smooth["below"]),
+            windows=int(smooth["windows"]),
+        )
     if "reached" in raw:
         return ReachedCondition(float(raw["reached"]["distance"]), float(raw["reached"]["angle"]))
     contact = raw["contact"]

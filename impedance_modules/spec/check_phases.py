@@ -123,9 +123,24 @@ def _until_problems(draft: Draft, at: Path) -> Iterator[Problem]:
             else f"there is no arm '{target}'{nearest(target, valid)}"
         )
         yield draft.problem((*at, "until", "contact", "target"), missing, valid)
+    yield from _smooth_problems(draft, (*at, "until", "smooth"))
     if draft.clean(*at, "until", "reached") and not _moves_somewhere(draft, (*at, "equilibrium")):
         message = "nothing can be reached: the phase gives no equilibrium with a plain number"
         yield draft.problem((*at, "until", "reached"), message, at="key")
+
+
+def _smooth_problems(draft: Draft, at: Path) -> Iterator[Problem]:
+    """Checks whose hand rubs, and that it does so along the surface."""
+    names = draft.keys("arms")
+    target = draft.value(*at, "target")
+    if isinstance(target, str) and target not in names:
+        message = f"there is no arm '{target}'{nearest(target, names)}"
+        yield draft.problem((*at, "target"), message, names)
+    if draft.clean(*at):
+        along, normal = draft.value(*at, "along"), draft.value(*at).get("normal", "z")
+        if along[-1] == normal[-1]:
+            message = f"strokes along {along} do not run along a surface whose normal is {normal}"
+            yield draft.problem((*at, "along"), message)
 
 
 def _moves_somewhere(draft: Draft, at: Path) -> bool:

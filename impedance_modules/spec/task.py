@@ -239,6 +239,27 @@ class ReachedCondition:
 
 
 @dataclass(frozen=True)
+class SmoothCondition:
+    """What a hand rubs has become smooth, judged from its position and force (thesis 5.2.4).
+
+    Attributes:
+        target: Arm whose hand rubs.
+        along: Strokes that count, a signed world axis, e.g. ``-x``.
+        normal: Out of the surface, a signed world axis.
+        by: ``spectrum`` (tangential force around 20 Hz, rms [N]) or ``friction`` (its coefficient).
+        below: What the mean over the last windows must stay below [N] or [1].
+        windows: How many windows.
+    """
+
+    target: str
+    along: str
+    normal: str
+    by: str
+    below: float
+    windows: int
+
+
+@dataclass(frozen=True)
 class PhaseSpec:
     """A stretch of the task with constant gains and one motion of its equilibria.
 
@@ -260,7 +281,7 @@ class PhaseSpec:
     posture: Mapping[str, Mapping[str, float]]
     axes: Mapping[str, Mapping[str, HybridAxis]]
     stiffness: Mapping[str, Matrix]
-    until: ContactCondition | ReachedCondition | None
+    until: ContactCondition | ReachedCondition | SmoothCondition | None
     otherwise: str
 
 

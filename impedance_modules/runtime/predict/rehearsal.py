@@ -29,7 +29,7 @@ from impedance_modules.runtime.predict.mechanism import Mechanism
 from impedance_modules.runtime.predict.pressing import Motion, Pressing
 from impedance_modules.runtime.predict.rehearsed import PhaseRehearsal, Rehearsal, Sample
 from impedance_modules.runtime.predict.steps import plan_steps
-from impedance_modules.spec.task import PhaseSpec
+from impedance_modules.spec.task import PhaseSpec, SmoothCondition
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,8 @@ BLENDING = 0.5
 def rehearse(assembly: Assembly) -> Rehearsal:
     """Goes through all phases of a task.
 
-    A phase whose ``until`` is not met within its duration goes on to the next, whatever the task says then.
+    A phase whose ``until`` is not met within its duration goes on to the next, whatever the task says then. A
+    surface that becomes smooth is not rehearsed: such a phase takes its whole duration.
     """
     stage = _Stage(assembly)
     phases = tuple(stage.play(phase) for phase in assembly.task.phases)
@@ -96,7 +97,7 @@ class _Stage:
             began=began,
             ended=self._time,
             clock=clock,
-            met=None if phase.until is None else met,
+            met=None if phase.until is None or isinstance(phase.until, SmoothCondition) else met,
             samples=slice(first, len(self.samples)),
             q=self._q.copy(),
         )

@@ -43,5 +43,5 @@ class HandForce:
         held = self._kinematics.bias + self._model.gravity(position)
         torque = (held - effort)[self._limb.joints]
         gram = jacobian @ jacobian.T + REGULARISATION * np.eye(6)
-        wrench = np.linalg.solve(gram, jacobian @ torque)
+        wrench: Array = np.asarray(np.linalg.solve(gram, jacobian @ torque), dtype=np.float64)
         return self._kinematics.pose(self._limb.hand).translation.copy(), wrench[:3]

@@ -75,7 +75,7 @@ class Roughness:
     def spectrum(self) -> tuple[Array, Array]:
         """Frequencies [Hz] and mean amplitudes over all windows [N], (m,) each."""
         mean = np.mean([window.spectrum for window in self.windows], axis=0)
-        return frequencies(round(LENGTH * SAMPLE_RATE)), mean
+        return frequencies(), mean
 
 
 def judge_roughness(
@@ -226,17 +226,3 @@ def _choose(episode: Episode, hand: str | None, likely: list[str], valid: list[s
     if hand is None and len(likely) > 1:
         raise BadInput(f"{episode.source}: which hand? give --hand (valid: {', '.join(likely)})")
     return likely[0] if hand is None else hand
-
-
-def way_of(text: str) -> Array:
-    """Reads a signed axis, e.g. ``-x``, as a unit vector (3,).
-
-    Raises:
-        BadInput: It is none.
-    """
-    axis = text.lstrip("+-")
-    if axis not in ("x", "y", "z") or len(text) > 2:
-        raise BadInput(f"'{text}' is no direction (valid: x, -x, y, -y, z, -z)")
-    way = np.zeros(3)
-    way["xyz".index(axis)] = -1.0 if text.startswith("-") else 1.0
-    return way

@@ -20,6 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.errors import BadInput
+
 Array = NDArray[np.float64]
 
 LENGTH = 0.8
@@ -55,6 +57,20 @@ class Directions:
     normal: Array
 
 
+def way_of(text: str) -> Array:
+    """Reads a signed axis, e.g. ``-x``, as a unit vector (3,).
+
+    Raises:
+        BadInput: It is none.
+    """
+    axis = text.lstrip("+-")
+    if axis not in ("x", "y", "z") or len(text) > 2:
+        raise BadInput(f"'{text}' is no direction (valid: x, -x, y, -y, z, -z)")
+    way = np.zeros(3)
+    way["xyz".index(axis)] = -1.0 if text.startswith("-") else 1.0
+    return way
+
+
 @dataclass(frozen=True)
 class Window:
     """One window.
@@ -76,16 +92,16 @@ class Window:
     spectrum: Array
 
 
-def frequencies(samples: int) -> Array:
+def frequencies(rate: float = SAMPLE_RATE) -> Array:
     """Gives the frequencies (m,) of a window's spectrum [Hz]."""
-    return np.fft.rfftfreq(samples, 1.0 / SAMPLE_RATE)
+    return np.asarray(np.fft.rfftfreq(round(LENGTH * rate), 1.0 / rate), dtype=np.float64)
 
 
-def measure(start: float, position: Array, force: Array, ways: Directions) -> Window:
-    """Says what N samples of position and force (N, 3) tell."""
+def measure(start: float, position: Array, force: Array, ways: Directions, rate: float) -> Window:
+    """Says what N samples of position and force (N, 3) tell, taken at a rate [Hz]."""
     along, normal = force @ ways.along, force @ ways.normal
     amplitude = 2.0 / len(along) * np.abs(np.fft.rfft(_detrended(along)))
-    nu = frequencies(len(along))
+    nu = np.fft.rfftfreq(len(along), 1.0 / rate)
     inside = (nu >= BAND[0]) & (nu <= BAND[1])
     return Window(
         start=start,
@@ -100,19 +116,22 @@ def measure(start: float, position: Array, force: Array, ways: Directions) -> Wi
 def _detrended(values: Array) -> Array:
     """Takes the straight line out that fits best."""
     ramp = np.linspace(-1.0, 1.0, len(values))
-    return values - values.mean() - ramp * float(ramp @ values / (ramp @ ramp))
+    return np.asarray(values - values.mean() - ramp * float(ramp @ values / (ramp @ ramp)))
 
 
 class WindowFinder:
-    """Takes samples one by one, ``SAMPLE_RATE`` of them in a second, and gives each window when it is full.
+    """Takes samples one by one, evenly in time, and gives each window when it is full.
 
     Attributes:
         refused: How many strokes gave no window, by why.
     """
 
-    def __init__(self, ways: Directions) -> None:
+    def __init__(self, ways: Directions, rate: float = SAMPLE_RATE) -> None:
+        """Takes the directions that count and the samples' rate [Hz]."""
         self._ways = ways
-        self._recent: deque[Array] = deque(maxlen=round(SETTLING * SAMPLE_RATE) + 1)
+        self._rate = rate
+        self._steps = max(1, round(SETTLING * rate))
+        self._recent: deque[Array] = deque(maxlen=self._steps + 1)
         self._samples: list[tuple[Array, Array]] = []
         self._began = 0.0
         self._armed = False
@@ -123,9 +142,9 @@ class WindowFinder:
         self._recent.append(position.copy())
         if self._samples:
             return self._collect(position, force)
-        if len(self._recent) < self._recent.maxlen:  # type: ignore[operator]
+        if len(self._recent) <= self._steps:
             return None
-        speed = float((self._recent[-1] - self._recent[0]) @ self._ways.along) / SETTLING
+        speed = float((self._recent[-1] - self._recent[0]) @ self._ways.along) * self._rate / self._steps
         if speed <= START_SPEED:
             self._armed = True
         elif self._armed:
@@ -136,12 +155,12 @@ class WindowFinder:
 
     def _collect(self, position: Array, force: Array) -> Window | None:
         self._samples.append((position.copy(), force.copy()))
-        if len(self._samples) < round(LENGTH * SAMPLE_RATE):
+        if len(self._samples) < round(LENGTH * self._rate):
             return None
         places, forces = (np.array(column) for column in zip(*self._samples, strict=True))
         self._samples.clear()
         touching = forces @ self._ways.normal > LEAST_FORCE
-        window = measure(self._began, places, forces, self._ways)
+        window = measure(self._began, places, forces, self._ways, self._rate)
         if np.mean(touching) < LEAST_SHARE:
             self.refused["out of contact"] += 1
         elif window.travel < LEAST_TRAVEL:
