@@ -24,15 +24,24 @@ def main() -> None:
 @click.option(
     "--count", type=click.IntRange(1), help="Cases per block; the block's full number when left out."
 )
+@click.option(
+    "--first",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Number of the first case: others than were looked at before.",
+)
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
 @click.option("--jobs", type=click.IntRange(1), default=os.cpu_count, show_default="cores")
-def generate(blocks: tuple[str, ...], seeds: str, count: int | None, out: Path, jobs: int) -> None:
+def generate(
+    blocks: tuple[str, ...], seeds: str, count: int | None, first: int, out: Path, jobs: int
+) -> None:
     """Makes cases and seals their truth."""
     from benchmarks.blind.generate import generate as make_block
     from benchmarks.blind.generate import seal_of
 
     for block in blocks or tuple(COUNTS):
-        sealed = make_block(block, seeds, count, out, jobs, lambda text: click.echo(text, err=True))
+        sealed = make_block(block, seeds, count, out, jobs, lambda text: click.echo(text, err=True), first)
         click.echo(f"{seal_of(sealed)}  {sealed}")
 
 

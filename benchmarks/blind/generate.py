@@ -16,9 +16,15 @@ CASES, SEALED, SEALS = "cases", "sealed", "seals.txt"
 
 
 def generate(
-    block: str, seeds: str, count: int | None, out: Path, jobs: int, tell: Callable[[str], None]
+    block: str,
+    seeds: str,
+    count: int | None,
+    out: Path,
+    jobs: int,
+    tell: Callable[[str], None],
+    first: int = 0,
 ) -> Path:
-    """Makes the first ``count`` cases of a block (all of them where None).
+    """Makes ``count`` cases of a block from number ``first`` on (as many as the block has where None).
 
     Writes out/cases/NAME/{run_*.parquet, case.json}, out/sealed/BLOCK.json and a line of out/seals.txt.
 
@@ -30,7 +36,7 @@ def generate(
     cases.mkdir(parents=True, exist_ok=True)
     made: list[Made] = []
     with ProcessPoolExecutor(jobs) as pool:
-        waiting = [pool.submit(make, block, index, seeds, cases) for index in range(wanted)]
+        waiting = [pool.submit(make, block, index, seeds, cases) for index in range(first, first + wanted)]
         for i, one in enumerate(waiting):
             made += one.result()
             tell(f"{block} {i + 1}/{wanted}")

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.aside import touching
 from impedance_modules.diagnosis.company import refuse_company, refuse_copies
 from impedance_modules.diagnosis.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.long_recordings import stretch_note, stretch_origin
@@ -146,6 +147,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         effort_source=episode.effort_source if effort is not None else None,
         gravity_compensation=episode.gravity_compensation,
         start=float(time[0] - stretch_origin(episode)),
+        touching=touching(episode, time),
     )
     return log, jitter
 

@@ -104,6 +104,12 @@ def thin(values: Array, rate: float) -> tuple[Array, float]:
     return _zero_phase(values, rate, 0.4 * rate / step)[::step], rate / step
 
 
+def thin_mask(values: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
+    """Thins (N,) marks as `thin` does samples: one stands for all up to the next."""
+    step = int(rate * (1.0 + 1e-3) // WORK_RATE)
+    return values if step < 2 else np.logical_or.reduceat(values, np.arange(0, len(values), step))
+
+
 def choose_cutoff(logs: Sequence[Log]) -> float:
     """Finds the end of the band that all recordings can bear [Hz]."""
     found = [

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Pushes from outside: moments in which one force on one link explains all joints at once.
 
-A push is bound to one recording's time, so no other recording can confirm it. Three things can:
+A push is bound to one recording's time, so no other recording can confirm it. Four things can:
 
 - *pattern*: r = -J^T(q) f(t), three numbers an instant for all joints, explains what free torques would;
 - *moment*: outside a few intervals nothing is needed;
+- *company*: no free torque of a single joint does nearly as well, as it would if that joint had a fault;
 - *absence*: where the recording repeats another, the same force is not there at the same time.
 
 f(t) is piecewise linear, with hats of half a second, fitted to the links' whitened residual of a model.
@@ -39,6 +40,9 @@ PATTERN_MIN = 0.7
 
 SECOND_MIN = 0.1
 """Part of what it explains that falls on the second joint at least."""
+
+ALONE_MAX = 0.8
+"""Part of what it explains that a free torque of one joint explains as well: beyond it the joint has a fault."""
 
 LOCAL_MAX = 0.5
 """Part of a recording that pushes may fill; beyond it the gap is not local."""
@@ -163,7 +167,8 @@ def _intervals(bench: Bench, prepared: Sequence[Prepared], r: int, found: dict[i
     runs = _runs(strength > STRONG)
     left = bench.residuals(bench.whole.coefficients, r)
     groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
-    free = np.sum([_free(bench, item, r, left, g) for g in groups], axis=0)
+    each = np.array([_free(bench, item, r, left, g) for g in groups])
+    free = each.sum(axis=0)
     second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
     if second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
         return []
@@ -173,6 +178,8 @@ def _intervals(bench: Bench, prepared: Sequence[Prepared], r: int, found: dict[i
         size = last - first
         gain = _strength(forces, slice(3 * first, 3 * last)) - 3.0 * size
         if gain < GAIN_MIN or gain < PATTERN_MIN * (float(np.sum(free[first:last])) - len(groups) * size):
+            continue
+        if float(np.max(each[:, first:last].sum(axis=1))) - size > ALONE_MAX * gain:
             continue
         mean = np.repeat(np.eye(3)[None] / size, size, axis=0).transpose(1, 0, 2).reshape(3, -1)
         part = forces.covariance[3 * first : 3 * last, 3 * first : 3 * last]

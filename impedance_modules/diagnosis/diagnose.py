@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.admit import admit
 from impedance_modules.diagnosis.arrange import Arrangement, arrange
+from impedance_modules.diagnosis.aside import both, contact_aside, contact_note
 from impedance_modules.diagnosis.band import choose_cutoff
 from impedance_modules.diagnosis.causes import name_causes
 from impedance_modules.diagnosis.conclude import conclude
 from impedance_modules.diagnosis.contact import find_pushes, moments_clear
 from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.log import DataReport, InsufficientData
+from impedance_modules.diagnosis.log import InsufficientData
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.prepare import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, Remainder
@@ -24,9 +26,9 @@ from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
 from impedance_modules.diagnosis.rollout.stage import with_rollouts
 from impedance_modules.diagnosis.selection.candidates import (
-    command_noise,
     instrument,
     list_candidates,
+    noise_of_repeats,
     shapes_of,
 )
 from impedance_modules.diagnosis.selection.design import build_design
@@ -94,7 +96,8 @@ def diagnose(
     progress("judging rivals")
     causes = name_causes(evidence)
     progress("concluding")
-    found = conclude(evidence, causes, model, _with_warnings(report, arrangement))
+    notes = (*arrangement.warnings, *contact_note(prepared))
+    found = conclude(evidence, causes, model, replace(report, warnings=(*report.warnings, *notes)))
     progress("letting the plant live the held-out recordings again")
     return with_rollouts(found, evidence, model, urdf, worn)
 
@@ -118,18 +121,21 @@ def _explain(
     progress: Progress,
 ) -> Evidence:
     residuals = list(prepared[0].residuals)
-    noise = command_noise(prepared, repeat_pairs(prepared, arrangement.fitted))
-    signals = [instrument(item.signals, noise) for item in prepared]
+    pairs = repeat_pairs(prepared, arrangement.fitted)
+    noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
+    flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
+    signals = [instrument(item.signals, noise, flicker) for item in prepared]
     shaped = [
         (candidate, shape)
         for candidate in list_candidates(CATALOGUE, prepared, {*without, CONTACT})
-        for shape in shapes_of(candidate, signals[0])
+        for shape in shapes_of(candidate, signals)
     ]
     stand_ins = draft_stand_ins(prepared, residuals)
     drafts = draft_candidates(shaped, prepared, signals, residuals)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
-    floor = _floor(raw, prepared, nuisance, [*stand_ins, *_simple(drafts)], arrangement.fitted)
+    aside = contact_aside(prepared)
+    floor = _floor(raw, prepared, nuisance, [*stand_ins, *_simple(drafts)], arrangement.fitted, aside)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]
     design = build_design([*drafts, *stand_ins], nuisance, raw, floor, names=names, rate=rate)
@@ -137,6 +143,8 @@ def _explain(
     selector = Selector(
         design, arrangement.folds, Refiner(design, prepared, signals), model.position_resolution
     )
+    if aside:
+        selector = selector.on(design.without(aside))
     contact = CONTACT in CATALOGUE and CONTACT not in without
     return _search(selector, prepared, arrangement, progress, contact=contact)
 
@@ -154,7 +162,8 @@ def _search(
     pushes = find_pushes(selector.bench(found.causes), prepared) if contact else ()
     if pushes:
         progress("setting moments of contact aside")
-        selector = selector.on(selector.design.without(moments_clear(pushes, prepared)))
+        moments = both(selector.design.whitening.clear, moments_clear(pushes, prepared))
+        selector = selector.on(selector.design.without(moments))
         found = selector.run(progress)
     bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
@@ -166,26 +175,23 @@ def _search(
     return Evidence(selector, arrangement.heldout, prepared, bench, floor, plain, found.refusal, pushes)
 
 
-def _floor(
+def _floor(  # noqa: PLR0917 - all of them belong together
     left: Sequence[Sequence[Array]],
     prepared: Sequence[Prepared],
     nuisance: Nuisance,
     flexible: Sequence[Draft],
     fitted: Sequence[int],
+    aside: Mapping[int, NDArray[np.bool_]],
 ) -> Whitening:
     pairs = repeat_pairs(prepared, fitted)
     if pairs:
-        return noise_by_repeats(left, prepared, nuisance, pairs)
+        return noise_by_repeats(left, prepared, nuisance, pairs, aside)
     return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
 
 
 def _simple(drafts: Sequence[Draft]) -> list[Draft]:
     """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
     return [draft for draft in drafts if not draft.shape and draft.width <= 3 and len(draft.blocks[0]) == 1]
-
-
-def _with_warnings(report: DataReport, arrangement: Arrangement) -> DataReport:
-    return DataReport(**{**vars(report), "warnings": (*report.warnings, *arrangement.warnings)})
 
 
 def insufficient(robot: str, episodes: Sequence[str], reason: str) -> Diagnosis:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from impedance_modules.errors import ImpedanceError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 class InsufficientData(ImpedanceError):  # noqa: N818 - as its siblings are called
@@ -35,6 +36,7 @@ class Log:
         effort_source: ``joint_sensor`` or ``motor``; None without ``effort``.
         gravity_compensation: ``robot``, ``command`` or ``none``.
         start: Of its first sample since the recording began [s]; a stretch of a recording begins later.
+        touching: (N,) samples whose phase says that the robot is in contact; None without phases.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Log:
     effort_source: str | None
     gravity_compensation: str
     start: float = 0.0
+    touching: Mask | None = None
 
     @property
     def samples(self) -> int:
@@ -76,6 +79,7 @@ class Log:
             command=cut(self.command),
             position_command=cut(self.position_command),
             start=self.start + first / self.rate,
+            touching=None if self.touching is None else self.touching[piece],
         )
 
 

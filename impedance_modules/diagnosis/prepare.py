@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from impedance_modules.diagnosis.band import Band, thin
+from impedance_modules.diagnosis.band import Band, thin, thin_mask
 from impedance_modules.diagnosis.dynamics import gravity_regressor, inertial_regressor
 from impedance_modules.diagnosis.log import Log
 from impedance_modules.diagnosis.model import NominalModel
@@ -210,4 +210,5 @@ def _thinned(log: Log) -> Log:
         effort_source=log.effort_source,
         gravity_compensation=log.gravity_compensation,
         start=log.start,
+        touching=None if log.touching is None else thin_mask(log.touching, log.rate),
     )

@@ -54,4 +54,7 @@ def _slowed(log: Log, rate: float) -> Log:
         effort=slow(log.effort),
         command=slow(log.command),
         position_command=slow(log.position_command),
+        touching=None
+        if log.touching is None
+        else log.touching[np.searchsorted(old, new).clip(0, log.samples - 1)],
     )

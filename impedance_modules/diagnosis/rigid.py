@@ -51,6 +51,11 @@ class BatchedRigidModel(RigidModel):
         first = 10 * links.index(body)
         return self._whole(q, v, a)[:, :, first : first + 10]
 
+    def body_inertia(self, body: str) -> Array:
+        """Ten nominal inertial parameters of what moves with a link."""
+        links = [item.link for item in self.tree.bodies]
+        return self.tree.bodies[links.index(body)].inertia if body in links else super().body_inertia(body)
+
     def keep(self) -> None:
         """Remembers the regressor (N, n, 10 n) of the motion that is asked for last, until told to forget."""
         self._keeping = True

@@ -74,12 +74,14 @@ def locate(evidence: Evidence, model: NominalModel) -> tuple[Place, ...]:
         series = [found[group] for found in left]
         for r, (item, values) in enumerate(zip(prepared, series, strict=True)):
             power = (values**2 - floor.rms[r, group] ** 2) / unit_power[group]
-            for name, mask in regimes(item, model, joint).items():
+            clear = evidence.clear(r)
+            sorted_out = {name: mask & clear for name, mask in regimes(item, model, joint).items()}
+            for name, mask in (sorted_out | {"contact": ~clear}).items():
                 excess[name] = excess.get(name, 0.0) + float(power[mask].sum())
         band = _band(series, prepared[0])
         for name, value in excess.items():
             if value > 0.0:
-                port = PORT_OF_RESIDUAL[residual]
+                port = "contact" if name == "contact" else PORT_OF_RESIDUAL[residual]
                 places.append((value, Place(model.joints[joint], port, name, band, value)))
     total = sum(value for value, _ in places)
     found = [

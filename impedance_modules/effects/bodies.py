@@ -101,6 +101,10 @@ INERTIAS = ("dIxx", "dIxy", "dIyy", "dIxz", "dIyz", "dIzz")
 CHANGES = ("dm", *MOMENTS, *INERTIAS)
 
 
+ALL_OVER = "all_over"
+"""Shape: 1 where the link is heavier or lighter all over, its centre and radii of gyration as believed."""
+
+
 class LinkInertia(Effect):
     """A link whose ten inertial parameters are not those of the model."""
 
@@ -131,10 +135,33 @@ class LinkInertia(Effect):
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
     ) -> Regressor | None:
-        """Ten columns."""
+        """Ten columns, or what a link costs that is heavier all over, per kilogram."""
         if not uses_motion(residual):
             return None
-        return all_rows(signals, signals.body_columns(key), *unbounded(10))
+        whole = signals.body_columns(key)
+        if not shape.get(ALL_OVER):
+            return all_rows(signals, whole, *unbounded(10))
+        nominal = signals.model.body_inertia(key)
+        column = whole @ (nominal / nominal[0])
+        return all_rows(signals, column[:, :, None], np.array([-nominal[0]]), np.full(1, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Any change, and where the link has a mass, one that leaves its centre and its radii of gyration."""
+        heavy = signals.model.body_inertia(key)[0] > 0.0
+        return ({ALL_OVER: 0.0}, {ALL_OVER: 1.0}) if heavy else ({ALL_OVER: 0.0},)
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """The ten changes."""
+        return np.array([values.get(symbol, 0.0) for symbol in CHANGES]), {ALL_OVER: 0.0}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The coefficients, or the nominal link's parameters in proportion to its mass."""
+        if shape.get(ALL_OVER):
+            nominal = signals.model.body_inertia(key)
+            coefficients = float(coefficients[0]) * nominal / nominal[0]
+        return dict(zip(CHANGES, map(float, coefficients), strict=True))
 
     def relations(self, values: Values) -> list[str]:
         """At least one number must be given."""

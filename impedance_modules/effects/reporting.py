@@ -13,11 +13,15 @@ from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.description import Description, Parameter, Port
 from impedance_modules.effects.drive import lagged
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
-from impedance_modules.effects.residuals import Residual, uses_motion
+from impedance_modules.effects.residuals import COVERS, Residual, uses_motion
 from impedance_modules.effects.sample import Shape
 from impedance_modules.effects.signals import Signals
+from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
+
+APART = "apart"
+"""Shape: 1 where the readings' clock runs away from the commands'."""
 
 
 class VelocityFilterLag(Effect):
@@ -81,9 +85,18 @@ class ClockDrift(Effect):
     description = Description(
         id="clock_drift",
         sentence="The clock that stamps the samples runs fast: recorded seconds are shorter than true ones.",
-        equation="t recorded = (1 + 1e-6 ppm) t; v reported - dq/dt = 1e-6 ppm dq/dt; tau = 2e-6 ppm (ID - weight)",
+        equation="t recorded = (1 + 1e-6 ppm) t; v reported - dq/dt = 1e-6 ppm dq/dt; tau = 2e-6 ppm (ID - weight);"
+        " apart = 1: readings at t show what was at t / (1 + 1e-6 ppm), commands do not",
         parameters=(
             Parameter("ppm", "ppm", "rate beyond the true one, in millionths", lower=-1e5, upper=1e5),
+            Parameter(
+                "apart",
+                "1",
+                "1 where the readings' clock runs away from the commands', 0 where all stamps are off alike",
+                lower=0.0,
+                upper=1.0,
+                left_out="0",
+            ),
         ),
         ports=("timing",),
         keys=("log",),
@@ -95,21 +108,58 @@ class ClockDrift(Effect):
     )
 
     def shows(self, port: Port, residual: Residual) -> bool:
-        """Where velocities are compared, or accelerations used."""
-        return residual == "velocity" or uses_motion(residual)
+        """Where velocities are compared, accelerations used, or commands laid beside readings."""
+        return residual == "velocity" or uses_motion(residual) or "drive" in COVERS[residual]
 
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
     ) -> Regressor | None:
-        """Velocity in its own residual, twice the inertial torque in the others."""
+        """Velocity in its own residual, twice the inertial torque in the links', what the command changes meanwhile."""
         if not self.shows(port, residual):
             return None
-        values = signals.velocity if residual == "velocity" else 2.0 * (signals.rigid - signals.weight)
-        (ppm,) = self.description.parameters
+        values = np.zeros((signals.samples, signals.n))
+        if residual == "velocity":
+            values += signals.velocity
+        if uses_motion(residual):
+            values += 2.0 * (signals.rigid - signals.weight)
+        if shape.get(APART) and "drive" in COVERS[residual]:
+            values += _run_away(signals)
+        ppm = self.description.parameter("ppm")
         bounds = np.full(1, ppm.lower), np.full(1, ppm.upper)
         return all_rows(signals, 1e-6 * values[:, :, None], *bounds)
 
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """All stamps alike, or the readings' against the commands'."""
+        return ({APART: 0.0},) if signals.drive is None else ({APART: 0.0}, {APART: 1.0})
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """The rate."""
+        return ("ppm",)
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """The rate; which of the clocks it is says the shape."""
+        return np.array([values["ppm"]]), {APART: values.get(APART, 0.0)}
+
     def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
-        """Speeds the reported clock up."""
+        """Speeds the reported clock up.
+
+        Raises:
+            BadInput: The clocks run apart, which belongs to a recording's readings and to no robot.
+        """
         for values in parameters.values():
+            if values.get(APART, 0.0):
+                raise BadInput(
+                    "clock_drift with apart = 1: readings that run away from the commands belong to a recording, no"
+                    " plant wears them (valid: apart 0, or none; `diagnose --effects` takes both)"
+                )
             builder.clock *= 1.0 + 1e-6 * values["ppm"]
+
+
+def _run_away(signals: Signals) -> Array:
+    """What the torque asked for changes per second of the readings' age, times the time since the start, (N, n)."""
+    drive = signals.drive if signals.clean_drive is None else signals.clean_drive
+    if drive is None:
+        return np.zeros((signals.samples, signals.n))
+    asked = drive if signals.assistance is None else drive - signals.assistance
+    return np.asarray(signals.time[:, None] * signals.rate_of(asked))

@@ -85,6 +85,13 @@ class RigidModel:
         others = [full.getJointId(name) for name in known if name not in joint_names]
         return cls(pin.buildReducedModel(full, others, pin.neutral(full)), joint_names)
 
+    def body_inertia(self, body: str) -> Array:
+        """Ten nominal inertial parameters of what moves with a link, about the link's origin and in its axes."""
+        frame = self._model.frames[self._model.getFrameId(body)]
+        return np.asarray(
+            frame.placement.actInv(self._model.inertias[frame.parentJoint]).toDynamicParameters()
+        )
+
     @property
     def gravity(self) -> Array:
         """Gravity's acceleration (3,) in base axes [m/s^2]."""

@@ -63,6 +63,7 @@ class Signals:
         hands: Links whose origins touch them.
         clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
             otherwise gain by smoothing the noise that the residual carries too.
+        reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that ask for no more than its sign.
     """
 
     model: RigidModel
@@ -82,6 +83,7 @@ class Signals:
     clean_drive: Array | None = None
     surfaces: tuple[SurfaceSpec, ...] = ()
     hands: tuple[str, ...] = ()
+    reading: Array | None = None
 
     @property
     def samples(self) -> int:
@@ -123,6 +125,13 @@ class Signals:
         if self.effort is not None and self.effort_source == "joint_sensor":
             return self.effort
         return self.rigid
+
+    @property
+    def touch(self) -> Array:
+        """The load (N, n) [N.m] as it was read: which flanks of the teeth carry it."""
+        if self.reading is not None and self.effort_source == "joint_sensor":
+            return self.reading
+        return self.load
 
     @cached_property
     def _winding(self) -> Array:

@@ -26,7 +26,10 @@ from impedance_modules.spec.robot import RobotSpec
 
 Array = NDArray[np.float64]
 
-UNLOADED = 0.02
+READ = "read"
+"""Shape of play: 1 where the flanks' sides are taken from the load as it was read."""
+
+UNLOADED = 0.1
 """Share of a joint's typical load below which its teeth are taken to be apart."""
 
 
@@ -173,13 +176,24 @@ class Backlash(Effect):
     ) -> Regressor | None:
         """What crossing a gap of one radian costs."""
         joint = signals.joint(key)
-        place = place_in_play(signals.load[:, joint])
+        load = signals.touch if shape.get(READ) else signals.load
+        place = place_in_play(load[:, joint])
         if np.ptp(place) == 0.0:
             return None
         column = cost_of_deflection(signals, joint, place, residual)
         if column is None:
             return None
         return one_row(joint, column[:, None], None, np.zeros(1), np.full(1, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Flanks touch by the load that motion and model make, and by the one that was read where noise allows."""
+        return ({READ: 0.0},) if signals.reading is None else ({READ: 0.0}, {READ: 1.0})
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """The gap."""
+        return np.array([values["b"]]), {READ: 0.0}
 
     def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Opens gaps in series with springs."""

@@ -7,7 +7,7 @@ enters nonlinearly it comes in several shapes, one regression each. Nothing is p
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +29,9 @@ SENSOR_SHARE_MAX = 0.5
 
 ALONE = 1.5
 """Times a command's noise that motion and model may leave of it, for the rest to count as noise."""
+
+CLEAR = 4.0
+"""Times its noise beyond which the sign of a measured effort is the load's."""
 
 PERIODS_MIN = 2.0
 """Fewest periods that a periodic effect must run through in the recordings."""
@@ -114,8 +117,12 @@ def _keys(
         yield kind, ()
 
 
-def shapes_of(candidate: Candidate, signals: Signals) -> list[dict[str, float]]:
-    """Lists the shapes of a candidate that are worth trying on recordings like this one."""
+def shapes_of(candidate: Candidate, recordings: Sequence[Signals]) -> list[dict[str, float]]:
+    """Lists the shapes of a candidate that are worth trying on some recordings: those of the widest motion."""
+    signals = recordings[0]
+    if candidate.key in signals.model.joint_names:
+        joint = signals.joint(candidate.key)
+        signals = max(recordings, key=lambda one: float(np.ptp(one.position[:, joint])))
     shapes = candidate.effect.shapes(signals, candidate.key, candidate.port)
     return [dict(shape) for shape in shapes if _seen(candidate, shape, signals)]
 
@@ -174,7 +181,7 @@ def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) ->
     return shape["N"] * swept / (2.0 * np.pi) >= PERIODS_MIN
 
 
-def instrument(signals: Signals, noise: Array | None = None) -> Signals:
+def instrument(signals: Signals, noise: Array | None = None, flicker: Array | None = None) -> Signals:
     """Replaces the measured effort by its regression on the model's torque and the motion, and cleans the command.
 
     A column that is computed from the reading carries the reading's noise, and so does the residual: the two
@@ -183,8 +190,12 @@ def instrument(signals: Signals, noise: Array | None = None) -> Signals:
     Args:
         signals: One recording.
         noise: (n,) rms of the commands' noise as repeats show it; without it commands stay as they are.
+        flicker: (n,) likewise of the measured effort; without it no law sees the effort's own sign.
     """
     effort = signals.effort
+    reading = None
+    if effort is not None and flicker is not None:
+        reading = np.where(np.abs(effort) > CLEAR * flicker, effort, 0.0)
     if effort is not None:
         effort = np.column_stack(
             [
@@ -195,6 +206,7 @@ def instrument(signals: Signals, noise: Array | None = None) -> Signals:
     return replace(
         signals,
         effort=effort,
+        reading=reading,
         clean_drive=_clean_drive(signals, noise),
         position_command=_aimed(signals),
     )
@@ -246,11 +258,15 @@ def _clean_drive(signals: Signals, noise: Array | None) -> Array | None:
     return out
 
 
-def command_noise(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array | None:
-    """Rms (n,) of what differs in the commands of repeats; None without any."""
+def noise_of_repeats(
+    prepared: Sequence[Prepared],
+    pairs: Sequence[tuple[int, int]],
+    channel: Callable[[Signals], Array | None],
+) -> Array | None:
+    """Rms (n,) of what differs in a channel of repeats; None without any."""
     found = []
     for i, j in pairs:
-        first, second = prepared[i].signals.drive, prepared[j].signals.drive
+        first, second = channel(prepared[i].signals), channel(prepared[j].signals)
         if first is not None and second is not None:
             size = min(len(first), len(second))
             found.append(np.mean((first[:size] - second[:size]) ** 2, axis=0) / 2.0)

@@ -22,6 +22,9 @@ EQUAL_SIGMA = 3.0
 EQUAL_LOSS = 0.01
 """... if also no more than this part of the explained power lies between them."""
 
+DECIDED = 15.0
+"""Log-likelihood by which a cause must lie ahead [nats], standard errors too, where hardly any power does."""
+
 
 def judge_rivals(
     selector: Selector, causes: Sequence[Term], term: Term
@@ -39,7 +42,8 @@ def judge_rivals(
     asked = [slot for slot in promising(selector.screen.look(bench), ASKED) if slot.shaped.key not in held]
     for rival in selector.refined(bench, [selector.trial(bench, slot) for slot in asked]):
         candidate = rival.term.candidate
-        if not same_name(candidate, term.candidate) and _equal(own, rival):
+        other = not same_name(candidate, term.candidate)
+        if other and _equal(own, rival) and selector.unphysical(rival) is None:
             equal.append(_named(candidate, "fits unseen recordings as well"))
         else:
             lost.append(_named(candidate, _reason(own, rival)))
@@ -61,7 +65,10 @@ def _equal(own: Trial, rival: Trial) -> bool:
     if mine <= 0.0 or (contains(rival, own) and not _alone(rival, own)):
         return False
     loss = (mine - its) / mine
-    return loss < EQUAL_LOSS or (loss < 5.0 * EQUAL_LOSS and own.advantage(rival) < EQUAL_SIGMA)
+    ahead = own.advantage(rival) >= EQUAL_SIGMA
+    if loss < EQUAL_LOSS:
+        return not (ahead and own.gain - rival.gain > DECIDED)
+    return loss < 5.0 * EQUAL_LOSS and not ahead
 
 
 def contains(rival: Trial, own: Trial) -> bool:
@@ -71,6 +78,8 @@ def contains(rival: Trial, own: Trial) -> bool:
     """
     more, less = rival.term.candidate, own.term.candidate
     larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
+    if "body" in more.effect.description.keys and "body" in less.effect.description.keys:
+        larger = rival.term.shaped.size > own.term.shaped.size
     empty = bool(more.effect.essence) and rival.seen.essence < ESSENCE_MIN and not less.effect.essence
     return more.key == less.key and (larger or empty)
 

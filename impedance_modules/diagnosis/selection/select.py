@@ -99,6 +99,7 @@ class Selector:
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
         self._bodies = {body.link: body.inertia for body in refiner.prepared[0].tree.bodies}
         self.screen = Screen(design, [index for fold in folds for index in fold])
+        self._stood: tuple[Bench | None, list[Trial]] = (None, [])
 
     def on(self, design: Design) -> Selector:
         """The same search on a design with other rows."""
@@ -132,11 +133,27 @@ class Selector:
         return try_term(bench, term_of(self.design, slot))
 
     def objection(self, trial: Trial) -> str | None:
-        """Why a candidate does not earn its place, stand-ins aside; None if it does."""
-        return objection(trial, []) or self.impossible(trial)
+        """Why a candidate does not earn its place; None if it does. Stand-ins are tried last, they cost most."""
+        plain = objection(trial, []) or self.impossible(trial)
+        return plain or objection(trial, self.stand_ins(trial.bench, self.screen.look(trial.bench)))
+
+    def stand_ins(self, bench: Bench, looks: Sequence[Look]) -> list[Trial]:
+        """The best stand-ins beside a model, tried once."""
+        if self._stood[0] is not bench:
+            generic = [look.slot for look in looks if look.slot.shaped.candidate is None][:STAND_INS]
+            self._stood = (bench, [self.trial(bench, slot) for slot in generic])
+        return self._stood[1]
 
     def impossible(self, trial: Trial) -> str | None:
-        """Why a trial's own numbers speak against it: too fine to be seen, against each other, or no body's."""
+        """Why a trial's own numbers speak against it."""
+        if trial.seen.essence < ESSENCE_MIN:
+            return "what makes it this effect rather than a simpler one is not there for certain"
+        return self.unphysical(trial)
+
+    def unphysical(self, trial: Trial) -> str | None:
+        """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
+        if trial.outside or _disagreed(trial):
+            return "its parameters are at the end of what is physical, or beyond"
         term, effect = trial.term, trial.term.candidate.effect
         body = self._bodies.get(term.candidate.key)
         change = trial.coefficients.mean(axis=0) / term.slot.scale
@@ -145,8 +162,6 @@ class Selector:
         reason = effect.unresolved(term.shaped.shape, self.resolution)
         if reason is not None:
             return reason
-        if trial.seen.essence < ESSENCE_MIN:
-            return "what makes it this effect rather than a simpler one is not there for certain"
         signals = self.refiner.prepared[0].signals
         values = effect.values(change, term.shaped.shape, signals, term.candidate.key, term.candidate.port)
         return next(iter(effect.relations(values)), None)
@@ -156,8 +171,7 @@ class Selector:
         looks = self.screen.look(bench)
         trials = [self.trial(bench, slot) for slot in promising(looks, TRIED)]
         trials = self.refined(bench, trials)
-        generic = [look.slot for look in looks if look.slot.shaped.candidate is None][:STAND_INS]
-        stand_ins = [self.trial(bench, slot) for slot in generic]
+        stand_ins = self.stand_ins(bench, looks)
         refusal: Refusal | None = None
         for trial in by_merit(trials):
             reason = objection(trial, stand_ins) or self.impossible(trial)
@@ -167,11 +181,14 @@ class Selector:
         return None, refusal
 
     def refined(self, bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
-        """Moves the best shapes off their grid."""
-        ranked = sorted(trials, key=lambda trial: -trial.gain)
-        best = [try_term(bench, self.refiner.refine(bench, trial.term)) for trial in ranked[:REFINED]]
-        kept = [new if new.gain > old.gain else old for new, old in zip(best, ranked, strict=False)]
-        return [*kept, *ranked[REFINED:]]
+        """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
+        shaped = [trial for trial in trials if not trial.term.generic and trial.term.candidate.effect.shape]
+        out = [trial for trial in trials if trial not in shaped]
+        ranked = sorted(shaped, key=lambda trial: -trial.seen.gain)
+        for old in ranked[:REFINED]:
+            new = try_term(bench, self.refiner.refine(bench, old.term))
+            out.append(new if new.gain > old.gain else old)
+        return [*out, *ranked[REFINED:]]
 
     def _exchanged(self, model: list[Term]) -> list[Term]:
         """Replaces an accepted cause by another that does better now that the last one is known."""
@@ -256,11 +273,15 @@ def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
         (trial.trimmed(TRIMMED) < TRIMMED_MIN, "its gain comes from a few moments only"),
         (trial.outside, "its parameters are at the end of what is physical, or beyond"),
         (
+            trial.seen.displaced is not None,
+            "beside it another cause would leave what is physical",
+        ),
+        (
             trial.spread > SPREAD and trial.narrow > NARROW,
             "it should show on several joints and helps on one alone",
         ),
         (
-            trial.term.candidate.key == "log" and trial.discord > DISCORD_MAX,
+            _disagreed(trial),
             "the joints do not agree on it, and it is one number for all",
         ),
         (
@@ -269,6 +290,11 @@ def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
         ),
     )
     return next((reason for holds, reason in checks if holds), None)
+
+
+def _disagreed(trial: Trial) -> bool:
+    """Whether the joints' own numbers differ where one number is to hold for all."""
+    return trial.term.candidate.key == "log" and trial.discord > DISCORD_MAX
 
 
 def _as_good(rival: Trial, trial: Trial) -> bool:

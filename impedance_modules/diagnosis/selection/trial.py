@@ -38,10 +38,17 @@ def significance(better: Array, worse: Array) -> float:
 
 @dataclass(frozen=True)
 class Seen:
-    """A candidate fitted to all recordings: its gain [nats], and the chi-square of its essence."""
+    """A candidate fitted to all recordings.
+
+    Attributes:
+        gain: [nats].
+        essence: Chi-square of what makes it this effect.
+        displaced: A term of the model beside it that it drives out of its physical bounds; None where it does not.
+    """
 
     gain: float
     essence: float
+    displaced: Term | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +216,36 @@ def _seen(bench: Bench, term: Term) -> Seen:
     ratio = np.log(np.maximum(bench.left, 1e-9) / np.maximum(squares, 1e-9))
     prior = float(bench.prior @ (bench.whole.coefficients**2 - found**2))
     own = float(term.slot.precision @ more**2)
-    return Seen(float(0.5 * (bench.counts @ ratio + prior - own)), _essence(term, more, covariance))
+    known = _sharpening(bench, term, squares)
+    gain = float(0.5 * (bench.counts @ ratio + prior - own))
+    return Seen(gain, known * _essence(term, more, covariance), _displaced(bench, found))
+
+
+def _displaced(bench: Bench, coefficients: Array) -> Term | None:
+    """The first term of a model that coefficients leave outside its bounds for certain, and which was inside."""
+    spread = np.sqrt(np.diag(bench.whole.inverse))
+    for term, start in zip(bench.model, bench.starts, strict=False):
+        own = slice(start, start + term.shaped.size)
+        lower, upper = term.shaped.lower * term.slot.scale, term.shaped.upper * term.slot.scale
+
+        def beyond(values: Array, lower: Array = lower, upper: Array = upper) -> Array:
+            return np.maximum(lower - values, values - upper)
+
+        now, before = beyond(coefficients[own]), beyond(bench.whole.coefficients[own])
+        if np.any((now > spread[own]) & (now > before)):
+            return term
+    return None
+
+
+def _sharpening(bench: Bench, term: Term, squares: Array) -> float:
+    """By how much the rows that a candidate touches weigh more once it takes part.
+
+    A gap that is not understood counts for little, and so would everything that is read off its rows; where
+    the candidate closes it, its own numbers are known as well as what is left then allows.
+    """
+    touched = list(term.groups)
+    weights = 1.0 / np.maximum(squares[touched] / bench.counts[touched], 1.0)
+    return float(max(1.0, np.min(weights / bench.weights[touched])))
 
 
 def _essence(term: Term, coefficients: Array, covariance: Array) -> float:
