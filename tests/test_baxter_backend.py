@@ -53,6 +53,30 @@ def test_the_loop_ticks_on_the_robots_states_and_catches_nothing_up() -> None:
         assert max(np.diff(times)) > 0.04
 
 
+def test_a_cycle_is_rehearsed_before_its_state_and_sends_nothing() -> None:
+    robot, at = StandIn(SPEC), []
+    with driving(robot) as drive:
+        started(drive)
+        drive.backend.rehearse_by(lambda: at.append((time.monotonic(), len(robot.commands))))
+        for _ in range(20):
+            drive.cycle()
+            assert len(at) < 1 or at[-1][0] < time.monotonic()
+        # Once per state at most, and not for one that is here already.
+        assert 5 <= len(at) <= 20
+        sent = [count for _, count in at]
+        drive.backend.write(np.zeros(robot.model.n))
+        assert sent == sorted(sent) and len(robot.commands) > sent[-1]
+
+
+def test_states_that_come_quickly_need_no_rehearsal() -> None:
+    robot, rehearsed = StandIn(SPEC), []
+    with driving(robot, rate=500.0) as drive:
+        drive.backend.rehearse_by(lambda: rehearsed.append(1))
+        started(drive)
+        drive.cycle(20)
+    assert rehearsed == []
+
+
 def test_no_state_is_none_in_time_and_not_forever() -> None:
     robot = StandIn(SPEC)
     with driving(robot) as drive:

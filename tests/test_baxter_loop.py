@@ -32,6 +32,9 @@ class Law:
             return None
         return self._effort
 
+    def look(self) -> None:
+        """Sees nothing."""
+
     def halt(self, event: Event, detail: str) -> None:
         self.ending, self.halted, self.released = "stopped", event, event is Event.ROBOT_DISABLED
 
@@ -59,6 +62,25 @@ def test_an_exception_in_the_controller_holds_the_robot() -> None:
         with pytest.raises(ZeroDivisionError):
             live_through(drive, Law(robot.model.n, ZeroDivisionError(), 20), Interrupt())
         assert robot.modes() == [TORQUE, POSITION, TORQUE, POSITION]
+
+
+def test_touch_and_phases_wait_until_the_torque_has_left() -> None:
+    robot, before, after = StandIn(SPEC), [], []
+    with driving(robot) as drive:
+        law = Law(robot.model.n, ZeroDivisionError(), 20)
+        step = law.step
+
+        def torques() -> int:
+            return sum(mode == TORQUE for _, _, mode, _ in list(robot.commands))
+
+        def counted(state, *, late, stop_request):
+            before.append(torques())
+            return step(state, late=late, stop_request=stop_request)
+
+        law.step, law.look = counted, lambda: after.append(torques())
+        with pytest.raises(ZeroDivisionError):
+            live_through(drive, law, Interrupt())
+    assert len(after) == 19 and all(b > a for a, b in zip(before, after, strict=False))
 
 
 def test_a_wish_to_stop_holds_the_robot() -> None:

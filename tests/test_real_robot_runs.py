@@ -38,6 +38,10 @@ class Forgetful:
         self._random = np.random.default_rng(1)
         self.told = self._reads = 0
         self.finished: list[str] = []
+        self.rehearse = None
+
+    def rehearse_by(self, cycle) -> None:
+        self.rehearse = cycle
 
     def start(self) -> FirstState:
         return self._robot.start()
@@ -48,6 +52,7 @@ class Forgetful:
     def read(self):
         state = self._robot.read()
         self._reads += 1
+        self.rehearse()
         lost = self._random.random() < 0.05 or GAP[0] <= self._reads < GAP[1]
         return None if lost else state
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
@@ -68,6 +69,9 @@ class RealRobot(Protocol):
         Raises:
             ImpedanceError: It does not say any more.
         """
+
+    def rehearse_by(self, cycle: Callable[[], None]) -> None:
+        """Has the robot call ``cycle`` shortly before each state is due, where there is time for it."""
 
     def extra_columns(self) -> tuple[str, ...]:
         """Names what else is recorded of it; after ``start``, and always the same."""

@@ -94,6 +94,7 @@ def run_loop(
             leaves = effort if effort is not None and not late else nothing
             if leaves is not nothing and not read_only:
                 backend.write(leaves)
+            supervisor.look()
             if state is not None:
                 on_cycle(state, leaves, missed, request is not None)
             if supervisor.ending is None:

@@ -19,6 +19,7 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly
 from impedance_modules.runtime.loop import Interrupt, no_collections, run_loop
 from impedance_modules.runtime.record import Recorder
+from impedance_modules.runtime.rehearsal import Rehearsal
 from impedance_modules.runtime.scene import SceneView
 from impedance_modules.runtime.signals import as_interrupt
 from impedance_modules.runtime.summary import Summary
@@ -119,6 +120,7 @@ def carry_out(
         try:
             with interrupt.listening(), no_collections():
                 if real is not None:
+                    real.rehearse_by(Rehearsal(assembly))
                     first = real.newest()
                 supervisor.start(first)
                 run_loop(

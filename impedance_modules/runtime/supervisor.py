@@ -80,6 +80,8 @@ class Supervisor:
         self._cycle = 0
         self._late: list[float] = []
         self._interrupted = False
+        self._unseen: RobotState | None = None
+        self._seen: list[Occurrence] = []
         self._age = 0.0
         self._speeds = dict.fromkeys(self.ladder, 0.0)
         self._velocity: Array = np.zeros(assembly.model.n)
@@ -128,7 +130,7 @@ class Supervisor:
         self._say(first.state.time, f"phase '{self.sequence.phase.name}'")
 
     def step(self, state: RobotState | None, *, late: bool, stop_request: str | None) -> Array | None:
-        """Lives through one cycle.
+        """Decides what leaves in one cycle; ``look`` follows once it has left.
 
         Args:
             state: The newest state, None if none came.
@@ -139,8 +141,10 @@ class Supervisor:
             (n,) torque to send [N.m], or None when nothing may leave in this cycle. After ``ending`` is set, None.
         """
         running = self._hardest < Rung.DAMP
+        self._unseen = None
         overdue = self._count_intervals(state, running=running)
-        events = self._clock_events(state, late)
+        events = self._clock_events(state, late) + self._seen
+        self._seen = []
         if stop_request is not None and not self._interrupted:
             self._interrupted = True
             events.append(Occurrence(Event.INTERRUPT, None, stop_request))
@@ -152,7 +156,7 @@ class Supervisor:
                 self._velocity, self._time = state.velocity, state.time
                 if overdue:
                     self.controller.repeat()
-                return None if self.ending is not None else self.controller.effort
+                return self.controller.effort
         return self._descend(state, events, entering=running)
 
     def _count_intervals(self, state: RobotState | None, *, running: bool) -> bool:
@@ -190,22 +194,33 @@ class Supervisor:
             return [Occurrence(Event.SOLVER_FAILED, None, status_text)]
         if controller.too_fast < state.position.size:
             return [self._overspeed(controller.too_fast)]
-        return self._look(state) if self._cycle % self._every == 0 else []
+        return self._beyond_limits(state) if self._cycle % self._every == 0 else []
 
-    def _look(self, state: RobotState) -> list[Occurrence]:
-        """The slower part of a cycle: limits, touch, phases."""
-        self.touch.update(state)
-        for text in self._lost_contact.look():
-            self._say(state.time, text)
+    def _beyond_limits(self, state: RobotState) -> list[Occurrence]:
+        """Stops for a joint outside its range, or leaves the state to be looked at further."""
         outside = (state.position < self._low) | (state.position > self._high)
         if outside.any():
             names = np.array(self.assembly.model.joint_names)[outside]
             return [Occurrence(Event.POSITION_LIMIT, None, f"{', '.join(names)} beyond the joint's range")]
+        self._unseen = state
+        return []
+
+    def look(self) -> None:
+        """Judges touch and phases at 100 Hz, once the torque of the cycle, which does not need them, has left.
+
+        What is found takes effect in the next cycle: a new phase, the end of the run, a stop.
+        """
+        state = self._unseen
+        if state is None:
+            return
+        self.touch.update(state)
+        for text in self._lost_contact.look():
+            self._say(state.time, text)
         outcome = self.sequence.look(state.time)
         if outcome is Outcome.NOT_MET:
-            return [Occurrence(Event.PHASE_NOT_MET, None, self.sequence.why_not_met())]
-        if outcome is Outcome.GOES_ON:
-            return []
+            self._seen = [Occurrence(Event.PHASE_NOT_MET, None, self.sequence.why_not_met())]
+        if outcome in (Outcome.NOT_MET, Outcome.GOES_ON):
+            return
         name, _, why = self.sequence.ended[-1]
         self._say(state.time, f"phase '{name}' ended: {why}")
         if outcome is Outcome.DONE:
@@ -213,7 +228,6 @@ class Supervisor:
         else:
             self._say(state.time, f"phase '{self.sequence.phase.name}'")
             self.controller.next_phase(self.sequence.phase)
-        return []
 
     def _descend(self, state: RobotState | None, events: list[Occurrence], *, entering: bool) -> Array | None:
         """Applies the ladder, and brakes where it says so."""

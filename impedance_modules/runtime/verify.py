@@ -115,8 +115,10 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
             k = backend.sample
             for _ in range(missed[k]):
                 supervisor.step(None, late=False, stop_request=None)
+                supervisor.look()
             request = "asked to stop" if asked[k] else None
             effort = supervisor.step(state, late=bool(late[k]), stop_request=request)
+            supervisor.look()
             left = nothing if effort is None or dropped[k] else effort
             if not np.array_equal(left, recorded[k]):
                 raise ReplayMismatch(_difference(episode, names, k, left, recorded[k]))

@@ -5,11 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.messages import Float64, JointCommand, UInt16
 from impedance_modules.backends.baxter.stop_rules import Order
 from impedance_modules.backends.baxter.transport.protocol import Publisher, Transport
+from impedance_modules.backends.baxter.wire import encode
 from impedance_modules.robot.model import Limb
+
+Array = NDArray[np.float64]
 
 
 class Commander:
@@ -42,6 +48,13 @@ class Commander:
             limb = self._limbs[name]
             command = tuple(values[limb.joints].tolist())
             self._commands[name].send(JointCommand(mode, command, limb.joint_names))
+
+    def rehearse(self, effort: Array) -> None:
+        """Lays out the torques (n,) [N.m] of all limbs as ``send`` does, and sends nothing."""
+        for limb in self._limbs.values():
+            encode(
+                JointCommand(JointCommand.TORQUE_MODE, tuple(effort[limb.joints].tolist()), limb.joint_names)
+            )
 
     def set_timeout(self, seconds: float) -> None:
         """Sets after how long without a command the robot leaves torque mode [s]."""

@@ -107,6 +107,11 @@ class Driver:
         with self._lock:
             self._send(self.stops.torque(time.monotonic(), effort))
 
+    def rehearse(self, effort: Array) -> None:
+        """Goes through the motions of sending a torque; sends nothing."""
+        if self._commander is not None:
+            self._commander.rehearse(effort)
+
     def end(self) -> None:
         """Ends torque mode as planned: from now on the watchdog repeats the hold."""
         with self._lock:

@@ -22,6 +22,7 @@ from impedance_modules.backends.baxter.messages import (
     SEAJointState,
 )
 from impedance_modules.backends.baxter.transport.protocol import Subscription, Transport
+from impedance_modules.backends.baxter.wire import decode, encode
 
 M = TypeVar("M", bound=Message)
 
@@ -69,6 +70,8 @@ class RobotLink:
         self.collision: dict[str, bool] = {}
         self.squeezed: dict[str, bool] = {}
         self._listener: Listener | None = None
+        self._spare = JointStateMerge(joint_names)
+        self._heard: JointState | None = None
         self._news = threading.Condition()
         self._arrivals: deque[float] = deque(maxlen=4096)
         self._hands: list[Subscription] = []
@@ -90,6 +93,11 @@ class RobotLink:
                 self._news.wait(seconds)
             sample = self.sample
             return sample if sample is not None and sample.number > after else None
+
+    def rehearse(self) -> None:
+        """Reads and merges the last message once more, aside."""
+        if self._heard is not None:
+            self._spare.take(decode(JointState, encode(self._heard)), 0.0)
 
     def forget_hands(self) -> None:
         """Stops listening to where the robot has its hands; the control loop needs the time."""
@@ -127,15 +135,19 @@ class RobotLink:
     def _joint_states(self, message: JointState, received: float) -> None:
         # Two publishers may call at once, each in its own thread.
         with self._news:
+            self._heard = message
             sample = self.merge.take(message, received)
             if sample is None:
                 return
-            self.sample = sample
-            self._arrivals.append(received)
-            self._news.notify_all()
-        # Outside the lock: the listener has its own, and may be waiting for this one.
+        # Outside the lock: the listener has its own, and may be waiting for this one. And first: whoever is woken
+        # below needs the interpreter that this thread gives up by listening on.
         if self._listener is not None:
             self._listener.on_state(sample)
+        with self._news:
+            if self.sample is None or sample.number > self.sample.number:
+                self.sample = sample
+            self._arrivals.append(received)
+            self._news.notify_all()
 
     def _robot_state(self, message: AssemblyState, received: float) -> None:
         self.robot = message
