@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.backends.baxter.description import compare_description
-from impedance_modules.backends.baxter.gates import refuse_closed
+from impedance_modules.backends.baxter.gates import before_power, refuse_closed
 from impedance_modules.backends.baxter.messages import Float64, JointCommand
 from impedance_modules.backends.baxter.transport.in_process import InProcessTransport
 from impedance_modules.backends.baxter.transport.protocol import Offer
@@ -163,6 +163,29 @@ def test_listening_alone_asks_for_less() -> None:
         robot.another_robot()
         with pytest.raises(RobotRefused, match="which robot is meant"):
             refuse_closed(session.gates(("left",)), commanding=False)
+
+
+NO_POWER = ["software", "two robots", "wrong message", "missing joint", "limits", "somebody else", "tucked"]
+
+
+@pytest.mark.parametrize("name", NO_POWER)
+def test_what_is_wrong_with_a_robot_is_found_before_it_gets_power(name: str) -> None:
+    robot = StandIn(SPEC)
+    robot.power(enabled=False)
+    with open_session(robot) as session:
+        refuse_closed(before_power(session.gates(("left", "right")), tucked=False), commanding=True)
+    change, said = CLOSED[name]
+    robot = StandIn(SPEC)
+    robot.power(enabled=False)
+    change(robot)
+    with open_session(robot) as session:
+        gates = before_power(session.gates(("left", "right")), tucked=False)
+        with pytest.raises(RobotRefused) as refusal:
+            refuse_closed(gates, commanding=True)
+        if name == "tucked":
+            gates = before_power(session.gates(("left", "right")), tucked=True)
+            refuse_closed(gates, commanding=True)
+    assert said in str(refusal.value)
 
 
 def test_a_spring_beside_a_joint_is_noticed_and_no_obstacle() -> None:

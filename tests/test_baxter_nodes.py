@@ -22,6 +22,7 @@ from impedance_modules.backends.baxter.transport.protocol import NoMasterError
 from impedance_modules.backends.baxter.transport.sockets.connect import topic_address
 from impedance_modules.backends.baxter.transport.sockets.master import MasterClient, master_uri_of
 from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
+from impedance_modules.backends.baxter.transport.with_rospy import RospyTransport
 
 NUMBERS = count()
 
@@ -200,10 +201,12 @@ def test_no_master_and_something_else_are_told_apart() -> None:
 
 
 @pytest.mark.ros
-def test_an_address_that_is_not_ours_is_refused(master: str, monkeypatch) -> None:
-    monkeypatch.setenv("ROS_IP", "192.0.2.1")
-    with pytest.raises(NoMasterError, match=r"'192.0.2.1' is not an address of this machine.*ROS_IP="):
-        SocketTransport("/own", master)
+@pytest.mark.parametrize("kind", [SocketTransport, RospyTransport])
+@pytest.mark.parametrize("address", ["192.0.2.1", "no-such-machine.invalid"])
+def test_an_address_that_is_not_ours_is_refused(kind, address: str, master: str, monkeypatch) -> None:
+    monkeypatch.setenv("ROS_IP", address)
+    with pytest.raises(NoMasterError, match=rf"'{address}' is not an address of this machine.*ROS_IP="):
+        kind("/own", master)
 
 
 def test_without_rospy_the_error_says_what_to_install(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ def test_power_goes_on_and_off_only_as_told(master: str, tmp_path: Path) -> None
     with double(tmp_path, master) as robot:
         refused = impedance("baxter", "enable")
         assert refused.returncode == 2 and "--tucked" in refused.stderr
-        assert "force field" in robot.wait_for("not enabled")["event"]
+        assert "right_s1 at -2.1" in refused.stderr and not robot.last()["enabled"]
         on = impedance("baxter", "enable", "--tucked")
         assert (on.returncode, on.stdout) == (0, "enabled\n"), on.stderr
         robot.fault("estop")
@@ -33,6 +33,19 @@ def test_power_goes_on_and_off_only_as_told(master: str, tmp_path: Path) -> None
         assert (on.returncode, on.stdout) == (0, "enabled\n"), on.stderr
         off = impedance("baxter", "disable")
         assert (off.returncode, off.stdout) == (0, "disabled\n"), off.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [(["--software-version", "1.1.1"], "1.1.1"), (["--mount-offset", "left=0,0,0.09"], "mount")],
+)
+def test_another_robot_gets_no_power(master: str, tmp_path: Path, options: list[str], reason: str) -> None:
+    with double(tmp_path, master, "--posture", "tucked", *options) as robot:
+        for verb in (("enable", "--tucked"), ("untuck", "--enable")):
+            refused = impedance("baxter", *verb)
+            assert refused.returncode == 2 and reason in refused.stderr and "(valid: " in refused.stderr
+        assert not robot.last()["enabled"]
+        assert not [line for line in robot.lines() if "enabled" in line["event"]]
 
 
 def test_two_robots_are_none(master: str, tmp_path: Path) -> None:

@@ -28,6 +28,10 @@ LOWEST_RATE = 0.5 * topics.DEFAULT_STATE_RATE
 """Fewer states per second than this are no running robot [Hz]."""
 
 
+NEED_POWER = ("power", "collision", "cuff", "weight", "effort")
+"""Gates whose answer means nothing while the motors have no power."""
+
+
 @dataclass(frozen=True)
 class Subject:
     """What the gates look at.
@@ -87,6 +91,15 @@ def refuse_closed(gates: Iterable[Gate], *, commanding: bool) -> None:
         raise RobotRefused("the robot must not be moved now; nothing was sent\n  " + "\n  ".join(lines))
 
 
+def before_power(gates: Iterable[Gate], *, tucked: bool) -> list[Gate]:
+    """Leaves out what only a robot with power can tell, and the range of arms that are said to be tucked."""
+    return [
+        gate
+        for gate in gates
+        if gate.name.split()[0] not in NEED_POWER and not (tucked and gate.name == "range")
+    ]
+
+
 def _joints(link: RobotLink) -> Gate:
     remedy = "a robot whose /robot/joint_states names them all"
     missing = link.merge.missing
@@ -108,7 +121,8 @@ def _joints(link: RobotLink) -> Gate:
 def _rate(link: RobotLink, now: float) -> Gate:
     rate = link.rate(now)
     found = f"states come at {rate:.0f} Hz"
-    return Gate("rate", rate >= LOWEST_RATE, found, "a wired, quiet network", for_motion=False)
+    remedy = "a wired, quiet network" if rate > 0.0 else "a robot that has booted and names all its joints"
+    return Gate("rate", rate >= LOWEST_RATE, found, remedy, for_motion=False)
 
 
 def _description(comparison: Comparison) -> Gate:

@@ -40,7 +40,8 @@ def range_gate(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> Gate
         if not low[j] <= q[j] <= high[j]
     ]
     if outside:
-        return Gate("range", False, ", ".join(outside), "arms untucked: 'impedance baxter untuck'")
+        remedy = "arms untucked: 'impedance baxter untuck', with power by 'baxter enable --tucked'"
+        return Gate("range", False, ", ".join(outside), remedy)
     return Gate("range", True, "all joints inside their ranges", "")
 
 

@@ -16,14 +16,21 @@ from impedance_modules.cli.baxter.connect import node, robot_option, transport_o
 def command(robot: str, reset: bool, tucked: bool, transport: str) -> int:
     """Switch motor power on. Stand back, e-stop in hand: the arms hold where they are.
 
-    Exit: 0 enabled, 2 no robot, or it refuses; with the reason.
+    A robot that is not the one we mean, or stands outside its ranges, gets no power.
+
+    Exit: 0 enabled, 2 no robot, another one, or it refuses; with the reason.
     """
+    from impedance_modules.backends.baxter.gates import before_power, refuse_closed
     from impedance_modules.backends.baxter.power import Power, describe
+    from impedance_modules.backends.baxter.session import Session
     from impedance_modules.spec.robot_reader import read_robot
 
-    limbs = tuple(read_robot(robot).limbs)
+    spec = read_robot(robot)
+    limbs = tuple(spec.limbs)
     with node(transport, "enable") as found:
         power = Power(found)
+        power.wait()
+        refuse_closed(before_power(Session(found, spec).gates(limbs), tucked=tucked), commanding=True)
         if reset:
             power.reset()
         power.enable(limbs if tucked else ())

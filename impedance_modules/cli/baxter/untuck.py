@@ -30,7 +30,7 @@ def command(robot: str, posture: str, enable: bool, transport: str) -> int:
 
     Exit: 0 arrived, 2 refused with the reason, 3 stopped on the way, 130 after Ctrl-C.
     """
-    from impedance_modules.backends.baxter.gates import refuse_closed
+    from impedance_modules.backends.baxter.gates import before_power, refuse_closed
     from impedance_modules.backends.baxter.mover import Mover
     from impedance_modules.backends.baxter.postures import named_posture
     from impedance_modules.backends.baxter.power import Power
@@ -45,6 +45,7 @@ def command(robot: str, posture: str, enable: bool, transport: str) -> int:
         gates = {gate.name: gate for gate in session.gates(tuple(spec.limbs))}
         tucked = gates["range"].passed is False
         if enable:
+            refuse_closed(before_power(gates.values(), tucked=tucked), commanding=True)
             Power(found).enable(tuple(spec.limbs) if tucked else ())
             gates = {gate.name: gate for gate in session.gates(tuple(spec.limbs))}
         # Outside their ranges is where tucked arms are; this verb is the way out.

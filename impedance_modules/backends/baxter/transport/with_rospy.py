@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import io
+import os
 import threading
 import time
 from functools import cache
@@ -15,7 +16,11 @@ from impedance_modules.backends.baxter.transport.protocol import (
     Callback,
     TransportClosedError,
 )
-from impedance_modules.backends.baxter.transport.sockets.master import MasterClient
+from impedance_modules.backends.baxter.transport.sockets.master import (
+    MasterClient,
+    check_own_host,
+    own_host,
+)
 from impedance_modules.backends.baxter.transport.with_master import MasterTransport
 from impedance_modules.backends.baxter.wire import checksum_of, decode, encode
 from impedance_modules.errors import ImpedanceError
@@ -47,7 +52,7 @@ class RospyTransport(MasterTransport):
 
         Raises:
             NoRospyError: rospy is not installed.
-            NoMasterError: No master answers.
+            NoMasterError: No master answers, or this machine's own name (ROS_IP) is wrong.
             TransportClosedError: This process has closed its node before.
         """
         try:
@@ -57,6 +62,7 @@ class RospyTransport(MasterTransport):
         if rospy.core.is_shutdown_requested():
             raise TransportClosedError("rospy has been shut down in this process and cannot start again")
         MasterClient(master_uri, node_name).check()
+        check_own_host(own_host(os.environ, master_uri))
         self._rospy = rospy
         rospy.init_node(
             node_name.lstrip("/"), disable_signals=True, disable_rosout=True, disable_rostime=True

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import http.client
+import os
 import socket
 import xmlrpc.client
 from collections.abc import Mapping
@@ -72,6 +73,23 @@ def own_host(environment: Mapping[str, str], master_uri: str) -> str:
         except OSError as error:
             raise NoMasterError(_unreachable(master_uri, error)) from error
         return str(probe.getsockname()[0])
+
+
+def check_own_host(host: str) -> None:
+    """Makes sure that a name or address leads to this machine.
+
+    Raises:
+        NoMasterError: It does not; says which variable to set.
+    """
+    try:
+        socket.create_server((host, 0)).close()
+    except OSError as error:
+        # Python's own words for a failed bind repeat the address.
+        why = error.strerror if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        raise NoMasterError(
+            f"'{host}' is not an address of this machine: {why}"
+            " (valid: ROS_IP=the address of this machine in the robot's network)"
+        ) from error
 
 
 class MasterClient:

@@ -13,7 +13,7 @@ from impedance_modules.backends.baxter.transport.protocol import (
     NoMasterError,
 )
 from impedance_modules.backends.baxter.transport.sockets.incoming import SocketSubscription
-from impedance_modules.backends.baxter.transport.sockets.master import own_host
+from impedance_modules.backends.baxter.transport.sockets.master import check_own_host, own_host
 from impedance_modules.backends.baxter.transport.sockets.node import NodeEvents, NodeServer
 from impedance_modules.backends.baxter.transport.sockets.outgoing import Outlet, SocketPublisher
 from impedance_modules.backends.baxter.transport.with_master import MasterTransport
@@ -41,13 +41,8 @@ class SocketTransport(MasterTransport):
         self._subscriptions: list[SocketSubscription[Any]] = []
         host = own_host(os.environ, master_uri)
         events = NodeEvents(self._follow, self._outlets.get, self._listened, self._published, self.close)
-        try:
-            self._server = NodeServer(host, master_uri, events)
-        except OSError as error:
-            raise NoMasterError(
-                f"'{host}' is not an address of this machine: {error.strerror or error}"
-                " (valid: ROS_IP=the address of this machine in the robot's network)"
-            ) from error
+        check_own_host(host)
+        self._server = NodeServer(host, master_uri, events)
 
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> SocketPublisher[M]:
         """Becomes a publisher of a topic."""
