@@ -15,16 +15,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from baxter_double import Double, double, end, impedance, start
+from baxter_double import (
+    ATTEMPTS,
+    Double,
+    MachineBusyError,
+    again_when_busy,
+    double,
+    end,
+    ended,
+    impedance,
+    start,
+)
 from ros_master import forget
 
 from impedance_modules.backends.baxter.messages import JointCommand, JointState
+from impedance_modules.backends.baxter.transport.sockets.master import MasterClient
 from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
 
 pytestmark = pytest.mark.ros
 
 RATE = 200
-ATTEMPTS = 4
 TIME_OUT = 0.05
 """What a run at 200 Hz sets."""
 
@@ -56,19 +66,21 @@ def start_run(robot: Double, transport: str, folder: Path) -> subprocess.Popen[s
         if process.poll() is None:
             return process
     text, _ = process.communicate()
-    raise AssertionError(f"{text}{robot.said}")
+    raise MachineBusyError(f"{text}{robot.said}")
 
 
-def ended(process: subprocess.Popen[str]) -> tuple[int, str]:
-    text, _ = process.communicate(timeout=30)
-    # The reason may be broken over lines.
-    return process.returncode, re.sub(r"\s+", " ", text)
+def kill(process: subprocess.Popen[str]) -> None:
+    """Ends a run without a word."""
+    process.kill()
+    if process.wait(10) != -signal.SIGKILL:
+        raise MachineBusyError("it had ended by itself")
 
 
 @pytest.mark.parametrize("result", ["hold", "disable", "float"])
+@again_when_busy
 def test_killed_controller_is_given_up_by_the_robot(tmp_path: Path, master: str, result: str) -> None:
     with running(tmp_path, master, "--time-out-result", result) as (robot, process):
-        process.kill()
+        kill(process)
         reaction = robot.wait_for(f"no command for {TIME_OUT:g} s: {result}")
         silence = reaction["time"] - max(reaction["last_command"].values())
         assert silence <= TIME_OUT + 0.02
@@ -78,11 +90,12 @@ def test_killed_controller_is_given_up_by_the_robot(tmp_path: Path, master: str,
 
 
 @pytest.mark.parametrize("transport", ["sockets", "rospy"])
+@again_when_busy
 def test_what_a_killed_run_leaves_with_the_master_is_no_obstacle(
     tmp_path: Path, master: str, transport: str
 ) -> None:
     with running(tmp_path, master, transport=transport) as (robot, killed):
-        killed.kill()
+        kill(killed)
         robot.wait_for("no command for")
         check = impedance("baxter", "check", "--transport", transport)
         said = re.sub(r"[\s│]+", "", check.stdout)
@@ -98,18 +111,19 @@ def test_no_torque_leaves_once_the_arms_have_been_silent_for_100_ms(
     with running(tmp_path, master) as (robot, process):
         robot.fault(fault)
         silent = robot.wait_for(f"fault: {fault}")
-        code, text = ended(process)
+        code, text = ended(process, "no state")
         assert code == 3 and "no state" in text, text
         assert max(robot.last()["last_torque"].values()) <= silent["time"] + 0.1
         # Gripper messages went on all the time.
         assert robot.lines()[-1]["enabled"]
 
 
+@again_when_busy
 def test_nothing_is_sent_after_an_emergency_stop(tmp_path: Path, master: str) -> None:
     with running(tmp_path, master, transport="rospy") as (robot, process):
         robot.fault("estop")
         pressed = robot.wait_for("fault: estop")
-        code, text = ended(process)
+        code, text = ended(process, "e-stop")
         assert code == 3 and "e-stop" in text, text
         robot.fault("estop-release")
         after = robot.last()
@@ -122,20 +136,22 @@ def test_nothing_is_sent_after_an_emergency_stop(tmp_path: Path, master: str) ->
     ("fault", "reason"),
     [("cuff right", "cuff"), ("push right 0 0 -80 0.2", "collision"), ("joint-fault", "joint fault")],
 )
+@again_when_busy
 def test_the_robots_own_stops_end_the_run(tmp_path: Path, master: str, fault: str, reason: str) -> None:
     with running(tmp_path, master) as (robot, process):
         robot.fault(fault)
         stopped = robot.wait_for("fault:")
-        code, text = ended(process)
+        code, text = ended(process, reason)
         assert code == 3 and reason in text, text
         assert max(robot.last()["last_torque"].values()) <= stopped["time"] + 0.2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@again_when_busy
 def test_a_person_ends_the_run_and_the_arms_are_held(tmp_path: Path, master: str, number: int) -> None:
     with running(tmp_path, master) as (robot, process):
         process.send_signal(number)
-        code, text = ended(process)
+        code, text = ended(process, "asked to stop")
         assert code == 130, text
         after = robot.last()
         assert after["enabled"] and after["modes"]["right"] == "holds"
@@ -168,6 +184,19 @@ def test_an_unfit_robot_is_refused_before_anything_is_sent(
         assert run.returncode == 2 and reason in run.stderr, run.stdout + run.stderr
         assert "Traceback" not in run.stderr
         assert robot.last()["commands"]["right"] == 0 and not (tmp_path / "run" / "episode.parquet").exists()
+
+
+@pytest.mark.parametrize("transport", ["sockets", "rospy"])
+def test_limits_that_disagree_are_refused_before_anything_is_sent(
+    tmp_path: Path, master: str, transport: str
+) -> None:
+    with double(tmp_path, master, "--posture", "soft-hold", "--enabled") as robot:
+        client = MasterClient(master, "/somebody")
+        served = str(client.get_parameter("/robot_description"))
+        client.set_parameter("/robot_description", served.replace('lower="-2.147"', 'lower="-1.147"'))
+        run = impedance("run", "soft-hold", "--backend", "baxter", "--transport", transport)
+        assert run.returncode == 2 and "lower limit -1.147 rad, robot.yaml says -2.147" in run.stderr
+        assert robot.last()["commands"]["right"] == 0
 
 
 def test_a_dead_registration_is_no_second_robot(tmp_path: Path, master: str) -> None:

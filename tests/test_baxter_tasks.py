@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from baxter_double import double, impedance
+from baxter_double import ATTEMPTS, BUSY, double, impedance
 
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
@@ -24,11 +24,6 @@ from impedance_modules.spec.task_reader import read_task
 pytestmark = pytest.mark.ros
 
 RATE = "200"
-
-BUSY = re.compile("no state|controller was silent|late cycles|tank starved|overspeed|no fresh state|come at")
-"""How a run ends on a machine that cannot keep up: rightly, and no answer to the question asked here."""
-
-ATTEMPTS = 4
 
 THREE = ["elbow-swing", "joint-springs", "reach-and-return"]
 
