@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from impedance_modules.cli.probe import _write, command
 from impedance_modules.diagnosis.model import model_of_spec
-from impedance_modules.diagnosis.probe.choose import CHI_SQUARE, SHARE
+from impedance_modules.diagnosis.probe.choose import CHI_SQUARE, SHARE_PERHAPS
 from impedance_modules.diagnosis.probe.clearance import Clearance
 from impedance_modules.diagnosis.probe.follow import Follower, spring_stiffness
 from impedance_modules.diagnosis.probe.propose import Probe, propose_probe
@@ -60,6 +60,7 @@ def answer(effect: str, port: str, numbers: dict[str, tuple[float, str]], rival:
                 "effect": effect,
                 "joints": [JOINT],
                 "port": port,
+                "weight": 0.9,
                 "parameters": {JOINT: parameters},
                 "equivalent": [{"effect": rival, "joints": [JOINT]}],
             }
@@ -78,8 +79,8 @@ def test_the_proposal_answers_and_is_safe(pair: int) -> None:
     probe = proposed(pair)
     (expected,) = probe.proposal.expected
     assert expected.separation.chi_square >= CHI_SQUARE
-    assert expected.separation.share >= SHARE
-    assert probe.proposal.motion.duration < 40.0
+    assert expected.separation.share >= SHARE_PERHAPS
+    assert probe.proposal.motion.duration < 80.0
     spec = read_robot(ROBOT)
     joints = probe.follower.model.joints
     signals = probe.follower.record(probe.proposal.motion)
@@ -95,7 +96,7 @@ def test_the_proposal_answers_and_is_safe(pair: int) -> None:
 def test_one_pose_cannot_tell_an_offset_from_a_spring() -> None:
     spec = read_robot(ROBOT)
     model = model_of_spec(spec, list(spec.joints))
-    brief = brief_of(answer(*PAIRS[1]), model.joints)
+    brief = brief_of(answer(*PAIRS[1]), model.tree)
     room = room_of_robot(spec, model.joints)
     start = 0.5 * (room.lower + room.upper)
     rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)

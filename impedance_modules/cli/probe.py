@@ -136,8 +136,7 @@ def _print(probe: Probe, written: list[Path], console: Console) -> None:
     table = Table("question", "expected chi-square", "share", "answered")
     for item in proposal.expected:
         found = item.separation
-        answered = "yes" if item.met else "no motion of the library does"
-        table.add_row(item.question.name, f"{found.chi_square:.0f}", f"{found.share:.2f}", answered)
+        table.add_row(item.question.name, f"{found.chi_square:.0f}", f"{found.share:.2f}", item.outlook)
     console.print(table)
     if proposal.pair:
         console.print(f"nearest links: {proposal.pair}, {proposal.nearest:.3f} m")

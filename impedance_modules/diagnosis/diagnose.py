@@ -39,6 +39,7 @@ from impedance_modules.diagnosis.selection.nuisance import Nuisance, build_nuisa
 from impedance_modules.diagnosis.selection.plain import PlainRows
 from impedance_modules.diagnosis.selection.refine import Refiner
 from impedance_modules.diagnosis.selection.select import Selector
+from impedance_modules.diagnosis.selection.still import quieted
 from impedance_modules.diagnosis.selection.whiten import Whitening
 from impedance_modules.effects.catalogue import CATALOGUE, SURFACES, WATER
 from impedance_modules.episode.data import Episode
@@ -124,7 +125,7 @@ def _explain(
     pairs = repeat_pairs(prepared, arrangement.fitted)
     noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
     flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
-    signals = [instrument(item.signals, noise, flicker) for item in prepared]
+    signals = [instrument(quieted(item.signals), noise, flicker) for item in prepared]
     shaped = [
         (candidate, shape)
         for candidate in list_candidates(CATALOGUE, prepared, {*without, CONTACT})

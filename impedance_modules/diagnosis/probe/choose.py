@@ -27,6 +27,9 @@ CHI_SQUARE = 200.0
 SHARE = 0.1
 """Share of the effect's own power that the rival must leave, at least: noise is not all that is wrong."""
 
+SHARE_PERHAPS = 0.02
+"""Below it nothing is to be expected: a diagnosis takes two causes within a hundredth for one."""
+
 
 @dataclass(frozen=True)
 class Expected:
@@ -39,6 +42,14 @@ class Expected:
     def met(self) -> bool:
         """Whether it will be answered."""
         return self.separation.chi_square >= CHI_SQUARE and self.separation.share >= SHARE
+
+    @property
+    def outlook(self) -> str:
+        """In words."""
+        if self.met:
+            return "yes"
+        likely = self.separation.chi_square >= CHI_SQUARE and self.separation.share >= SHARE_PERHAPS
+        return "perhaps: the rival comes near" if likely else "no motion of the library does"
 
     @property
     def progress(self) -> float:
@@ -134,7 +145,7 @@ class Chooser:
         self._progress(f"trying motions of {self._room.joints[joint]}")
         done: set[str] = set()
         for size in SIZES:
-            for motion in motions(self._room, self._follower.start, joint, size):
+            for motion in motions(self._room, self._follower.start, joint, size, self._follower.rigid.weight):
                 if motion.kinds[0] in done:
                     continue
                 signals = self._follower.record(motion)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The motions that a probe is made of: one joint each, inside its room, beginning and ending at the start.
 
-holds        the joint rests at five places, reached from both sides: weights, springs, offsets, Coulomb friction
+holds        the joint rests at seven places far apart, reached from both sides: weights, springs, offsets
 ladder       strokes both ways at three speeds: dry against viscous friction, laws of speed
 ramp         one slow stroke each way: laws of position
 reversals    small quick strokes: what happens where the motion turns
 chirp        strokes that grow quicker and quicker: inertia against springs, delays and lags
-two_loads    the ladder with a neighbouring joint in two places: laws of the load
+two_loads    strokes both ways in the posture nearby that loads the joint least, and in the one that does most
 """
 
 from __future__ import annotations
@@ -43,10 +43,22 @@ SHORTEST = 0.35
 SMALL = 0.08
 """Way of a small reversal [rad]."""
 
-CARRIED = 0.5
-"""How far the neighbouring joint goes for another load [rad]."""
+CARRIED = 1.2
+"""How far joints go at most for another load [rad]."""
 
-SIZES = (1.0, 0.5)
+PLACES = 7
+"""Angles of every joint that are looked at for it."""
+
+NEARLY = 0.1
+"""Of postures whose loads differ by less than this part of what can be had, the nearest is taken."""
+
+LOADED = 0.2
+"""Way to either side with each load [rad]."""
+
+Weight = Callable[[Array], Array]
+"""Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
+
+SIZES = (1.0, 0.75, 0.5)
 """Sizes that are tried: the largest that is safe wins."""
 
 
@@ -65,35 +77,90 @@ class _Reach:
         return max(SHORTEST, PEAK * abs(way) / (share * self.speed))
 
 
-def motions(room: Room, start: Array, joint: int, size: float) -> Iterator[Motion]:
-    """Gives every kind of motion of a joint at a size; kinds for which there is no room are left out."""
+def motions(room: Room, start: Array, joint: int, size: float, weight: Weight) -> Iterator[Motion]:
+    """Gives every kind of motion of a joint at a size; kinds for which there is no room are left out.
+
+    Args:
+        room: Limits.
+        start: (n,) posture at which every motion begins and ends [rad].
+        joint: Which moves.
+        size: Part of the longest way.
+        weight: Postures (N, n) -> torques (N, n) that the links' weight needs [N.m].
+    """
     low = max(room.lower[joint], start[joint] - size * SWING_MAX)
     high = min(room.upper[joint], start[joint] + size * SWING_MAX)
     reach = _Reach(joint, float(start[joint]), float(low), float(high), float(room.velocity[joint]))
     if reach.high - reach.low < SWING_MIN:
         return
+    wide = _Reach(
+        joint,
+        reach.start,
+        float(max(room.lower[joint], start[joint] - size * CARRIED)),
+        float(min(room.upper[joint], start[joint] + size * CARRIED)),
+        reach.speed,
+    )
     for name, strokes in KINDS.items():
-        chain = strokes(reach)
+        chain = strokes(wide if name in WIDE else reach)
         if chain:
             yield Motion(start, tuple(chain), (f"{name} of {room.joints[joint]}",))
-    neighbour = joint + 1 if joint + 1 < len(start) else joint - 1
-    if neighbour >= 0:
-        there = start[neighbour] + CARRIED * (
-            1.0 if start[neighbour] + CARRIED < room.upper[neighbour] else -1.0
+    chain = _two_loads(reach, room, start, weight, size)
+    yield Motion(start, tuple(chain), (f"two_loads of {room.joints[joint]}",))
+
+
+def _two_loads(reach: _Reach, room: Room, start: Array, weight: Weight, size: float) -> list[Stroke]:
+    """Strokes both ways in the posture near the start that loads the joint least, and in the one that does most."""
+    way = min(LOADED, (reach.high - reach.low) / 2.0)
+    chain: list[Stroke] = []
+    for goal in _loads(reach, room, start, weight, size):
+        farthest = max(abs(angle - start[joint]) / room.velocity[joint] for joint, angle in goal.items())
+        slow = max(SHORTEST, PEAK * float(farthest) / SPEEDS[1])
+        centre = min(
+            max(goal[reach.joint], float(room.lower[reach.joint]) + way),
+            float(room.upper[reach.joint]) - way,
         )
-        if room.lower[neighbour] < there < room.upper[neighbour]:
-            ladder = _ladder(reach)
-            slow = max(SHORTEST, PEAK * CARRIED / float(room.velocity[neighbour]))
-            back = Stroke({neighbour: float(start[neighbour])}, slow)
-            chain = [*ladder, Stroke({neighbour: float(there)}, slow), *ladder, back]
-            yield Motion(start, tuple(chain), (f"two_loads of {room.joints[joint]}",))
+        chain += [
+            Stroke({**goal, reach.joint: centre - way}, slow),
+            *go(reach.joint, [centre + way, centre - way] * 2, reach.time(2.0 * way, SPEEDS[1])),
+        ]
+    back = {joint: float(start[joint]) for stroke in chain for joint in stroke.goal}
+    return [*chain, Stroke(back, chain[0].duration + slow), Stroke({}, 0.5)]
+
+
+def _loads(
+    reach: _Reach, room: Room, start: Array, weight: Weight, size: float
+) -> tuple[dict[int, float], dict[int, float]]:
+    """Angles of the joint and of one other with the smallest, and with the largest weight on the joint."""
+
+    def places(joint: int) -> Array:
+        ends = start[joint] - size * CARRIED, start[joint] + size * CARRIED
+        return np.append(
+            start[joint],
+            np.linspace(max(room.lower[joint], ends[0]), min(room.upper[joint], ends[1]), PLACES),
+        )
+
+    goals = [
+        {reach.joint: float(own), other: float(place)}
+        for other in range(len(start))
+        for place in places(other)
+        for own in places(reach.joint)
+        if other != reach.joint or place == own
+    ]
+    postures = np.tile(start, (len(goals), 1))
+    for posture, goal in zip(postures, goals, strict=True):
+        posture[list(goal)] = list(goal.values())
+    load = np.abs(weight(postures)[:, reach.joint])
+    way = np.sum(np.abs(postures - start), axis=1)
+    span = float(np.ptp(load))
+    light = np.where(load <= load.min() + NEARLY * span, way, np.inf)
+    heavy = np.where(load >= load.max() - NEARLY * span, way, np.inf)
+    return goals[int(np.argmin(light))], goals[int(np.argmin(heavy))]
 
 
 def _holds(reach: _Reach) -> list[Stroke]:
-    places = np.linspace(reach.low, reach.high, 5)
+    places = np.linspace(reach.low, reach.high, 7)
     pace = reach.time(reach.high - reach.low, 0.5)
     up, down = [float(x) for x in places], [float(x) for x in places[-2::-1]]
-    return [*go(reach.joint, [*up, *down], max(0.6, pace / 3.0), HOLD), *_home(reach)]
+    return [*go(reach.joint, [*up, *down], max(0.6, pace / 4.0), HOLD), *_home(reach)]
 
 
 def _ladder(reach: _Reach) -> list[Stroke]:
@@ -145,3 +212,6 @@ KINDS: dict[str, Callable[[_Reach], list[Stroke]]] = {
     "chirp": _chirp,
 }
 """Kind -> its strokes."""
+
+WIDE = ("holds",)
+"""Kinds that go as far as for another load: over a small range a weight is as constant as an offset."""

@@ -60,7 +60,7 @@ def propose_probe(
         BadInput: The diagnosis and the model do not fit, or no motion is safe.
     """
     room = room_of_model(model) if spec is None else room_of_robot(spec, model.joints)
-    brief = general_brief(model.joints, _assumed(room)) if answer is None else brief_of(answer, model.joints)
+    brief = general_brief(model.joints, _assumed(room)) if answer is None else brief_of(answer, model.tree)
     clearance = None if spec is None else Clearance(spec, model.joints)
     start = choose_start(room, brief.start, clearance)
     sensor = "motor" if {"motor", "whole", "drive"} & set(brief.residuals) else "joint_sensor"

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
+from impedance_modules.diagnosis.tree import RigidTree
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.description import Port
 from impedance_modules.effects.effect import PAIR
@@ -16,6 +17,9 @@ from impedance_modules.errors import BadInput
 GENERAL = ("coulomb_friction", "viscous_friction", "reflected_inertia", "parallel_spring", "torque_offset")
 """Effects that a general excitation tells from each other on every joint it moves."""
 
+
+SLIGHT = 0.005
+"""Part of the gap below which a cause's rivals are not worth a recording."""
 
 UNKNOWN_GAP = 5.0
 """Torque by which a model is wrong where no diagnosis says it, over the noise."""
@@ -78,18 +82,20 @@ class Brief:
     gap: Mapping[str, float]
 
 
-def brief_of(answer: Mapping[str, Any], joints: Sequence[str]) -> Brief:
+def brief_of(answer: Mapping[str, Any], tree: RigidTree) -> Brief:
     """Reads what a diagnosis leaves open.
 
-    Rivals of its ambiguous causes first; else joints that hardly moved; else every joint.
+    Rivals of its ambiguous causes first, but of those that explain next to nothing; else joints that hardly moved;
+    else every joint.
 
     Args:
         answer: A diagnosis JSON that its schema has admitted.
-        joints: Of the model.
+        tree: Joints and bodies of the model.
 
     Raises:
         BadInput: The diagnosis names a joint that the model lacks, or has nothing to go by.
     """
+    joints = tree.joints
     gaps = answer["gap"]["per_port"]
     residuals = tuple(name for name in RESIDUALS if any(gap["residual"] == name for gap in gaps))
     noise = {(gap["residual"], gap["joint"]): float(gap["noise_floor"]) for gap in gaps}
@@ -105,7 +111,7 @@ def brief_of(answer: Mapping[str, Any], joints: Sequence[str]) -> Brief:
     if strange is not None:
         raise BadInput(f"the diagnosis speaks of joint '{strange}', the model has {', '.join(joints)}")
     start = {name: float(q) for name, q in answer["next_motion"].get("start", {}).items() if name in joints}
-    open_pairs = tuple(_open(answer["causes"], joints))
+    open_pairs = tuple(_open(answer["causes"], tree))
     weak = tuple(name for name in answer["data"].get("weak_joints", ()) if name in joints)
     if open_pairs:
         purpose = "tell apart: " + "; ".join(dict.fromkeys(question.name for question in open_pairs))
@@ -140,19 +146,51 @@ def general_questions(joints: Sequence[str]) -> tuple[Question, ...]:
     return tuple(out)
 
 
-def _open(causes: Sequence[Mapping[str, Any]], joints: Sequence[str]) -> Iterator[Question]:
+def _open(causes: Sequence[Mapping[str, Any]], tree: RigidTree) -> Iterator[Question]:
     for cause in causes:
+        if cause["weight"] < SLIGHT:
+            continue
         for key, symbols in cause["parameters"].items():
             values = {symbol: float(number["value"]) for symbol, number in symbols.items()}
             first = _suspect(cause["effect"], key, cause["port"], values)
-            mine = (key.partition(PAIR)[0],) if key.partition(PAIR)[0] in joints else tuple(cause["joints"])
+            own = key.partition(PAIR)[0]
+            mine = (own,) if own in tree.joints else tuple(cause["joints"])
             for rival in cause["equivalent"]:
                 theirs = tuple(rival["joints"])
-                if theirs and mine and not set(theirs) & set(mine):
-                    continue
-                for other in theirs or (key,):
-                    second = _suspect(rival["effect"], other, None, None)
-                    yield Question(first, second, tuple(dict.fromkeys([*mine, *theirs])) or tuple(joints))
+                if _of_bodies(rival["effect"]) or not theirs or not mine or set(theirs) & set(mine):
+                    for other in _keys(rival["effect"], theirs or (key,), tree):
+                        second = _suspect(rival["effect"], other, None, None)
+                        yield Question(first, second, tuple(dict.fromkeys([*mine, *theirs])) or tree.joints)
+
+
+def _of_bodies(effect: str) -> bool:
+    """Whether a body carries an effect's numbers: it then shows on every joint before the body."""
+    return effect in CATALOGUE and "body" in CATALOGUE[effect].description.keys
+
+
+def _keys(effect: str, theirs: Sequence[str], tree: RigidTree) -> tuple[str, ...]:
+    """What carries a rival's numbers: its joints, the bodies behind them, or a pair of joints."""
+    if effect not in CATALOGUE:
+        return tuple(theirs)
+    kinds = CATALOGUE[effect].description.keys
+    if "body" in kinds:
+        return tuple(body.link for body in tree.bodies if body.joint in theirs)
+    if "pair" in kinds:
+        return tuple(
+            f"{one}{PAIR}{other}"
+            for one in theirs
+            if one in tree.joints
+            for other in _neighbours(one, tree.joints)
+        )
+    if "joint" in kinds:
+        return tuple(theirs)
+    return tuple(kinds)
+
+
+def _neighbours(joint: str, joints: Sequence[str]) -> tuple[str, ...]:
+    """The joints listed before and after one."""
+    place = joints.index(joint)
+    return tuple(joints[i] for i in (place - 1, place + 1) if 0 <= i < len(joints))
 
 
 def _suspect(effect: str, key: str, port: str | None, values: Mapping[str, float] | None) -> Suspect:

@@ -5,10 +5,11 @@ With y the torque that the first suspect adds, C the columns of the second, Z th
 prior, scaled to unit size), \sigma the noise of each residual and joint, and all rows counted as
 2 f_c independent samples a second:
 
-    \chi^2 = min_{b, z} \sum |y - C b - Z z|^2 / \sigma^2 + |z|^2,      share = \chi^2 / (the same without C)
+    \chi^2 = min_{b, z} \sum |y - C b - Z z|^2 / \sigma^2 + |z|^2,      share = \chi^2 / \sum |y|^2 / \sigma^2
 
-share is the squared sine of the angle between the two column spaces after nuisance projection. Where the second
-contains the first, the recording can only tell by what the second has beyond it: roles are exchanged.
+share is the squared sine of the angle between the suspect and all that may stand for it. Where the second
+contains the first (a spring with a preload contains an offset), what makes it the second (the stiffness) must not
+do as well by itself; where that cannot be taken apart, what it has beyond the first must show: roles are exchanged.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ ROWS = 20.0
 
 @dataclass(frozen=True)
 class Separation:
-    """Expected outcome of a question: chi-square difference and its share of the effect's own."""
+    """Expected outcome of a question: chi-square difference and its share of the effect's own power."""
 
     chi_square: float
     share: float
@@ -80,11 +81,30 @@ def _answer(rows: _Rows, question: Question) -> Separation:
     )
     if one_way.share > CONTAINED:
         return one_way
+    kept = _essential(question.second)
+    if kept:
+        return min(
+            (
+                rows.left(y, C[:, kept])
+                for y in rows.sized(question.first)
+                for C in rows.spaces(question.second)
+            ),
+            key=lambda found: found.share,
+            default=Separation(0.0, 0.0),
+        )
     return min(
         (rows.beyond(C, question.first) for C in rows.spaces(question.second)),
         key=lambda found: found.share,
         default=Separation(0.0, 0.0),
     )
+
+
+def _essential(suspect: Suspect) -> list[int]:
+    """Columns that make an effect itself, where every row of its essence names one alone; empty otherwise."""
+    rows = np.array(CATALOGUE[suspect.effect].essence)
+    if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
+        return []
+    return [int(index) for index in np.flatnonzero(rows.any(axis=0))]
 
 
 class _Rows:
@@ -138,7 +158,7 @@ class _Rows:
     def left(self, y: Array, C: Array) -> Separation:
         """Fits y by C and the nuisance."""
         size = np.linalg.norm(C, axis=0)
-        power = self._remaining(y, C[:, :0])
+        power = float(y @ y)
         if power <= 0.0:
             return Separation(0.0, 0.0)
         found = self._remaining(y, C[:, size > 0.0] / size[size > 0.0])

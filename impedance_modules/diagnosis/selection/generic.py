@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.drafts import Draft, Filler
+from impedance_modules.diagnosis.selection.still import quieted
 from impedance_modules.effects.residuals import Residual
+from impedance_modules.effects.signals import Signals
 
 Array = NDArray[np.float64]
 
@@ -34,8 +36,9 @@ def draft_stand_ins(prepared: Sequence[Prepared], residuals: Sequence[Residual])
     """Draws the stand-ins of every joint in every residual."""
     drafts: list[Draft] = []
     fillers = [Filler(item) for item in prepared]
+    signals = [quieted(item.signals) for item in prepared]
     for joint in range(prepared[0].signals.n):
-        inputs = [_inputs(item, joint) for item in prepared]
+        inputs = [_inputs(own, joint) for own in signals]
         stacked = np.concatenate(inputs)
         scaled = [(x - stacked.mean(axis=0)) / (stacked.std(axis=0) + 1e-9) for x in inputs]
         for name, columns in _functions(scaled):
@@ -52,9 +55,8 @@ def draft_stand_ins(prepared: Sequence[Prepared], residuals: Sequence[Residual])
     return drafts
 
 
-def _inputs(item: Prepared, joint: int) -> Array:
+def _inputs(s: Signals, joint: int) -> Array:
     """(N, 4) position, velocity, acceleration and the model's torque of a joint."""
-    s = item.signals
     return np.column_stack(
         [s.position[:, joint], s.velocity[:, joint], s.acceleration[:, joint], s.rigid[:, joint]]
     )

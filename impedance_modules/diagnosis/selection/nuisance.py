@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.candidates import Group
+from impedance_modules.diagnosis.selection.still import at_rest
 from impedance_modules.effects.residuals import EFFORT_SIGN
 
 Array = NDArray[np.float64]
@@ -137,9 +138,19 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
 
 
 def _groups(prepared: Sequence[Prepared]) -> tuple[Group, ...]:
+    """All residuals of all joints, but no velocity of a joint that stands still.
+
+    It is noise there, and the velocities' own filters colour it.
+    """
     first = prepared[0]
     common = [name for name in first.residuals if all(name in item.residuals for item in prepared)]
-    return tuple((name, joint) for name in common for joint in range(first.signals.n))
+    resting = np.all([at_rest(item.signals.position) for item in prepared], axis=0)
+    return tuple(
+        (name, joint)
+        for name in common
+        for joint in range(first.signals.n)
+        if name != "velocity" or not resting[joint]
+    )
 
 
 def inertia_prior(parameters: Array) -> Array:
