@@ -72,7 +72,7 @@ def changed(document: Document, changes: Mapping[Steps, Any], heading: str = "")
         for step in steps[:-1]:
             here = here[step]
         here[steps[-1]] = value
-    robot = str(data["robot"])
+    robot = str(data.get("robot", ""))
     if "/" in robot or "\\" in robot:
         # The changed file may lie elsewhere.
         data["robot"] = str(find_robot(robot, document.path).resolve())
