@@ -105,6 +105,9 @@ class Controller(CycleReadings):
     def start(self, first: FirstState, phase: PhaseSpec) -> None:
         """Begins a run at its first state, with a full tank and relaxed springs.
 
+        A robot seldom stands exactly where the task begins. What its springs would hold there is not given: r = 0, and
+        ``settle`` tightens them from the tank; at the start posture itself that is the first cycle.
+
         Raises:
             SafetyStop: The first state is not finite.
         """
@@ -120,7 +123,8 @@ class Controller(CycleReadings):
         potential = self._place(state.position)
         tank = filled_tank(self.assembly.tank, state.position, state.effort, potential)
         in_flight = np.tile(first.acting, (self.assembly.tank.delay + 1, 1))
-        self._fill_tank(replace(tank, applied=first.acting, pending=in_flight))
+        relaxed = replace(tank, spring_scale=0.0, initial_energy=tank.level)
+        self._fill_tank(replace(relaxed, applied=first.acting, pending=in_flight))
         memory["previous"][:] = first.acting
 
     def next_phase(self, phase: PhaseSpec) -> None:

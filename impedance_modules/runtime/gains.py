@@ -27,7 +27,8 @@ from impedance_modules.runtime.memory import (
 Array = NDArray[np.float64]
 
 BLENDING = 0.5
-"""Gains of a phase come in by minimum jerk over this time [s], or over the phase if it is shorter."""
+"""Gains of a phase come in by minimum jerk over this time [s], or over the phase if it is shorter; the forces of the
+first one always over this time."""
 
 
 def cycle_sizes(modules: TaskModules, n: int, pairs: int, delay: int) -> CycleSizes:
@@ -72,7 +73,7 @@ def write_phase(
         modules: With the gains of the phase.
         damping: Designed for the phase.
         motion: From the equilibria where the last phase ended.
-        blend: False for the first phase, whose gains hold at once: every spring is relaxed then.
+        blend: False for the first phase, whose gains hold at once, forces apart: every spring is relaxed then.
     """
     gains = _gains(modules, damping, memory.size.joints)
     for name, value in gains.items():
@@ -86,7 +87,7 @@ def write_phase(
     memory["offsets"][:] = table.offsets
     memory["rest_ends"][0], memory["rest_ends"][1] = table.rest_start, table.rest_goal
     memory["clock"][DURATION] = motion.duration
-    memory["clock"][BLEND_TIME] = min(BLENDING, motion.duration)
+    memory["clock"][BLEND_TIME] = min(BLENDING, motion.duration) if blend else BLENDING
     memory["clock"][CLOCK] = 0.0
 
 

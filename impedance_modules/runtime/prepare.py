@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.backend import Backend
 from impedance_modules.backends.baxter.backend import BaxterBackend, DriveOptions
+from impedance_modules.backends.baxter.gates_types import Gate
+from impedance_modules.backends.baxter.link import RobotLink
 from impedance_modules.backends.baxter.session import Session
 from impedance_modules.backends.replay import ReplayBackend
 from impedance_modules.backends.sim import SimBackend
@@ -21,6 +23,7 @@ from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.runtime.assembly import Assembly
+from impedance_modules.runtime.contact_gate import contact_gates
 
 Array = NDArray[np.float64]
 
@@ -76,5 +79,9 @@ def baxter_backend(assembly: Assembly, session: Session, *, read_only: bool, app
         RobotRefused: The robot must not be moved now; with every reason and its remedy.
     """
     limbs = {arm.limb.name: arm.limb for arm in assembly.modules.arms}
-    start = assembly.modules.posture
-    return session.backend(limbs, DriveOptions(assembly.rate, read_only, approach, start))
+    options = DriveOptions(assembly.rate, read_only, approach, assembly.modules.posture)
+
+    def of_task(link: RobotLink) -> tuple[Gate, ...]:
+        return () if link.sample is None else contact_gates(assembly, link.sample.state)
+
+    return session.backend(limbs, options, assembly.model, of_task)

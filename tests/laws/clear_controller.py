@@ -72,7 +72,8 @@ class ClearController:
         s = self.assembly.tank
         tank = filled_tank(s, state.position, state.effort, self._potential(state.position, 0.0))
         in_flight = np.tile(first.acting, (s.delay + 1, 1))
-        self.tank = replace(tank, applied=first.acting, pending=in_flight)
+        relaxed = replace(tank, spring_scale=0.0, initial_energy=tank.level)
+        self.tank = replace(relaxed, applied=first.acting, pending=in_flight)
         self.previous = first.acting
 
     def next_phase(self, phase: PhaseSpec) -> None:
@@ -83,7 +84,7 @@ class ClearController:
         self.modules = with_phase_gains(modules, phase)
         self.motion = phase_motion(self.modules, phase, start)
         self.damping = phase_damping(self.modules, self.kinematics)
-        self.blending = min(BLENDING, phase.duration)
+        self.blending = min(BLENDING, phase.duration) if self.first else BLENDING
         self.clock = 0.0
 
     def _gains(self, clock: float) -> tuple[Gains, ...]:

@@ -78,7 +78,7 @@ def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
 
 
 def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
-    """Asks whether the measured torques at rest are what our model expects; never closed, contact depends on it.
+    """Asks whether the measured torques at rest are what our model expects; never closed (``contact_gate`` is).
 
     A Baxter's shoulders have springs beside the drive, which carry part of the arm's weight; our model has
     them only if a patch says so. Without it, a force at the hand is felt where there is none.
@@ -88,13 +88,13 @@ def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
         return Gate(name, None, "no state of the arms", "")
     joints = model.limbs[limb].joints
     state = link.sample.state
-    off = np.abs(state.effort - model.gravity(state.position))[joints]
+    off = np.abs(state.effort - model.gravity(state.position) - model.winding(state.position))[joints]
     worst = int(np.argmax(off))
     found = f"at rest, torques differ from our model's by at most {off[worst]:.1f} N.m"
     if off[worst] <= SAME_EFFORT:
         return Gate(name, True, found, "")
     found += (
         f" ({model.limbs[limb].joint_names[worst]}): a spring beside the joint, a tool, a touch? A task that waits for"
-        " contact needs a patch that has it (record, diagnose, run --effects)"
+        " contact needs a patch that has it (record, diagnose, run --effects), and is refused without"
     )
     return Gate(name, None, found, "")

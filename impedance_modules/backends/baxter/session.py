@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from impedance_modules.backends.baxter import topics
@@ -60,20 +60,37 @@ class Session:
         self.model = RobotModel(self.spec)
         self.link = RobotLink(transport, self.model.joint_names, tuple(spec.limbs))
 
-    def gates(self, limbs: Sequence[str]) -> tuple[Gate, ...]:
-        """Listens long enough and asks every question about some limbs; sends nothing."""
-        time.sleep(LISTENING)
-        return judge(Subject(self.link, self.model, self.comparison, limbs), time.monotonic())
+    def gates(self, limbs: Sequence[str], model: RobotModel | None = None) -> tuple[Gate, ...]:
+        """Listens long enough and asks every question about some limbs; sends nothing.
 
-    def backend(self, limbs: Mapping[str, Limb], options: DriveOptions) -> BaxterBackend:
+        ``model`` wears what a run's patch says of the robot; None is the robot folder's.
+        """
+        time.sleep(LISTENING)
+        subject = Subject(self.link, self.model if model is None else model, self.comparison, limbs)
+        return judge(subject, time.monotonic())
+
+    def backend(
+        self,
+        limbs: Mapping[str, Limb],
+        options: DriveOptions,
+        model: RobotModel,
+        of_task: Callable[[RobotLink], Sequence[Gate]],
+    ) -> BaxterBackend:
         """Makes the backend of a run.
+
+        Args:
+            limbs: Those that are commanded.
+            options: Of the run.
+            model: With what the run's patch says of the robot.
+            of_task: What the task asks of the robot beyond the session's own gates.
 
         Raises:
             RobotRefused: A gate is closed; nothing was sent.
         """
 
         def check() -> None:
-            refuse_closed(self.gates(tuple(limbs)), commanding=not options.read_only)
+            gates = (*self.gates(tuple(limbs), model), *of_task(self.link))
+            refuse_closed(gates, commanding=not options.read_only)
 
         check()
         rules = stop_rules(
