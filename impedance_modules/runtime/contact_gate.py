@@ -59,8 +59,10 @@ def _awaited(assembly: Assembly) -> dict[str, tuple[str, float]]:
         if not isinstance(until, ContactCondition):
             continue
         force = assembly.robot.contact_detection.force if until.force is None else until.force
-        of_object = held is not None and until.target not in arms
-        concerned = [until.target] if until.target in arms else list(held.limbs) if of_object else arms
+        if until.target in arms:
+            concerned = [arm for arm in arms if arm == until.target]
+        else:
+            concerned = arms if held is None else list(held.limbs)
         for arm in concerned:
             if arm not in found or force < found[arm][1]:
                 found[arm] = phase.name, force
