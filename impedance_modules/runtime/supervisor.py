@@ -20,8 +20,9 @@ from impedance_modules.runtime.conditions import Touch
 from impedance_modules.runtime.controller import EFFORT_NOT_FINITE, STATE_NOT_FINITE, Controller
 from impedance_modules.runtime.lost_contact import LostContact
 from impedance_modules.runtime.sequence import Outcome, Sequence
+from impedance_modules.runtime.timekeeper import Timekeeper, stop_limits
 from impedance_modules.safety.ladder import RUNNING, Decision, descend
-from impedance_modules.safety.stop_events import Event, Occurrence, Rung, StopLimits, watch_time
+from impedance_modules.safety.stop_events import Event, Occurrence, Rung
 from impedance_modules.safety.stopping import damping_effort
 
 Array = NDArray[np.float64]
@@ -55,7 +56,6 @@ class Supervisor:
         ending: None while the run goes on.
         reason: Why it stopped; empty after a task that is done.
         messages: (time, text) of everything worth telling.
-        missed: Cycles without a state just before the last one that had one.
     """
 
     def __init__(self, assembly: Assembly) -> None:
@@ -75,14 +75,10 @@ class Supervisor:
         self.reason = ""
         self.messages: list[tuple[float, str]] = []
         self._lost_contact = LostContact(self.controller, self.touch)
-        self.missed = 0
-        self._without_state = 0
         self._cycle = 0
-        self._late: list[float] = []
         self._interrupted = False
         self._unseen: RobotState | None = None
         self._seen: list[Occurrence] = []
-        self._age = 0.0
         self._speeds = dict.fromkeys(self.ladder, 0.0)
         self._velocity: Array = np.zeros(assembly.model.n)
         self._time = 0.0
@@ -91,6 +87,12 @@ class Supervisor:
         self._low = limits.position_min - BEYOND_LIMIT
         self._high = limits.position_max + BEYOND_LIMIT
         self.stop_limits = stop_limits(assembly.period)
+        self._timekeeper = Timekeeper(self.controller, self.stop_limits, assembly.period)
+
+    @property
+    def missed(self) -> int:
+        """Cycles without a state just before the last one that had one."""
+        return self._timekeeper.missed
 
     @property
     def rung(self) -> Rung:
@@ -142,8 +144,8 @@ class Supervisor:
         """
         running = self._hardest < Rung.DAMP
         self._unseen = None
-        overdue = self._count_intervals(state, running=running)
-        events = self._clock_events(state, late) + self._seen
+        overdue = self._timekeeper.count(state, since=self._time, running=running)
+        events = self._timekeeper.watch(self._cycle, missing=state is None, late=late) + self._seen
         self._seen = []
         if stop_request is not None and not self._interrupted:
             self._interrupted = True
@@ -158,26 +160,6 @@ class Supervisor:
                     self.controller.repeat()
                 return self.controller.effort
         return self._descend(state, events, entering=running)
-
-    def _count_intervals(self, state: RobotState | None, *, running: bool) -> bool:
-        """Tells the ledger how many periods the robot has lived through since its last state, by the robot's clock.
-
-        Fewer than the cycles that were counted meanwhile: the state is late, not lost. Its torque would begin to act
-        somewhere within a period that is under way, and nobody could say what it does there: the last one goes on.
-
-        Returns:
-            Whether the state is late.
-        """
-        if state is None:
-            self._without_state += 1
-            return False
-        self.missed, self._without_state = self._without_state, 0
-        intervals = max(1, round((state.time - self._time) / self.assembly.period))
-        counted = self.missed + 1
-        # In a stop a torque left for every cycle that was counted, with or without a state: those stay booked.
-        if intervals > counted or (running and intervals < counted):
-            self.controller.reckon(intervals if running else intervals - self.missed, anew=running)
-        return intervals < counted
 
     def _run(self, state: RobotState) -> list[Occurrence]:
         """One cycle of the law; returns what went wrong."""
@@ -260,21 +242,6 @@ class Supervisor:
         effort = damping_effort(self._braking, self._velocity, self.assembly.limits.effort_max)
         return self.controller.effort if self.controller.brake(state, effort) == 0 else None
 
-    def _clock_events(self, state: RobotState | None, late: bool) -> list[Occurrence]:
-        """Events of time: lateness, a state that does not come, a tank that stays empty."""
-        self._age = self._age + self.assembly.period if state is None else 0.0
-        starved = self.controller.starved_time
-        if not (late or self._late) and self._age == 0.0 and starved < self.stop_limits.starvation_time:
-            return []
-        now = self._cycle * self.assembly.period
-        if late:
-            self.controller.withdraw()
-            self._late.append(now)
-        self._late = [time for time in self._late if time > now - 1.0]
-        found = watch_time(late, len(self._late), self._age, starved, self.stop_limits)
-        # A single late torque was withdrawn and a low tank slows the task by itself: neither is a stop.
-        return [event for event in found if event.event not in (Event.TANK_LOW, Event.LATE_CYCLE)]
-
     def _overspeed(self, joint: int) -> Occurrence:
         name = self.assembly.model.joint_names[joint]
         bound = self.assembly.limits.velocity_max[joint]
@@ -292,17 +259,3 @@ class Supervisor:
 
 def _is_finite(state: RobotState) -> bool:
     return bool(np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all())
-
-
-def stop_limits(period: float) -> StopLimits:
-    """The ladder's thresholds at a control period [s]; times follow facts of Baxter's own time-outs."""
-    return StopLimits(
-        damping_time=1.0,
-        blind_damping_time=max(0.02, 2.0 * period),
-        rest_speed=0.05,
-        speed_growth=1.5,
-        late_cycles=5,
-        stale_time=max(0.03, 3.0 * period),
-        lost_time=max(0.1, 6.0 * period),
-        starvation_time=2.0,
-    )
