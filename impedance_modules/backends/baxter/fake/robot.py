@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.fake.assembly_state import AssemblyMachine
+from impedance_modules.backends.baxter.fake.boards import INERTIA_TICKS, Boards, Claim
 from impedance_modules.backends.baxter.fake.field import ForceField
 from impedance_modules.backends.baxter.fake.limb import CommandMode, Doing, LimbDrive
 from impedance_modules.backends.baxter.fake.numbers import (
-    BRAKE_SPEED,
     COLLISION_PAUSE,
-    EASE,
     STOP_MARGIN,
     TICK,
 )
@@ -28,9 +27,8 @@ from impedance_modules.backends.baxter.fake.options import FakeOptions
 from impedance_modules.backends.baxter.fake.push import Push, contact_sense
 from impedance_modules.backends.baxter.fake.suppression import Suppressions
 from impedance_modules.effects.worn import WornPlant
-from impedance_modules.plant.driven import BoardOrders, DrivenPlant
+from impedance_modules.plant.driven import DrivenPlant
 from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.servo import Sensed, Servo
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
@@ -41,10 +39,6 @@ Request = Callable[[], None]
 
 FIELD_TICKS = 10
 """The force field and the hands' poses are brought up to date every so many ticks."""
-
-
-INERTIA_TICKS = 100
-"""The servos are told the arms' inertia every so many ticks."""
 
 
 class FakeBaxter:
@@ -80,10 +74,7 @@ class FakeBaxter:
         self.plant = DrivenPlant(model, plant_options, worn, springs)
         self.plant.widen_stops(STOP_MARGIN)
         self.plant.warm(posture)
-        self._stiffness, self._damping = self.plant.servo_gains()
-        self._lead = self._damping / self._stiffness
-        self._ease = np.zeros(model.n)
-        self._brake = model.column("effort_max") / BRAKE_SPEED
+        self._boards = Boards(model, self.plant)
         self.machine = AssemblyMachine(enabled=options.enabled)
         limbs = model.limbs
         self.limbs = {name: LimbDrive(model, limb, options) for name, limb in limbs.items()}
@@ -162,7 +153,7 @@ class FakeBaxter:
 
     def integral_effort(self, drive: LimbDrive) -> Array:
         """Gives what a limb's position servo has built up against its error (k,) [N.m]."""
-        return np.asarray(self._stiffness[drive.limb.joints] * drive.reference.integral)
+        return np.asarray(self._boards.stiffness[drive.limb.joints] * drive.reference.integral)
 
     def tick(self) -> None:
         """Lives through one millisecond."""
@@ -171,7 +162,7 @@ class FakeBaxter:
         self._watch_power()
         for name, drive in self.limbs.items():
             self._watch_limb(name, drive)
-        self.plant.drive(self._orders())
+        self.plant.drive(self._boards.orders(self.state, self._claims(), self.field.torque))
         self.state = self.plant.sense()
         self._ticks += 1
         self.now = self._ticks * TICK
@@ -182,8 +173,7 @@ class FakeBaxter:
         self.kinematics.update(self.state.position, self.state.velocity)
         self.field.update(self.state.position, self.state.velocity)
         if self._ticks % INERTIA_TICKS == 0:
-            inertia = np.diag(self.model.mass_matrix(self.state.position)) - self.model.reflected_inertia
-            self._ease = EASE * np.sqrt(inertia / self._stiffness)
+            self._boards.weigh(self.state.position)
 
     def _watch_power(self) -> None:
         """Without power every mode is forgotten; with it the arms hold where they are."""
@@ -242,27 +232,19 @@ class FakeBaxter:
                 drive.pause(self.now, COLLISION_PAUSE, self.position(drive))
             self.colliding[name] = felt
 
+    def _claims(self) -> list[Claim] | None:
+        """What each limb wants of its boards; None without power."""
+        if not self._powered:
+            return None
+        return [
+            Claim(
+                drive,
+                assisted=not self.suppressed(name, "suppress_gravity_compensation"),
+                kept_off=not self.suppressed(name, "suppress_collision_avoidance"),
+            )
+            for name, drive in self.limbs.items()
+        ]
+
     def suppressed(self, limb: str, what: str) -> bool:
         """Says whether a safety function of a limb is kept off now."""
         return self.suppressions[limb].active(what, self.now)
-
-    def _orders(self) -> BoardOrders:
-        """Puts the limbs' orders together for the boards."""
-        n = self.model.n
-        nothing = np.zeros(n)
-        if not self._powered:
-            return BoardOrders(nothing, nothing, self._brake, self.state.position, nothing)
-        effort, position, servo, assisted = nothing.copy(), nothing.copy(), nothing.copy(), np.ones(n)
-        ahead = nothing
-        if any(drive.served for drive in self.limbs.values()):
-            weight, springs = self.plant.compensation(self.state.position)
-            ahead = (weight + springs) / self._stiffness
-        for name, drive in self.limbs.items():
-            joints = drive.limb.joints
-            sensed = Sensed(self.position(drive), self.state.velocity[joints])
-            orders = drive.orders(sensed, Servo(ahead[joints], self._lead[joints], self._ease[joints]))
-            effort[joints], position[joints], servo[joints] = orders.effort, orders.position, orders.servo
-            assisted[joints] = not self.suppressed(name, "suppress_gravity_compensation")
-            if not self.suppressed(name, "suppress_collision_avoidance"):
-                effort[joints] += self.field.torque[joints]
-        return BoardOrders(effort, servo * self._stiffness, servo * self._damping, position, assisted)
