@@ -94,8 +94,24 @@ class Recorder:
         self._slots = np.array([slot for _, slot in self._targets], dtype=np.int64)
         self._owners = np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2)
 
+    def warm(self) -> None:
+        """Fills a row once without recording it: a first call waits for its machine code, for longer than a period."""
+        n = self._supervisor.assembly.model.n
+        parts = np.zeros(n), np.zeros(n), np.zeros(n)
+        # As a robot's states are: machine code for arrays that may be written is other machine code.
+        for part in parts:
+            part.flags.writeable = False
+        self._fill(RobotState(0.0, *parts), np.zeros(n), late=False, interrupted=False)
+
     def add(self, state: RobotState, command: Array, *, late: bool, interrupted: bool) -> None:
         """Records one cycle: a state, and the torque that left for it (zero where none did)."""
+        self._fill(state, command, late=late, interrupted=interrupted)
+        if self._real is not None:
+            self.row[self._own] = self._supervisor.missed
+            self.row[self._own + 1 :] = self._real.extra_values()
+        self.writer.append(self.row, self._supervisor.sequence.phase.name)
+
+    def _fill(self, state: RobotState, command: Array, *, late: bool, interrupted: bool) -> None:
         supervisor = self._supervisor
         controller = supervisor.controller
         kinematics, memory = controller.kinematics, controller.memory
@@ -118,10 +134,6 @@ class Recorder:
             memory.floats,
             memory.float_at,
         )
-        if self._real is not None:
-            self.row[self._own] = supervisor.missed
-            self.row[self._own + 1 :] = self._real.extra_values()
-        self.writer.append(self.row, supervisor.sequence.phase.name)
 
     def close(self, ending: str, reason: str) -> None:
         """Merges the episode and says in it how the run ended."""

@@ -109,6 +109,7 @@ def carry_out(
                 real=real,
             )
             ending.callback(recorder.abandon)
+            recorder.warm()
             view = SceneView(options.out, supervisor, recorder.writer.background, live=options.live)
         files = _Files(
             supervisor,
