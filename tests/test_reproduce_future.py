@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The thesis's outlook (chapter 6): a hand under water."""
+"""The thesis's outlook (chapter 6): links that fold, and a hand under water."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from impedance_modules.experiments import folding
 from impedance_modules.experiments.settings import Settings, Size
 from impedance_modules.experiments.under_water import reproduce
 
@@ -19,3 +20,11 @@ def test_a_hand_under_water_floats_up_as_stiff_as_before_and_feels_heavier(tmp_p
     assert facts["mass_ratio_y"] > 1.1
     assert facts["slower_y"] == pytest.approx(facts["slower_foretold_y"], rel=0.06)
     assert facts["slower_y"] > 1.03
+
+
+def test_the_thesis_s_posture_needs_more_than_its_springs_to_carry_its_force(tmp_path: Path) -> None:
+    """The plant's part, holding and folding, is in test_tune.py."""
+    facts = folding.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
+    assert facts["sum"] == pytest.approx(41.8, rel=0.02)
+    assert facts["best_sum"] <= facts["sum"]
+    assert 0.0 < facts["borne"] < 1.0

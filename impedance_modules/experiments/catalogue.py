@@ -54,6 +54,7 @@ _ALL: tuple[Experiment, ...] = (
     ),
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
     Experiment("two-arms", "6.2.4", "Do two real arms on one object add?", "two_arms"),
+    Experiment("folding", "6.2.2", "How soft may joints be before the links fold?", "folding"),
     Experiment("under-water", "6.2.5", "What does a hand feel like under water?", "under_water"),
 )
 EXPERIMENTS: dict[str, Experiment] = {entry.name: entry for entry in _ALL}

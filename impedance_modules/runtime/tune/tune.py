@@ -135,7 +135,7 @@ def tune_posture(assembly: Assembly, question: Question, posture: Posture) -> Tu
     Raises:
         BadInput: A torque passes its limit, a rest cannot lie far enough, or no stiffness is enough.
     """
-    jacobian, others = _seen(assembly, question, posture)
+    jacobian, others = unloaded_arm(assembly, question, posture)
     forces = [np.append(f * question.direction, np.zeros(3)) for f in question.ends]
     torques = np.array([jacobian.T @ force for force in forces])
     share = _share(assembly, question, posture, torques)
@@ -156,7 +156,7 @@ def tune_posture(assembly: Assembly, question: Question, posture: Posture) -> Tu
     )
 
 
-def _seen(assembly: Assembly, question: Question, posture: Posture) -> tuple[Array, Array]:
+def unloaded_arm(assembly: Assembly, question: Question, posture: Posture) -> tuple[Array, Array]:
     """Gives the hand's Jacobian (6, k) and S (k, k), the task's other springs in joint space, at a posture."""
     limb = assembly.model.limbs[question.arm]
     arm = assembly.task.arms[question.arm]
