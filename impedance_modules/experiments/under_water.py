@@ -25,8 +25,8 @@ from impedance_modules.spec.task import PushSpec
 Array = NDArray[np.float64]
 
 TASK, PATCH = "under-water", "under-water"
-SHARE = (0.15, 0.98)
-"""Part of the full push between which a line is fitted."""
+PERIOD = 0.85
+"""Over which a rest is averaged: one swing along z [s]."""
 SWING = 1.2
 """For how long a swing is fitted after the hand is let go [s]."""
 
@@ -37,7 +37,7 @@ class Felt:
 
     Attributes:
         axis: 0, 1 or 2.
-        stiffness: Force over way while it is drawn aside [N/m].
+        stiffness: Force over way while it is held aside [N/m].
         back: From letting go until the hand is back at its rest for the first time [s].
     """
 
@@ -139,24 +139,25 @@ def _swing_back(inertia: Array, damping: Array, stiffness: Array, row: Array) ->
 
 
 def _rest(trace: Trace, start: float) -> Array:
-    """Mean place (3,) of the hand just before it is pushed [m]."""
-    return np.asarray(np.mean(trace.place[trace.over(start - 0.6, start), :3], axis=0))
+    """Mean place (3,) of the hand just before an instant [m]."""
+    return np.asarray(np.mean(trace.place[trace.over(start - PERIOD, start), :3], axis=0))
 
 
 def _felt(trace: Trace, push: PushSpec) -> Felt:
     axis = int(np.argmax(np.abs(push.wrench)))
-    full, size = push.start + push.rise, abs(push.wrench[axis])
-    rising = trace.over(push.start, full)
-    force, way = trace.push[rising, axis], trace.place[rising, axis]
-    fitted = (force > SHARE[0] * size) & (force < SHARE[1] * size)
-    stiffness = float(np.polyfit(way[fitted], force[fitted], 1)[0])
-    let_go = full + push.hold
+    let_go = push.start + push.rise + push.hold
+    rest = _rest(trace, push.start)[axis]
+    way = _rest(trace, let_go)[axis] - rest
     swing = trace.over(let_go, let_go + SWING)
-    away = np.sign(push.wrench[axis]) * (trace.place[swing, axis] - _rest(trace, push.start)[axis])
+    away = np.sign(push.wrench[axis]) * (trace.place[swing, axis] - rest)
     first = int(np.argmax(away < 0.0))
     share = away[first - 1] / (away[first - 1] - away[first])
     time = trace.time[swing]
-    return Felt(axis, stiffness, float(time[first - 1] + share * (time[first] - time[first - 1]) - let_go))
+    return Felt(
+        axis,
+        float(push.wrench[axis] / way),
+        float(time[first - 1] + share * (time[first] - time[first - 1]) - let_go),
+    )
 
 
 def _comparisons(
