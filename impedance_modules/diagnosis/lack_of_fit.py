@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 ALPHA = 0.002
 """Probability that a right model fails, all groups together."""
 
-SYSTEMATIC = 1.25
+SYSTEMATIC = 1.45
 """Power over noise that the nominal model's own approximations may leave (differences, held commands, filters)."""
 
 WEAK = 2.0

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.constancy import uneven
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.selection.select import price
 from impedance_modules.diagnosis.selection.trial import Trial
@@ -57,6 +58,9 @@ def structure(evidence: Evidence) -> str:
         found.append(
             (1.0, f"a function of the joint's motion without physics takes {part:.0f} % more on {name}")
         )
+    changing = uneven(evidence)
+    if changing is not None:
+        found.append((1.0 + changing[0], changing[1]))
     return max(found, default=(0.0, ""))[1]
 
 

@@ -40,6 +40,13 @@ class PlainRows:
             self._kept[id(term)] = (term, rows)
         return self._kept[id(term)][1]
 
+    def torque(self, bench: Bench, index: int, recording: int) -> dict[int, Array]:
+        """What one term of a bench's whole fit adds to a recording: group -> (M,) in the group's unit."""
+        term, start = bench.model[index], int(bench.starts[index])
+        own = bench.whole.coefficients[start : start + term.shaped.size]
+        whole = np.append(own, np.ones(int(term.shaped.fixed)))
+        return {g: block @ whole for g, block in self._columns(term)[recording].items()}
+
     def left(self, bench: Bench, recording: int) -> list[Array]:
         """What a bench's whole fit leaves of a recording: group -> (M,) in the group's unit."""
         design = self.design
@@ -50,8 +57,7 @@ class PlainRows:
                 design.raw[recording], design.nuisance.columns[recording], design.nuisance.ids, strict=True
             )
         ]
-        for term, start in zip(bench.model, bench.starts, strict=False):
-            own = coefficients[start : start + term.shaped.size]
-            for g, block in self._columns(term)[recording].items():
-                out[g] = out[g] - block @ np.append(own, np.ones(int(term.shaped.fixed)))
+        for index in range(len(bench.model)):
+            for g, torque in self.torque(bench, index, recording).items():
+                out[g] = out[g] - torque
         return out

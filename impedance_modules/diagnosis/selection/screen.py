@@ -39,12 +39,14 @@ class Look:
         gain: About the log-likelihood it would add [nats].
         power: About the residual power it would explain, in units of the noise.
         physical: Whether its coefficients keep the physical bounds.
+        worth: The gain less the Bayesian price of its coefficients, by which shapes of one candidate are compared.
     """
 
     slot: Slot
     gain: float
     power: float
     physical: bool
+    worth: float
 
 
 class Screen:
@@ -187,7 +189,7 @@ def _looks(
         touched = list(slot.groups)
         samples = float(np.sum(bench.counts[touched]))
         gain = -0.5 * samples * float(np.log(max(1.0 - 2.0 * gains[i] / samples, 1e-6)))
-        out.append(
-            Look(slot, gain, float(2.0 * gains[i] / np.min(bench.weights[touched])), bool(physical[i]))
-        )
+        power = float(2.0 * gains[i] / np.min(bench.weights[touched]))
+        worth = gain - 0.5 * slot.shaped.size * float(np.log(max(samples, 2.0)))
+        out.append(Look(slot, gain, power, bool(physical[i]), worth))
     return out

@@ -216,11 +216,13 @@ class Selector:
 
 
 def best_of_each(looks: Sequence[Look], most: int) -> list[Look]:
-    """The best physical shape of each candidate, the best candidates first."""
+    """The physical shape of each candidate that is worth most, the best candidates first."""
     found: dict[tuple[str, str, str], Look] = {}
     for look in looks:
         if look.physical and look.slot.shaped.candidate is not None:
-            found.setdefault(look.slot.shaped.key, look)
+            best = found.setdefault(look.slot.shaped.key, look)
+            if look.worth > best.worth:
+                found[look.slot.shaped.key] = look
     return list(found.values())[:most]
 
 
