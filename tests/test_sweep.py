@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from impedance_modules.cli.main import impedance
-from impedance_modules.errors import BadInput
+from impedance_modules.errors import BadInput, ImpedanceError
 from impedance_modules.runtime.sweep.one_run import run_one
 from impedance_modules.runtime.sweep.plan import Plan, make_jobs, read_range
 from impedance_modules.runtime.sweep.workers import run_on_cluster
@@ -78,6 +78,8 @@ def test_the_verb_writes_a_table_and_plots_and_says_what_was_refused(tmp_path: P
     assert rows[0]["ending"] == "refused" and "the task needs" in rows[0]["reason"]
     assert float(rows[1]["duration [s]"]) == pytest.approx(0.3, abs=0.02)
     assert (tmp_path / "runs" / "run-00001" / "summary.json").is_file()
+    twice = called("wipe-table", "--vary", "safety.tank.initial=5:6", "--out", str(tmp_path))
+    assert isinstance(twice.exception, BadInput) and "holds a sweep already" in str(twice.exception)
     again = called(
         "wipe-table", "--vary", "arms.right.springs.hand.stiffness.x=200:300:2", "--duration", "0.2", "--jobs",
         "2", "--out", str(tmp_path / "two"),
@@ -109,6 +111,10 @@ REFUSED = {
     ),
     "no patch": (("--vary", "effects.0.parameters.right_s0.fc.value=0:1"), "--effects PATCH"),
     "too many": (("--vary", "environment.0.friction=0:1:200000"), "too many"),
+    "another robot's patch": (
+        ("--vary", "environment.0.friction=0:1", "--effects", str(ROOT / "tasks" / "wipe-table.yaml")),
+        "tasks/wipe-table.yaml:",
+    ),
     "no seeds": (("--vary", "environment.0.friction=0:1", "--seeds", "0"), "1 or more"),
     "both": (
         ("--vary", "environment.0.friction=0:1", "--jobs", "1", "--scheduler", "tcp://x:1"),
@@ -121,7 +127,8 @@ REFUSED = {
 def test_a_wrong_sweep_is_told_what_would_be_valid(name: str, tmp_path: Path) -> None:
     words, says = REFUSED[name]
     found = called("wipe-table", *words, "--out", str(tmp_path / "never"))
-    assert isinstance(found.exception, BadInput) and says in str(found.exception)
+    assert isinstance(found.exception, ImpedanceError) and found.exception.exit_code == 2
+    assert says in str(found.exception)
     assert not (tmp_path / "never").exists()
 
 

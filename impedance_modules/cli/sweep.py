@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from impedance_modules.runtime.sweep.one_run import Row
     from impedance_modules.runtime.sweep.plan import Job
 
+TABLE = "sweep.csv"
+
 
 @click.command("sweep")
 @task_argument
@@ -79,6 +81,8 @@ def command(
     folder = out if out is not None else Path("out") / f"sweep-{Path(task).stem}"
     plan = Plan(task, ranges, effects, draws, seeds, seed, rate, duration, folder / "runs" if keep else None)
     todo = make_jobs(plan)
+    if (folder / TABLE).exists():
+        raise BadInput(f"{folder} holds a sweep already (valid: another --out, or remove it)")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -115,7 +119,7 @@ def _collect(
 
     from impedance_modules.runtime.sweep.report import TableFile, draw
 
-    table = TableFile(folder / "sweep.csv", paths)
+    table = TableFile(folder / TABLE, paths)
     rows: list[Row] = []
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("running", total=count)
@@ -125,7 +129,7 @@ def _collect(
             progress.advance(bar)
     rows.sort(key=lambda row: row.number)
     table.rewrite(rows)
-    written = [folder / "sweep.csv", *draw(rows, paths, folder)]
+    written = [folder / TABLE, *draw(rows, paths, folder)]
     console.print("\n".join(map(str, written)), highlight=False, soft_wrap=True)
     return rows
 

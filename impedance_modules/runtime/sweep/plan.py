@@ -13,7 +13,9 @@ import numpy as np
 
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.change import Steps, changed, find_steps, task_document
-from impedance_modules.spec.source import Document, read_document
+from impedance_modules.spec.patch import read_patch
+from impedance_modules.spec.source import Document
+from impedance_modules.spec.task_reader import read_task
 
 POINTS = 5
 """Values of a range that does not say how many."""
@@ -134,9 +136,11 @@ def make_jobs(plan: Plan) -> list[Job]:
 
     Raises:
         BadInput: A path leads to no number, is given twice, or there are too many runs.
+        BadFile: The task or the patch is faulty as it stands.
     """
+    read_task(plan.task)
     task = task_document(plan.task)
-    patch = None if plan.effects is None else read_document(plan.effects)
+    patch = None if plan.effects is None else read_patch(plan.effects).document
     homes = {found.path: _home(found, task, patch) for found in plan.ranges}
     if len(homes) < len(plan.ranges):
         raise BadInput("--vary names the same path twice (valid: each path once)")
