@@ -21,6 +21,7 @@ from test_diagnosis import JOINTS, URDF, motion, torque
 from impedance_modules.cli.main import impedance
 from impedance_modules.diagnosis.admit import admit
 from impedance_modules.diagnosis.arrange import arrange
+from impedance_modules.diagnosis.log import InsufficientData
 from impedance_modules.diagnosis.long_recordings import read_recordings
 from impedance_modules.diagnosis.model import model_of_urdf
 from impedance_modules.diagnosis.stretch import RUN_IN
@@ -502,3 +503,37 @@ def test_no_corruption_meets_a_traceback(tmp_path, urdf, spoiled, alone):
     code, said = diagnose(urdf, path, *others)
     assert code in (0, 2, 5, 6, 7)
     assert len(said) > 20
+
+
+def test_a_pushed_hand_is_no_flipped_sign(tmp_path, urdf):
+    """A push turns the links' torque round; the reading still follows what was asked of the motor."""
+    data, still = columns(0), np.zeros((1200, 2))
+    q = np.column_stack([data[f"position.{joint}"] for joint in JOINTS])
+    weight = torque(q, still, still, mass=1.0)
+    turned = -data["effort.elbow"]
+    for pushed in (True, False):
+        spoiled = {**data, "effort.elbow": turned}
+        asked = turned if pushed else data["effort.elbow"]
+        spoiled["effort_command.shoulder"] = data["effort.shoulder"] - weight[:, 0]
+        spoiled["effort_command.elbow"] = asked - weight[:, 1]
+        name = "pushed" if pushed else "flipped"
+        path = save(tmp_path, name, spoiled, gravity_compensation="robot")
+        episodes = read_recordings([path])[0]
+        if pushed:
+            admit(episodes, model_of_urdf(urdf, JOINTS))
+        else:
+            with pytest.raises(ImpedanceError, match=r"the sign of effort\.elbow is flipped"):
+                admit(episodes, model_of_urdf(urdf, JOINTS))
+
+
+def test_a_stretch_that_is_too_short_is_left_out_and_the_rest_is_used(tmp_path, urdf):
+    (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
+    logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
+    whole = arrange(logs, ())
+    (first, *others), (held,) = whole.folds, whole.heldout
+    rest = whole.without([*first, held], "too short")
+    names = [whole.logs[i].name for fold in others for i in fold]
+    assert [rest.logs[i].name for i in (*rest.fitted, *rest.heldout)] == names
+    assert len(rest.folds) == len(others) - 1 and rest.heldout and rest.warnings[-1] == "too short"
+    with pytest.raises(InsufficientData, match="too short; what remains"):
+        whole.without([i for fold in others for i in fold], "too short")

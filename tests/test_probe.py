@@ -12,13 +12,15 @@ from click.testing import CliRunner
 
 from impedance_modules.cli.probe import _write, command
 from impedance_modules.diagnosis.model import model_of_spec
-from impedance_modules.diagnosis.probe.choose import CHI_SQUARE, SHARE_PERHAPS
+from impedance_modules.diagnosis.probe.choose import CHI_SQUARE, SHARE_PERHAPS, Chooser
 from impedance_modules.diagnosis.probe.clearance import Clearance
 from impedance_modules.diagnosis.probe.follow import Follower, spring_stiffness
+from impedance_modules.diagnosis.probe.library import motions
 from impedance_modules.diagnosis.probe.propose import Probe, propose_probe
-from impedance_modules.diagnosis.probe.question import brief_of
+from impedance_modules.diagnosis.probe.question import brief_of, general_brief
 from impedance_modules.diagnosis.probe.room import room_of_robot
 from impedance_modules.diagnosis.probe.separation import Predictor
+from impedance_modules.diagnosis.probe.start import choose_start
 from impedance_modules.diagnosis.probe.strokes import Motion, Stroke
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.errors import BadInput
@@ -138,3 +140,21 @@ def test_a_wrong_diagnosis_is_refused(tmp_path: Path) -> None:
     assert isinstance(result.exception, BadInput)
     assert "required" in str(result.exception)
     assert not (tmp_path / "out").exists()
+
+
+def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
+    """Weights alone ask for more than half of what the shoulders may use: a start must leave room for moving."""
+    spec = read_robot("baxter")
+    model = model_of_spec(spec, list(spec.joints))
+    room, clearance = room_of_robot(spec, model.joints), Clearance(spec, model.joints)
+    rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
+    start = choose_start(room, {}, clearance, rigid.weight)
+    follower = Follower(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
+    chooser = Chooser(general_brief(model.joints, {}), follower, room, clearance)
+    heaviest = int(np.argmax(np.abs(rigid.weight(start[None])[0]) / room.effort))
+    safe = [
+        motion.kinds[0].split()[0]
+        for motion in motions(room, start, heaviest, 0.5, rigid.weight)
+        if chooser.objection(follower.record(motion)) is None
+    ]
+    assert {"ladder", "reversals", "chirp"} <= set(safe)

@@ -6,9 +6,12 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from impedance_modules.diagnosis.log import Log
+from impedance_modules.diagnosis.log import InsufficientData, Log
 from impedance_modules.diagnosis.stretch import cut, most_typical
 from impedance_modules.errors import BadInput
+
+FOLDS_MIN = 2
+"""Fewest folds that a fit is tested on, beside what is held out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +35,27 @@ class Arrangement:
         """Indices of all fitted logs."""
         return tuple(index for fold in self.folds for index in fold)
 
+    def without(self, left_out: Collection[int], why: str) -> Arrangement:
+        """Leaves some logs out, and says so; the last fold is held out where no held-out log remains.
 
-def arrange(logs: Sequence[Log], heldout: Collection[str]) -> Arrangement:
+        Raises:
+            InsufficientData: Fewer than two folds and a held-out motion remain.
+        """
+        if not left_out:
+            return self
+        place = {old: new for new, old in enumerate(i for i in range(len(self.logs)) if i not in left_out)}
+        folds = [tuple(place[i] for i in fold if i in place) for fold in self.folds]
+        kept = [fold for fold in folds if fold]
+        held = tuple(place[i] for i in self.heldout if i in place)
+        if not held and kept:
+            held = kept.pop()
+        if len(kept) < FOLDS_MIN or not held:
+            raise InsufficientData(f"{why}; what remains cannot be fitted on one part and tested on another")
+        logs = tuple(log for i, log in enumerate(self.logs) if i in place)
+        return Arrangement(logs, tuple(kept), held, (*self.warnings, why))
+
+
+def arrange(logs: Sequence[Log], heldout: Collection[str], useful: float = 0.0) -> Arrangement:
     """Gives every log its role.
 
     A motion and its repeats stay together. Without a named holdout the last motion is held out.
@@ -41,6 +63,7 @@ def arrange(logs: Sequence[Log], heldout: Collection[str]) -> Arrangement:
     Args:
         logs: Admitted recordings.
         heldout: Names of those the user holds out; empty lets the last motion be it.
+        useful: Shortest stretch that the band leaves anything of [s].
 
     Raises:
         BadInput: All recordings are held out.
@@ -62,13 +85,15 @@ def arrange(logs: Sequence[Log], heldout: Collection[str]) -> Arrangement:
         motions, tested = list(groups.values()), []
         warnings.append("one motion only: held-out parts are stretches of the same recording")
     if not tested or len(motions) == 1:
-        return _stretched(motions[0], tested, warnings)
+        return _stretched(motions[0], tested, warnings, useful)
     return _numbered(motions, tested, warnings)
 
 
-def _stretched(motion: Sequence[Log], tested: Sequence[Log], warnings: list[str]) -> Arrangement:
+def _stretched(
+    motion: Sequence[Log], tested: Sequence[Log], warnings: list[str], useful: float
+) -> Arrangement:
     """Cuts the only fitted motion into stretches of time, the same ones of each repeat."""
-    pieces = cut(motion)
+    pieces = cut(motion, useful)
     if tested:
         warnings.append("one fitted motion only: the folds are stretches of it")
         return _numbered(pieces, tested, warnings)

@@ -96,6 +96,11 @@ class Band:
         return values[self.margin : len(values) - self.margin : self.step][: self.kept(len(values))]
 
 
+def least_duration(cutoff: float, rows: int) -> float:
+    """About how long a recording must be [s] for so many samples in the band to be left of it."""
+    return (rows / 2.5 + 2.0 * REACH) / cutoff
+
+
 def thin(values: Array, rate: float) -> tuple[Array, float]:
     """Brings (N, n) samples to at most `WORK_RATE`; returns them with their new rate."""
     step = int(rate * (1.0 + 1e-3) // WORK_RATE)  # 999.99 Hz is 1000 Hz

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.admit import admit
 from impedance_modules.diagnosis.arrange import Arrangement, arrange
 from impedance_modules.diagnosis.aside import both, contact_aside, contact_note
-from impedance_modules.diagnosis.band import choose_cutoff
+from impedance_modules.diagnosis.band import choose_cutoff, least_duration
 from impedance_modules.diagnosis.causes import name_causes
 from impedance_modules.diagnosis.conclude import conclude
 from impedance_modules.diagnosis.contact import find_pushes, moments_clear
 from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.log import InsufficientData
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.prepare import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, Remainder
@@ -85,12 +84,12 @@ def diagnose(
     """
     progress("admitting the recordings")
     logs, report = admit(episodes, model)
-    arrangement = arrange(logs, heldout)
+    cutoff = choose_cutoff(logs)
+    arrangement = arrange(logs, heldout, least_duration(cutoff, ROWS_MIN))
     progress("computing residuals")
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
-    cutoff = choose_cutoff(arrangement.logs)
     prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)
-    _refuse_too_short(prepared)
+    arrangement, prepared = _long_enough(arrangement, prepared)
     progress("evaluating candidates")
     left_out = {*without, *SURFACES, *(() if under_water else WATER)}
     evidence = _explain(prepared, arrangement, model, left_out, progress)
@@ -103,15 +102,21 @@ def diagnose(
     return with_rollouts(found, evidence, model, urdf, worn)
 
 
-def _refuse_too_short(prepared: Sequence[Prepared]) -> None:
-    """Refuses a recording, or a stretch of one, of which hardly anything is left behind the band's filter."""
-    for item in prepared:
-        if item.samples < ROWS_MIN:
-            needed = (ROWS_MIN * item.band.step + 2 * item.band.margin) / item.band.rate
-            raise InsufficientData(
-                f"{item.log.name}: {item.log.duration:.3g} s are too short for motions whose band ends at"
-                f" {item.band.cutoff:.2g} Hz (valid: {needed:.2g} s or more; leave it out or record longer)"
-            )
+def _long_enough(
+    arrangement: Arrangement, prepared: tuple[Prepared, ...]
+) -> tuple[Arrangement, tuple[Prepared, ...]]:
+    """Leaves recordings out, or stretches of one, of which hardly anything is left behind the band's filter."""
+    short = [i for i, item in enumerate(prepared) if item.samples < ROWS_MIN]
+    if not short:
+        return arrangement, prepared
+    band = prepared[short[0]].band
+    needed = (ROWS_MIN * band.step + 2 * band.margin) / band.rate
+    names = ", ".join(f"{prepared[i].log.name} ({prepared[i].log.duration:.2g} s)" for i in short)
+    why = (
+        f"too short for motions whose band ends at {band.cutoff:.2g} Hz, and left out: {names}"
+        f" (valid: {needed:.2g} s or more)"
+    )
+    return arrangement.without(short, why), tuple(x for i, x in enumerate(prepared) if i not in short)
 
 
 def _explain(
@@ -212,9 +217,9 @@ def insufficient(robot: str, episodes: Sequence[str], reason: str) -> Diagnosis:
         unexplained_weight=1.0,
         remainder=Remainder(float("nan"), False, ""),
         next_motion={
-            "purpose": reason,
+            "purpose": "tell a cause at all",
             "joints": [],
-            "excitation": "several motions with reversals, at 25 Hz or more",
+            "excitation": "several motions with reversals, of ten seconds or more each, at 25 Hz or more",
         },
         series=(),
     )

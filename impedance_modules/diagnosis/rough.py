@@ -33,6 +33,8 @@ class Rough:
         position, velocity, acceleration: [rad], [rad/s], [rad/s^2].
         effort: Measured, or commanded where none was measured [N.m].
         model: What the rigid links would take [N.m]; less the weight where the robot adds that to a command.
+        drive: What was asked of the motors and the weight that the robot added [N.m]; None where it adds none, or
+            only one torque was recorded. With both torques' signs flipped the sum no longer fits the reading.
     """
 
     position: Array
@@ -40,6 +42,7 @@ class Rough:
     acceleration: Array
     effort: Array
     model: Array
+    drive: Array | None
 
     def own(self, joint: int) -> Array:
         """What a joint's own spring, damper and friction could do, (M, 5)."""
@@ -61,10 +64,15 @@ def rough(log: Log, model: NominalModel, scale: float = 1.0) -> Rough | None:
     rows = np.arange(log.samples)[inner][:: max(1, log.samples // SAMPLES)]
     q, v, a = q[rows], v[rows], a[rows]
     torque = inertial_regressor(model.tree, q, v, a) @ model.tree.inertia
-    if log.effort is None and log.gravity_compensation == "robot":
-        still = np.zeros_like(q)
-        torque = torque - inertial_regressor(model.tree, q, still, still) @ model.tree.inertia
-    return Rough(q, v, a, sosfiltfilt(sections, effort, axis=0)[rows], torque)
+    still = np.zeros_like(q)
+    compensated = log.gravity_compensation == "robot"
+    weight = inertial_regressor(model.tree, q, still, still) @ model.tree.inertia if compensated else still
+    effort = sosfiltfilt(sections, effort, axis=0)[rows]
+    if log.effort is None:
+        return Rough(q, v, a, effort, torque - weight, None)
+    if log.command is None or not compensated:
+        return Rough(q, v, a, effort, torque, None)
+    return Rough(q, v, a, effort, torque, sosfiltfilt(sections, log.command, axis=0)[rows] + weight)
 
 
 def without(values: Array, basis: Array) -> Array:

@@ -2,7 +2,8 @@
 r"""A torque whose sign is flipped: it falls where the links' rises, or friction would drive instead of brake.
 
 Both torques are first freed of what the joint's own spring, damper and friction could do, so that neither a
-balancing spring nor strong friction looks like a sign.
+balancing spring nor strong friction looks like a sign. Where a command was recorded too, a reading that follows it
+has its sign: a hand that is pushed turns the links' torque, not the drive's.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ SEEN = 0.05
 
 SIZE = (0.4, 2.5)
 """Slopes of torque over the links' torque, but for the sign, that are the same physical quantity."""
+
+FOLLOWS = 0.5
+"""Correlation with what was asked of the motor above which a reading has its sign."""
 
 DRIVEN = 0.5
 """Part of a torque that must follow the speed for it to be judged by friction."""
@@ -53,6 +57,8 @@ def refuse_flipped_torque(log: Log, model: NominalModel) -> None:
 
 def _flipped(found: Rough, joint: int) -> bool:
     effort, model = found.effort[:, joint], found.model[:, joint]
+    if _follows_command(found, joint):
+        return False
     own = found.own(joint)
     e, m = without(effort, own), without(model, own)
     if _size(m) > SEEN * max(_size(effort), 1e-9) and _size(e) > 0.0:
@@ -60,6 +66,16 @@ def _flipped(found: Rough, joint: int) -> bool:
         slope = float(e @ m) / float(m @ m)
         return correlation < OPPOSED and SIZE[0] < -slope < SIZE[1]
     return _drives(effort - model, own) and not _drives(-effort - model, own)
+
+
+def _follows_command(found: Rough, joint: int) -> bool:
+    """Whether a measured torque rises where more was asked for."""
+    if found.drive is None:
+        return False
+    effort, drive = found.effort[:, joint], found.drive[:, joint]
+    if min(_size(effort), _size(drive)) == 0.0:
+        return False
+    return float(np.corrcoef(effort, drive)[0, 1]) > FOLLOWS
 
 
 def _drives(rest: Array, own: Array) -> bool:

@@ -34,27 +34,32 @@ PACE = 20.0
 """Rate at which motion is summed up; faster differences are mostly noise [Hz]."""
 
 
-def cut(motion: Sequence[Log]) -> list[list[Log]]:
+def cut(motion: Sequence[Log], useful: float) -> list[list[Log]]:
     """Cuts one motion, its repeats alike, into stretches of about equal motion, in order of time.
 
     A stretch overlaps its neighbours by what the filter throws away at least, so that no sample counts twice.
+
+    Args:
+        motion: A recording and its repeats.
+        useful: Shortest stretch that the band leaves anything of [s].
 
     Raises:
         InsufficientData: Too short to fit on one part and to test on another.
     """
     shortest = min(motion, key=lambda log: log.samples)
-    pieces = min(STRETCHES, int(shortest.duration / STRETCH_MIN))
+    least = max(STRETCH_MIN, useful)
+    pieces = min(STRETCHES, int(shortest.duration / least))
     if pieces < STRETCHES_MIN:
         raise InsufficientData(
             f"{shortest.name}: {shortest.duration:.3g} s is too short to fit one part and test on another"
-            f" (valid: {STRETCHES_MIN * STRETCH_MIN:g} s, or several recordings)"
+            f" (valid: {STRETCHES_MIN * least:.2g} s, or several recordings)"
         )
-    edges = _edges(shortest, pieces)
+    edges = _edges(shortest, pieces, max(SHORTEST * STRETCH_MIN, useful - 2.0 * RUN_IN))
     return [[_piece(log, edges, index) for log in motion] for index in range(pieces)]
 
 
-def _edges(log: Log, pieces: int) -> list[int]:
-    """Sample numbers between which every stretch is worth the same."""
+def _edges(log: Log, pieces: int, least: float) -> list[int]:
+    """Sample numbers between which every stretch is worth the same, or lasts as long if one were too short [s]."""
     step = max(1, round(log.rate / PACE))
     path = np.abs(np.diff(log.position[::step], axis=0))
     whole = path.sum(axis=0)
@@ -63,7 +68,7 @@ def _edges(log: Log, pieces: int) -> list[int]:
     worth = np.concatenate([[0.0], np.cumsum((1.0 - CALM_SHARE) * motion + CALM_SHARE / len(path))])
     found = np.interp(np.linspace(0.0, worth[-1], pieces + 1), worth, step * np.arange(len(worth)))
     found[-1] = log.samples
-    if np.diff(found).min() < SHORTEST * STRETCH_MIN * log.rate:
+    if np.diff(found).min() < least * log.rate:
         found = np.linspace(0.0, log.samples, pieces + 1)  # nearly all motion in one place
     return [round(edge) for edge in found]
 

@@ -26,7 +26,7 @@ from impedance_modules.effects.signals import Signals, differentiate
 
 Array = NDArray[np.float64]
 
-RATE = 100.0
+RATE = 50.0
 """Samples per second of a predicted motion [Hz]."""
 
 FREQUENCY = 1.2

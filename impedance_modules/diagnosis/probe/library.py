@@ -58,6 +58,12 @@ LOADED = 0.2
 Weight = Callable[[Array], Array]
 """Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
 
+OVERSHOOT = 0.03
+"""By how much the joint springs may pass a stroke's end [rad]."""
+
+CALM = 0.9
+"""Part of its speed that a chirp uses: its strokes add up."""
+
 SIZES = (1.0, 0.75, 0.5)
 """Sizes that are tried: the largest that is safe wins."""
 
@@ -87,16 +93,16 @@ def motions(room: Room, start: Array, joint: int, size: float, weight: Weight) -
         size: Part of the longest way.
         weight: Postures (N, n) -> torques (N, n) that the links' weight needs [N.m].
     """
-    low = max(room.lower[joint], start[joint] - size * SWING_MAX)
-    high = min(room.upper[joint], start[joint] + size * SWING_MAX)
+    low = max(room.lower[joint] + OVERSHOOT, start[joint] - size * SWING_MAX)
+    high = min(room.upper[joint] - OVERSHOOT, start[joint] + size * SWING_MAX)
     reach = _Reach(joint, float(start[joint]), float(low), float(high), float(room.velocity[joint]))
     if reach.high - reach.low < SWING_MIN:
         return
     wide = _Reach(
         joint,
         reach.start,
-        float(max(room.lower[joint], start[joint] - size * CARRIED)),
-        float(min(room.upper[joint], start[joint] + size * CARRIED)),
+        float(max(room.lower[joint] + OVERSHOOT, start[joint] - size * CARRIED)),
+        float(min(room.upper[joint] - OVERSHOOT, start[joint] + size * CARRIED)),
         reach.speed,
     )
     for name, strokes in KINDS.items():
@@ -115,8 +121,8 @@ def _two_loads(reach: _Reach, room: Room, start: Array, weight: Weight, size: fl
         farthest = max(abs(angle - start[joint]) / room.velocity[joint] for joint, angle in goal.items())
         slow = max(SHORTEST, PEAK * float(farthest) / SPEEDS[1])
         centre = min(
-            max(goal[reach.joint], float(room.lower[reach.joint]) + way),
-            float(room.upper[reach.joint]) - way,
+            max(goal[reach.joint], float(room.lower[reach.joint]) + OVERSHOOT + way),
+            float(room.upper[reach.joint]) - OVERSHOOT - way,
         )
         chain += [
             Stroke({**goal, reach.joint: centre - way}, slow),
@@ -135,7 +141,11 @@ def _loads(
         ends = start[joint] - size * CARRIED, start[joint] + size * CARRIED
         return np.append(
             start[joint],
-            np.linspace(max(room.lower[joint], ends[0]), min(room.upper[joint], ends[1]), PLACES),
+            np.linspace(
+                max(room.lower[joint] + OVERSHOOT, ends[0]),
+                min(room.upper[joint] - OVERSHOOT, ends[1]),
+                PLACES,
+            ),
         )
 
     goals = [
@@ -193,7 +203,7 @@ def _reversals(reach: _Reach) -> list[Stroke]:
 def _chirp(reach: _Reach) -> list[Stroke]:
     out: list[Stroke] = []
     for index, duration in enumerate(np.geomspace(2.0, SHORTEST, 16)):
-        way = min((reach.high - reach.low) / 2.0, reach.speed * float(duration) / PEAK / 2.0)
+        way = min((reach.high - reach.low) / 2.0, CALM * reach.speed * float(duration) / PEAK / 2.0)
         centre = min(max(reach.start, reach.low + way), reach.high - way)
         out.append(Stroke({reach.joint: centre + (way if index % 2 else -way)}, float(duration)))
     return [*out, *_home(reach)]

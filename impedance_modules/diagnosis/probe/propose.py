@@ -62,9 +62,9 @@ def propose_probe(
     room = room_of_model(model) if spec is None else room_of_robot(spec, model.joints)
     brief = general_brief(model.joints, _assumed(room)) if answer is None else brief_of(answer, model.tree)
     clearance = None if spec is None else Clearance(spec, model.joints)
-    start = choose_start(room, brief.start, clearance)
-    sensor = "motor" if {"motor", "whole", "drive"} & set(brief.residuals) else "joint_sensor"
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
+    start = choose_start(room, brief.start, clearance, rigid.weight)
+    sensor = "motor" if {"motor", "whole", "drive"} & set(brief.residuals) else "joint_sensor"
     follower = Follower(model, rigid, start, spring_stiffness(model, start), sensor)
     return Probe(brief, follower, Chooser(brief, follower, room, clearance, progress).choose())
 
