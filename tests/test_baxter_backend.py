@@ -36,6 +36,18 @@ def test_torque_mode_begins_at_zero_after_time_out_and_rate_are_set() -> None:
         assert {command[1] for command in robot.commands} == {"left"}
 
 
+def test_the_first_torque_leaves_for_the_first_state_and_waits_for_no_other() -> None:
+    robot = StandIn(SPEC)
+    with driving(robot) as drive:
+        started(drive)
+        drive.backend.newest()
+        robot.frozen = True
+        before = len(robot.commands)
+        drive.backend.write(np.full(robot.model.n, 2.0))
+        first = next(command for command in robot.commands[before:] if command[2] == TORQUE)
+        assert np.array_equal(first[3], np.full(7, 2.0))
+
+
 def test_the_loop_ticks_on_the_robots_states_and_catches_nothing_up() -> None:
     robot = StandIn(SPEC)
     with driving(robot) as drive:

@@ -15,7 +15,7 @@ from impedance_modules.backends.baxter.fake.faults import parse_fault
 from impedance_modules.backends.baxter.fake.limb import CommandMode, Doing
 from impedance_modules.backends.baxter.fake.network import InProcessNetwork
 from impedance_modules.backends.baxter.fake.node import FakeNode
-from impedance_modules.backends.baxter.fake.numbers import SPRINGS
+from impedance_modules.backends.baxter.fake.numbers import SPRINGS, STOP_MARGIN
 from impedance_modules.backends.baxter.fake.options import FakeOptions
 from impedance_modules.backends.baxter.fake.pace import Pacer
 from impedance_modules.backends.baxter.fake.robot import FakeBaxter
@@ -224,6 +224,50 @@ def test_a_squeezed_cuff_makes_the_arm_yield() -> None:
     torque(robot, {"left_s0": 20.0}, 0.2)
     assert robot.limbs["left"].doing is Doing.FLOATS
     assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) < 0.1
+
+
+def test_a_joint_driven_into_its_end_meets_a_stop() -> None:
+    robot = fake()
+    joint = robot.model.joint_names.index("left_s0")
+    low = robot.model.column("position_min")[joint]
+    reached = []
+    for _ in range(30):
+        torque(robot, {"left_s0": -25.0}, 0.1)
+        reached.append(robot.state.position[joint])
+    # Without a stop 25 N.m would have turned it by tens of radians; it bounces, and comes to rest there.
+    assert min(reached) > low - STOP_MARGIN - 0.1
+    assert reached[-1] == pytest.approx(low - STOP_MARGIN, abs=0.03)
+
+
+def test_readings_lie_on_the_grids_of_public_logs_and_are_noisy_only_if_wished() -> None:
+    noisy, other, clean = (
+        fake(replace(ON, noise=noise, seed=seed)) for noise, seed in ((1, 1), (1, 2), (0, 1))
+    )
+    read = {robot: [] for robot in (noisy, other, clean)}
+    for robot, states in read.items():
+        for _ in range(100):
+            robot.tick()
+            states.append(np.concatenate([robot.state.position, robot.state.effort]))
+    n = noisy.model.n
+    grid = np.concatenate([np.full(n, 2.0 * np.pi / 16384), np.full(n, 0.004)])
+    for states in read.values():
+        steps = np.array(states) / grid
+        assert np.abs(steps - np.round(steps)).max() < 1e-6
+    scatter = {robot: np.std(states, axis=0) for robot, states in read.items()}
+    assert (scatter[noisy] > 3.0 * scatter[clean]).mean() > 0.8
+    assert not np.array_equal(read[noisy], read[other])
+
+
+def test_a_torque_acts_after_the_transport_delay_and_not_before() -> None:
+    robot = fake(replace(ON, noise=False))
+    torque(robot, {}, 0.1)
+    still = robot.state.effort.copy()
+    moved = []
+    for _ in range(12):
+        torque(robot, {"left_w1": 4.0}, 0.001)
+        moved.append(abs(robot.state.effort - still)[robot.model.joint_names.index("left_w1")])
+    delay = round(robot.model.spec.timing.command_delay * 1000)
+    assert max(moved[:delay]) < 0.02 < 0.1 < max(moved)
 
 
 def test_calibrated_mounts_are_served_and_obeyed() -> None:

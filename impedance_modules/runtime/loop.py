@@ -22,7 +22,7 @@ from impedance_modules.safety.stop_events import Event
 Array = NDArray[np.float64]
 
 OnCycle = Callable[[RobotState, Array, bool, bool], None]
-"""Called after every cycle with the state, the torque that left (zero where none did), lateness, interrupt."""
+"""Called after every cycle with the state, the torque in force (zero where none is), lateness, interrupt."""
 
 
 class Interrupt:
@@ -83,6 +83,7 @@ def run_loop(
     state: RobotState | None = first
     end = np.inf if duration is None else first.time + duration - 0.5 * assembly.period
     nothing = np.zeros(assembly.model.n)
+    last = nothing.copy()
     late, newest = False, first.time
     try:
         while supervisor.ending is None:
@@ -91,12 +92,14 @@ def run_loop(
             effort = supervisor.step(state, late=late, stop_request=request)
             missed = late
             late = paced and effort is not None and time.perf_counter() - began > assembly.period
-            leaves = effort if effort is not None and not late else nothing
-            if leaves is not nothing and not read_only:
-                backend.write(leaves)
+            if effort is not None and not late:
+                np.copyto(last, effort)
+                if not read_only:
+                    backend.write(last)
             supervisor.look()
             if state is not None:
-                on_cycle(state, leaves, missed, request is not None)
+                # A torque that was ready too late did not leave: the one before goes on acting.
+                on_cycle(state, nothing if effort is None else last, missed, request is not None)
             if supervisor.ending is None:
                 state = _fresh(backend.read(), newest)
                 newest = newest if state is None else state.time

@@ -104,7 +104,7 @@ class Recorder:
         self._fill(RobotState(0.0, *parts), np.zeros(n), late=False, interrupted=False)
 
     def add(self, state: RobotState, command: Array, *, late: bool, interrupted: bool) -> None:
-        """Records one cycle: a state, and the torque that left for it (zero where none did)."""
+        """Records one cycle: a state, and the torque in force after it (zero where none is)."""
         self._fill(state, command, late=late, interrupted=interrupted)
         if self._real is not None:
             self.row[self._own] = self._supervisor.missed

@@ -110,16 +110,20 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
     state: RobotState | None = first.state
     done = 0
     nothing = np.zeros(len(names))
+    last = nothing.copy()
     try:
         while supervisor.ending is None:
             k = backend.sample
             for _ in range(missed[k]):
-                supervisor.step(None, late=False, stop_request=None)
+                blind = supervisor.step(None, late=False, stop_request=None)
+                np.copyto(last, last if blind is None else blind)
                 supervisor.look()
             request = "asked to stop" if asked[k] else None
             effort = supervisor.step(state, late=bool(late[k]), stop_request=request)
             supervisor.look()
-            left = nothing if effort is None or dropped[k] else effort
+            if effort is not None and not dropped[k]:
+                np.copyto(last, effort)
+            left = nothing if effort is None else last
             if not np.array_equal(left, recorded[k]):
                 raise ReplayMismatch(_difference(episode, names, k, left, recorded[k]))
             done += 1

@@ -167,7 +167,8 @@ class BaxterBackend:
             RobotStopped: Torque mode cannot begin.
         """
         if self._stops.mode in (Mode.IDLE, Mode.HOLD) and self._stops.fault is None:
-            self._begin()
+            # At once, on the state that the torque was computed for: the next one is this torque's first answer.
+            self.driver.begin()
         np.copyto(self._effort, effort)
         self.driver.torque(effort)
 
@@ -223,8 +224,8 @@ class BaxterBackend:
 
     def _try_zero_torque(self) -> None:
         """Lets the robot carry its arms alone for a moment, then has it hold them; a drifting one is refused."""
-        self._begin()
         start = self._fresh_sample()
+        self.driver.begin()
         nothing = np.zeros(len(self._options.start))
         joints = np.concatenate([limb.joints for limb in self._limbs.values()])
         end, sample = time.monotonic() + DWELL, start
@@ -239,11 +240,6 @@ class BaxterBackend:
                     " (valid: no tool that it does not know, nobody suppressing its gravity compensation)"
                 )
         self.driver.end()
-
-    def _begin(self) -> None:
-        """Starts torque mode on a fresh state."""
-        self._fresh_sample()
-        self.driver.begin()
 
     def _ramp_down(self) -> None:
         """Takes the last torque to zero, unless something else has ended torque control already."""
