@@ -24,16 +24,12 @@ from impedance_modules.diagnosis.result import Diagnosis, Remainder
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
 from impedance_modules.diagnosis.rollout.stage import with_rollouts
-from impedance_modules.diagnosis.selection.candidates import (
-    instrument,
-    list_candidates,
-    noise_of_repeats,
-    shapes_of,
-)
+from impedance_modules.diagnosis.selection.candidates import list_candidates, shapes_of
 from impedance_modules.diagnosis.selection.design import build_design
 from impedance_modules.diagnosis.selection.drafts import Draft, draft_candidates
 from impedance_modules.diagnosis.selection.floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
 from impedance_modules.diagnosis.selection.generic import draft_stand_ins
+from impedance_modules.diagnosis.selection.instrument import instrument, noise_of_repeats
 from impedance_modules.diagnosis.selection.nuisance import Nuisance, build_nuisance
 from impedance_modules.diagnosis.selection.plain import PlainRows
 from impedance_modules.diagnosis.selection.refine import Refiner

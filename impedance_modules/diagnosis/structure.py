@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.constancy import uneven
 from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.selection.select import price
+from impedance_modules.diagnosis.selection.rules import price
 from impedance_modules.diagnosis.selection.trial import Trial
 
 Array = NDArray[np.float64]

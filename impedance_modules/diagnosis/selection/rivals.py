@@ -9,7 +9,8 @@ import numpy as np
 
 from impedance_modules.diagnosis.result import Rival
 from impedance_modules.diagnosis.selection.candidates import Candidate
-from impedance_modules.diagnosis.selection.select import ESSENCE_MIN, Selector, price, promising
+from impedance_modules.diagnosis.selection.rules import price, promising
+from impedance_modules.diagnosis.selection.select import ESSENCE_MIN, Selector
 from impedance_modules.diagnosis.selection.term import Term, part_of
 from impedance_modules.diagnosis.selection.trial import Trial, try_term
 
