@@ -468,3 +468,26 @@ def test_a_map_is_worn_as_the_patch_says_and_a_surface_too_many_is_refused() -> 
     assert moved[0].position == pytest.approx((0.1, 0.2, 0.32))
     with pytest.raises(BadFile, match=r"no surface 'surface0'.*no environment"):
         wear_surfaces((), patch_at(wrong[0]))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_readings_that_run_away_from_commands_give_their_clock_back(seed: int) -> None:
+    """Readings at t show what was at t / (1 + c); what the motors gave is what was asked for then."""
+    random, clock = np.random.default_rng(seed), CATALOGUE["clock_drift"]
+    drift = float(random.uniform(-4e-3, 4e-3))
+    s = recording()
+    time = np.arange(1200) / 100.0
+    tones, phases = random.uniform(0.3, 2.0, (2, s.n)), random.uniform(0.0, 6.0, (2, s.n))
+
+    def asked(t: np.ndarray) -> np.ndarray:
+        return np.asarray(np.sin(2.0 * np.pi * tones * t[:, None, None] + phases).sum(axis=1))
+
+    still = np.zeros((time.size, s.n))
+    late = replace(s, time=time, position=still, velocity=still, acceleration=still, drive=asked(time))
+    found = clock.regressor(late, "log", "timing", "actuator", {"apart": 1.0})
+    assert found is not None
+    column = found.columns[50:-50, :, 0].ravel()
+    consumed = (asked(time) - asked(time / (1.0 + drift)))[50:-50].ravel()
+    assert 1e-6 * (column @ consumed) / (column @ column) == pytest.approx(drift, rel=0.03)
+    assert clock.regressor(late, "log", "timing", "actuator", {"apart": 0.0}) is not None
