@@ -3,9 +3,9 @@
 
     N = max(0, k d - c n . v) while the depth d of the hand's origin is above 0,   |f_t| = mu N against sliding
 
-A key names a surface by its place in the task's ``environment``: ``surface0`` is the first. Columns can be
-computed where a recording says on which surfaces its hands could press (``Signals.surfaces``, ``hands``); they
-are what the hand feels beyond the surfaces as the task has them.
+A key names a surface by its place in the task's ``environment``: ``surface0`` is the first. All kinds can be worn.
+Columns can be computed for planes and boxes where a recording says on which its hands could press
+(``Signals.surfaces``, ``hands``); they are what the hand feels beyond the surfaces as the task has them.
 """
 
 from __future__ import annotations
@@ -95,10 +95,12 @@ class SurfaceEffect(Effect):
         """Returns the surface as it really is."""
 
     def nominal(self, signals: Signals, key: str) -> SurfaceSpec | None:
-        """Finds the surface as the task has it; None where the recording does not say."""
+        """Finds the plane or box as the task has it; None where the recording does not say, and for others."""
         index = surface_index(key)
-        known = index is not None and index < len(signals.surfaces)
-        return signals.surfaces[index] if known and index is not None else None
+        if index is None or index >= len(signals.surfaces):
+            return None
+        surface = signals.surfaces[index]
+        return surface if surface.sheet is None and surface.wood is None else None
 
     def one_column(
         self, signals: Signals, column: Array, fixed: Array, bounds: tuple[Array, Array]
