@@ -5,8 +5,7 @@ Usage: python -m benchmarks.baxter_endurance [--minutes 30] [--rate 500] [--port
 
 Needs ``rosmaster`` (apt-get install --no-install-recommends python3-roslaunch) and an otherwise idle machine, or two
 cores of a busy one and the right to ``--first``: robot and controller then have real-time priority, as long as they
-leave 5 % of every second: Linux stops real-time processes that do not, for 50 ms, which ends the run.
-The task is the
+leave 5 % of every second: Linux stops real-time processes that do not, for 50 ms, which ends the run. The task is the
 shipped mirrored-arms drawn out, its tank made ample: the loop is measured here, not the energy.
 """
 

@@ -20,6 +20,8 @@ class RowRing:
     def __init__(self, width: int) -> None:
         self._capacity = max(RING_BYTES // (8 * width), 1024)
         self._rows = np.empty((self._capacity, width))
+        # Touched now: a page that the control loop is the first to write costs it up to 5 ms.
+        self._rows.fill(0.0)
         self._labels = np.empty(self._capacity, np.int32)
         self._head = 0
         self._tail = 0
