@@ -19,6 +19,7 @@ VERBS = (
     "analyze",
     "run",
     "replay",
+    "map",
     "import",
     "diagnose",
     "probe",
