@@ -55,6 +55,7 @@ _ALL: tuple[Experiment, ...] = (
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
     Experiment("terrain", "5.1", "Who keeps contact with a surface that the map does not show?", "terrain"),
     Experiment("surface-map", "5.1.5, 6.2.3", "What does a hand learn of what it strokes?", "surface_map"),
+    Experiment("sanding", "5.2", "Can it sand wood, and feel when the wood is smooth?", "sanding"),
     Experiment("two-arms", "6.2.4", "Do two real arms on one object add?", "two_arms"),
     Experiment("folding", "6.2.2", "How soft may joints be before the links fold?", "folding"),
     Experiment("under-water", "6.2.5", "What does a hand feel like under water?", "under_water"),
