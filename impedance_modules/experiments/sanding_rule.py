@@ -3,7 +3,8 @@ r"""A rule that says "finished": set on some pieces of wood, judged on others.
 
 The rule fires where the mean of a measure over a run's first windows stays below a bound. The bound is the one that,
 on the pieces it is set on, makes the share of smooth pieces on which it fires less the share of rough ones largest,
-halfway between the pieces to either side. A piece that gives too few windows (stuck, out of contact) is not finished.
+halfway between the pieces to either side; the lowest of equals. A piece that gives too few windows (stuck, out of
+contact) is not finished.
 """
 
 from __future__ import annotations
@@ -44,8 +45,7 @@ def set_bound(smooth: Array, rough: Array) -> float:
     every = every[np.isfinite(every)]
     bounds = np.concatenate([[every[0] - 1e-9], 0.5 * (every[1:] + every[:-1]), [every[-1] + 1e-9]])
     gain = [np.mean(smooth < bound) - np.mean(rough < bound) for bound in bounds]
-    best = np.flatnonzero(np.isclose(gain, np.max(gain)))
-    return float(bounds[best[len(best) // 2]])
+    return float(bounds[int(np.argmax(np.round(gain, 9)))])
 
 
 def operate(smooth: Array, rough: Array) -> Operating:
