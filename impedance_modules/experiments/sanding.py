@@ -60,11 +60,12 @@ FEW = 4
 
 def reproduce(settings: Settings) -> Page:
     """Sands at two depths and in two postures, draws pieces of wood by seed, and judges the rule on them."""
-    long, plain, slant = (settings.choose(*times) for times in ((15, 60, 60), (7, 29, 29), (6, 20, 20)))
+    long, plain, slant = (settings.choose(*times) for times in ((15, 60, 60), (5, 29, 29), (6, 20, 20)))
+    press = settings.choose(9, 60, 60)
     settings.on_progress(0.0, "nearly at the surface")
     schemes = {"equilibrium 3 cm below the wood": run_scheme(SHALLOW, settings.seed, long, plain)}
     settings.on_progress(0.15, "deep below the surface")
-    schemes["equilibrium 12 cm below the wood"] = run_scheme(DEEP, settings.seed, long, plain)
+    schemes["equilibrium 12 cm below the wood"] = run_scheme(DEEP, settings.seed, press, plain)
     settings.on_progress(0.3, "forearm slanting")
     slanted = sand(sanding_task(SLANTED, seconds=slant), settings.seed)
     finished = sand(_until_smooth(settings), settings.seed)
