@@ -48,8 +48,9 @@ RATE_TOLERANCE = 0.1
 COLD_AFTER = 0.005
 """Between states this far apart, others empty the processor's caches [s]."""
 
-REHEARSAL_LEAD = 0.0015
-"""A cycle is rehearsed this long before its state is due [s]; it takes about a third of that."""
+REHEARSAL_LEAD = 0.0008
+"""A cycle is rehearsed this long before its state is due [s]: it takes half of that, and what others do in the rest is
+forgotten by the processor again."""
 
 SWITCH_INTERVAL = 1e-4
 """How long a thread that writes files may keep the interpreter from the control thread [s]; Python's default is 5 ms,
