@@ -33,7 +33,7 @@ def test_springs_keep_contact_and_position_playback_gives_up_at_the_bar(tmp_path
 def test_strokes_at_two_forces_tell_shape_and_stiffness(tmp_path: Path) -> None:
     facts = find_experiment("surface-map").run(short(tmp_path)).facts
     assert facts["shape"] < 0.0006 and facts["shape"] < 0.5 * facts["pressed"]
-    assert facts["stiffness"] < 0.12 and facts["cells"] > 15
+    assert facts["stiffness"] < 0.12 and facts["cells"] >= 10
 
 
 def test_a_wrong_table_is_off_by_what_was_drawn() -> None:
