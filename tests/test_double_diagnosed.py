@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A double that differs from its model by something nobody told: run, recorded, diagnosed.
+
+In process here; ``EVERY_TASK=1 pytest tests/test_double_diagnosed.py`` records over a real ROS master as well. More
+effects and joints: ``python -m benchmarks.double_diagnosed``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+
+import pytest
+from baxter_double import double, impedance
+from baxter_lockstep import run_on_the_double
+from test_baxter_tasks import ATTEMPTS, BUSY
+
+from impedance_modules.runtime.assembly import assemble
+
+MOTIONS = [str(Path(__file__).parent / "data" / f"swing-{name}.yaml") for name in ("one", "one", "two")]
+"""The right arm only, every joint at once; the first twice, which tells the noise, the last held out."""
+
+RATE = 200
+WITHHELD = 2.0
+"""Viscous friction in the elbow's drive [N.m.s/rad]; the model has none."""
+
+PATCH = f"""
+format: 1
+robot: baxter
+provenance: {{origin: hand, date: "2026-11-21", note: Withheld from task and diagnosis.}}
+effects:
+  - effect: viscous_friction
+    joints: [right_e1]
+    port: actuator
+    parameters: {{right_e1: {{fv: {{value: {WITHHELD}, unit: N.m.s/rad}}}}}}
+"""
+
+
+@pytest.fixture
+def patch(tmp_path: Path) -> Path:
+    path = tmp_path / "withheld.yaml"
+    path.write_text(PATCH)
+    return path
+
+
+def check_the_answer(recordings: list[str], folder: Path) -> None:
+    one, again, held_out = recordings
+    answer = folder / "answer.json"
+    options = ("--robot", "baxter", "--json", str(answer))
+    run = impedance("diagnose", one, again, "--holdout", held_out, *options, seconds=900.0)
+    assert run.returncode in (0, 5, 6), run.stdout + run.stderr
+    causes = json.loads(answer.read_text())["causes"]
+    assert causes, run.stdout
+    first = causes[0]
+    assert (first["effect"], first["port"]) == ("viscous_friction", "actuator"), run.stdout
+    assert "right_e1" in first["joints"]
+    assert first["weight"] > 0.8
+    assert first["parameters"]["right_e1"]["fv"]["value"] == pytest.approx(WITHHELD, rel=0.1)
+
+
+def test_a_withheld_effect_is_named_from_recordings_of_the_double(tmp_path: Path, patch: Path) -> None:
+    recordings = []
+    for k, motion in enumerate(MOTIONS):
+        assembly = assemble(motion, effects=None, rate=RATE, scale=1.0, arm=None)
+        out = tmp_path / f"recording-{k}"
+        run_on_the_double(assembly, out, effects=patch, seed=k, springs={})
+        recordings.append(str(out))
+    check_the_answer(recordings, tmp_path)
+
+
+def record(motion: str, out: Path) -> str:
+    """Runs a motion on the double; again where a busy machine has made it give up."""
+    for attempt in range(ATTEMPTS):
+        out = out.with_name(f"{out.name}-try-{attempt}") if attempt else out
+        options = ("--backend", "baxter", "--rate", str(RATE), "--approach", "--out", str(out))
+        run = impedance("run", motion, *options)
+        said = re.sub(r"\s+", " ", run.stdout + run.stderr)
+        if run.returncode == 0:
+            return str(out)
+        assert BUSY.search(said), said
+    raise AssertionError(said)
+
+
+if os.environ.get("EVERY_TASK"):
+
+    @pytest.mark.ros
+    def test_the_same_over_ros(master: str, tmp_path: Path, patch: Path) -> None:
+        stands = ("--posture", MOTIONS[0], "--enabled", "--no-spring", "--effects", str(patch))
+        with double(tmp_path, master, *stands):
+            recordings = [record(motion, tmp_path / f"recording-{k}") for k, motion in enumerate(MOTIONS)]
+        check_the_answer(recordings, tmp_path)
