@@ -3,7 +3,8 @@ r"""Parameters of an accepted term with standard deviations.
 
 Coefficients and shape share one covariance: the shape's columns d(X \beta)/d\theta stand beside X in the normal
 equations, so that a parameter from a grid has an error as well. What the model leaves over its noise inflates
-it (through the weights), and so does what is left of correlation in time, by (1 + \rho) / (1 - \rho).
+it (through the weights), and so does what is left of correlation in time, by (1 + \rho) / (1 - \rho), and what a model
+may leave and still pass.
 """
 
 from __future__ import annotations
@@ -21,6 +22,12 @@ Array = NDArray[np.float64]
 
 CORRELATION_MAX = 0.9
 """Of neighbouring samples of what is left, as far as errors are inflated for it."""
+
+ALLOWED = 1.45
+"""Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
+
+STAMPS = 0.05
+"""Part of a sample's period to which any time is known, however little the noise."""
 
 
 def estimates(bench: Bench, refiner: Refiner, index: int, *, prismatic: bool) -> Mapping[str, Estimate]:
@@ -50,7 +57,9 @@ def estimates(bench: Bench, refiner: Refiner, index: int, *, prismatic: bool) ->
     for symbol, value in nominal.items():
         parameter = candidate.effect.description.parameter(symbol)
         unit = parameter.linear_unit if prismatic and parameter.linear_unit else parameter.unit
-        variance = float(slopes[symbol] @ covariance @ slopes[symbol])
+        variance = ALLOWED * float(slopes[symbol] @ covariance @ slopes[symbol])
+        if unit == "s":
+            variance += (STAMPS / refiner.prepared[0].log.rate) ** 2
         out[symbol] = Estimate(float(value), float(np.sqrt(max(variance, 0.0))), unit)
     return out
 
