@@ -90,10 +90,6 @@ class Effect(ABC):
         """Lists violated relations between an effect's own numbers, in words."""
         return []
 
-    def essence_in(self, shape: Shape) -> tuple[tuple[float, ...], ...]:
-        """Gives the essence in the coefficients of a shape; the same in all of them unless said otherwise."""
-        return self.essence
-
     @abstractmethod
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape

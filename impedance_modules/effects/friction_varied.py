@@ -4,15 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.description import Description, Parameter, Port
-from impedance_modules.effects.effect import JointLaw, Regressor, Values
+from impedance_modules.effects.effect import JointLaw, Values
 from impedance_modules.effects.friction import BOTH_SIDES, COULOMB, VISCOUS, WORN
-from impedance_modules.effects.residuals import Residual
 from impedance_modules.effects.sample import Sample, Shape
 from impedance_modules.effects.signals import Signals
 
@@ -21,10 +19,6 @@ Array = NDArray[np.float64]
 
 WARMING_MIN = 2.0
 """Shortest time constant with which grease is taken to warm up [s]."""
-
-
-DRY_ALONE = "dry_alone"
-"""Shape: 1 where only dry friction differs between the directions."""
 
 
 class AsymmetricFriction(JointLaw):
@@ -60,29 +54,11 @@ class AsymmetricFriction(JointLaw):
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes sgn(v) where v > 0, sgn(v) where v < 0, and |v|."""
         s = sample.direction
-        columns = (np.maximum(s, 0.0), np.minimum(s, 0.0), np.abs(sample.velocity))
-        return np.stack(columns[:2] if shape.get(DRY_ALONE) else columns, axis=-1)
+        return np.stack([np.maximum(s, 0.0), np.minimum(s, 0.0), np.abs(sample.velocity)], axis=-1)
 
     def bounds(self) -> tuple[Array, Array]:
         """Dry friction takes energy in both directions; dv has a sign."""
         return np.array([0.0, 0.0, -np.inf]), np.full(3, np.inf)
-
-    def essence_in(self, shape: Shape) -> tuple[tuple[float, ...], ...]:
-        """That the directions differ, in what the shape has of them."""
-        return ((1.0, -1.0),) if shape.get(DRY_ALONE) else self.essence
-
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
-        """Both parts, or the dry one alone."""
-        found = super().regressor(signals, key, port, residual, shape)
-        if found is None or not shape.get(DRY_ALONE):
-            return found
-        return replace(found, lower=found.lower[:2], upper=found.upper[:2])
-
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """With viscous friction that differs too, and without: two numbers say less than three, and cost less."""
-        return self.ways(signals, key, ({}, {DRY_ALONE: 1.0}))
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients fc + da, fc - da, dv."""
@@ -93,9 +69,8 @@ class AsymmetricFriction(JointLaw):
         self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
     ) -> dict[str, float]:
         """The inverse of ``linear``."""
-        ahead, back, *viscous = map(float, coefficients)
-        dry = {"fc": 0.5 * (ahead + back), "da": 0.5 * (ahead - back)}
-        return {**dry, "dv": viscous[0]} if viscous else dry
+        ahead, back, dv = map(float, coefficients)
+        return {"fc": 0.5 * (ahead + back), "da": 0.5 * (ahead - back), "dv": dv}
 
     def relations(self, values: Values) -> list[str]:
         """Dry friction takes energy in both directions."""

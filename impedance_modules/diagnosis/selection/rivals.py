@@ -87,7 +87,7 @@ def contains(rival: Trial, own: Trial) -> bool:
 
 def _alone(rival: Trial, own: Trial) -> bool:
     """Whether what makes the rival more than the cause does as well by itself: then neither can be told apart."""
-    rows = np.array(rival.term.candidate.effect.essence_in(rival.term.shaped.shape))
+    rows = np.array(rival.term.candidate.effect.essence)
     if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
         return False
     kept = np.flatnonzero(rows.any(axis=0))

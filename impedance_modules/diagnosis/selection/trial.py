@@ -250,7 +250,7 @@ def _sharpening(bench: Bench, term: Term, squares: Array) -> float:
 
 def _essence(term: Term, coefficients: Array, covariance: Array) -> float:
     """Chi-square of the sums that make an effect what it is (Wald); infinite where every coefficient does."""
-    rows = () if term.generic else term.candidate.effect.essence_in(term.shaped.shape)
+    rows = () if term.generic else term.candidate.effect.essence
     if not rows or len(rows[0]) != len(coefficients):
         return float("inf")
     L = np.array(rows) / term.slot.scale
