@@ -158,3 +158,13 @@ def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
         if chooser.objection(follower.record(motion)) is None
     ]
     assert {"ladder", "reversals", "chirp"} <= set(safe)
+
+
+def test_a_rival_of_bodies_is_asked_for_by_its_link_and_slight_causes_are_not() -> None:
+    spec = read_robot(ROBOT)
+    tree = model_of_spec(spec, list(spec.joints)).tree
+    open_one = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
+    slight = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
+    slight["causes"][0]["weight"] = 0.001  # type: ignore[index]
+    assert [question.second.key for question in brief_of(open_one, tree).questions] == ["port_upper_arm"]
+    assert all(question.second.effect != "payload" for question in brief_of(slight, tree).questions)

@@ -35,6 +35,7 @@ from impedance_modules.diagnosis.selection.plain import PlainRows
 from impedance_modules.diagnosis.selection.refine import Refiner
 from impedance_modules.diagnosis.selection.select import Selector
 from impedance_modules.diagnosis.selection.still import quieted
+from impedance_modules.diagnosis.selection.term import Term
 from impedance_modules.diagnosis.selection.whiten import Whitening
 from impedance_modules.effects.catalogue import CATALOGUE, SURFACES, WATER
 from impedance_modules.episode.data import Episode
@@ -165,8 +166,12 @@ def _search(
     if pushes:
         progress("setting moments of contact aside")
         moments = both(selector.design.whitening.clear, moments_clear(pushes, prepared))
-        selector = selector.on(selector.design.without(moments))
-        found = selector.run(progress)
+        narrowed = selector.on(selector.design.without(moments))
+        again = narrowed.run(progress)
+        if _as_good(narrowed, again.causes, found.causes):
+            selector, found = narrowed, again
+        else:
+            pushes = ()  # what the causes explain better on the very same rows was no push
     bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
     if pairs:
@@ -175,6 +180,17 @@ def _search(
         clear = selector.design.whitening.clear
         floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, clear)
     return Evidence(selector, arrangement.heldout, prepared, bench, floor, plain, found.refusal, pushes)
+
+
+POORER = 1.2
+"""Squares that a search without moments of contact may leave, over those that the causes found with them leave."""
+
+
+def _as_good(narrowed: Selector, causes: Sequence[Term], first: Sequence[Term]) -> bool:
+    """Whether causes found without some rows explain the others about as well as those found with all rows do."""
+    moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.slot) for term in first]
+    known = [term for term in moved if term is not None]
+    return float(narrowed.bench(causes).left.sum()) <= POORER * float(narrowed.bench(known).left.sum())
 
 
 def _floor(  # noqa: PLR0917 - all of them belong together

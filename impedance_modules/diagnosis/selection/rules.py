@@ -21,7 +21,7 @@ TRIMMED = 0.05
 """Part of the blocks of time, those that gain most, without which a cause must still gain ..."""
 
 TRIMMED_MIN = 3.0
-"""... so much [nats]: what happens in a few moments only can be confirmed by nothing else."""
+"""... so much [nats], or half of all it gains: what happens in a few moments only can be confirmed by nothing else."""
 
 SPECIFIC = 8.0
 """Log-likelihood by which a cause must beat the best generic stand-in [nats]."""
@@ -96,7 +96,7 @@ def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
             f"removes only {100 * trial.reduction:.1f} % of the residual on unseen recordings",
         ),
         (lost > HARM_MAX * won, "helps on some recordings and harms on others"),
-        (trial.trimmed(TRIMMED) < TRIMMED_MIN, "its gain comes from a few moments only"),
+        (trial.momentary(TRIMMED, TRIMMED_MIN), "its gain comes from a few moments only"),
         (trial.outside, "its parameters are at the end of what is physical, or beyond"),
         (
             trial.seen.displaced is not None,

@@ -167,12 +167,18 @@ class Trial:
         """Residual power that it explains in some groups."""
         return float(self.powers[list(groups)].sum())
 
-    def trimmed(self, part: float) -> float:
-        """Weighted gain where it acts, without the part of all blocks that gain most [nats]."""
+    def momentary(self, part: float, least: float) -> bool:
+        """Whether its gain comes from a few moments: what the other blocks gain is little, and less than half.
+
+        Args:
+            part: Of all blocks, those that gain most, which are left out.
+            least: What the others must gain to be enough in any case [nats].
+        """
         groups = self.term.groups
         gains = losses(self.bench, self.bench.unseen, groups) - losses(self.bench, self.unseen, groups)
         most = max(2, int(np.ceil(part * len(gains))))
-        return 0.5 * float(np.sum(np.sort(gains)[: len(gains) - most]))
+        rest = 0.5 * float(np.sum(np.sort(gains)[: len(gains) - most]))
+        return rest < least and rest < 0.25 * float(np.sum(gains))
 
     def advantage(self, rival: Trial | None) -> float:
         """Standard errors by which its held-out losses lie below a rival's, or below the model's own.
