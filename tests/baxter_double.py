@@ -169,6 +169,7 @@ def double(folder: Path, master: str, *options: str) -> Iterator[Double]:
     try:
         found = Double(process, diary, node)
         assert _until(lambda: any("Ctrl-C ends it" in line for line in found.said), START), found.said
+        assert _until(lambda: diary.exists() and found.lines() != [], 10.0), found.said
         yield found
     finally:
         node.close()
