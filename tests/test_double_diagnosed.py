@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A double that differs from its model by something nobody told: run, recorded, diagnosed.
 
-In process here; ``EVERY_TASK=1 pytest tests/test_double_diagnosed.py`` records over a real ROS master as well. More
-effects and joints: ``python -m benchmarks.double_diagnosed``.
+In process, and over a real ROS master. More effects and joints: ``python -m benchmarks.double_diagnosed``.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import re
 from pathlib import Path
 
@@ -83,11 +81,9 @@ def record(motion: str, out: Path) -> str:
     raise AssertionError(said)
 
 
-if os.environ.get("EVERY_TASK"):
-
-    @pytest.mark.ros
-    def test_the_same_over_ros(master: str, tmp_path: Path, patch: Path) -> None:
-        stands = ("--posture", MOTIONS[0], "--enabled", "--no-spring", "--effects", str(patch))
-        with double(tmp_path, master, *stands):
-            recordings = [record(motion, tmp_path / f"recording-{k}") for k, motion in enumerate(MOTIONS)]
-        check_the_answer(recordings, tmp_path)
+@pytest.mark.ros
+def test_the_same_over_ros(master: str, tmp_path: Path, patch: Path) -> None:
+    stands = ("--posture", MOTIONS[0], "--enabled", "--no-spring", "--effects", str(patch))
+    with double(tmp_path, master, *stands):
+        recordings = [record(motion, tmp_path / f"recording-{k}") for k, motion in enumerate(MOTIONS)]
+    check_the_answer(recordings, tmp_path)
