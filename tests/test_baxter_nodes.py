@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from itertools import count
 from pathlib import Path
@@ -100,7 +101,16 @@ def test_a_node_that_keeps_silent_counts_as_living(master: str) -> None:
     own.close()
 
 
+@pytest.fixture
+def not_under_nohup() -> Iterator[None]:
+    """Has programs started meanwhile heed SIGHUP, also where the tests themselves run under ``nohup``."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.ros
+@pytest.mark.usefixtures("not_under_nohup")
 @pytest.mark.parametrize("kind", ["sockets", "rospy"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_verb_ended_by_a_person_leaves_nothing_with_the_master(kind: str, number: int, master: str) -> None:
