@@ -14,6 +14,7 @@ import re
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,7 +168,41 @@ class SurfaceHeight(SurfaceEffect):
         return replace(surface, height=(surface.height or 0.0) + values["dh"])
 
 
-class SurfaceStiffness(SurfaceEffect):
+class SurfaceNumber(SurfaceEffect):
+    """One number of a surface that is not as the task says; fitted as what is beyond the nominal one.
+
+    Attributes:
+        symbol: Of the effect's parameter.
+        attribute: Of `SurfaceSpec`.
+    """
+
+    symbol: str
+    attribute: str
+    replaces = True
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """What is beyond the nominal number."""
+        return np.array([values[self.symbol] - self._nominal_number(signals, key)]), {}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The nominal number and what is beyond it."""
+        return {self.symbol: float(coefficients[0]) + self._nominal_number(signals, key)}
+
+    def _nominal_number(self, signals: Signals, key: str) -> float:
+        surface = self.nominal(signals, key)
+        return 0.0 if surface is None else float(getattr(surface, self.attribute))
+
+    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
+        """Replaces the number."""
+        change: dict[str, Any] = {self.attribute: values[self.symbol]}
+        return replace(surface, **change)
+
+
+class SurfaceStiffness(SurfaceNumber):
     """A surface that is harder or softer than the task says."""
 
     description = Description(
@@ -183,7 +218,7 @@ class SurfaceStiffness(SurfaceEffect):
         reference="Hosford 2016, 5.1 and 6.2.3; Mills & Lokhorst 1993",
         worn="The plant's surface, tangential stiffness included, and the predictions of `check`.",
     )
-    replaces = True
+    symbol, attribute = "k", "stiffness"
 
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
@@ -199,26 +234,8 @@ class SurfaceStiffness(SurfaceEffect):
         bounds = np.array([-surface.stiffness]), np.array([np.inf])
         return self.one_column(signals, column, np.zeros_like(column), bounds)
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
-        """Stiffness beyond the nominal one."""
-        surface = self.nominal(signals, key)
-        return np.array([values["k"] - (0.0 if surface is None else surface.stiffness)]), {}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """The nominal stiffness and what is beyond it."""
-        surface = self.nominal(signals, key)
-        return {"k": float(coefficients[0]) + (0.0 if surface is None else surface.stiffness)}
-
-    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
-        """Replaces its stiffness."""
-        return replace(surface, stiffness=values["k"])
-
-
-class SurfaceFriction(SurfaceEffect):
+class SurfaceFriction(SurfaceNumber):
     """A surface that is rougher or smoother than the task says."""
 
     description = Description(
@@ -234,7 +251,7 @@ class SurfaceFriction(SurfaceEffect):
         reference="Coulomb's law; Hosford 2016, 5.2",
         worn="The plant's surface and the predictions of `check`.",
     )
-    replaces = True
+    symbol, attribute = "mu", "friction"
 
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
@@ -250,21 +267,3 @@ class SurfaceFriction(SurfaceEffect):
             column += touch.consumed(-(touch.pressure(surface) * share)[:, None] * touch.sliding)
         bounds = np.array([-surface.friction]), np.array([np.inf])
         return self.one_column(signals, column, np.zeros_like(column), bounds)
-
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
-        """Coefficient beyond the nominal one."""
-        surface = self.nominal(signals, key)
-        return np.array([values["mu"] - (0.0 if surface is None else surface.friction)]), {}
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """The nominal coefficient and what is beyond it."""
-        surface = self.nominal(signals, key)
-        return {"mu": float(coefficients[0]) + (0.0 if surface is None else surface.friction)}
-
-    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
-        """Replaces its friction."""
-        return replace(surface, friction=values["mu"])
