@@ -38,6 +38,8 @@ Each of D is one poor and one rich set of logs of the same arm.
 SEEDS: dict[str, int] = {"dev": 1, "report": 2}
 SIZES = (1.0, 3.0, 0.5)
 NOISES = (1.0, 0.5, 3.0)
+REDRAWN = 8
+"""Times that a withheld effect is drawn again where another, at its size, would be as true in these logs."""
 
 
 @dataclass
@@ -138,6 +140,11 @@ def _plant(
         while any(_same_place(one, other) for other in planted):
             one = plant_effect(draw, bench, yardstick, episodes, size, rng, at)
         twins = twins_of(one, bench, yardstick, episodes, rng) if block in "ACFG" else ()
+        for _ in range(REDRAWN if block == "F" and twins else 0):
+            one = plant_effect(draw, bench, yardstick, episodes, size, rng, at, True)
+            twins = twins_of(one, bench, yardstick, episodes, rng)
+            if not twins:
+                break
         planted.append(replace(one, twins=twins))
     return planted
 

@@ -40,6 +40,7 @@ SIMPLER: dict[str, tuple[str, ...]] = {
     "asymmetric_friction": ("coulomb_friction",),
     "load_dependent_friction": ("coulomb_friction",),
     "friction_drift": ("viscous_friction",),
+    "hysteresis": ("coulomb_friction",),
     "parallel_spring": ("torque_offset",),
     "actuator_lag": ("command_delay",),
     "command_delay": ("actuator_lag",),

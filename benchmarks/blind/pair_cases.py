@@ -25,8 +25,10 @@ from benchmarks.blind.injection import Draw, Injection, Situation
 from benchmarks.blind.pairs import Pair
 from benchmarks.blind.yardstick import ALIKE, APART
 
-TRIES = 12
-"""Arms that are drawn before a pair is given up."""
+SIZES = tuple(float(size) for size in np.linspace(1.6, 1.1, 12))
+"""Sizes that are wanted of one arm after another: what is large is easily told, what is small is easily lost."""
+ROUNDS = 6
+"""Times that the sizes are gone through before a pair is given up."""
 
 
 @dataclass(frozen=True)
@@ -59,15 +61,15 @@ def draw_pair(pair: Pair, noise: float, rng: np.random.Generator) -> tuple[Bench
     Raises:
         RuntimeError: No arm of many was such.
     """
-    for wanted in np.linspace(1.6, 1.1, TRIES):
+    for wanted in ROUNDS * SIZES:
         bench = draw_bench(rng, noise)
-        poor = _poor(pair, bench, float(wanted), rng)
+        poor = _poor(pair, bench, wanted, rng)
         if poor is None:
             continue
         rich = _rich(poor, bench, rng)
         if rich.apart > APART and rich.planted.size.net >= 1.0:
             return bench, poor.seen, rich
-    raise RuntimeError(f"{pair.truth} beside {pair.partner}: {TRIES} arms gave no pair of logs")
+    raise RuntimeError(f"{pair.truth} beside {pair.partner}: {ROUNDS * len(SIZES)} arms gave no pair of logs")
 
 
 def _poor(pair: Pair, bench: Bench, wanted: float, rng: np.random.Generator) -> _Poor | None:
