@@ -35,6 +35,22 @@ def test_a_page_has_its_table_its_plots_and_its_command(tmp_path: Path) -> None:
     assert pictures and all((tmp_path / picture).stat().st_size > 1000 for picture in pictures)
 
 
+def test_the_index_keeps_the_rows_of_pages_made_before(tmp_path: Path) -> None:
+    made = "Made by `impedance reproduce terrain --full` in 812 s of processor time."
+    rows = "|---|---|---|---|---|---|\n| keeps contact | throughout | 99.5 % |  | 1 | springs |\n"
+    other = f"# Older\n\n{made}\n\n## Thesis against ours\n\n| quantity | thesis | ours | spread | unit | why |\n{rows}"
+    other += "\n| a | table | of | six | more | columns |\n"
+    (tmp_path / "terrain.md").write_text(other)
+    options = ["planar-arms", "--seed", "3", "--out", str(tmp_path)]
+    assert CliRunner().invoke(command, options, catch_exceptions=False).exit_code == 0
+    index = (tmp_path / "README.md").read_text()
+    full = "[terrain](terrain.md) | `impedance reproduce terrain --full` |"
+    assert f"| 5.1 | keeps contact | throughout | 99.5 % |  | 1 | {full}" in index and "| 812 |" in index
+    assert "columns" not in index
+    assert index.count("[terrain]") == 2 and index.count("`impedance reproduce planar-arms --seed 3`") == 13
+    assert index.index("eq. 4.30, both, Lambda_x,x") < index.index("keeps contact |")
+
+
 def test_an_unknown_name_is_refused_with_the_nearest_one(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="did you mean 'planar-arms'"):
         find_experiment("planar-arm")

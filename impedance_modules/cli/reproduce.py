@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,7 +65,8 @@ def _carry_out(
 ) -> None:
     from rich.progress import Progress
 
-    from impedance_modules.experiments.write import write_index, write_page
+    from impedance_modules.experiments.index import write_index
+    from impedance_modules.experiments.write import command_of, write_page
 
     done: list[tuple[Experiment, Page]] = []
     with tempfile.TemporaryDirectory() as temporary, Progress(console=console, transient=True) as bar:
@@ -72,13 +74,21 @@ def _carry_out(
             line = bar.add_task(experiment.name, total=1.0)
             work = (keep or Path(temporary)) / experiment.name
             work.mkdir(parents=True, exist_ok=True)
+            before = _processor_time()
             page = _run(experiment, size, seed, work, bar, line)
-            path = write_page(experiment, page, size, out)
+            made = command_of(experiment.name, size, seed)
+            path = write_page(experiment, page, made, _processor_time() - before, out)
+            index = write_index(out)
             done.append((experiment, page))
             bar.console.print(f"{number + 1}/{len(chosen)}  {experiment.name}: {path}")
-    if len(done) > 1:
-        console.print(f"all of them: {write_index(done, size, out)}")
     _print_comparisons(done, console)
+    console.print(f"thesis against ours, all pages there: {index}")
+
+
+def _processor_time() -> float:
+    """Processor time of this process and of those that it has waited for [s]."""
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
 
 
 def _run(experiment: Experiment, size: Size, seed: int, work: Path, bar: object, line: object) -> Page:

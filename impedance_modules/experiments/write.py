@@ -15,21 +15,33 @@ from impedance_modules.experiments.settings import Size
 RESOLUTION = 110
 """Dots per inch."""
 COMPARISON_COLUMNS = ("quantity", "thesis", "ours", "spread", "unit", "why")
+COMPARISONS = "## Thesis against ours"
+MADE_BY = "Made by"
+"""Heading and words by which the index finds what it takes from a page."""
+FLAGS = {Size.SHORT: " --short", Size.NORMAL: "", Size.FULL: " --full"}
 
 
-def command_of(name: str, size: Size) -> str:
+def command_of(name: str, size: Size, seed: int) -> str:
     """Returns the command line that makes a page."""
-    return f"impedance reproduce {name}" + (" --full" if size is Size.FULL else "")
+    return f"impedance reproduce {name}{FLAGS[size]}" + (f" --seed {seed}" if seed else "")
 
 
-def write_page(experiment: Experiment, page: Page, size: Size, folder: Path) -> Path:
-    """Writes ``NAME.md`` and ``NAME-PLOT.png`` into a folder and returns the former's path."""
+def write_page(experiment: Experiment, page: Page, command: str, seconds: float, folder: Path) -> Path:
+    """Writes ``NAME.md`` and ``NAME-PLOT.png`` into a folder and returns the former's path.
+
+    Args:
+        experiment: Which.
+        page: What it found.
+        command: That made it.
+        seconds: Of processor time that took, all processes together [s].
+        folder: Made if it is not there.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    lines = [f"# {experiment.question}", ""]
-    lines += [f"Thesis section {experiment.section}. Made by `{command_of(experiment.name, size)}`.", ""]
+    made = f"{MADE_BY} `{command}` in {seconds:.0f} s of processor time."
+    lines = [f"# {experiment.question}", "", f"Thesis section {experiment.section}. {made}", ""]
     lines += [page.summary.strip(), ""]
     if page.comparisons:
-        lines += ["## Thesis against ours", "", *comparison_lines(page.comparisons), ""]
+        lines += [COMPARISONS, "", *comparison_lines(page.comparisons), ""]
     for plot in page.plots:
         file = f"{experiment.name}-{plot.name}.png"
         FigureCanvasAgg(plot.figure)
@@ -66,19 +78,3 @@ def cell_text(cell: Cell) -> str:
     if isinstance(cell, float):
         return f"{cell:.4g}"
     return str(cell).replace("|", "/")
-
-
-def write_index(done: Sequence[tuple[Experiment, Page]], size: Size, folder: Path) -> Path:
-    """Writes ``README.md`` of the folder: every comparison of every experiment in one table."""
-    lines = ["# The thesis, run here", "", f"Made by `{command_of('all', size)}`; a page for each.", ""]
-    rows: list[tuple[Cell, ...]] = []
-    for experiment, page in done:
-        for row in page.comparisons:
-            link = f"[{experiment.name}]({experiment.name}.md)"
-            thesis = "-" if row.thesis is None else row.thesis
-            rows.append((experiment.section, row.quantity, thesis, row.ours, row.spread, row.unit, link))
-    lines += table_lines(("section", "quantity", "thesis", "ours", "spread", "unit", "page"), rows)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "README.md"
-    path.write_text("\n".join(lines) + "\n")
-    return path
