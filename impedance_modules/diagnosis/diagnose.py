@@ -37,7 +37,7 @@ from impedance_modules.diagnosis.selection.select import Selector
 from impedance_modules.diagnosis.selection.still import quieted
 from impedance_modules.diagnosis.selection.term import Term
 from impedance_modules.diagnosis.selection.whiten import Whitening
-from impedance_modules.effects.catalogue import CATALOGUE, SURFACES, WATER
+from impedance_modules.effects.catalogue import BENCH, CATALOGUE, SURFACES, WATER
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch import EffectSpec
 
@@ -88,7 +88,7 @@ def diagnose(
     prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)
     arrangement, prepared = _long_enough(arrangement, prepared)
     progress("evaluating candidates")
-    left_out = {*without, *SURFACES, *(() if under_water else WATER)}
+    left_out = {*without, *SURFACES, *BENCH, *(() if under_water else WATER)}
     evidence = _explain(prepared, arrangement, model, left_out, progress)
     progress("judging rivals")
     causes = name_causes(evidence)

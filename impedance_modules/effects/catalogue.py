@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from impedance_modules.effects.bench import BenchSpring
 from impedance_modules.effects.bodies import BaseTilt, LinkInertia, Payload
 from impedance_modules.effects.contact import ExternalContact
 from impedance_modules.effects.controller import ControllerGain
@@ -62,6 +63,7 @@ _EFFECTS: tuple[Effect, ...] = (
     Buoyancy(),
     AddedMass(),
     FluidDrag(),
+    BenchSpring(),
 )
 
 CATALOGUE: Mapping[str, Effect] = {effect.id: effect for effect in _EFFECTS}
@@ -72,3 +74,7 @@ WATER = frozenset({"buoyancy", "added_mass", "fluid_drag"})
 
 SURFACES = frozenset({"surface_height", "surface_stiffness", "surface_friction"})
 """Errors of a task's map: worn by the plant; looked for only where a recording says what it pressed on."""
+
+BENCH = frozenset({"bench_spring"})
+"""What somebody fixed to the robot: told to the diagnosis by a patch (``--effects``), not looked for; unknown, a
+spring is named ``parallel_spring``, whose law at the links is the same."""

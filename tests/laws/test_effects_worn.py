@@ -38,6 +38,7 @@ AT_LINKS = (
     worn("stribeck_friction", L, S + "bend", fc=0.8, fs=1.7, vs=0.12),
     worn("quadratic_drag", L, S + "roll", c=0.1),
     worn("friction_drift", L, S + "tilt", fv=0.4, k=0.5, T=1.0),
+    worn("bench_spring", "contact", S + "spin", k=9.0, q0=0.3, d=0.2),
 )
 IN_DRIVES = (
     worn("torque_gain", A, P + "lift", s=0.91),
@@ -229,9 +230,10 @@ def test_a_worn_robot_starts_in_equilibrium() -> None:
     assert np.abs(subject.position - start(subject.model)).max() < 1e-4
 
 
-def test_what_the_robot_adds_knows_its_springs_but_no_payload() -> None:
+def test_what_the_robot_adds_knows_its_springs_but_no_payload_and_no_spring_of_a_bench() -> None:
     heavy = dressed(nominal(1.0), (worn("payload", L, "port_palm", m=0.9, cx=0.0, cy=0.0, cz=0.1),))
     sprung = dressed(nominal(1.0), (worn("parallel_spring", L, S + "lift", k=17.0, preload=-4.0),))
-    for subject, carries in ((heavy, False), (sprung, True)):
+    fixed = dressed(nominal(1.0), (worn("bench_spring", "contact", S + "lift", k=17.0, q0=-0.2),))
+    for subject, carries in ((heavy, False), (sprung, True), (fixed, False)):
         subject.reset(start(subject.model))
         assert (np.abs(subject.start_command).max() < 1e-9) == carries
