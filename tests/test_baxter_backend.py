@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -13,6 +14,7 @@ from baxter_stand_in import StandIn
 
 from impedance_modules.backends.baxter import backend
 from impedance_modules.backends.baxter.approach import ARRIVED
+from impedance_modules.backends.baxter.awake import AwakeProcessor
 from impedance_modules.backends.baxter.watchdog import LOOK
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_events import Event
@@ -73,8 +75,8 @@ def test_a_cycle_is_rehearsed_before_its_state_and_sends_nothing() -> None:
         started(drive)
         drive.backend.rehearse_by(lambda: sent.append(len(robot.commands)))
         drive.cycle(20)
-        # Once per state at most, and not for one that is here already.
-        assert 1 <= len(sent) <= 20
+        # A few times per state at most, and not for one that is here already.
+        assert 1 <= len(sent) <= 20 * backend.MOST_REHEARSALS
         drive.backend.write(np.zeros(robot.model.n))
         assert sent == sorted(sent) and len(robot.commands) > sent[-1]
 
@@ -281,3 +283,24 @@ def test_what_the_robot_adds_by_itself_is_recorded() -> None:
         gravity = robot.model.gravity(np.full(robot.model.n, 0.3))
         for name in left:
             assert values[name] == pytest.approx(gravity[robot.model.joint_names.index(name[8:])])
+
+
+def test_the_processor_is_kept_awake_during_a_run_and_only_then(tmp_path: Path) -> None:
+    device = tmp_path / "latency"
+    device.write_bytes(b"")
+    awake, refused = AwakeProcessor(device), AwakeProcessor(tmp_path / "none")
+    for processor in (awake, refused):
+        processor.end()
+        processor.begin()
+        processor.begin()
+    assert awake.granted and not refused.granted
+    assert device.read_bytes() == bytes(4)
+    awake.end()
+    assert not awake.granted
+    robot = StandIn(SPEC)
+    with driving(robot) as drive:
+        drive.backend._awake = AwakeProcessor(device)
+        started(drive)
+        assert drive.backend._awake.granted
+        drive.backend.finish("hold")
+        assert not drive.backend._awake.granted

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +23,17 @@ METRES_PER_NEWTON_METRE = 0.1
 class Recording:
     """A recording that grows: the arms in 3D with their springs, wrenches and ellipsoids, and curves."""
 
-    def __init__(self, stream: rr.RecordingStream, scene: Scene) -> None:
+    def __init__(
+        self, stream: rr.RecordingStream, scene: Scene, rest: Callable[[], None] = lambda: None
+    ) -> None:
         """Writes what does not change.
 
         Args:
             stream: Open, from `open_stream` or a live viewer's.
             scene: What is shown.
+            rest: Called before every piece of work, for a thread that must not do all at once.
         """
-        self._stream = stream
+        self._stream, self._rest = stream, rest
         self._scene = scene
         self._phase: str | None = None
         self._stream.send_blueprint(run_layout(scene))
@@ -46,6 +49,7 @@ class Recording:
         if not samples:
             return
         for sample in samples:
+            self._rest()
             check_sample(self._scene, sample)
         stacked = {name: np.stack([getattr(sample, name) for sample in samples]) for name in ARRAYS}
         index = time_index(np.array([sample.time for sample in samples]))
@@ -155,6 +159,7 @@ class Recording:
 
     def _write_texts(self, samples: Sequence[ViewSample]) -> None:
         for sample in samples:
+            self._rest()
             self._stream.set_time(entities.TIMELINE, duration=sample.time)
             if sample.phase != self._phase:
                 self._phase = sample.phase
@@ -164,9 +169,12 @@ class Recording:
                 self._stream.log(entities.LOG, rr.TextLog(message, level="WARN"))
 
     def _send(self, path: str, index: rr.TimeColumn, columns: Any) -> None:
+        self._rest()
         self._stream.send_columns(path, indexes=[index], columns=columns)
+        self._rest()
 
     def _send_curves(self, path: str, index: rr.TimeColumn, values: Array) -> None:
+        self._rest()
         send_curves(self._stream, path, index, values)
 
 

@@ -74,8 +74,8 @@ class RecordingView:
         self._next = -math.inf
         self._queue: deque[ViewSample] = deque()
         # Two streams: the file must not depend on a window that somebody may close.
-        self._live = Recording(open_live_stream(name), scene) if live else None
-        self._file = Recording(open_stream(Path(directory) / RECORDING, name), scene)
+        self._live = Recording(open_live_stream(name), scene, background.rest) if live else None
+        self._file = Recording(open_stream(Path(directory) / RECORDING, name), scene, background.rest)
         background.register(self._drain)
 
     def due(self, time: float) -> bool:

@@ -25,6 +25,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
+from impedance_modules.robot.compiled_distances import book, free_time
 from impedance_modules.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
@@ -72,16 +73,18 @@ class Distances:
         self._geometry = kinematics.model.geometry()
         self._shapes = [self._shape_pairs(first, second) for first, second in self.pairs]
         self._data = pin.GeometryData(self._geometry)
-        self._moving = [
-            self._moves(both.second) - self._moves(both.first) for both in self._geometry.collisionPairs
-        ]
+        moves = [self._moves(both.second) - self._moves(both.first) for both in self._geometry.collisionPairs]
+        n = kinematics.model.n
+        self._moving: Array = np.array(moves).reshape(-1, n)
         # A live view: columns are the joints' twists at the world's origin.
         self._world_jacobian: Array = kinematics.pin_data.J
+        self._constants = np.array([margin, approach_time, horizon, QUICKEST, LONGEST_WAIT, period])
+        self._found: Array = np.zeros((len(self.pairs), 7))
+        self._nearest_of = np.zeros(len(self.pairs), dtype=np.int64)
         self._cycle = 0
-        self._due = [0] * len(self.pairs)
-        self._next_due = 0 if self.pairs else math.inf
+        self._due = np.zeros(len(self.pairs), dtype=np.int64)
         self.distance: Array = np.full(len(self.pairs), np.inf)
-        self.gradient: Array = np.zeros((len(self.pairs), kinematics.model.n))
+        self.gradient: Array = np.zeros((len(self.pairs), n))
 
     def skip(self) -> None:
         """Lets a cycle without a state go by."""
@@ -90,30 +93,34 @@ class Distances:
     def update(self, q: Array, v: Array) -> None:
         """Measures the pairs that may matter, at the state (n,), (n,) of the last ``Kinematics.update``."""
         self._cycle += 1
-        if self._cycle < self._next_due:
-            return
+        pairs = np.flatnonzero(self._due <= self._cycle)
         # A state that is not finite gives no torque, so it needs no distance; the geometry library may not end.
-        if not math.isfinite(float(q @ v)):
+        if pairs.size == 0 or not math.isfinite(float(q @ v)):
             return
         model, data = self._kinematics.model.pin_model, self._kinematics.pin_data
         pin.updateGeometryPlacements(model, data, self._geometry, self._data)
-        for pair, due in enumerate(self._due):
-            if due <= self._cycle:
-                self._measure(pair, v)
-        self._next_due = min(self._due)
+        for k, pair in enumerate(pairs.tolist()):
+            self._measure(k, pair)
+        book(
+            pairs,
+            self._nearest_of,
+            self._found,
+            self._world_jacobian,
+            self._moving,
+            v,
+            self._constants,
+            self._cycle,
+            self.distance,
+            self.gradient,
+            self._due,
+        )
 
-    def _measure(self, pair: int, v: Array) -> None:
+    def _measure(self, k: int, pair: int) -> None:
+        """Measures a pair and writes the result into a row of ``_found``."""
         index, result = self._nearest(self._shapes[pair])
-        distance = float(result.min_distance)
-        x, y, z = result.normal.tolist()
-        a, b, c = result.getNearestPoint1().tolist()
-        # n . velocity of a point p of a link is n . v_0 + (p x n) . w; both closest points lie on one line along n.
-        line = np.array([x, y, z, b * z - c * y, c * x - a * z, a * y - b * x])
-        row = (line @ self._world_jacobian) * self._moving[index]
-        free = self.free_time(distance, -float(row @ v))
-        self.distance[pair] = distance
-        self.gradient[pair] = row if free < self._period else 0.0
-        self._due[pair] = self._slot(self._cycle + max(1, int(free / self._period)))
+        row = self._found[k]
+        self._nearest_of[k] = index
+        row[0], row[1:4], row[4:] = result.min_distance, result.normal, result.getNearestPoint1()
 
     def _nearest(self, shapes: list[int]) -> tuple[int, pin.DistanceResult]:
         """Measures pairs of shapes and returns the nearest one."""
@@ -122,12 +129,6 @@ class Distances:
             return shapes[0], found[0]
         nearest = min(range(len(found)), key=lambda i: float(found[i].min_distance))
         return shapes[nearest], found[nearest]
-
-    def _slot(self, latest: int) -> int:
-        """Finds the last cycle up to ``latest`` in which nothing else is due yet; the next one if there is none."""
-        while latest > self._cycle + 1 and latest in self._due:
-            latest -= 1
-        return latest
 
     def free_time(self, distance: float, closing: float) -> float:
         """Bounds from below how long a pair cannot matter [s].
@@ -138,12 +139,7 @@ class Distances:
             distance: d now [m].
             closing: c now [m/s].
         """
-        T, a, closing = self._approach_time, QUICKEST, max(closing, 0.0)
-        room = distance - self._margin - (closing + a * self._horizon) * T
-        if room <= 0.0:
-            return 0.0
-        slope = a * T + closing
-        return min(LONGEST_WAIT, (math.sqrt(slope**2 + 2.0 * a * room) - slope) / a)
+        return float(free_time(distance, closing, *self._constants[:5].tolist()))
 
     def _moves(self, shape: int) -> Array:
         """Marks with 1 the joints that move a shape, (n,)."""

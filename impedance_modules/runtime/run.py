@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 PICTURE_SAMPLES = 20_000
 """More would not be seen in the picture, and ten minutes of them would fill 400 MB."""
 
+FREE_PART = 0.5
+"""Part of a real robot's period, counted from the end of a cycle, in which files are written."""
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -92,13 +95,17 @@ def carry_out(
     supervisor = Supervisor(assembly)
     supervisor.controller.warm()
     simulated = options.backend in ("sim", "replay")
+    real = backend if isinstance(backend, RealRobot) else None
     interrupt = Interrupt()
     with ExitStack() as ending:
+        # What keeps every thread waiting comes before the robot is taken over: it must be held all the time.
+        if real is not None:
+            real.rehearse_by(Rehearsal(assembly))
+        ending.enter_context(no_collections())
         # Whatever happens, the robot is held; once it is, again does nothing.
         ending.callback(backend.finish, "hold")
         with as_interrupt():
             first = backend.start()
-            real = backend if isinstance(backend, RealRobot) else None
             recorder = Recorder(
                 options.out,
                 supervisor,
@@ -117,11 +124,11 @@ def carry_out(
             view,
             Summary(assembly, supervisor, recorder.columns, options.backend, options.seed),
             on_progress,
+            free=0.0 if simulated else FREE_PART * assembly.period,
         )
         try:
-            with interrupt.listening(), no_collections():
+            with interrupt.listening():
                 if real is not None:
-                    real.rehearse_by(Rehearsal(assembly))
                     first = real.newest()
                 supervisor.start(first)
                 run_loop(
@@ -154,7 +161,10 @@ class _Files:
         view: SceneView,
         summary: Summary,
         on_progress: Callable[[float, str], None],
+        *,
+        free: float,
     ) -> None:
+        self._free = free
         self._supervisor, self._recorder, self._view, self._summary = supervisor, recorder, view, summary
         self._on_progress = on_progress
         self._last_shown = -1.0
@@ -167,6 +177,8 @@ class _Files:
         if state.time - self._last_shown >= 0.1:
             self._last_shown = state.time
             self._on_progress(state.time, self._supervisor.sequence.phase.name)
+        if self._free > 0.0:
+            self._recorder.writer.background.free_for(self._free)
 
     def close(self, directory: Path, *, interrupted: bool) -> dict[str, object]:
         """Finishes all files and returns the summary; nothing is left of a run without a cycle."""

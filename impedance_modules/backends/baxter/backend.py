@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from impedance_modules.backends.backend import Finish, FirstState
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.approach import Approach
+from impedance_modules.backends.baxter.awake import AwakeProcessor
 from impedance_modules.backends.baxter.driver import Driver
 from impedance_modules.backends.baxter.joint_states import Sample
 from impedance_modules.backends.baxter.link import RobotLink
@@ -48,9 +49,15 @@ RATE_TOLERANCE = 0.1
 COLD_AFTER = 0.005
 """Between states this far apart, others empty the processor's caches [s]."""
 
-REHEARSAL_LEAD = 0.0008
-"""A cycle is rehearsed this long before its state is due [s]: it takes half of that, and what others do in the rest is
-forgotten by the processor again."""
+REHEARSAL_LEAD = 0.0015
+"""A cycle is rehearsed from this long before its state is due [s]: the first time it is slow, as the state's own would
+have been; the last time it ends just before."""
+
+MOST_REHEARSALS = 5
+"""As many fit into that time."""
+
+REHEARSAL_REST = 0.0001
+"""So long before the state is due no rehearsal is under way [s]; it may come a little early."""
 
 SWITCH_INTERVAL = 1e-4
 """How long a thread that writes files may keep the interpreter from the control thread [s]; Python's default is 5 ms,
@@ -110,6 +117,7 @@ class BaxterBackend:
         self._rehearse: Callable[[], None] | None = None
         self._effort: Array = np.zeros(len(options.start))
         self._usual_interval = sys.getswitchinterval()
+        self._awake = AwakeProcessor()
 
     def start(self) -> FirstState:
         """Prepares the robot: rate, start pose, a try at zero torque, time-out; leaves it held where it stands.
@@ -124,6 +132,7 @@ class BaxterBackend:
             self._check()
             self._link.forget_hands()
             sys.setswitchinterval(SWITCH_INTERVAL)
+            self._awake.begin()
             self.driver.listen()
             if not self._options.read_only:
                 self.driver.attach()
@@ -195,14 +204,21 @@ class BaxterBackend:
         self._leave()
 
     def _rehearse_before(self, last: Sample) -> None:
-        """Goes through a cycle for nothing a moment before the next state is due; not when it is here already."""
+        """Goes through a cycle for nothing, again and again until the next state is due or here."""
         if self._rehearse is None or self._misses > 0:
             return
-        moment = last.received + self._period - REHEARSAL_LEAD
-        if self._link.wait(last.number, max(moment - time.monotonic(), 0.0)) is None:
+        due = last.received + self._period
+        moment, lasted = due - REHEARSAL_LEAD, 0.0
+        for _ in range(MOST_REHEARSALS):
+            if self._link.wait(last.number, max(moment - time.monotonic(), 0.0)) is not None:
+                return
+            moment = time.monotonic()
+            if moment + lasted > due - REHEARSAL_REST:
+                return
             self._rehearse()
             self._link.rehearse()
             self.driver.rehearse(self._effort)
+            lasted = time.monotonic() - moment
 
     def _prepare(self) -> None:
         """Brings the arms to the start, sets the time-out, tries zero torque."""
@@ -252,6 +268,7 @@ class BaxterBackend:
 
     def _leave(self) -> None:
         sys.setswitchinterval(self._usual_interval)
+        self._awake.end()
         self.driver.leave()
 
     def _fresh_sample(self) -> Sample:

@@ -50,7 +50,7 @@ class JointStateMerge:
         self.clock = RobotClock()
         self._names = joint_names
         n = len(joint_names)
-        self._position, self._velocity, self._effort = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._numbers: Array = np.zeros((3, n))
         self._reported = np.zeros(n, dtype=bool)
         self._number = 0
         self._places = lru_cache(maxsize=32)(self._find_places)
@@ -74,20 +74,19 @@ class JointStateMerge:
         ours, theirs = self._places(message.name)
         if len(ours) == 0:
             return None
-        self._position[ours] = np.array(message.position)[theirs]
-        self._velocity[ours] = np.array(message.velocity)[theirs]
-        self._effort[ours] = np.array(message.effort)[theirs]
-        self._reported[ours] = True
-        if not self._reported.all():
-            return None
+        numbers = np.array((message.position, message.velocity, message.effort))
+        self._numbers[:, ours] = numbers[:, theirs]
+        if len(ours) < self._reported.size:
+            self._reported[ours] = True
+            if not self._reported.all():
+                return None
         moment = self.clock.read(message.header.stamp, received)
         if moment is None:
             return None
         self._reported[:] = False
         self._number += 1
-        parts = self._position.copy(), self._velocity.copy(), self._effort.copy()
-        for part in parts:
-            part.flags.writeable = False
+        parts = self._numbers.copy()
+        parts.flags.writeable = False
         state = RobotState(moment.time, *parts)
         return Sample(state, self._number, received, received - moment.lag)
 

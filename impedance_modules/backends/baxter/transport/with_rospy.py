@@ -16,6 +16,8 @@ from impedance_modules.backends.baxter.transport.protocol import (
     Callback,
     TransportClosedError,
 )
+from impedance_modules.backends.baxter.transport.sockets.framing import LENGTH
+from impedance_modules.backends.baxter.transport.sockets.listener import Listener
 from impedance_modules.backends.baxter.transport.sockets.master import (
     MasterClient,
     check_own_host,
@@ -34,6 +36,9 @@ HOW_TO_INSTALL = (
     "  /usr/bin/python3 -m venv --system-site-packages VENV\n"
     "Without any ROS, --transport sockets does the same by Python's standard library."
 )
+
+GREETING = threading.Lock()
+"""Two threads may be the first to send on a connection; one takes it over."""
 
 
 class NoRospyError(ImpedanceError):
@@ -69,6 +74,7 @@ class RospyTransport(MasterTransport):
         )
         super().__init__(str(rospy.get_name()), master_uri)
         self._parts: list[_Publisher[Any] | _Subscription[Any]] = []
+        self._listeners: dict[str, dict[Any, Listener]] = {}
 
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> _Publisher[M]:
         """Becomes a publisher of a topic."""
@@ -76,7 +82,8 @@ class RospyTransport(MasterTransport):
         handle = self._rospy.Publisher(
             topic, _ros_class(message_type.ros_type), queue_size=1, tcp_nodelay=True, latch=latch
         )
-        publisher = _Publisher(topic, message_type, handle)
+        listeners = None if latch else self._listeners.setdefault(topic, {})
+        publisher = _Publisher(topic, message_type, handle, listeners)
         self._parts.append(publisher)
         return publisher
 
@@ -103,15 +110,33 @@ class RospyTransport(MasterTransport):
 
 
 class _Publisher(Generic[M]):
-    def __init__(self, topic: str, kind: type[M], handle: Any) -> None:
+    """A topic of rospy's, written to without rospy's queue.
+
+    rospy makes the node known and greets every listener. A message then leaves in the thread that sends it: rospy would
+    hand it to a thread of its own, and a command would wait for the interpreter once more. What is latched has
+    time and goes by rospy.
+    """
+
+    def __init__(self, topic: str, kind: type[M], handle: Any, listeners: dict[Any, Listener] | None) -> None:
+        """Takes rospy's handle, and whom this node sends the topic to by now; None for a topic that is latched."""
         self._topic, self._wrap, self._handle = topic, _ros_class(kind.ros_type), handle
-        self._closed = False
+        self._listeners, self._closed = listeners, False
 
     def send(self, message: M) -> None:
         """Sends to everybody who listens now; never waits."""
         if self._closed:
             raise TransportClosedError(f"{self._topic}: the publisher is closed")
-        self._handle.publish(self._wrap(message))
+        if self._listeners is None:
+            self._handle.publish(self._wrap(message))
+            return
+        data = encode(message)
+        frame = LENGTH.pack(len(data)) + data
+        # rospy takes both away when somebody else closes the publisher meanwhile.
+        impl = self._handle.impl
+        for connection in (None if impl is None else impl.connections) or ():
+            listener = self._listeners.get(connection) or self._greet(self._listeners, connection)
+            if listener is not None:
+                listener.send(frame)
 
     def connections(self) -> int:
         """Counts the listeners."""
@@ -122,6 +147,30 @@ class _Publisher(Generic[M]):
         if not self._closed:
             self._closed = True
             self._handle.unregister()
+
+    def _greet(self, listeners: dict[Any, Listener], connection: Any) -> Listener | None:
+        """Takes over the sending on one of rospy's connections; None for one that has just ended."""
+        with GREETING:
+            known, own = listeners.get(connection), connection.socket
+            if known is not None or own is None:
+                return known
+            try:
+                # A second handle on the same connection: rospy closes its own when it likes.
+                listeners[connection] = Listener(own.dup(), lambda _: self._part(listeners, connection))
+            except OSError:
+                return None
+            return listeners[connection]
+
+    def _part(self, listeners: dict[Any, Listener], connection: Any) -> None:
+        """Has rospy forget a connection that is over."""
+        listeners.pop(connection, None)
+        if self._closed:
+            return
+        try:
+            connection.close()
+        except (AttributeError, TypeError):
+            # rospy is taking the same connection apart in another thread, and has no guard against that.
+            return
 
 
 class _Subscription(Generic[M]):
