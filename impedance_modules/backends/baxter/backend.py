@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 PATIENCE = 1.5
 """A state is awaited for so many periods; after a miss the next one is, for one period more each time."""
 
+GRACE = 0.001
+"""A state is awaited for so long in any case [s]: where this process was held up itself, one lies in the socket by now."""
+
 DWELL = 0.3
 """How long zero torque is tried before a run [s]."""
 
@@ -162,7 +165,7 @@ class BaxterBackend:
         deadline = last.received + (PATIENCE + self._misses) * self._period
         while True:
             self.driver.raise_fault()
-            sample = self._link.wait(last.number, max(deadline - time.monotonic(), 0.0))
+            sample = self._link.wait(last.number, max(deadline - time.monotonic(), GRACE))
             if sample is not None:
                 self._last, self._misses = sample, 0
                 return self._shifted(sample.state)
