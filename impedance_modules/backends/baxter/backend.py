@@ -32,7 +32,7 @@ PATIENCE = 1.5
 """A state is awaited for so many periods; after a miss the next one is, for one period more each time."""
 
 GRACE = 0.001
-"""A state is awaited for so long in any case [s]: where this process was held up itself, one lies in the socket by now."""
+"""A state is awaited for so long in any case [s]: where this process itself was held up, one is in the socket."""
 
 DWELL = 0.3
 """How long zero torque is tried before a run [s]."""

@@ -74,27 +74,29 @@ class JointStateMerge:
         ours, theirs = self._places(message.name)
         if len(ours) == 0:
             return None
-        numbers = np.array((message.position, message.velocity, message.effort))
-        self._numbers[:, ours] = numbers[:, theirs]
+        numbers = np.array(message.position + message.velocity + message.effort)
+        found = numbers.reshape(3, count).take(theirs, axis=1)
         if len(ours) < self._reported.size:
+            self._numbers[:, ours] = found
             self._reported[ours] = True
             if not self._reported.all():
                 return None
+            found = self._numbers.copy()
         moment = self.clock.read(message.header.stamp, received)
         if moment is None:
             return None
         self._reported[:] = False
         self._number += 1
-        parts = self._numbers.copy()
-        parts.flags.writeable = False
-        state = RobotState(moment.time, *parts)
+        found.flags.writeable = False
+        state = RobotState(moment.time, *found)
         return Sample(state, self._number, received, received - moment.lag)
 
     def _find_places(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Returns where a message's joints belong in the model's vectors, and where they stand in it."""
         own = {name: index for index, name in enumerate(self._names)}
         self.seen |= set(names)
-        pairs = [(own[name], index) for index, name in enumerate(names) if name in own]
+        # Of a joint that is named twice the last numbers count.
+        pairs = sorted({own[name]: index for index, name in enumerate(names) if name in own}.items())
         return (
             np.array([pair[0] for pair in pairs], dtype=np.intp),
             np.array([pair[1] for pair in pairs], dtype=np.intp),
