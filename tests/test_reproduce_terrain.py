@@ -10,7 +10,13 @@ import pytest
 
 from impedance_modules.experiments.catalogue import find_experiment
 from impedance_modules.experiments.settings import Settings, Size
-from impedance_modules.experiments.terrain.robustness import MIDDLE, draw_errors, wrong_table
+from impedance_modules.experiments.terrain.robustness import (
+    CLEARANCE,
+    MIDDLE,
+    draw_errors,
+    draw_maps,
+    wrong_table,
+)
 from impedance_modules.experiments.terrain.runs import Slide, deviation_along_y
 from impedance_modules.experiments.terrain.thresholds import stopped_at
 from impedance_modules.runtime.predict.contact import place_surface, surface_distance
@@ -45,6 +51,15 @@ def test_a_wrong_table_is_off_by_what_was_drawn() -> None:
         assert distance == pytest.approx(0.0, abs=1e-12)
         assert np.arccos(normal[2]) == pytest.approx(np.hypot(row[1], row[2]), abs=1e-9)
         assert wrong.stiffness == row[3]
+
+
+def test_no_hand_starts_inside_a_table() -> None:
+    table = SurfaceSpec("plane", -0.3, None, (0.0, 0.0, 0.0), None, 2e4, 100.0, 0.2)
+    hand = np.array([0.634, -0.38, -0.285])
+    maps, redrawn = draw_maps(np.random.default_rng(1), 60, table, hand)
+    heights = [surface_distance(place_surface(wrong_table(table, row)), hand)[0] for row in maps]
+    assert maps.shape == (60, 4) and redrawn > 5 and min(heights) >= CLEARANCE
+    assert np.ptp(maps[:, 0]) > 0.04
 
 
 def test_deviation_and_thresholds_are_read_from_the_slides() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from impedance_modules.experiments.page import Cell, Comparison, Page, Table, table_of
 from impedance_modules.experiments.settings import Settings, Size
+from impedance_modules.experiments.terrain.friction import COEFFICIENTS, friction_table
 from impedance_modules.experiments.terrain.plots import picture_of_errors, picture_of_slides
 from impedance_modules.experiments.terrain.robustness import Robustness, how_robust, robustness_table
 from impedance_modules.experiments.terrain.runs import Job, Slide, deviation_along_y, slide, slide_all
@@ -29,7 +30,10 @@ def reproduce(settings: Settings) -> Page:
     plots = [picture_of_slides(found)]
     facts = _facts(found)
     robust: Robustness | None = None
+    rubbed: dict[float, float] = {}
     if settings.size is not Size.SHORT:
+        table, rubbed = friction_table(settings)
+        tables += [table]
         tables += threshold_tables(flat, settings)
         robust = how_robust(flat, settings)
         tables.append(robustness_table(robust))
@@ -38,7 +42,7 @@ def reproduce(settings: Settings) -> Page:
     settings.on_progress(1.0, "done")
     return Page(
         summary=SUMMARY,
-        comparisons=_comparisons(found, robust),
+        comparisons=_comparisons(found, robust, rubbed),
         tables=tuple(tables),
         plots=tuple(plots),
         differences=DIFFERENCES,
@@ -100,7 +104,9 @@ def _table_of_slides(found: dict[tuple[str, str], Slide]) -> Table:
     )
 
 
-def _comparisons(found: dict[tuple[str, str], Slide], robust: Robustness | None) -> tuple[Comparison, ...]:
+def _comparisons(
+    found: dict[tuple[str, str], Slide], robust: Robustness | None, rubbed: dict[float, float]
+) -> tuple[Comparison, ...]:
     impedance, position = found["impedance", "over"], found["position", "over"]
     rows = [
         Comparison(
@@ -108,7 +114,8 @@ def _comparisons(found: dict[tuple[str, str], Slide], robust: Robustness | None)
             0.024,
             _deviation(found, "impedance"),
             "m",
-            "friction of 0.2 only and none in the joints: y trails its equilibrium by less",
+            "the surface's friction decides, see the table of frictions",
+            ", ".join(f"{rubbed[mu]:.3f} at a friction of {mu:g}" for mu in COEFFICIENTS[1:] if rubbed),
         ),
         Comparison(
             "impedance: keeps contact",
@@ -145,6 +152,18 @@ def _comparisons(found: dict[tuple[str, str], Slide], robust: Robustness | None)
             "the bar's flank begins at y = -0.35 m, its top at -0.233 m; a collision holds the arm, the path runs away",
         )
     )
+    rows += [
+        Comparison(
+            f"{way}: peak force",
+            None,
+            found[way, "over"].peak,
+            "N",
+            "the same surface; on the flat table "
+            + (f"{found[way, 'flat'].peak:.1f} N" if (way, "flat") in found else "not run"),
+        )
+        for way in ("impedance", *MODES)
+        if (way, "over") in found
+    ]
     if robust is not None:
         rows += [
             Comparison(
@@ -181,7 +200,11 @@ DIFFERENCES = """
   servo. A collision is judged from the true contact torque, not from sensors.
 - **What stops position playback** is the collision, not distance alone: held for 2 s, it falls behind its path.
   Were nothing a collision, no joint would be further than 0.106 rad from its path; it would play to the end, at 136 N.
-- **Peaks over wrong maps.** The springs' two largest, 202 and 683 N, are no slide's: those tables stand 3 and 8 mm over
-  where the hand starts. Tables more than some millimetres below the map are never touched by a playback.
+- **The RMS of y** with the springs grows with the friction of the surface: uphill it holds the hand back, downhill it
+  lets go. The thesis names neither the friction of its aluminium nor the tool; the table of frictions shows where its
+  0.024 m lies. Dry friction in the joints, of the size assumed elsewhere, adds little.
+- **Wrong maps.** Tables more than some millimetres below the map are never touched by a playback. A robot cannot start
+  inside a table: maps whose table stands over where the hand starts are drawn again. With `--full` the springs slide
+  over 500 maps and the playbacks over the first 200 of them, for the time that they take.
 - **One hand touches with one point**; the flange of the real arm can catch on an edge, which this one cannot.
 """

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,8 @@ class Job:
         path: Played back by the robot; None lets the springs carry the task out.
         phases: How many of the task's phases are carried out.
         playback: How the robot plays back; None takes the robot file's.
+        tank: Energy to begin with [J]; None takes the task's.
+        effects: A patch that the plant wears; None for none.
         seed: Of the noise.
     """
 
@@ -52,6 +55,8 @@ class Job:
     path: JointPath | None = None
     phases: int = 5
     playback: PlaybackSpec | None = None
+    tank: float | None = None
+    effects: Path | None = None
     seed: int = 0
 
 
@@ -108,11 +113,14 @@ def deviation_along_y(flat: Slide, other: Slide) -> float:
 
 def slide(job: Job) -> Slide:
     """Makes one slide."""
-    assembly = assemble(job.task, effects=None, rate=None, scale=1.0, arm=None)
+    assembly = assemble(job.task, effects=job.effects, rate=None, scale=1.0, arm=None)
     task = replace(assembly.task, phases=assembly.task.phases[: job.phases])
     if job.surfaces is not None:
         task = replace(task, environment=job.surfaces)
-    assembly = replace(assembly, task=task)
+    tank = assembly.tank
+    if job.tank is not None:
+        tank = replace(tank, initial=job.tank, max=max(job.tank, tank.max))
+    assembly = replace(assembly, task=task, tank=tank)
     return _led_by_springs(assembly, job) if job.path is None else _played_back(assembly, job, job.path)
 
 
