@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.experiments import sanding
-from impedance_modules.experiments.sanding_rule import operate, set_bound
+from impedance_modules.experiments.sanding_rule import feel_of, operate, set_bound
 from impedance_modules.experiments.settings import Settings, Size
 
 
@@ -37,3 +37,23 @@ def test_the_bound_lies_where_it_tells_most_apart() -> None:
     curve = operate(np.array([1.0, 1.1, 3.0]), stuck)
     assert set_bound(np.array([1.0, 1.1, 3.0]), stuck) == pytest.approx(1.55)
     assert curve.true[-2] == 1.0 and curve.false[-2] == pytest.approx(1.0 / 3.0)
+
+
+def test_wood_must_feel_smooth_in_both_ways() -> None:
+    rng = np.random.default_rng(1)
+    smooth = {"band": rng.normal(0.06, 0.005, 100), "friction": rng.normal(0.8, 0.08, 100)}
+    # Rough wood that only the band tells, and rough wood that only friction tells.
+    rough = {
+        "band": np.concatenate([np.full(50, 0.12), np.full(50, 0.062)]),
+        "friction": np.concatenate([np.full(50, 0.8), np.full(50, 1.3)]),
+    }
+    feel = feel_of(smooth)
+    apart, together = feel.worst(smooth), feel.worst(rough)
+    bound = set_bound(apart, together)
+    assert (apart < bound).all() and not (together < bound).any()
+    for measure, scores in smooth.items():
+        assert operate(scores, rough[measure]).area < 0.95
+    assert operate(apart, together).area == 1.0
+    limits = feel.bounds(bound)
+    both = (rough["band"] < limits["band"]) & (rough["friction"] < limits["friction"])
+    assert not both.any() and (smooth["band"] < limits["band"]).all()

@@ -89,7 +89,7 @@ def test_every_key_arrives():
     assert task.arms["left"].springs[1].frame == "left_upper_forearm"
     assert task.object.size == (0.2, 0.3) and task.object.friction == 0.6 and task.object.squeeze == 20
     lower, press, slide, rub = task.phases
-    assert rub.until == SmoothCondition("right", "-x", "z", "spectrum", 0.12, 4)
+    assert rub.until == SmoothCondition("right", "-x", "z", "spectrum", 0.12, 4, 0.95)
     assert task.environment[1].wood.splinters.force == (10.0, 25.0)
     assert lower.until == ContactCondition(True, 4.0, 0.1, "object") and lower.otherwise == "next"
     assert press.until == ReachedCondition(0.01, 0.05)

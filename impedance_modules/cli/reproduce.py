@@ -27,7 +27,11 @@ if TYPE_CHECKING:
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/thesis"), show_default=True, help="Pages."
 )
-@click.option("--keep", type=click.Path(path_type=Path), help="Keep the recordings in this folder.")
+@click.option(
+    "--keep",
+    type=click.Path(path_type=Path),
+    help="Keep recordings and single runs here; started again, the same program goes on from there.",
+)
 def command(
     name: str | None, listed: bool, full: bool, short: bool, seed: int, out: Path, keep: Path | None
 ) -> int:

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impedance_modules.experiments.displaced_hand import TASK, Displaced, displace
+from impedance_modules.experiments.hand_inertia import POSTURES, ellipsoid_plot, hand_inertia, mass_table
 from impedance_modules.experiments.lost_support import (
     AMPLE,
     LOST,
@@ -16,11 +17,8 @@ from impedance_modules.experiments.lost_support import (
     press_and_lose,
 )
 from impedance_modules.experiments.page import Cell, Comparison, Page, Plot, Table, table_of
-from impedance_modules.experiments.pushing import only_arm, patch_of
+from impedance_modules.experiments.pushing import patch_of
 from impedance_modules.experiments.settings import Settings, Size
-from impedance_modules.runtime.analysis import analyse_task
-from impedance_modules.runtime.assembly import assemble
-from impedance_modules.superposition.ellipsoid import linear_ellipsoid
 from impedance_modules.superposition.examples import thesis_net_stiffness
 
 Array = NDArray[np.float64]
@@ -28,7 +26,6 @@ Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
 PRINTED = {"x": (329.59, 371.68), "y": (301.5, 292.82), "z": (79.8, 81.54)}
 """Table 5.3: slopes of both directions [N/m]."""
-POSTURES = ("elbow-out", "elbow-up", "arm-stretched")
 PRESSES = ("soft-deep", "stiff-shallow")
 FRICTION = "dry-friction"
 
@@ -45,14 +42,14 @@ def reproduce(settings: Settings) -> Page:
     lost = [press_and_lose(name, AMPLE, settings.seed) for name in PRESSES]
     if not quick:
         lost += [press_and_lose(name, None, settings.seed) for name in PRESSES]
-    mobilities = {name: _mobility(name) for name in POSTURES}
+    hands = {name: hand_inertia(name) for name in POSTURES}
     settings.on_progress(1.0, "done")
     first = runs[0].found[0]
     return Page(
         summary=_SUMMARY,
         comparisons=(*_stiffness_rows(runs), *_press_rows(lost)),
-        tables=(_slopes(runs), _masses(mobilities), _presses(lost)),
-        plots=(_drawn_lines(runs), _drawn_ellipses(mobilities), _drawn_losses(lost[:2])),
+        tables=(_slopes(runs), mass_table(hands), _presses(lost)),
+        plots=(_drawn_lines(runs), ellipsoid_plot(hands), _drawn_losses(lost[:2])),
         differences=_DIFFERENCES,
         facts={
             "slope_error": first.out.slope / float(runs[0].stiffness[first.axis, first.axis]) - 1.0,
@@ -60,7 +57,7 @@ def reproduce(settings: Settings) -> Page:
             "force": lost[0].force,
             "speed_soft": lost[0].speed,
             "speed_stiff": lost[1].speed,
-            **{f"anisotropy_{name}": _anisotropy(mobility) for name, mobility in mobilities.items()},
+            **{f"anisotropy_{name}": hand.anisotropy for name, hand in hands.items()},
         },
     )
 
@@ -92,16 +89,6 @@ _DIFFERENCES = (
     "**One degree of freedom.** Joint springs, the turning of the hand and the robot's late speeds are not in eq. 4.8; "
     "its peak speed is higher than the plant's."
 )
-
-
-def _mobility(task: str) -> Array:
-    assembly = assemble(task, effects=None, rate=None, scale=1.0, arm=None)
-    return analyse_task(assembly, None).arms[only_arm(assembly)].mobility
-
-
-def _anisotropy(mobility: Array) -> float:
-    values = linear_ellipsoid(mobility).half_axes
-    return float(values[-1] / values[0])
 
 
 def _stiffness_rows(runs: list[Displaced]) -> list[Comparison]:
@@ -158,16 +145,6 @@ def _slopes(runs: list[Displaced]) -> Table:
     return table_of("Force over way: slope and intercept, out and back", columns, rows)
 
 
-def _masses(mobilities: dict[str, Array]) -> Table:
-    rows: list[list[Cell]] = []
-    for name, mobility in mobilities.items():
-        masses = 1.0 / np.array([mobility[i, i] for i in range(3)])
-        principal = 1.0 / linear_ellipsoid(mobility).half_axes
-        rows.append([name, *(round(float(m), 2) for m in (*masses, *principal))])
-    columns = ("posture", "along x", "along y", "along z", "heaviest", "middle", "lightest")
-    return table_of("Apparent mass of the hand, free to turn, reflected inertia included [kg]", columns, rows)
-
-
 def _presses(lost: list[Lost]) -> Table:
     rows: list[list[Cell]] = []
     for run in lost:
@@ -206,20 +183,6 @@ def _drawn_lines(runs: list[Displaced]) -> Plot:
         axes.set(xlabel=f"{AXES[axis]} [mm]", ylabel="force [N]")
     figure.axes[0].legend(fontsize=7)
     return Plot("stiffness", "Force over way of a displaced hand (as fig. 5-2)", figure)
-
-
-def _drawn_ellipses(mobilities: dict[str, Array]) -> Plot:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    turn = np.linspace(0.0, 2.0 * np.pi, 200)
-    for axes, (name, mobility) in zip(figure.subplots(1, 3), mobilities.items(), strict=True):
-        for pair, label in (((0, 1), "x-y"), ((0, 2), "x-z")):
-            direction = np.zeros((3, turn.size))
-            direction[pair[0]], direction[pair[1]] = np.cos(turn), np.sin(turn)
-            mass = 1.0 / np.einsum("in,ij,jn->n", direction, mobility[:3, :3], direction)
-            axes.plot(mass * np.cos(turn), mass * np.sin(turn), label=label)
-        axes.set(title=name, aspect="equal", xlabel="apparent mass [kg]")
-    figure.axes[0].legend(fontsize=8)
-    return Plot("inertia", "Apparent mass of the hand by the direction of a push (fig. 4-4)", figure)
 
 
 def _drawn_losses(lost: list[Lost]) -> Plot:

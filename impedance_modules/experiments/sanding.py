@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.experiments.many import carry_out_all
 from impedance_modules.experiments.page import Page
 from impedance_modules.experiments.sanding_cases import (
     DEEP,
@@ -25,12 +22,14 @@ from impedance_modules.experiments.sanding_plots import (
     orientation_plot,
     rule_plot,
     spectrum_plot,
+    stroke_plot,
     stuck_plot,
 )
-from impedance_modules.experiments.sanding_rule import operate, score, set_bound
+from impedance_modules.experiments.sanding_rule import feel_of, operate, score, set_bound
 from impedance_modules.experiments.sanding_runs import Sanding, board_of, sand, sanding_task
 from impedance_modules.experiments.sanding_woods import Kind, draw_wood
 from impedance_modules.experiments.sanding_words import (
+    BOTH,
     DIFFERENCES,
     FREE,
     MEASURES,
@@ -46,16 +45,12 @@ from impedance_modules.runtime.assembly import Assembly
 
 Array = NDArray[np.float64]
 
-SET_ON = 1000
-"""First seed of the pieces of wood that the rule is set on; it is judged on those from the settings' seed on."""
+SET_ON, JUDGED_ON = 1000, 5000
+"""First seeds of the pieces of wood that the rule is set on, and (less the settings' seed) of those it is judged on."""
 LOWERING = 3.0
 """Time before sanding begins, in all tasks [s]."""
 STROKES = 0.3
 """Strokes towards the robot in a second [Hz]; the equilibrium's frequency."""
-WORKERS = 2
-"""Processes that sand pieces of wood side by side."""
-FEW = 4
-"""So many pieces are not worth starting processes for."""
 
 
 def reproduce(settings: Settings) -> Page:
@@ -78,6 +73,7 @@ def reproduce(settings: Settings) -> Page:
         tables=(case_table(schemes), rule_table(judged)),
         plots=(
             stuck_plot(shallow.rough, min(25.0, LOWERING + long)),
+            stroke_plot(schemes),
             spectrum_plot(schemes),
             orientation_plot(deep.rough, slanted, 7.0),
             rule_plot(judged.curves, (judged.alarms, judged.hits)),
@@ -96,39 +92,36 @@ def _until_smooth(settings: Settings) -> Assembly:
 
 def _judge(settings: Settings) -> Judged:
     """Sets the bound on some pieces of wood and counts on others."""
-    set_on, judged_on = settings.choose(1, 10, 10), settings.choose(1, 10, 100)
-    count = settings.choose(1, 3, 3)
-    seeds = [*range(SET_ON, SET_ON + set_on), *range(settings.seed, settings.seed + judged_on)]
+    set_on, judged_on = settings.choose(1, 10, 30), settings.choose(1, 10, 100)
+    count = settings.choose(1, 4, 4)
+    first = JUDGED_ON + settings.seed
+    seeds = [*range(SET_ON, SET_ON + set_on), *range(first, first + judged_on)]
     jobs = [(seed, kind, count) for seed in seeds for kind in Kind]
     scores: dict[tuple[str, Kind], list[float]] = {(m, k): [] for m in MEASURES for k in Kind}
-    for number, (job, found) in enumerate(zip(jobs, _judge_pieces(jobs), strict=True)):
-        settings.on_progress(0.4 + 0.6 * number / len(jobs), f"piece of wood {number + 1} of {len(jobs)}")
+
+    def on_done(number: int) -> None:
+        settings.on_progress(0.4 + 0.6 * number / len(jobs), f"piece of wood {number} of {len(jobs)}")
+
+    for job, found in zip(jobs, carry_out_all(_judge_piece, jobs, settings.work, on_done), strict=True):
         for measure, value in found.items():
             scores[measure, job[1]].append(value)
-    kept = {key: np.array(values) for key, values in scores.items()}
-    bound = set_bound(kept["band", Kind.SMOOTH][:set_on], kept["band", Kind.ROUGH][:set_on])
-    smooth, rough = (kept["band", kind][set_on:] for kind in (Kind.SMOOTH, Kind.ROUGH))
-    curves = {
-        name: operate(kept[measure, Kind.SMOOTH][set_on:], kept[measure, Kind.ROUGH][set_on:])
-        for measure, name in MEASURES.items()
-    }
+    smooth, rough = ({m: np.array(scores[m, kind]) for m in MEASURES} for kind in (Kind.SMOOTH, Kind.ROUGH))
+    feel = feel_of({measure: values[:set_on] for measure, values in smooth.items()})
+    worst = feel.worst(smooth), feel.worst(rough)
+    bound = set_bound(*(values[:set_on] for values in worst))
+    curves = {name: operate(smooth[m][set_on:], rough[m][set_on:]) for m, name in MEASURES.items()}
+    curves[BOTH] = operate(*(values[set_on:] for values in worst))
+    fires = [values[set_on:] < bound for values in worst]
     return Judged(
-        bound=bound,
-        hits=float(np.mean(smooth < bound)),
-        alarms=float(np.mean(rough < bound)),
+        bounds=feel.bounds(bound),
+        hits=float(np.mean(fires[0])),
+        alarms=float(np.mean(fires[1])),
+        alarmed=tuple(first + int(i) for i in np.flatnonzero(fires[1])),
         curves=curves,
         pieces=(set_on, judged_on),
+        seeds=(SET_ON, first),
         windows=count,
     )
-
-
-def _judge_pieces(jobs: list[tuple[int, Kind, int]]) -> Iterator[dict[str, float]]:
-    """Judges all pieces, side by side where there are many."""
-    if len(jobs) <= FEW:
-        yield from map(_judge_piece, jobs)
-        return
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(_judge_piece, jobs)
 
 
 def _judge_piece(job: tuple[int, Kind, int]) -> dict[str, float]:
@@ -154,9 +147,11 @@ def _facts(
         "friction_rough": float(numbers(deep.start, "friction").mean()),
         "away_upright": contact_shares(deep.rough, FREE)[1],
         "away_slanted": contact_shares(slanted, FREE)[1],
-        "bound": judged.bound,
+        "bound": judged.bounds["band"],
+        "bound_friction": judged.bounds["friction"],
         "hits": judged.hits,
         "alarms": judged.alarms,
         "area_band": judged.curves[MEASURES["band"]].area,
+        "area_both": judged.curves[BOTH].area,
         "finished_at": float(finished.time[-1]),
     }

@@ -3,15 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.signal import detrend
 
 from impedance_modules.experiments.page import Plot
 from impedance_modules.experiments.sanding_cases import Scheme, numbers, spectrum
 from impedance_modules.experiments.sanding_rule import Operating
 from impedance_modules.experiments.sanding_runs import Sanding
+from impedance_modules.runtime.roughness.windows import LENGTH, SAMPLE_RATE, Window
 
 CASE_COLOURS = ("C3", "C0", "C2")
 
@@ -43,16 +46,60 @@ def stuck_plot(run: Sanding, until: float) -> Plot:
     )
 
 
+def stroke_plot(schemes: Mapping[str, Scheme], seconds: float = 7.0) -> Plot:
+    """Draws place, velocity and force of some strokes at both depths, judged windows shaded (fig. 5-10, 5-12)."""
+    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+    rows = figure.subplots(4, len(schemes), sharex="col", squeeze=False)
+    for column, (name, scheme) in zip(rows.T, schemes.items(), strict=True):
+        run = scheme.rough
+        first = scheme.start[0].start - 1.8
+        part = (run.time >= first) & (run.time <= first + seconds)
+        time = run.time[part]
+        lines = (
+            (1e3 * run.place[part, 0], "x [mm]"),
+            (run.velocity[part, 0], "velocity [m/s]"),
+            (run.touched.force[part, 0], "tangential [N]"),
+            (run.touched.force[part, 2], "normal [N]"),
+        )
+        for axes, (values, label) in zip(column, lines, strict=True):
+            axes.plot(time, values, color="C0", linewidth=0.8)
+            axes.set_ylabel(label)
+            for window in run.windows:
+                if first <= window.start <= first + seconds - LENGTH:
+                    axes.axvspan(window.start, window.start + LENGTH, color="C3", alpha=0.15)
+        column[0].set_title(name)
+        column[-1].set_xlabel("time [s]")
+    return Plot(
+        "strokes",
+        "First free strokes on rough wood; red: the windows of strokes towards the robot that are judged, from where "
+        "the hand breaks away (thesis fig. 5-10 and 5-12); forces as estimated from joint efforts",
+        figure,
+    )
+
+
+def _mean_in_time(axes: Axes, run: Sanding, windows: Sequence[Window], colour: str) -> None:
+    """Draws mean and deviation of the detrended tangential force over a window."""
+    count = round(LENGTH * SAMPLE_RATE)
+    firsts = [int(np.searchsorted(run.time, window.start - 1e-9)) for window in windows]
+    force = np.array([detrend(run.touched.force[first : first + count, 0]) for first in firsts])
+    since = np.arange(count) / SAMPLE_RATE
+    mean, deviation = force.mean(axis=0), force.std(axis=0)
+    axes.plot(since, mean, color=colour, linewidth=0.9)
+    axes.fill_between(since, mean - deviation, mean + deviation, color=colour, alpha=0.2)
+
+
 def spectrum_plot(schemes: Mapping[str, Scheme]) -> Plot:
-    """Draws mean spectra and the two measures of every case, one row per depth (fig. 5-11, 5-13)."""
-    figure = Figure(figsize=(9.5, 3.0 * len(schemes)), layout="constrained")
-    rows = figure.subplots(len(schemes), 3, squeeze=False, width_ratios=(2, 1, 1))
-    for (name, scheme), (lines, bands, frictions) in zip(schemes.items(), rows, strict=True):
+    """Draws the force in time, mean spectra and the two measures of every case, a row per depth (fig. 5-11, 5-13)."""
+    figure = Figure(figsize=(12.0, 3.0 * len(schemes)), layout="constrained")
+    rows = figure.subplots(len(schemes), 4, squeeze=False, width_ratios=(2, 2, 1, 1))
+    for (name, scheme), (course, lines, bands, frictions) in zip(schemes.items(), rows, strict=True):
         for colour, (case, windows) in zip(CASE_COLOURS, scheme.cases.items(), strict=True):
+            _mean_in_time(course, scheme.smooth if windows is scheme.plain else scheme.rough, windows, colour)
             nu, amplitude = spectrum(windows)
             lines.plot(nu[1:], amplitude[1:], color=colour, label=f"{case} ({len(windows)})")
         lines.axvspan(15.0, 25.0, color="0.9")
-        lines.set(title=name, xlim=(0, 40), xlabel="Hz", ylabel="amplitude [N]")
+        course.set(title=name, xlabel="since the hand broke away [s]", ylabel="tangential, detrended [N]")
+        lines.set(title="spectrum", xlim=(0, 40), xlabel="frequency [Hz]", ylabel="amplitude [N]")
         lines.legend(fontsize=7)
         for axes, measure, title in (
             (bands, "band", "15-25 Hz [N rms]"),
@@ -68,8 +115,8 @@ def spectrum_plot(schemes: Mapping[str, Scheme]) -> Plot:
             axes.set_title(title, fontsize=9)
     return Plot(
         "spectra",
-        "Tangential force in windows of 0.8 s: mean spectra, and both measures with their deviations, at both "
-        "depths (thesis fig. 5-11 and 5-13)",
+        "Tangential force in windows of 0.8 s, at both depths: its course (mean and deviation of the windows), mean "
+        "spectra, and both measures with their deviations (thesis fig. 5-11 and 5-13)",
         figure,
     )
 

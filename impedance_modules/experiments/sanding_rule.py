@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""A rule that says "finished": set on some pieces of wood, judged on others.
 
-The rule fires where the mean of a measure over a run's first windows stays below a bound. The bound is the one that,
-on the pieces it is set on, makes the share of smooth pieces on which it fires less the share of rough ones largest,
-halfway between the pieces to either side; the lowest of equals. A piece that gives too few windows (stuck, out of
-contact) is not finished.
+A piece's score by one measure is the measure's mean over a run's first windows. On a soft backing a texture hardly
+presses back and the spectrum says little; on slippery wood that is rough the coefficient of friction says little. The
+rule therefore asks both: the worse of the two,
+
+    z = max_m (s_m - mean_m) / deviation_m,    mean and deviation over the smooth pieces that it is set on,
+
+must stay below a bound: the wood must feel like smooth wood in every way. The bound is the one that, on the pieces it
+is set on, makes the share of smooth pieces on which it fires less the share of rough ones largest, halfway between the
+pieces to either side; the lowest of equals. A piece that gives too few windows (stuck, out of contact) is not finished.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +37,34 @@ class Operating:
     false: Array
     true: Array
     area: float
+
+
+@dataclass(frozen=True)
+class Feel:
+    """What smooth wood feels like.
+
+    Attributes:
+        mean, deviation: Measure -> over smooth pieces.
+    """
+
+    mean: Mapping[str, float]
+    deviation: Mapping[str, float]
+
+    def worst(self, scores: Mapping[str, Array]) -> Array:
+        """How far pieces are from smooth wood by their worse measure (m,), in deviations of smooth pieces."""
+        away = [(values - self.mean[name]) / self.deviation[name] for name, values in scores.items()]
+        return np.asarray(np.max(away, axis=0))
+
+    def bounds(self, bound: float) -> dict[str, float]:
+        """Gives what each measure must stay below where the worse one must stay below ``bound``."""
+        return {name: mean + bound * self.deviation[name] for name, mean in self.mean.items()}
+
+
+def feel_of(scores: Mapping[str, Array]) -> Feel:
+    """Takes the scores (m,) of smooth pieces by every measure; pieces without enough windows say nothing."""
+    known = {name: values[np.isfinite(values)] for name, values in scores.items()}
+    deviations = {name: max(float(values.std()), 1e-3) for name, values in known.items()}
+    return Feel({name: float(values.mean()) for name, values in known.items()}, deviations)
 
 
 def score(windows: tuple[Window, ...], measure: str, count: int) -> float:

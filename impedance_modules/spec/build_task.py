@@ -182,6 +182,7 @@ def _until(raw: Raw) -> ContactCondition | ReachedCondition | SmoothCondition:
             by=smooth["by"],
             below=float(smooth["below"]),
             windows=int(smooth["windows"]),
+            friction_below=_number(smooth, "friction_below"),
         )
     if "reached" in raw:
         return ReachedCondition(float(raw["reached"]["distance"]), float(raw["reached"]["angle"]))

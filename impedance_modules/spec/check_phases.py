@@ -141,6 +141,9 @@ def _smooth_problems(draft: Draft, at: Path) -> Iterator[Problem]:
         if along[-1] == normal[-1]:
             message = f"strokes along {along} do not run along a surface whose normal is {normal}"
             yield draft.problem((*at, "along"), message)
+        if draft.value(*at)["by"] == "friction" and "friction_below" in draft.value(*at):
+            message = "the coefficient of friction has its bound in 'below' already"
+            yield draft.problem((*at, "friction_below"), message, ("by: spectrum",), at="key")
 
 
 def _moves_somewhere(draft: Draft, at: Path) -> bool:

@@ -249,6 +249,8 @@ class SmoothCondition:
         by: ``spectrum`` (tangential force around 20 Hz, rms [N]) or ``friction`` (its coefficient).
         below: What the mean over the last windows must stay below [N] or [1].
         windows: How many windows.
+        friction_below: What the coefficient of friction must stay below, too, where ``by`` is ``spectrum``; None where
+            it does not count.
     """
 
     target: str
@@ -257,6 +259,7 @@ class SmoothCondition:
     by: str
     below: float
     windows: int
+    friction_below: float | None = None
 
 
 @dataclass(frozen=True)

@@ -60,11 +60,7 @@ def _slides(settings: Settings, flat: Slide, phases: int) -> dict[tuple[str, str
         jobs[mode, "over"] = played
         if settings.size is not Size.SHORT:
             jobs[mode, "flat"] = replace(played, surfaces=surfaces)
-    done = slide_all(
-        list(jobs.values()),
-        lambda count: settings.on_progress(0.3 * count / len(jobs), "three ways over bar and block"),
-        processes=1 if settings.size is Size.SHORT else None,
-    )
+    done = slide_all(list(jobs.values()), settings, (0.0, 0.2), "three ways over bar and block")
     return {("impedance", "flat"): flat, **dict(zip(jobs, done, strict=True))}
 
 

@@ -29,9 +29,7 @@ def friction_table(settings: Settings) -> tuple[Table, dict[float, float]]:
     ways: list[tuple[float, Path | None]] = [(mu, None) for mu in COEFFICIENTS]
     ways += [(mu, worn) for mu in COEFFICIENTS[:3]]
     jobs = [_job(task, mu, patch, settings.seed) for mu, patch in ways for task in (FLAT, OVER)]
-    done = slide_all(
-        jobs, lambda count: settings.on_progress(0.25 + 0.1 * count / len(jobs), "other frictions")
-    )
+    done = slide_all(jobs, settings, (0.2, 0.3), "other frictions")
     rows: list[list[Cell]] = []
     found: dict[float, float] = {}
     for (mu, patch), flat, over in zip(ways, done[::2], done[1::2], strict=True):

@@ -93,9 +93,7 @@ def how_robust(flat: Slide, settings: Settings) -> Robustness:
         for way, size in sizes.items()
         for i, row in enumerate(errors[:size])
     ]
-    done = slide_all(
-        jobs, lambda count: settings.on_progress(0.6 + 0.4 * count / len(jobs), "over wrong maps")
-    )
+    done = slide_all(jobs, settings, (0.4, 1.0), "over wrong maps")
     slides, start = {}, 0
     for way, size in sizes.items():
         slides[way] = tuple(done[start : start + size])

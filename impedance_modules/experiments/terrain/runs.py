@@ -3,16 +3,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.experiments.many import carry_out_all
+from impedance_modules.experiments.settings import Settings
 from impedance_modules.experiments.task_run import watch_task
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.playback import JointPath
@@ -164,26 +163,18 @@ def _slide(rows: Sequence[Array], stopped: str, collisions: tuple[tuple[float, s
     return Slide(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7], table[:, 8:], stopped, collisions)
 
 
-def slide_all(
-    jobs: Sequence[Job], on_done: Callable[[int], None], *, processes: int | None = None
-) -> list[Slide]:
-    """Makes many slides, on as many processes as there are processors (at most four); results in order.
+def slide_all(jobs: Sequence[Job], settings: Settings, share: tuple[float, float], doing: str) -> list[Slide]:
+    """Makes many slides side by side; results in order.
 
     Args:
         jobs: What to do.
-        on_done: Called with how many are done.
-        processes: One does everything here.
+        settings: Of the experiment; its folder keeps the slides.
+        share: Of the experiment that is done before and after them, for its progress.
+        doing: What to say meanwhile.
     """
-    count = min(4, os.cpu_count() or 1) if processes is None else processes
-    if count == 1 or len(jobs) == 1:
-        found = []
-        for number, job in enumerate(jobs):
-            found.append(slide(job))
-            on_done(number + 1)
-        return found
-    found = []
-    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for number, result in enumerate(pool.map(slide, jobs)):
-            found.append(result)
-            on_done(number + 1)
-    return found
+    first, last = share
+
+    def on_done(count: int) -> None:
+        settings.on_progress(first + (last - first) * count / len(jobs), doing)
+
+    return carry_out_all(slide, jobs, settings.work, on_done)

@@ -42,10 +42,7 @@ def threshold_tables(flat: Slide, settings: Settings) -> list[Table]:
         for mode in ("position", "velocity")
         for factor in SENSITIVITIES
     }
-    done = slide_all(
-        list(jobs.values()),
-        lambda count: settings.on_progress(0.3 + 0.3 * count / len(jobs), "other thresholds"),
-    )
+    done = slide_all(list(jobs.values()), settings, (0.3, 0.4), "other thresholds")
     runs = dict(zip(jobs, done, strict=True))
     return [_position_table(runs, spec), _velocity_table(runs, flat)]
 
