@@ -5,7 +5,8 @@ Usage: python -m benchmarks.double_diagnosed [CASE ...]
 
 In process and in lock-step, as fast as the machine allows: two recordings of one motion of the right arm, one of
 another, held out, at 200 Hz. About a minute of processor time per case. The spring is diagnosed without the recorded
-commands, as ``impedance baxter record`` has none: this robot compensates it, so only the joints' sensors see it.
+commands, as ``impedance baxter record`` has none: this robot compensates it, so only the joints' sensors see it. In the
+case ``nothing`` the double wears nothing.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ sys.path.insert(0, str(TESTS))
 from baxter_lockstep import run_on_the_double  # noqa: E402 - a test helper, found by the line above
 
 RATE = 200.0
+NOTHING = "nothing"
 MOTIONS = ("swing-one", "swing-one", "swing-two")
 
 CASES = {
@@ -54,13 +56,15 @@ def patch_text(effect: str) -> str:
 def recordings(effect: str, folder: Path) -> list[Path]:
     """Runs the motions on a double that wears the case."""
     patch = folder / "withheld.yaml"
-    patch.write_text(patch_text(effect))
+    if effect != NOTHING:
+        patch.write_text(patch_text(effect))
     found = []
     for number, motion in enumerate(MOTIONS):
         task = str(TESTS / "data" / f"{motion}.yaml")
         assembly = assemble(task, effects=None, rate=RATE, scale=1.0, arm=None)
         out = folder / f"{effect}-{number}"
-        run_on_the_double(assembly, out, effects=patch, seed=number, springs={})
+        worn = None if effect == NOTHING else patch
+        run_on_the_double(assembly, out, effects=worn, seed=number, springs={})
         found.append(without_commands(out, folder) if effect == "parallel_spring" else out)
     return found
 
@@ -102,15 +106,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(CASES))
-    wanted = parser.parse_args().cases or list(CASES)
-    unknown = [name for name in wanted if name not in CASES]
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join((NOTHING, *CASES)))
+    known = (NOTHING, *CASES)
+    wanted = parser.parse_args().cases or known
+    unknown = [name for name in wanted if name not in known]
     if unknown:
-        parser.error(f"no case {', '.join(unknown)} (valid: {', '.join(CASES)})")
+        parser.error(f"no case {', '.join(unknown)} (valid: {', '.join(known)})")
     for effect in wanted:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            print(f"{effect} {CASES[effect]}:\n  {diagnose(recordings(effect, folder), folder)}", flush=True)
+            print(
+                f"{effect} {CASES.get(effect, '')}:\n  {diagnose(recordings(effect, folder), folder)}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

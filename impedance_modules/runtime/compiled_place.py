@@ -33,7 +33,16 @@ from impedance_modules.runtime.compiled_memory import (
     two,
     whole,
 )
-from impedance_modules.runtime.memory import BLEND_TIME, BLENDED, CLOCK, DURATION, GRANTED, PERIOD
+from impedance_modules.runtime.memory import (
+    BLEND_TIME,
+    BLENDED,
+    CLOCK,
+    DURATION,
+    GRANTED,
+    GRIP,
+    GRIP_START,
+    PERIOD,
+)
 from impedance_modules.safety import compiled_ledger
 from impedance_modules.safety.compiled_ledger import SHORT
 
@@ -61,6 +70,7 @@ def _blend(memory: Array, at: Indices, springs: int, n: int, clock: float) -> No
         for k in range(entries):
             first = block[k]
             block[2 * entries + k] = first + part * (block[entries + k] - first)
+    time[GRIP] = time[GRIP_START] + part * (1.0 - time[GRIP_START])
     time[BLENDED] = 1.0 if clock >= time[BLEND_TIME] else 0.0
 
 

@@ -42,7 +42,7 @@ from impedance_modules.runtime.compiled_memory import (
     two,
     whole,
 )
-from impedance_modules.runtime.memory import LIFT, PERIOD, SHARE
+from impedance_modules.runtime.memory import GRIP, LIFT, PERIOD, SHARE
 from impedance_modules.safety.compiled_ledger import SCALE
 
 Array = NDArray[np.float64]
@@ -105,8 +105,10 @@ def sum_modules(
         efforts[S + L],
         efforts[S + L + 1],
     )
-    desired = one(memory, at, DESIRED)
+    desired, grip = one(memory, at, DESIRED), one(memory, at, TIME)[GRIP]
     for j in range(n):
+        efforts[S + L, j] *= grip
+        efforts[S + L + 1, j] *= grip
         desired[j] = 0.0
         for k in range(efforts.shape[0]):
             desired[j] += efforts[k, j]

@@ -33,6 +33,7 @@ from impedance_modules.runtime.memory import (
     EFFORT_NOT_FINITE,
     FINE,
     FOUND,
+    GRIP,
     PAID,
     STATE_NOT_FINITE,
     STATUS,
@@ -106,7 +107,8 @@ class Controller(CycleReadings):
         """Begins a run at its first state, with a full tank and relaxed springs.
 
         A robot seldom stands exactly where the task begins. What its springs would hold there is not given: r = 0, and
-        ``settle`` tightens them from the tank; at the start posture itself that is the first cycle.
+        ``settle`` tightens them from the tank; at the start posture itself that is the first cycle. Likewise hands on
+        which nothing acts yet begin to squeeze and to carry an object gently; hands that hold it go on.
 
         Raises:
             SafetyStop: The first state is not finite.
@@ -119,6 +121,7 @@ class Controller(CycleReadings):
         self.distances.update(state.position, state.velocity)
         memory["wind"][:] = state.effort * self.assembly.tank.compliance
         memory["motor_velocity"][:] = state.velocity
+        memory["clock"][GRIP] = float(np.any(first.acting))
         self._begin(phase, self.assembly.modules, None)
         potential = self._place(state.position)
         tank = filled_tank(self.assembly.tank, state.position, state.effort, potential)

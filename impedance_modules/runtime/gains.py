@@ -17,6 +17,8 @@ from impedance_modules.runtime.memory import (
     BLEND_TIME,
     CLOCK,
     DURATION,
+    GRIP,
+    GRIP_START,
     LIFT,
     PERIOD,
     SHARE,
@@ -28,7 +30,7 @@ Array = NDArray[np.float64]
 
 BLENDING = 0.5
 """Gains of a phase come in by minimum jerk over this time [s], or over the phase if it is shorter; the forces of the
-first one always over this time."""
+first one, and squeeze and weight of an object that nothing holds yet, always over this time."""
 
 
 def cycle_sizes(modules: TaskModules, n: int, pairs: int, delay: int) -> CycleSizes:
@@ -89,6 +91,7 @@ def write_phase(
     memory["clock"][DURATION] = motion.duration
     memory["clock"][BLEND_TIME] = min(BLENDING, motion.duration) if blend else BLENDING
     memory["clock"][CLOCK] = 0.0
+    memory["clock"][GRIP_START] = memory["clock"][GRIP]
 
 
 def _at_start(name: str, value: Array) -> Array:

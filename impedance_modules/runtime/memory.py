@@ -96,7 +96,7 @@ def float_shapes(size: CycleSizes) -> dict[str, tuple[int, ...]]:
         "efforts": (size.modules, n),
         "wrenches": (S, 6),
         "desired": (n,),
-        "clock": (8,),
+        "clock": (10,),
         "result": (7,),
         "matrix": (size.rows, n),
         "lower": (size.rows,),
@@ -125,10 +125,11 @@ def integer_shapes(size: CycleSizes) -> dict[str, tuple[int, ...]]:
     }
 
 
-DURATION, BLEND_TIME, CLOCK, PERIOD, LIFT, BLENDED, GRANTED, SHARE = range(8)
+DURATION, BLEND_TIME, CLOCK, PERIOD, LIFT, BLENDED, GRANTED, SHARE, GRIP_START, GRIP = range(10)
 """Places in ``clock``: phase duration, time over which gains blend, phase clock, control period [s]; weight
 carried [N]; 1 once the gains are those of the phase; part of the last motion that the tank granted; share of a new
-sample in the filtered rate of the springs' wind-up."""
+sample in the filtered rate of the springs' wind-up; part of squeeze and carried weight in force, when the phase
+began and now."""
 
 STATUS, ENERGY, PAID, AVAILABLE, TOO_FAST, FOUND, TRIED = range(7)
 """Places in ``result``: one of the statuses below; energy of the springs [J]; scale of the guarantee; tank level

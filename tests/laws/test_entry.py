@@ -9,12 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from impedance_modules.backends.backend import FirstState
+from impedance_modules.robot.state import RobotState
 from impedance_modules.runtime.assembly import Assembly, assemble
+from impedance_modules.runtime.controller import Controller
 from impedance_modules.runtime.gains import BLENDING
 from impedance_modules.runtime.prepare import sim_backend
 from impedance_modules.runtime.supervisor import Supervisor
 
 RATE = 500.0
+DATA = Path(__file__).parents[1] / "data"
 
 TASK = """
 format: 1
@@ -85,3 +89,34 @@ def test_springs_begin_relaxed_where_the_robot_stands_elsewhere(assembly: Assemb
 def test_springs_are_tight_at_once_where_the_task_begins(assembly: Assembly) -> None:
     supervisor, _, _ = lived(assembly, 0.0, 3)
     assert supervisor.controller.tank.spring_scale == 1.0
+
+
+def gripped(acting: float, cycles: int) -> list[np.ndarray]:
+    """Torques of squeeze and carried weight, cycle by cycle, with this much acting on every joint before [N.m]."""
+    assembly = assemble(str(DATA / "pair-box.yaml"), effects=None, rate=RATE, scale=1.0, arm=None)
+    n = assembly.model.n
+    controller = Controller(assembly)
+    parts = assembly.modules.posture.copy(), np.zeros(n), np.zeros(n)
+    controller.start(FirstState(RobotState(0.0, *parts), np.full(n, acting)), assembly.task.phases[0])
+    found = []
+    for k in range(cycles):
+        if k == cycles // 3:
+            controller.next_phase(assembly.task.phases[1])
+        controller.tick(RobotState((k + 1) / RATE, *parts))
+        found.append(controller.memory["efforts"][-2:].copy())
+    return found
+
+
+def test_an_object_is_squeezed_and_carried_gently_by_hands_that_do_not_hold_it_yet() -> None:
+    cycles = round((2.0 * BLENDING + 0.1) * RATE)
+    gently, at_once = gripped(0.0, cycles), gripped(0.01, cycles)
+    full = at_once[0]
+    assert np.abs(full).max(axis=1).min() > 0.5
+    share = np.array([now[0] @ full[0] / (full[0] @ full[0]) for now in gently])
+    for now, part in zip(gently, share, strict=True):
+        np.testing.assert_allclose(now, part * full, atol=1e-9)
+    assert share[0] < 1e-3 and share[-1] == pytest.approx(1.0, abs=1e-12)
+    # Never back and nowhere suddenly, also where the first phase is over before the hands press in full.
+    assert (np.diff(share) >= -1e-12).all() and np.diff(share).max() < 2.0 / (BLENDING * RATE)
+    for now in at_once:
+        np.testing.assert_allclose(now, full, atol=1e-12)
