@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.mistakes import refuse_mistakes, unwrapped
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.rates import one_rate
 from impedance_modules.diagnosis.repeats import group_repeats
+from impedance_modules.diagnosis.resolution import grid_of
 from impedance_modules.diagnosis.timing import common_delay, even_time, resampled
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
@@ -148,6 +149,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         gravity_compensation=episode.gravity_compensation,
         start=float(time[0] - stretch_origin(episode)),
         touching=touching(episode, time),
+        grid=np.array([grid_of(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
     )
     return log, jitter
 

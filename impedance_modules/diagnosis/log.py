@@ -37,6 +37,8 @@ class Log:
         gravity_compensation: ``robot``, ``command`` or ``none``.
         start: Of its first sample since the recording began [s]; a stretch of a recording begins later.
         touching: (N,) samples whose phase says that the robot is in contact; None without phases.
+        grid: (n,) step of the grid that positions were recorded on, over the root of the rate they were recorded
+            at [rad s^0.5]: what filters and thinning leave as it is. Zero where there is none.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Log:
     gravity_compensation: str
     start: float = 0.0
     touching: Mask | None = None
+    grid: Array | None = None
 
     @property
     def samples(self) -> int:

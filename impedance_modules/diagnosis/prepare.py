@@ -211,4 +211,5 @@ def _thinned(log: Log) -> Log:
         gravity_compensation=log.gravity_compensation,
         start=log.start,
         touching=None if log.touching is None else thin_mask(log.touching, log.rate),
+        grid=log.grid,
     )

@@ -69,8 +69,11 @@ class Payload(Effect):
         return all_rows(signals, columns, np.array([0.0, -np.inf, -np.inf, -np.inf]), np.full(4, np.inf))
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Starts at the link's origin."""
-        return (dict.fromkeys(CENTRE, 0.0),)
+        """Starts at the link's origin, at its centre of mass, and as far beyond: where things are fixed."""
+        body = signals.model.body_inertia(key)
+        centre = body[1:4] / body[0] if body[0] > 0.0 else np.zeros(3)
+        starts = [reach * centre for reach in (0.0, 1.0, 2.0)][: 3 if centre.any() else 1]
+        return tuple(dict(zip(CENTRE, map(float, start), strict=True)) for start in starts)
 
     def coefficients(
         self, values: Values, signals: Signals, key: str, port: Port

@@ -28,6 +28,9 @@ Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Real = TypeVar("Real", Array, Thin)
 
+UNSEEN = 1e-5
+"""A column smaller than this part of the largest one beside it is zero but for rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Slot:
@@ -38,12 +41,19 @@ class Slot:
         places: Group -> index of its first column there.
         scale: (p,) what its columns were divided by.
         precision: (p,) of a wide prior on its scaled coefficients; zero where there is none.
+        unseen: (p,) coefficients whose columns are zero in every recording: nothing is said about them.
     """
 
     shaped: Shaped
     places: Mapping[int, int]
     scale: Array
     precision: Array
+    unseen: Mask
+
+    @property
+    def free(self) -> int:
+        """Number of coefficients that the recordings say something about."""
+        return self.shaped.size - int(self.unseen.sum())
 
     @cached_property
     def divisor(self) -> Thin:
@@ -183,6 +193,9 @@ def slot_of(
 ) -> Slot | None:
     """Describes a draft's place; None where a column of it is nowhere other than zero.
 
+    Of a body or a base some columns may be: the weight of an arm in one plane says nothing about a centre of mass
+    beside it. Such coefficients stay what they are, about as sure as one in their own unit.
+
     Args:
         draft: The candidate.
         groups: All groups.
@@ -191,14 +204,22 @@ def slot_of(
     """
     touched = sorted({g for blocks in draft.blocks for g, group in enumerate(groups) if group in blocks})
     scale = _scale(draft)
-    if not touched or not np.all(scale > 0.0):
+    unseen = scale <= UNSEEN * scale.max(initial=0.0)
+    if not touched or unseen.all() or (unseen.any() and not _spatial(draft)):
         return None
+    scale = np.where(unseen, 1.0, scale)
     size = len(draft.lower)
     wide = links.get(draft.key[1])
     bound = wide is not None and size == len(wide)
-    precision = (scale * wide) ** -2.0 if bound and wide is not None else np.zeros(size)
+    precision = (scale * wide) ** -2.0 if bound and wide is not None else unseen.astype(float)
     shaped = Shaped(draft.candidate, draft.shape, size, draft.fixed, draft.lower, draft.upper, draft.key)
-    return Slot(shaped, {g: first[g] for g in touched}, scale, precision)
+    return Slot(shaped, {g: first[g] for g in touched}, scale, precision, unseen)
+
+
+def _spatial(draft: Draft) -> bool:
+    """Whether a draft is about a body or the base: what a motion shows of it is a matter of geometry."""
+    kinds = draft.candidate.effect.description.keys if draft.candidate is not None else ()
+    return bool({"body", "base"} & set(kinds))
 
 
 def _slots(drafts: Sequence[Draft], nuisance: Nuisance) -> tuple[dict[int, Slot], list[list[int]]]:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.candidates import Group
 from impedance_modules.diagnosis.selection.drafts import Draft
-from impedance_modules.diagnosis.selection.noise_motion import shares
+from impedance_modules.diagnosis.selection.grid import Rounding, unseen_rounding
+from impedance_modules.diagnosis.selection.noise_motion import acceleration_noise, shares
 from impedance_modules.diagnosis.selection.nuisance import Nuisance
 from impedance_modules.diagnosis.selection.whiten import Whitening, whitening_of
 
@@ -49,12 +50,24 @@ def noise_by_repeats(
         clear: Recording -> (M,) rows that count; all of them where it is missing.
     """
     shown = {pair: _both_clear(pair, prepared, clear or {}) for pair in pairs}
+    moved = np.mean([acceleration_noise(prepared[i], prepared[j]) for i, j in pairs], axis=0)
+    rounding = [unseen_rounding(prepared[i], moved, seed) for seed, (i, _) in enumerate(pairs)]
     noise = [
-        [_difference(left[i][g], left[j][g], shown[i, j]) for i, j in pairs]
-        for g in range(len(nuisance.groups))
+        [
+            _difference(left[i][g], left[j][g], shown[i, j]) + _rounded(part, group, shown[i, j])
+            for (i, j), part in zip(pairs, rounding, strict=True)
+        ]
+        for g, group in enumerate(nuisance.groups)
     ]
-    share = shares(nuisance.groups, prepared, pairs, [float(np.mean(np.concatenate(x) ** 2)) for x in noise])
+    moved = moved + np.mean([0.0 * moved if x is None else x.power for x in rounding], axis=0)
+    power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
+    share = shares(nuisance.groups, prepared, pairs, power, moved)
     return whitening_of(noise, share, edge=_edge(prepared), lost=np.zeros(len(nuisance.groups)), weak=False)
+
+
+def _rounded(rounding: Rounding | None, group: Group, shown: Mask) -> Array | float:
+    """What a grid adds to the difference of two repeats that were rounded alike."""
+    return 0.0 if rounding is None else rounding.of(group)[: len(shown)][shown]
 
 
 def _edge(prepared: Sequence[Prepared]) -> float:

@@ -33,6 +33,7 @@ def shares(
     prepared: Sequence[Prepared],
     pairs: Sequence[tuple[int, int]],
     power: Sequence[float],
+    noise: Array,
 ) -> Array:
     """Says how much stronger the noise is in each recording than in the repeats, (recordings, groups).
 
@@ -41,8 +42,8 @@ def shares(
         prepared: The recordings.
         pairs: Repeats.
         power: (groups,) of the noise that they show.
+        noise: (n,) power of the accelerations' noise.
     """
-    noise = np.mean([_acceleration_noise(prepared[i], prepared[j]) for i, j in pairs], axis=0)
     levers = [_lever(item) for item in prepared]
     measured = np.mean([levers[i] for pair in pairs for i in pair], axis=0) @ noise
     out = np.ones((len(prepared), len(groups)))
@@ -60,7 +61,7 @@ def _lever(item: Prepared) -> Array:
     return np.asarray(np.mean(mass_matrix(item.tree, item.position[::FEW]) ** 2, axis=0))
 
 
-def _acceleration_noise(one: Prepared, other: Prepared) -> Array:
+def acceleration_noise(one: Prepared, other: Prepared) -> Array:
     """Noise power of each joint's acceleration in the band, (n,)."""
     first, second = (item.band.condense(item.signals.acceleration) for item in (one, other))
     size = min(len(first), len(second))

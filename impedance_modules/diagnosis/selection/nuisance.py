@@ -2,7 +2,8 @@
 r"""What every recording may be wrong by without that being a finding: small errors with a prior.
 
 - each link's ten inertial parameters (\pm 3 %), and, of the weights that the robot compensates, \pm 3 %;
-- the instant in a period at which commands, and at which readings are stamped (\pm a fifth, \pm a tenth of a sample).
+- the instant in a period at which commands, efforts and velocities are stamped (\pm a fifth, a tenth, a quarter of a
+  sample: a driver that differentiates backwards is half a sample late, an engine's half step is a part of it).
 
 Every column is scaled to one standard deviation of its prior, so that the prior is a unit circle.
 """
@@ -34,6 +35,9 @@ TIMING_PRIOR = 0.2
 
 READING_PRIOR = 0.1
 """Likewise of the readings of effort, against those of position."""
+
+SPEED_PRIOR = 0.25
+"""Likewise of the reported velocities."""
 
 WEIGHT_PRIOR = 0.03
 """Standard deviation of the weights that the robot compensates by itself, over their size."""
@@ -132,6 +136,13 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
             lambda group: EFFORT_SIGN[group[0]] != 0.0 and first.signals.effort is not None,
             lambda item, group: (
                 EFFORT_SIGN[group[0]] * READING_PRIOR * period * item.reading_nuisance[:, [group[1]]]
+            ),
+        ),
+        _Kind(
+            1,
+            lambda group: group[0] == "velocity",
+            lambda item, group: (
+                SPEED_PRIOR * period * item.band.condense(item.signals.acceleration[:, [group[1]]])
             ),
         ),
     )

@@ -28,6 +28,9 @@ ROUNDS = 5
 CLOSE = 0.05
 """A step smaller than this part of a standard deviation is none."""
 
+PARTS = (1.0, 0.3)
+"""Of a step, those that are tried in turn: a whole one may overshoot."""
+
 REACH = 0.5
 """Longest step, as a part of the shape's value."""
 
@@ -67,7 +70,7 @@ class Refiner:
         if draft is None or slot is None:
             return None
         if like is not None:
-            slot = Slot(slot.shaped, slot.places, like.scale, like.precision)
+            slot = Slot(slot.shaped, slot.places, like.scale, like.precision, like.unseen)
         size = slot.shaped.size
         columns, fixed = [], []
         for r in range(len(self.prepared)):
@@ -113,17 +116,25 @@ class Refiner:
             return term
         best = Bench(bench.design, bench.folds, [*bench.model, term])
         for _ in range(ROUNDS):
-            moved = self._step(best)
-            if moved is None:
-                break
-            better = Bench(bench.design, bench.folds, [*bench.model, moved])
-            if _loss(better, bench) >= _loss(best, bench) - 1e-3:
+            better = self._better(best, bench)
+            if better is None:
                 break
             best = better
         return best.model[-1]
 
-    def _step(self, bench: Bench) -> Term | None:
-        """One step of the last term's shape; None where it has converged or cannot move."""
+    def _better(self, best: Bench, reference: Bench) -> Bench | None:
+        """The first of some steps of the last term's shape that leaves less; None where none does."""
+        for part in PARTS:
+            moved = self._step(best, part)
+            if moved is None:
+                return None
+            better = Bench(best.design, best.folds, [*best.model[:-1], moved])
+            if _loss(better, reference) < _loss(best, reference) - 1e-3:
+                return better
+        return None
+
+    def _step(self, bench: Bench, part: float) -> Term | None:
+        """Some part of one step of the last term's shape; None where it has converged or cannot move."""
         term, index = bench.model[-1], len(bench.model) - 1
         coefficients = bench.of(index)
         shape = dict(term.shaped.shape)
@@ -142,6 +153,7 @@ class Refiner:
                 symbol: value + float(np.clip(told[symbol] - value, -_reach(value), _reach(value)))
                 for symbol, value in shape.items()
             }
+        limited = {symbol: value + part * (limited[symbol] - value) for symbol, value in shape.items()}
         if all(abs(limited[s] - shape[s]) <= 1e-4 * max(abs(shape[s]), 1e-4) for s in shape):
             return None
         return self.term(candidate, limited)

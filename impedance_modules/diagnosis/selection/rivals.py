@@ -80,7 +80,7 @@ def contains(rival: Trial, own: Trial) -> bool:
     more, less = rival.term.candidate, own.term.candidate
     larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
     if "body" in more.effect.description.keys and "body" in less.effect.description.keys:
-        larger = rival.term.shaped.size > own.term.shaped.size
+        larger = rival.term.slot.free > own.term.slot.free
     empty = bool(more.effect.essence) and rival.seen.essence < ESSENCE_MIN and not less.effect.essence
     return more.key == less.key and (larger or empty)
 

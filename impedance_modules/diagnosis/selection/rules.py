@@ -79,7 +79,7 @@ def price(trial: Trial) -> float:
     shaped = trial.term.shaped
     samples = float(np.max(trial.bench.counts[list(trial.term.groups)]))
     searched = np.log(max(trial.bench.design.shapes[shaped.key], 1))
-    return float(0.5 * shaped.size * np.log(max(samples, 2.0)) + searched)
+    return float(0.5 * trial.term.slot.free * np.log(max(samples, 2.0)) + searched)
 
 
 def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
@@ -126,6 +126,6 @@ def disagreed(trial: Trial) -> bool:
 def _as_good(rival: Trial, trial: Trial) -> bool:
     """Whether a stand-in with no more coefficients does about as well where a candidate acts."""
     own = trial.term.groups
-    if not set(own) & set(rival.term.groups) or rival.term.shaped.size > trial.term.shaped.size:
+    if not set(own) & set(rival.term.groups) or rival.term.slot.free > trial.term.slot.free:
         return False
     return rival.reach_on(own) > trial.reach_on(own) or trial.gain < rival.gain + SPECIFIC

@@ -165,7 +165,8 @@ class Screen:
             if fixed:
                 gain = gain + b[:, size] - 0.5 * part[:, size, size]
             spread = SLACK * np.sqrt(np.clip(np.einsum("npp->np", inverse), 0.0, None))
-            seen = np.all(np.einsum("npp->np", part)[:, :size] > COLLINEAR * power[chosen][:, :size], axis=1)
+            shown = np.einsum("npp->np", part)[:, :size] > COLLINEAR * power[chosen][:, :size]
+            seen = np.all(shown | np.array([slot.unseen for slot in some]), axis=1)
             out += _looks(bench, some, (found, spread, gain), seen, held)
         return out
 
@@ -190,6 +191,6 @@ def _looks(
         samples = float(np.sum(bench.counts[touched]))
         gain = -0.5 * samples * float(np.log(max(1.0 - 2.0 * gains[i] / samples, 1e-6)))
         power = float(2.0 * gains[i] / np.min(bench.weights[touched]))
-        worth = gain - 0.5 * slot.shaped.size * float(np.log(max(samples, 2.0)))
+        worth = gain - 0.5 * slot.free * float(np.log(max(samples, 2.0)))
         out.append(Look(slot, gain, power, bool(physical[i]), worth))
     return out

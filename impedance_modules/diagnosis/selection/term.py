@@ -84,7 +84,7 @@ def part_of(term: Term, kept: NDArray[np.intp]) -> Term:
         slot.shaped, size=len(kept), lower=slot.shaped.lower[kept], upper=slot.shaped.upper[kept]
     )
     return Term(
-        slot=Slot(shaped, slot.places, slot.scale[kept], slot.precision[kept]),
+        slot=Slot(shaped, slot.places, slot.scale[kept], slot.precision[kept], slot.unseen[kept]),
         columns=tuple({g: block[:, kept] for g, block in found.items()} for found in term.columns),
         fixed=term.fixed,
     )
