@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.rates import one_rate
 from impedance_modules.diagnosis.repeats import group_repeats
 from impedance_modules.diagnosis.resolution import grid_of
+from impedance_modules.diagnosis.stamps import steady_stamps
 from impedance_modules.diagnosis.timing import common_delay, even_time, resampled
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
@@ -110,6 +111,9 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
         raise InsufficientData(f"{place}: {count} (valid: {SAMPLES_MIN} or more)")
     time, rate, jitter = even_time(episode.time, str(place), warnings)
+    stamps = _stamps(episode, model, warnings)
+    if stamps is not episode.time:
+        time, rate, _ = even_time(stamps, str(place), [])
     if rate < RATE_MIN:
         hint = (
             " (or is time in milliseconds? valid: seconds)" if 1e3 * rate >= RATE_MIN and rate < 1.0 else ""
@@ -125,7 +129,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
             if recorded and kind != "velocity":
                 warnings.append(f"{episode.name}: {kind} lacks {', '.join(missing)} and is left aside")
             return None
-        return resampled(np.column_stack([recorded[j] for j in model.joints]), episode.time, time, kind)
+        return resampled(np.column_stack([recorded[j] for j in model.joints]), stamps, time, kind)
 
     position = take("position")
     if position is None:
@@ -152,6 +156,18 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         grid=np.array([grid_of(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
     )
     return log, jitter
+
+
+def _stamps(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:
+    """When samples were taken; says so where that is not when they were stamped."""
+    joints = [joint for joint in model.joints if joint in episode.position]
+    stamps = steady_stamps(episode.time, np.column_stack([episode.position[joint] for joint in joints]))
+    if stamps is not episode.time:
+        off = 1e3 * float(np.sqrt(np.mean((stamps - episode.time) ** 2)))
+        warnings.append(
+            f"{episode.name}: stamps are off by {off:.2g} ms rms, the samples are not: taken as evenly sampled"
+        )
+    return stamps
 
 
 def _speaking(velocity: Array | None, position: Array, name: str, warnings: list[str]) -> Array | None:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from impedance_modules.diagnosis.log import InsufficientData, Log
+from impedance_modules.diagnosis.spare import most_spared
 from impedance_modules.diagnosis.stretch import cut, most_typical
 from impedance_modules.errors import BadInput
 
@@ -55,15 +56,18 @@ class Arrangement:
         return Arrangement(logs, tuple(kept), held, (*self.warnings, why))
 
 
-def arrange(logs: Sequence[Log], heldout: Collection[str], useful: float = 0.0) -> Arrangement:
+def arrange(
+    logs: Sequence[Log], heldout: Collection[str], useful: float = 0.0, run_in: float = 0.0
+) -> Arrangement:
     """Gives every log its role.
 
-    A motion and its repeats stay together. Without a named holdout the last motion is held out.
+    A motion and its repeats stay together. Without a named holdout the motion that can best be spared is held out.
 
     Args:
         logs: Admitted recordings.
-        heldout: Names of those the user holds out; empty lets the last motion be it.
-        useful: Shortest stretch that the band leaves anything of [s].
+        heldout: Names of those the user holds out; empty lets their motions decide (`spare`).
+        useful: What must be left of a stretch behind the band's filter [s].
+        run_in: What the filter throws away at each end [s].
 
     Raises:
         BadInput: All recordings are held out.
@@ -80,20 +84,18 @@ def arrange(logs: Sequence[Log], heldout: Collection[str], useful: float = 0.0) 
         if not motions:
             raise BadInput("--holdout: every recording is held out (valid: at least one LOG to fit)")
     elif len(groups) > 1:
-        *motions, tested = groups.values()
+        motions = sorted(groups.values(), key=lambda found: found[0].name)
+        tested = motions.pop(most_spared(motions))
     else:
         motions, tested = list(groups.values()), []
         warnings.append("one motion only: held-out parts are stretches of the same recording")
     if not tested or len(motions) == 1:
-        return _stretched(motions[0], tested, warnings, useful)
+        return _stretched(tested, warnings, cut(motions[0], useful, run_in))
     return _numbered(motions, tested, warnings)
 
 
-def _stretched(
-    motion: Sequence[Log], tested: Sequence[Log], warnings: list[str], useful: float
-) -> Arrangement:
-    """Cuts the only fitted motion into stretches of time, the same ones of each repeat."""
-    pieces = cut(motion, useful)
+def _stretched(tested: Sequence[Log], warnings: list[str], pieces: list[list[Log]]) -> Arrangement:
+    """Takes stretches of the only fitted motion, the same ones of each repeat, as motions."""
     if tested:
         warnings.append("one fitted motion only: the folds are stretches of it")
         return _numbered(pieces, tested, warnings)

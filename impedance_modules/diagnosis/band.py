@@ -97,8 +97,13 @@ class Band:
 
 
 def least_duration(cutoff: float, rows: int) -> float:
-    """About how long a recording must be [s] for so many samples in the band to be left of it."""
-    return (rows / 2.5 + 2.0 * REACH) / cutoff
+    """About how long a stretch [s] so many samples in the band make."""
+    return rows / 2.5 / cutoff
+
+
+def filter_length(cutoff: float) -> float:
+    """About what the band's filter throws away at each end of a recording [s]."""
+    return REACH / cutoff
 
 
 def thin(values: Array, rate: float) -> tuple[Array, float]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.admit import admit
 from impedance_modules.diagnosis.arrange import Arrangement, arrange
 from impedance_modules.diagnosis.aside import both, contact_aside, contact_note
-from impedance_modules.diagnosis.band import choose_cutoff, least_duration
+from impedance_modules.diagnosis.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.causes import name_causes
 from impedance_modules.diagnosis.conclude import conclude
 from impedance_modules.diagnosis.contact import find_pushes, moments_clear
@@ -82,7 +82,8 @@ def diagnose(
     progress("admitting the recordings")
     logs, report = admit(episodes, model)
     cutoff = choose_cutoff(logs)
-    arrangement = arrange(logs, heldout, least_duration(cutoff, ROWS_MIN))
+    run_in = filter_length(cutoff)
+    arrangement = arrange(logs, heldout, least_duration(cutoff, ROWS_MIN + 2), run_in)
     progress("computing residuals")
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
     prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)

@@ -12,7 +12,7 @@ FINEST = 1e-9
 """Differences below it are rounding of the file [rad]."""
 
 FEWEST = 20
-"""Fewer places than this say nothing about a grid."""
+"""Fewer gaps than this say nothing about a grid."""
 
 NEAR = 20.0
 """Gaps of up to so many steps are compared with whole numbers of them."""
@@ -32,4 +32,4 @@ def grid_of(positions: Array) -> float:
     near = gaps[gaps < NEAR * step]
     counts = near / step
     on_grid = np.abs(counts - np.round(counts)) < 0.02 + FINEST / step
-    return float(np.median(near / np.round(counts))) if len(near) > 0.5 * len(gaps) and on_grid.all() else 0.0
+    return float(np.median(near / np.round(counts))) if len(near) >= FEWEST and on_grid.all() else 0.0

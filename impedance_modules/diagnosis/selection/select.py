@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from impedance_modules.diagnosis.physical import can_exist
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.design import Design, Slot
+from impedance_modules.diagnosis.selection.geared import geared
 from impedance_modules.diagnosis.selection.pairs import find_pair
 from impedance_modules.diagnosis.selection.refine import Refiner
 from impedance_modules.diagnosis.selection.rules import (
@@ -80,6 +81,8 @@ class Selector:
         self._bodies = {body.link: body.inertia for body in refiner.prepared[0].tree.bodies}
         self.screen = Screen(design, [index for fold in folds for index in fold])
         self._stood: tuple[Bench | None, list[Trial]] = (None, [])
+        self._tried: tuple[Bench | None, list[Trial]] = (None, [])
+        self._looks: tuple[Bench | None, list[Look]] = (None, [])
 
     def on(self, design: Design) -> Selector:
         """The same search on a design with other rows."""
@@ -92,7 +95,9 @@ class Selector:
 
     def run(self, progress: Callable[[str], None]) -> Selection:
         """Accepts causes until the next one does not earn its place, then exchanges and removes."""
-        model: list[Term] = []
+        model = list(geared(self.bench([]), self.bench, self.trials, self.objection))
+        for term in model:
+            progress(f"found {term.key[0]} on {term.key[1]}")
         refusal: Refusal | None = None
         while len(model) < CAUSES_MAX:
             bench = self.bench(model)
@@ -148,10 +153,8 @@ class Selector:
 
     def _next(self, bench: Bench) -> tuple[Term | None, Refusal | None]:
         """The best candidate that earns its place, or why there is none."""
-        looks = self.screen.look(bench)
-        trials = [self.trial(bench, slot) for slot in promising(looks, TRIED)]
-        trials = self.refined(bench, trials)
-        stand_ins = self.stand_ins(bench, looks)
+        trials = self.trials(bench)
+        stand_ins = self.stand_ins(bench, self._looked(bench))
         refusal: Refusal | None = None
         for trial in by_merit(trials):
             reason = objection(trial, stand_ins) or self.impossible(trial)
@@ -159,6 +162,19 @@ class Selector:
                 return trial.term, None
             refusal = refusal or Refusal(trial, reason)
         return None, refusal
+
+    def trials(self, bench: Bench) -> list[Trial]:
+        """Tries the most promising candidates beside a model, in their best shapes; done once for each model."""
+        if self._tried[0] is not bench:
+            own = [self.trial(bench, slot) for slot in promising(self._looked(bench), TRIED)]
+            self._tried = (bench, self.refined(bench, own))
+        return self._tried[1]
+
+    def _looked(self, bench: Bench) -> list[Look]:
+        """First looks beside a model, taken once."""
+        if self._looks[0] is not bench:
+            self._looks = (bench, self.screen.look(bench))
+        return self._looks[1]
 
     def refined(self, bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
         """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
@@ -180,7 +196,9 @@ class Selector:
             own = try_term(bench, term)
             rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
             better = max(self.refined(bench, rivals), key=adjusted, default=own)
-            if adjusted(better) > adjusted(own) + BIC_MIN and self.objection(better) is None:
+            ahead = adjusted(better) - adjusted(own)
+            simpler = better.term.slot.free < own.term.slot.free
+            if ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None:
                 model = [*model[:index], better.term, *model[index + 1 :]]
             else:
                 model = [*model[:index], self.refiner.refine(bench, term), *model[index + 1 :]]
