@@ -24,6 +24,10 @@ Array = NDArray[np.float64]
 WEIGHTY = 0.05
 """Part of the gap that a cause must explain for its rivals to make the whole answer ambiguous."""
 
+KNOWN, NEAR = 0.5, 6.0
+"""Part of the gap that causes must explain, and residual power over noise that they may leave, for it to be ambiguous
+which, where more than noise is left."""
+
 
 def conclude(
     evidence: Evidence, causes: tuple[Cause, ...], model: NominalModel, report: DataReport
@@ -60,7 +64,9 @@ def _middle(evidence: Evidence, model: NominalModel) -> dict[str, float]:
 def _verdict(causes: Sequence[Cause], remainder: Remainder) -> str:
     if not causes:
         return "no_gap" if remainder.explained else "unexplained"
-    if any(cause.equivalent and cause.weight >= WEIGHTY for cause in causes):
+    near = remainder.lack_of_fit <= NEAR and sum(cause.weight for cause in causes) >= KNOWN
+    known = remainder.explained or near
+    if known and any(cause.equivalent and cause.weight >= WEIGHTY for cause in causes):
         return "ambiguous"
     return "explained" if remainder.explained else "partly_explained"
 

@@ -25,6 +25,7 @@ from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
 from impedance_modules.diagnosis.rollout.stage import with_rollouts
 from impedance_modules.diagnosis.selection.candidates import list_candidates, shapes_of
+from impedance_modules.diagnosis.selection.confirm import confirmed
 from impedance_modules.diagnosis.selection.design import build_design
 from impedance_modules.diagnosis.selection.drafts import Draft, draft_candidates
 from impedance_modules.diagnosis.selection.floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
@@ -173,6 +174,7 @@ def _search(
             selector, found = narrowed, again
         else:
             pushes = ()  # what the causes explain better on the very same rows was no push
+    found = replace(found, causes=confirmed(selector, found.causes, arrangement.heldout))
     bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
     if pairs:
@@ -208,9 +210,24 @@ def _floor(  # noqa: PLR0917 - all of them belong together
     return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
 
 
+FOLLOWS_COMMAND = ("torque_gain", "controller_gain")
+"""Effects in proportion to what was asked for, which a flexible model may not use.
+
+A command knows the motion without the noise of its differences, and an inertia's column with it: together they are
+that noise, and would take it from any floor.
+"""
+
+
 def _simple(drafts: Sequence[Draft]) -> list[Draft]:
     """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
-    return [draft for draft in drafts if not draft.shape and draft.width <= 3 and len(draft.blocks[0]) == 1]
+    return [
+        draft
+        for draft in drafts
+        if not draft.shape
+        and draft.width <= 3
+        and len(draft.blocks[0]) == 1
+        and not (draft.key[0] in FOLLOWS_COMMAND and draft.key[2] == "actuator")
+    ]
 
 
 def insufficient(robot: str, episodes: Sequence[str], reason: str) -> Diagnosis:

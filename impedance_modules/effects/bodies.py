@@ -90,6 +90,14 @@ class Payload(Effect):
         centre = coefficients[1:] / m if m > 0.0 else np.zeros(3)
         return {"m": m, **dict(zip(CENTRE, map(float, centre), strict=True))}
 
+    def out_of_reach(self, coefficients: Array, spread: Array, reach: float) -> str | None:
+        """First moments need a mass near enough: |m c| <= m reach."""
+        mass = max(float(coefficients[0]), 0.0) + float(spread[0])
+        moment = float(np.linalg.norm(coefficients[1:]))
+        return (
+            None if moment <= mass * reach else "its first moments need more mass than there is within reach"
+        )
+
     def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Adds point masses to links."""
         changes = [

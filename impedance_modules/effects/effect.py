@@ -96,6 +96,10 @@ class Effect(ABC):
     ) -> Regressor | None:
         """Computes the columns in one residual; None where the effect cannot show or is not recorded."""
 
+    def out_of_reach(self, coefficients: Array, spread: Array, reach: float) -> str | None:
+        """Says why coefficients (p,), known to (p,), ask for a place beyond a reach [m]; None where they do not."""
+        return None
+
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
         """Says why a shape cannot be seen through a position sensor's grid [rad]; None where it can."""
         return None
@@ -150,6 +154,12 @@ WAY = "way"
 SHORT_WAYS = (0.03, 0.1, 0.2)
 """Displacements tried, in multiples of the distance that the turnover's speed goes in a second."""
 
+TURN = "turn"
+"""Shape: how much wider than usual the speed is over which dry friction turns over; missing where it is not."""
+
+WIDE_TURNS = (3.0, 7.0)
+"""Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
+
 
 class JointLaw(Effect):
     """A torque that one joint consumes by a law of its own motion.
@@ -183,6 +193,9 @@ class JointLaw(Effect):
         way = float(shape.get(WAY, 0.0))
         if way > 0.0:
             sample = replace(sample, bristles=signals.bristles(joint, way, motor_side=port == "actuator"))
+        turn = float(shape.get(TURN, 0.0))
+        if turn > 0.0:
+            sample = replace(sample, turnover=turn * sample.turnover)
         return one_row(joint, self.basis(sample, shape), None, *self.bounds())
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
@@ -192,11 +205,16 @@ class JointLaw(Effect):
     def ways(
         self, signals: Signals, key: str, shapes: tuple[dict[str, float], ...]
     ) -> tuple[dict[str, float], ...]:
-        """Lets every shape of a dry law turn over a speed, and over a way."""
+        """Lets every shape of a dry law turn over a speed, and over a way; a law of one number over wider speeds."""
         if not self.dry:
             return shapes
         second = float(smoothing(signals.model.sliding)[signals.joint(key)])
-        return (*shapes, *({**shape, WAY: way * second} for way in SHORT_WAYS for shape in shapes))
+        over_ways = [{**shape, WAY: way * second} for way in SHORT_WAYS for shape in shapes]
+        return (
+            *shapes,
+            *over_ways,
+            *({TURN: turn} for turn in WIDE_TURNS if len(self.description.symbols) == 1),
+        )
 
     def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Puts the same law on the plant's joints, as a torque against the motion."""

@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from impedance_modules.diagnosis.physical import can_exist
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.design import Design, Slot
@@ -24,6 +26,7 @@ from impedance_modules.diagnosis.selection.rules import (
 from impedance_modules.diagnosis.selection.screen import Look, Screen
 from impedance_modules.diagnosis.selection.term import Term, term_of
 from impedance_modules.diagnosis.selection.trial import Trial, try_term
+from impedance_modules.effects.effect import JointLaw
 
 CAUSES_MAX = 30
 """More are not looked for."""
@@ -39,6 +42,10 @@ STAND_INS = 6
 
 ESSENCE_MIN = 12.0
 """Least chi-square of what makes an effect this effect: three and a half standard deviations of one number."""
+
+
+FAR = 1.5
+"""Farthest place of a load on a link, over the robot's longest link."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +85,9 @@ class Selector:
     ) -> None:
         """Prepares the first look."""
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
-        self._bodies = {body.link: body.inertia for body in refiner.prepared[0].tree.bodies}
+        bodies = refiner.prepared[0].tree.bodies
+        self._bodies = {body.link: body.inertia for body in bodies}
+        self._reach = FAR * max(float(np.linalg.norm(body.translation)) for body in bodies) or float("inf")
         self.screen = Screen(design, [index for fold in folds for index in fold])
         self._stood: tuple[Bench | None, list[Trial]] = (None, [])
         self._tried: tuple[Bench | None, list[Trial]] = (None, [])
@@ -137,6 +146,8 @@ class Selector:
 
     def unphysical(self, trial: Trial) -> str | None:
         """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
+        if any(_holds(other, trial.term) for other in trial.bench.model):
+            return "another cause on the same joint contains it"
         if trial.outside or disagreed(trial):
             return "its parameters are at the end of what is physical, or beyond"
         term, effect = trial.term, trial.term.candidate.effect
@@ -144,7 +155,10 @@ class Selector:
         change = trial.coefficients.mean(axis=0) / term.slot.scale
         if body is not None and len(change) == len(body) and not can_exist(body, change):
             return "no body has such an inertia: its mass would be negative somewhere"
-        reason = effect.unresolved(term.shaped.shape, self.resolution)
+        spread = trial.seen.spread / term.slot.scale
+        reason = effect.unresolved(term.shaped.shape, self.resolution) or effect.out_of_reach(
+            change, spread, self._reach
+        )
         if reason is not None:
             return reason
         signals = self.refiner.prepared[0].signals
@@ -211,3 +225,12 @@ class Selector:
             if self.objection(try_term(self.bench(rest), term)) is not None:
                 model = rest
         return model
+
+
+def _holds(one: Term, other: Term) -> bool:
+    """Whether one law of friction has the other's numbers among its own: they would share them out at will."""
+    laws = [term.candidate.effect for term in (one, other)]
+    if one.key[1:] != other.key[1:] or not all(isinstance(law, JointLaw) and law.dry for law in laws):
+        return False
+    more, less = (set(law.description.symbols) for law in laws)
+    return more > less

@@ -44,11 +44,13 @@ class Seen:
         gain: [nats].
         essence: Chi-square of what makes it this effect.
         displaced: A term of the model beside it that it drives out of its physical bounds; None where it does not.
+        spread: (p,) standard deviations of its coefficients, scaled.
     """
 
     gain: float
     essence: float
     displaced: Term | None
+    spread: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +226,8 @@ def _seen(bench: Bench, term: Term) -> Seen:
     own = float(term.slot.precision @ more**2)
     known = _sharpening(bench, term, squares)
     gain = float(0.5 * (bench.counts @ ratio + prior - own))
-    return Seen(gain, known * _essence(term, more, covariance), _displaced(bench, found))
+    spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    return Seen(gain, known * _essence(term, more, covariance), _displaced(bench, found), spread)
 
 
 def _displaced(bench: Bench, coefficients: Array) -> Term | None:

@@ -34,8 +34,11 @@ FLAT = 0.8
 EDGE = 0.6
 """... and from where to there its noise stands for that beyond, which no one shall dig out again."""
 
-SEGMENT = 64
-"""Samples over which a spectrum is taken."""
+SEGMENT, SEGMENTS, SHORT = 64, 3, 16
+"""Samples over which a spectrum is taken; fewer, but not below the last, where a piece has less than so many segments.
+
+One periodogram alone is as rough as it is large, and a filter made of it digs out what happened to be quiet.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +128,8 @@ def _filtered(piece: Array, taps: Array) -> Array:
 
 def _spectrum(pieces: Sequence[Array]) -> tuple[Array, Array]:
     """Frequencies [cycles per sample] and mean power density of all pieces, white noise's being its variance."""
-    size = min(SEGMENT, *(len(piece) for piece in pieces))
+    shortest = min(len(piece) for piece in pieces)
+    size = min(SEGMENT, shortest, max(shortest // SEGMENTS, SHORT))
     found = [welch(piece, fs=1.0, nperseg=size, detrend=False, return_onesided=False)[1] for piece in pieces]
     frequency = np.abs(np.fft.fftfreq(size))
     weights = [len(piece) for piece in pieces]
