@@ -30,6 +30,8 @@ def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(tmp_path: P
     # The surface feels the predicted masses, within what springs and controller add during the touch.
     assert abs(facts["ratio of mass felt"] / facts["ratio of predicted mass"] - 1.0) < 0.1
     assert 1.2 < facts["ratio of mass felt"] < 1.8
+    # Masses felt, change of speed and contact time together are what the mean force is.
+    assert abs(facts["steps"] / facts["ratio of mean force, same contact time"] - 1.0) < 1e-9
     assert facts["ratio of peak force"] < facts["ratio of mean force, same contact time"]
 
 

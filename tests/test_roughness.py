@@ -108,6 +108,7 @@ def test_the_command_prints_and_writes_what_the_windows_say(tmp_path: Path) -> N
         (["--along", "y"], {}, "too few windows: 0"),
         (["--hand", "thumb"], {}, "no force on 'thumb'"),
         (["--along", "up"], {}, "'up' is no direction"),
+        (["--from", "5", "--to", "4"], {}, "no time lies between"),
     ],
 )
 def test_a_request_that_cannot_be_met_says_what_is_missing(tmp_path, options, kept, missing) -> None:

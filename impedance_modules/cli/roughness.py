@@ -44,13 +44,17 @@ def command(
 
     Exit: 0 done, 2 no contact, no force, or too few windows.
     """
+    from impedance_modules.episode.folder import the_episode
     from impedance_modules.episode.reader import read_episode
+    from impedance_modules.errors import BadInput
     from impedance_modules.runtime.roughness.recorded import judge_roughness, touched_by
     from impedance_modules.runtime.roughness.windows import way_of
 
+    if not since < until:
+        raise BadInput(f"--from {since:g} --to {until:g}: no time lies between (valid: --from before --to)")
     ways = None if along is None else way_of(along), way_of(normal)
     touched = touched_by(
-        read_episode(episode, kinds=("position", "velocity", "effort", "wrench", "pose")), hand
+        read_episode(the_episode(episode), kinds=("position", "velocity", "effort", "wrench", "pose")), hand
     )
     found = judge_roughness(touched, *ways, least=windows, span=(since, until))
     if json_path is not None:

@@ -48,7 +48,7 @@ _ALL: tuple[Experiment, ...] = (
     Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
     Experiment(
         "impedance-controller",
-        "4",
+        "4.1 to 4.7, 5.1.3",
         "What does one impedance-controlled arm feel like?",
         "impedance_controller",
     ),
@@ -56,7 +56,7 @@ _ALL: tuple[Experiment, ...] = (
     Experiment("terrain", "5.1", "Who keeps contact with a surface that the map does not show?", "terrain"),
     Experiment("surface-map", "5.1.5, 6.2.3", "What does a hand learn of what it strokes?", "surface_map"),
     Experiment("sanding", "5.2", "Can it sand wood, and feel when the wood is smooth?", "sanding"),
-    Experiment("two-arms", "6.2.4", "Do two real arms on one object add?", "two_arms"),
+    Experiment("two-arms", "4.5, 6.2.4", "Do two real arms on one object add?", "two_arms"),
     Experiment("folding", "6.2.2", "How soft may joints be before the links fold?", "folding"),
     Experiment("under-water", "6.2.5", "What does a hand feel like under water?", "under_water"),
 )

@@ -55,10 +55,10 @@ def touches_of(episode: Episode, frame: str | None, threshold: float) -> Touches
     size = max(1, round(BLOCK / float(np.median(steps)))) if steps.size else 1
     count = len(episode) // size
     both = np.column_stack([episode.pose[hand][:, :3], episode.wrench[hand][:, :3]])
-    keep = np.isfinite(both[: count * size]).reshape(count, -1).all(axis=1)
+    keep = np.isfinite(both[: count * size]).reshape(count, both.shape[1] * size).all(axis=1)
     time, place, force = (
-        values[: count * size].reshape(count, size, -1).mean(axis=1)[keep]
-        for values in (episode.time, episode.pose[hand][:, :3], episode.wrench[hand][:, :3])
+        values[: count * size].reshape(count, size, values.shape[1]).mean(axis=1)[keep]
+        for values in (episode.time[:, None], both[:, :3], both[:, 3:])
     )
     pressed = force[:, 2] >= threshold
     if np.count_nonzero(pressed) < FEWEST:
