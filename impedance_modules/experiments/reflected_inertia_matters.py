@@ -106,14 +106,14 @@ def _mass_rows(masses: dict[str, Masses]) -> tuple[Comparison, ...]:
             reason = f"square root, as Appendix A draws it; the eigenvalue itself is {mass:.3g} kg"
             label = f"{which} apparent mass {robot} I_r, square root of the eigenvalue"
             rows.append(Comparison(label, value, round(math.sqrt(mass), 3), "kg as printed", reason))
-    for which, printed, index in (("largest", 1.58, 0), ("smallest", 1.71, 1)):
+    for which, quotient, index in (("largest", 1.58, 0), ("smallest", 1.71, 1)):
         ratio = reading.extremes("with")[index] / reading.extremes("without")[index]
         label = f"ratio of the {which} apparent masses with / without I_r, read as"
         same = "the printed ratio is one of square roots"
-        rows.append(Comparison(f"{label} square roots", printed, round(math.sqrt(ratio), 3), "", same))
-        squared = f"{printed} squared; what a touch feels"
+        rows.append(Comparison(f"{label} square roots", quotient, round(math.sqrt(ratio), 3), "", same))
+        squared = f"{quotient} squared; what a touch feels"
         rows.append(
-            Comparison(f"{label} masses", f"{printed**2:.2f} (squared)", round(ratio, 3), "", squared)
+            Comparison(f"{label} masses", f"{quotient**2:.2f} (squared)", round(ratio, 3), "", squared)
         )
     for robot, force in (("with", 3.67), ("without", 2.34)):
         mass = reading.extremes(robot)[0]
