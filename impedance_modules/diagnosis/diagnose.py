@@ -15,6 +15,7 @@ from impedance_modules.diagnosis.arrange import Arrangement, arrange
 from impedance_modules.diagnosis.aside import both, contact_aside, contact_note
 from impedance_modules.diagnosis.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.causes import name_causes
+from impedance_modules.diagnosis.compensated import compensation_note
 from impedance_modules.diagnosis.conclude import conclude
 from impedance_modules.diagnosis.contact import find_pushes, moments_clear
 from impedance_modules.diagnosis.evidence import Evidence
@@ -95,7 +96,7 @@ def diagnose(
     progress("judging rivals")
     causes = name_causes(evidence)
     progress("concluding")
-    notes = (*arrangement.warnings, *contact_note(prepared))
+    notes = (*arrangement.warnings, *contact_note(prepared), *compensation_note(prepared, causes))
     found = conclude(evidence, causes, model, replace(report, warnings=(*report.warnings, *notes)))
     progress("letting the plant live the held-out recordings again")
     return with_rollouts(found, evidence, model, urdf, worn)
