@@ -52,9 +52,9 @@ RATE_TOLERANCE = 0.1
 COLD_AFTER = 0.005
 """Between states this far apart, others empty the processor's caches [s]."""
 
-REHEARSAL_LEAD = 0.0015
-"""A cycle is rehearsed from this long before its state is due [s]: the first time it is slow, as the state's own would
-have been; the last time it ends just before."""
+REHEARSAL_PART = 0.15
+"""A cycle is rehearsed during this last part of the period before its state is due: the first time it is slow, as the
+state's own would have been; the last time it ends just before."""
 
 MOST_REHEARSALS = 5
 """As many fit into that time."""
@@ -211,7 +211,7 @@ class BaxterBackend:
         if self._rehearse is None or self._misses > 0:
             return
         due = last.received + self._period
-        moment, lasted = due - REHEARSAL_LEAD, 0.0
+        moment, lasted = due - REHEARSAL_PART * self._period, 0.0
         for _ in range(MOST_REHEARSALS):
             if self._link.wait(last.number, max(moment - time.monotonic(), 0.0)) is not None:
                 return
