@@ -124,10 +124,11 @@ def test_the_recording_holds_measured_predicted_residuals_and_regimes(told: tupl
         == 0
     )
     paths = RrdReader(str(path)).store().schema().entity_paths()
+    (tested,) = json.loads((told[0] / "a.json").read_text())["data"]["heldout"]
     for joint in pendulum.JOINTS:
         for kind in ("signals", "residuals"):
-            assert f"/{kind}/run4/link/{joint}" in paths
-        assert f"/regimes/run4/{joint}" in paths
+            assert f"/{kind}/{tested}/link/{joint}" in paths
+        assert f"/regimes/{tested}/{joint}" in paths
 
 
 def test_the_terminal_tells_gap_rollouts_and_cause(told: tuple[Path, str]) -> None:

@@ -6,8 +6,11 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from impedance_modules.diagnosis.result import Diagnosis
+from impedance_modules.diagnosis.result import Diagnosis, JointGap
 from impedance_modules.diagnosis.rollout.outcome import Rollout
+
+QUIET = 2.0
+"""Residual over noise below which a velocity needs no row of its own."""
 
 WORDS = {
     "no_gap": "no gap beyond noise and the links' inertia tolerance",
@@ -29,6 +32,9 @@ def print_diagnosis(found: Diagnosis, console: Console) -> None:
             console.print(f"[yellow]note:[/yellow] {warning}")
     if found.gaps:
         console.print(_gaps(found))
+        quiet = [gap.joint for gap in found.gaps if _quiet(gap)]
+        if quiet:
+            console.print(f"reported velocities are those of the positions: {', '.join(quiet)}")
     _print_causes(found, console)
     _print_rollouts(found, console)
     if found.remainder.structure:
@@ -65,11 +71,18 @@ def _rollouts(rollout: Rollout) -> Table:
     return table
 
 
+def _quiet(gap: JointGap) -> bool:
+    """Whether a reported velocity is what the position's derivative says, about."""
+    return gap.residual == "velocity" and gap.before < QUIET * gap.noise_floor
+
+
 def _gaps(found: Diagnosis) -> Table:
     table = Table(title="held-out residual, rms")
     for name in ("joint", "port", "before", "after", "noise", "unit", "shrink"):
         table.add_column(name, justify="left" if name in ("joint", "port", "unit") else "right")
     for gap in found.gaps:
+        if _quiet(gap):
+            continue
         shrink = "" if gap.shrink is None else f"{100 * gap.shrink:.0f} %"
         numbers = (f"{x:.3g}" for x in (gap.before, gap.after, gap.noise_floor))
         table.add_row(gap.joint, gap.residual, *numbers, gap.unit, shrink)

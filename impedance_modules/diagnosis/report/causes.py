@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from impedance_modules.diagnosis.report.markup import (
+    bullets,
     drawing,
     new_figure,
     number,
@@ -27,6 +28,32 @@ VERDICTS = {
     "worsens": "Worn by the plant, it makes the simulated motion worse, although it explains torque",
     "no difference": "Worn by the plant, it makes no clear difference to the simulated motion",
 }
+
+
+SHORT = 5
+"""Causes that the head of a report lists."""
+
+WIDE = 100.0
+"""Half an interval, in % of the value, beyond which a number cannot be told from zero and is not drawn."""
+
+
+def in_short(causes: Sequence[dict[str, Any]]) -> str:
+    """The causes in a line each: where, how large, how well known, and what it could be instead."""
+    lines = [_line(cause) for cause in causes[:SHORT]]
+    if len(causes) > SHORT:
+        lines.append(f"and {len(causes) - SHORT} more")
+    return bullets(lines)
+
+
+def _line(cause: dict[str, Any]) -> str:
+    numbers = "; ".join(
+        f"{key}: "
+        + ", ".join(f"{s} {number(e['value'])} ± {number(e['std'], 2)} {e['unit']}" for s, e in found.items())
+        for key, found in cause["parameters"].items()
+    )
+    equal = ", ".join(f"{r['effect']} {' '.join(r['joints'])}" for r in cause["equivalent"])
+    instead = f" - or instead: {equal}" if equal else ""
+    return f"{cause['effect']} ({percent(cause['weight'])}): {numbers}{instead}"
 
 
 def cause_sections(causes: Sequence[dict[str, Any]], unexplained: float) -> str:
@@ -81,9 +108,11 @@ def _interval(estimate: dict[str, Any]) -> tuple[float, float]:
 def _intervals(flat: Sequence[tuple[str, dict[str, Any]]]) -> str:
     """Relative intervals, so that parameters of different units share one axis."""
     drawn = [(name, 100.0 * NORMAL_95 * e["std"] / abs(e["value"])) for name, e in flat if e["value"]]
-    drawn = [(name, half) for name, half in drawn if np.isfinite(half)]
+    unsure = [name for name, e in flat if NORMAL_95 * e["std"] * 100.0 > WIDE * abs(e["value"])]
+    note = paragraph(f"Not told from zero: {', '.join(unsure)}.") if unsure else ""
+    drawn = [(name, half) for name, half in drawn if np.isfinite(half) and half <= WIDE]
     if not drawn:
-        return ""
+        return note
     figure = new_figure(5.5, 0.7 + 0.25 * len(drawn))
     axes = figure.subplots()
     for row, (_, half) in enumerate(drawn):
@@ -92,7 +121,7 @@ def _intervals(flat: Sequence[tuple[str, dict[str, Any]]]) -> str:
     axes.set_yticks(range(len(drawn)), [name for name, _ in drawn], fontsize=8)
     axes.set_ylim(len(drawn) - 0.5, -0.5)
     axes.set_xlabel("95 % interval, in % of the value", fontsize=8)
-    return drawing(figure, "How well each parameter is known.")
+    return drawing(figure, "How well each parameter is known.") + note
 
 
 def _ranges(ranges: dict[str, dict[str, list[float]]]) -> str:

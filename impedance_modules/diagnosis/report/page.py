@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from impedance_modules.diagnosis.patch import patch_text
-from impedance_modules.diagnosis.report.causes import cause_sections
+from impedance_modules.diagnosis.report.causes import cause_sections, in_short
 from impedance_modules.diagnosis.report.markup import (
     bullets,
     number,
@@ -65,13 +65,24 @@ def _head(answer: dict[str, Any]) -> str:
     boxes = "".join(
         f"<div class='card'><span>{text(name)}</span><b>{text(value)}</b></div>" for name, value in cards
     )
-    return f"<p>{badge}</p>{paragraph(SENTENCES[verdict], 'lead')}<div class='cards'>{boxes}</div>"
+    lead = paragraph(SENTENCES[verdict], "lead")
+    return (
+        f"<p>{badge}</p>{lead}<div class='cards'>{boxes}</div>{in_short(answer['causes'])}{_advice(answer)}"
+    )
+
+
+def _advice(answer: dict[str, Any]) -> str:
+    """What to record next, in a sentence; nothing where nothing is needed."""
+    motion = answer["next_motion"]
+    if motion.get("purpose", "none needed") in ("", "none needed"):
+        return ""
+    return paragraph(f"Next: to {motion['purpose']}: {motion.get('excitation', '')}.")
 
 
 def _data(data: dict[str, Any]) -> str:
     held = set(data["heldout"])
     rows = [
-        [name, "held out" if name in held else "fitted", number(rates.get(name)), number(jitter.get(name), 2)]
+        [name, "held out" if name in held else "fitted", number(rates.get(name)), _jitter(jitter.get(name))]
         for rates, jitter in [(data.get("rate_hz", {}), data.get("jitter", {}))]
         for name in data["episodes"]
     ]
@@ -91,8 +102,13 @@ def _data(data: dict[str, Any]) -> str:
         ),
     ]
     warned = "".join(paragraph(warning, "note") for warning in data.get("warnings", []))
-    listed = table(("recording", "role", "rate [Hz]", "jitter"), rows, numbers=(2, 3))
+    listed = table(("recording", "role", "rate [Hz]", "jitter of the step"), rows, numbers=(2, 3))
     return section("The data", bullets(facts), warned, listed)
+
+
+def _jitter(share: float | None) -> str:
+    """Jitter in % of the step, without the rounding of the stamps themselves."""
+    return percent(None if share is None else round(share, 4))
 
 
 def _how_large(gap: dict[str, Any]) -> str:
