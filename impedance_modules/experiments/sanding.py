@@ -45,7 +45,7 @@ from impedance_modules.runtime.assembly import Assembly
 
 Array = NDArray[np.float64]
 
-SET_ON, JUDGED_ON = 1000, 5000
+SET_ON, JUDGED_ON = 1000, 6000
 """First seeds of the pieces of wood that the rule is set on, and (less the settings' seed) of those it is judged on."""
 LOWERING = 3.0
 """Time before sanding begins, in all tasks [s]."""

@@ -7,9 +7,9 @@ rule therefore asks both: the worse of the two,
 
     z = max_m (s_m - mean_m) / deviation_m,    mean and deviation over the smooth pieces that it is set on,
 
-must stay below a bound: the wood must feel like smooth wood in every way. The bound is the one that, on the pieces it
-is set on, makes the share of smooth pieces on which it fires less the share of rough ones largest, halfway between the
-pieces to either side; the lowest of equals. A piece that gives too few windows (stuck, out of contact) is not finished.
+must stay below a bound: the wood must feel like smooth wood in every way. The bound lies as many deviations above the
+smooth pieces that it is set on as below the rough ones, these in logarithms (they spread over decades): all pieces
+count, and not only the two next to it. A piece that gives too few windows (stuck, out of contact) is not finished.
 """
 
 from __future__ import annotations
@@ -19,10 +19,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from impedance_modules.runtime.roughness.windows import Window
 
 Array = NDArray[np.float64]
+
+LEAST = 0.1
+"""A rough piece that feels smoother than smooth ones on average counts as so far from them [deviations]."""
+SPREADS = (0.5, 0.3)
+"""Least deviations of smooth pieces and of the logarithms of rough ones; a few pieces scatter less than many."""
 
 
 @dataclass(frozen=True)
@@ -74,12 +80,16 @@ def score(windows: tuple[Window, ...], measure: str, count: int) -> float:
 
 
 def set_bound(smooth: Array, rough: Array) -> float:
-    """Finds the bound that tells the scores of smooth pieces from those of rough ones best."""
-    every = np.unique(np.concatenate([smooth, rough]))
-    every = every[np.isfinite(every)]
-    bounds = np.concatenate([[every[0] - 1e-9], 0.5 * (every[1:] + every[:-1]), [every[-1] + 1e-9]])
-    gain = [np.mean(smooth < bound) - np.mean(rough < bound) for bound in bounds]
-    return float(bounds[int(np.argmax(np.round(gain, 9)))])
+    """Finds the bound b with (b - mean_smooth) / deviation_smooth = (mean ln rough - ln b) / deviation of ln rough."""
+    logs = np.log(np.maximum(rough[np.isfinite(rough)], LEAST))
+    known = smooth[np.isfinite(smooth)]
+    first, second = max(float(known.std()), SPREADS[0]), max(float(logs.std()), SPREADS[1])
+
+    def excess(bound: float) -> float:
+        return float((bound - known.mean()) / first - (logs.mean() - np.log(bound)) / second)
+
+    top = 10.0 * (abs(float(known.mean())) + float(np.exp(logs.mean())) + first)
+    return float(brentq(excess, 1e-6, top))
 
 
 def operate(smooth: Array, rough: Array) -> Operating:
