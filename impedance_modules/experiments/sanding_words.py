@@ -183,14 +183,15 @@ DIFFERENCES = """\
 - The thesis finds a local maximum at 20 Hz and asks where it comes from. Here there are two: one near 6 Hz, on smooth
   wood too, and a broad one at 24 to 28 Hz, about what hills 7.5 to 12.5 mm apart give when crossed at up to 0.2 m/s.
   Both fall as the wood wears.
-- The rule first asked the spectrum alone and fired on two of the ten rough pieces of seeds 0 to 9. Three kinds of rough
-  wood are weak in the band: hills 13 mm apart or more, which a hand of 0.2 m/s crosses below 15 Hz; a backing below
-  5 kN/m, whose texture hardly presses back; low hills. Most of them rub as hard as other rough wood. So it now asks both
-  measures, over four windows instead of three (most of what smooth wood scatters is the windows' own). Its bound lay
-  halfway between the two pieces next to it at first, too high with ten pieces (it fired on 4 of 10 rough ones, seeds
-  5000 to 5009); now all pieces count. Seeds 0 to 9, 1000 to 1017 and 5000 to 5009 were looked at for that; those judged
-  on here were not, by anybody. What it may still fire on is rough wood that is weak in both: long or low hills on
-  slippery wood (seed 5009: friction 0.36, of fresh wood 0.57; the roughest smooth pieces have 0.63).
+- The rule first asked the spectrum alone and fired on two of the ten rough pieces of seeds 0 to 9. Three kinds
+  of rough wood are weak in the band: hills 13 mm apart or more, which a hand of 0.2 m/s crosses below 15 Hz; a
+  backing below 5 kN/m, whose texture hardly presses back; low hills. Most of them rub as hard as other rough
+  wood. So it now asks both measures, over four windows instead of three (most of what smooth wood scatters is
+  the windows' own). Its bound lay halfway between the two pieces next to it at first, too high with ten pieces
+  (it fired on 4 of 10 rough ones, seeds 5000 to 5009); now all pieces count. Seeds 0 to 9, 1000 to 1017 and
+  5000 to 5009 were looked at for that; those judged on here were not, by anybody. What it may still fire on is
+  rough wood that is weak in both: long or low hills on slippery wood (seed 5009: friction 0.36, of fresh wood
+  0.57; the roughest smooth pieces have 0.63).
 - Near the surface the normal force is 2 to 3 N, and the links' own acceleration in the estimate biases the
   coefficient of friction (it is read above 1 where the wood's is 0.8); the differences between cases remain.
 - The two orientations of fig. 5-9 are photographs that we do not have. Ours differ in the forearm: upright over the
