@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 
 CENTRE = ("cx", "cy", "cz")
 
+FAR = 3.0
+"""Distance from a link's origin beyond which nothing is fixed to it [m]: a moment without a mass, not a thing."""
+
 
 def point_mass(mass: float, centre: Array) -> Array:
     """Ten inertial parameters of a point mass at a point of the body's frame, about the frame's origin."""
@@ -97,6 +100,11 @@ class Payload(Effect):
         return (
             None if moment <= mass * reach else "its first moments need more mass than there is within reach"
         )
+
+    def relations(self, values: Values) -> list[str]:
+        """A thing is fixed where the link is, not where only its lever could be."""
+        far = float(np.linalg.norm([values[name] for name in CENTRE]))
+        return [f"its place is {far:.3g} m from the link's origin (valid: {FAR:g} m)"] if far > FAR else []
 
     def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Adds point masses to links."""

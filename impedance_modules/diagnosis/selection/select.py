@@ -165,6 +165,10 @@ class Selector:
         values = effect.values(change, term.shaped.shape, signals, term.candidate.key, term.candidate.port)
         return next(iter(effect.relations(values)), None)
 
+    def _of_body(self, trial: Trial) -> bool:
+        """Whether a trial is about a body: several numbers, of which one may be a rotor's or an offset's."""
+        return trial.term.candidate.key in self._bodies
+
     def _next(self, bench: Bench) -> tuple[Term | None, Refusal | None]:
         """The best candidate that earns its place, or why there is none."""
         trials = self.trials(bench)
@@ -211,7 +215,7 @@ class Selector:
             rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
             better = max(self.refined(bench, rivals), key=adjusted, default=own)
             ahead = adjusted(better) - adjusted(own)
-            simpler = better.term.slot.free < own.term.slot.free
+            simpler = self._of_body(own) and better.term.slot.free < own.term.slot.free
             if ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None:
                 model = [*model[:index], better.term, *model[index + 1 :]]
             else:
