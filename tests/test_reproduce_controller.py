@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from impedance_modules.experiments import one_joint
 from impedance_modules.experiments.impedance_controller import reproduce
 from impedance_modules.experiments.settings import Settings, Size
 
@@ -18,3 +19,10 @@ def test_the_hand_has_its_net_stiffness_and_a_deep_spring_holds_twice_the_energy
     assert facts["energy_ratio"] == pytest.approx(2.0, rel=0.02)
     assert 1.0 < facts["speed_soft"] / facts["speed_stiff"] < 2.0**0.5
     assert facts["anisotropy_arm-stretched"] > 3.0 * facts["anisotropy_elbow-out"]
+
+
+def test_one_joint_follows_the_equation_of_the_one_degree_of_freedom_example(tmp_path: Path) -> None:
+    facts = one_joint.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
+    assert facts["felt"] == pytest.approx(facts["stiffness"], rel=0.01)
+    assert facts["departure"] < 0.02
+    assert 0.1 < facts["overshoot"] < 0.25

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from impedance_modules.experiments import folding
+from impedance_modules.experiments import folding, nonlinear_damping
 from impedance_modules.experiments.settings import Settings, Size
 from impedance_modules.experiments.under_water import reproduce
 
@@ -28,3 +28,12 @@ def test_the_thesis_s_posture_needs_more_than_its_springs_to_carry_its_force(tmp
     assert facts["sum"] == pytest.approx(41.8, rel=0.02)
     assert facts["best_sum"] <= facts["sum"]
     assert 0.0 < facts["borne"] < 1.0
+
+
+def test_damping_differs_by_excitation_until_the_load_is_among_the_laws(tmp_path: Path) -> None:
+    facts = nonlinear_damping.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
+    assert facts["dry, interactive"] > 2.0 * facts["dry, forward"]
+    for excitation in ("forward", "interactive"):
+        assert facts[f"load, {excitation}"] == pytest.approx(facts["truth, load"], rel=0.15)
+    assert facts["quadratic"] == pytest.approx(facts["truth, quadratic"], rel=0.1)
+    assert facts["swapped by load"] > 0.97 > facts["swapped by speed"]

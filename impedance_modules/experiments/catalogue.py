@@ -46,6 +46,7 @@ _ALL: tuple[Experiment, ...] = (
         "reflected_inertia_matters",
     ),
     Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
+    Experiment("one-joint", "4.1", "Does one joint do what eq. 4.8 says?", "one_joint"),
     Experiment(
         "impedance-controller",
         "4.1 to 4.7, 5.1.3",
@@ -58,6 +59,7 @@ _ALL: tuple[Experiment, ...] = (
     Experiment("sanding", "5.2", "Can it sand wood, and feel when the wood is smooth?", "sanding"),
     Experiment("two-arms", "4.5, 6.2.4", "Do two real arms on one object add?", "two_arms"),
     Experiment("folding", "6.2.2", "How soft may joints be before the links fold?", "folding"),
+    Experiment("nonlinear-damping", "6.2.1", "Does damping depend on who excites it?", "nonlinear_damping"),
     Experiment("under-water", "6.2.5", "What does a hand feel like under water?", "under_water"),
 )
 EXPERIMENTS: dict[str, Experiment] = {entry.name: entry for entry in _ALL}
