@@ -12,10 +12,10 @@ import pytest
 from baxter_driving import POSITION, SPEC, STALE, TORQUE, driving, started
 from baxter_stand_in import StandIn
 
-from impedance_modules.backends.baxter import backend
+from impedance_modules.backends.baxter import backend, watchdog
 from impedance_modules.backends.baxter.approach import ARRIVED
 from impedance_modules.backends.baxter.awake import AwakeProcessor
-from impedance_modules.backends.baxter.watchdog import LOOK
+from impedance_modules.backends.baxter.watchdog import HELD_UP, LOOK, Watchdog
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_events import Event
 
@@ -304,3 +304,19 @@ def test_the_processor_is_kept_awake_during_a_run_and_only_then(tmp_path: Path) 
         assert drive.backend._awake.granted
         drive.backend.finish("hold")
         assert not drive.backend._awake.granted
+
+
+@pytest.mark.parametrize(("pause", "waits"), [(2.0 * HELD_UP, True), (0.0, False)])
+def test_after_a_pause_of_the_whole_process_ears_come_before_the_watchdog(pause: float, waits: bool) -> None:
+    naps: list[float] = []
+    seen: list[int] = []
+    dog = Watchdog(lambda: seen.append(len(naps)))
+    clock = iter(k * pause for k in range(1000))
+    with (
+        mock.patch.object(watchdog.time, "monotonic", lambda: next(clock)),
+        mock.patch.object(watchdog.time, "sleep", naps.append),
+        mock.patch.object(dog._wake, "wait", lambda seconds: setattr(dog, "_stopped", len(seen) == 3)),
+    ):
+        dog._watch()
+    assert seen == ([1, 2, 3] if waits else [0, 0, 0])
+    assert naps == [LOOK] * (3 if waits else 0)

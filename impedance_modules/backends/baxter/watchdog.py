@@ -4,10 +4,14 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 LOOK = 0.005
 """How often it looks [s]; less than the shortest of ``StopRules``'s times."""
+
+HELD_UP = 0.02
+"""A look that comes this much after the last one [s]: not only the robot was silent, this whole process stood still."""
 
 
 class Watchdog:
@@ -40,8 +44,13 @@ class Watchdog:
             self._thread.join()
 
     def _watch(self) -> None:
+        looked = time.monotonic()
         while not self._stopped:
+            if time.monotonic() - looked > HELD_UP:
+                # What the robot said meanwhile is in the sockets: who reads them comes first, then silence is judged.
+                time.sleep(LOOK)
             self._look()
             self.looks += 1
+            looked = time.monotonic()
             self._wake.wait(LOOK)
             self._wake.clear()
