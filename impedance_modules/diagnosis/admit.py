@@ -14,6 +14,7 @@ from impedance_modules.diagnosis.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.long_recordings import stretch_note, stretch_origin
 from impedance_modules.diagnosis.mistakes import refuse_mistakes, unwrapped
 from impedance_modules.diagnosis.model import NominalModel
+from impedance_modules.diagnosis.prepare import shifted
 from impedance_modules.diagnosis.rates import one_rate
 from impedance_modules.diagnosis.repeats import group_repeats
 from impedance_modules.diagnosis.resolution import grid_of
@@ -135,6 +136,8 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
     if position is None:
         raise BadInput(f"{place}: position is missing for a joint (valid: {', '.join(model.joints)})")
     effort, command = take("effort"), take("effort_command")
+    if command is not None:
+        command = shifted(command, time - time[0], 0.5 * _held_for(episode))
     if effort is None and command is None:
         raise InsufficientData(
             f"{place}: no torque was recorded for all joints, measured or commanded: causes cannot be told"
@@ -168,6 +171,15 @@ def _stamps(episode: Episode, model: NominalModel, warnings: list[str]) -> Array
             f"{episode.name}: stamps are off by {off:.2g} ms rms, the samples are not: taken as evenly sampled"
         )
     return stamps
+
+
+def _held_for(episode: Episode) -> float:
+    """Time for which the robot held each command [s]; 0 where the recording does not say.
+
+    A command acts from ``command_delay`` after its row until as long after the next one: half of that later on average.
+    """
+    rate = episode.metadata.get("rate")
+    return 1.0 / rate if isinstance(rate, int | float) and rate > 0.0 else 0.0
 
 
 def _speaking(velocity: Array | None, position: Array, name: str, warnings: list[str]) -> Array | None:
