@@ -392,6 +392,21 @@ def test_the_delay_of_effort_behind_command_is_found(tmp_path, urdf, late, carri
 # --- stretches -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("rate", [None, RATE, 2.0 * RATE])
+def test_a_command_that_was_held_acts_half_a_period_later(tmp_path, urdf, rate):
+    paths = []
+    for kind in range(3):
+        data = columns(kind)
+        for joint in JOINTS:
+            data[f"effort_command.{joint}"] = np.sin(4.0 * data["time"])
+        paths.append(save(tmp_path, f"run{kind}", data, **({} if rate is None else {"rate": rate})))
+    logs, _ = admit([e for found in read_recordings(paths) for e in found], model_of_urdf(urdf, JOINTS))
+    late = 0.0 if rate is None else 0.5 / rate
+    for log in logs:
+        time = np.arange(log.samples) / log.rate
+        assert np.allclose(log.command[5:-5, 0], np.sin(4.0 * (time - late))[5:-5], atol=1e-5)
+
+
 def test_one_motion_is_cut_without_losing_a_sample(tmp_path, urdf):
     (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
     logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))

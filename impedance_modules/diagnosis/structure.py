@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.constancy import uneven
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.selection.rules import price
+from impedance_modules.diagnosis.selection.still import at_rest
 from impedance_modules.diagnosis.selection.trial import Trial
 
 Array = NDArray[np.float64]
@@ -83,11 +84,19 @@ def _moment(series: Sequence[Array], rate: float) -> float:
 
 
 def _smooth(evidence: Evidence) -> Trial | None:
-    """The stand-in that finds most beside the causes, if it finds anything."""
+    """The stand-in that finds most beside the causes, if it finds anything; none of a joint that always stands still.
+
+    What its encoder flickers is in its residual and in every function of its motion.
+    """
+    still = np.all([at_rest(item.signals.position) for item in evidence.prepared], axis=0)
     selector, bench = evidence.selector, evidence.bench
     looks = [look for look in selector.screen.look(bench) if look.slot.shaped.candidate is None]
     trials = [selector.trial(bench, look.slot) for look in looks[:STAND_INS]]
     good = [
-        trial for trial in trials if trial.gain - price(trial) > SMOOTH_GAIN and trial.reduction > SMOOTH_PART
+        trial
+        for trial in trials
+        if trial.gain - price(trial) > SMOOTH_GAIN
+        and trial.reduction > SMOOTH_PART
+        and not still[evidence.design.groups[trial.term.groups[0]][1]]
     ]
     return max(good, key=lambda trial: trial.gain, default=None)
