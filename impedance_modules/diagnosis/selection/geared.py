@@ -15,6 +15,7 @@ from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.design import Slot
 from impedance_modules.diagnosis.selection.term import Term, term_of
 from impedance_modules.diagnosis.selection.trial import Trial, Unseen, try_term
+from impedance_modules.effects.effect import TURN
 
 PLAIN = ("coulomb_friction", "viscous_friction", "reflected_inertia")
 """One number each, and together what every gear and motor has."""
@@ -88,7 +89,8 @@ def _plain(bench: Bench) -> dict[str, list[list[Slot]]]:
     slots: dict[str, dict[str, list[Slot]]] = defaultdict(lambda: defaultdict(list))
     for slot in bench.design.slots:
         effect, key, port = slot.shaped.key
-        if effect in PLAIN and port == "actuator":
+        # Dry friction that creeps shares its part with viscous friction; together they would hide a rotor.
+        if effect in PLAIN and port == "actuator" and TURN not in slot.shaped.shape:
             slots[key][effect].append(slot)
     full = {key: list(own.values()) for key, own in slots.items() if len(own) == len(PLAIN)}
     return {
