@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,9 +15,11 @@ from impedance_modules.effects.sample import sign
 from impedance_modules.experiments.drive_fit import DriveFit, fit_drive
 from impedance_modules.experiments.page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_modules.experiments.pushing import patch_of
-from impedance_modules.experiments.settings import Settings
+from impedance_modules.experiments.settings import Settings, Size
 from impedance_modules.experiments.struck_joint import swinging_joint
 from impedance_modules.experiments.task_run import TaskRun, record_task
+from impedance_modules.experiments.variants import task_with
+from impedance_modules.spec.change import task_document
 from impedance_modules.spec.patch import EffectSpec
 
 Array = NDArray[np.float64]
@@ -55,7 +59,8 @@ def reproduce(settings: Settings) -> Page:
     for number, task in enumerate((FORWARD, INTERACTIVE)):
         settings.on_progress(0.45 * number, f"excitation {task}")
         out = settings.work / task
-        runs[task] = record_task(task, out, effects=patch_of(task, PATCH), seed=settings.seed + number)
+        name = _shortened(task, settings.work) if settings.size is Size.SHORT else task
+        runs[task] = record_task(name, out, effects=patch_of(task, PATCH), seed=settings.seed + number)
     settings.on_progress(0.9, "fits")
     joint = swinging_joint(FORWARD)
     plain = {task: fit_drive([run], joint, BY_SPEED) for task, run in runs.items()}
@@ -102,6 +107,18 @@ def reproduce(settings: Settings) -> Page:
 
 
 _PAIRS = ((FORWARD, INTERACTIVE), (INTERACTIVE, FORWARD))
+
+
+def _shortened(task: str, folder: Path) -> str:
+    """Writes a task's first five swings, or its first four pushes."""
+    data = task_document(task).data
+    values: dict[str, Any] = {"phases": data["phases"][:5]}
+    if "pushes" in data:
+        pushes = data["pushes"][:4]
+        last = pushes[-1]
+        end = last["start"] + last["rise"] + last["hold"] + last["fall"]
+        values = {"pushes": pushes, "phases": [{**data["phases"][0], "duration": round(end, 3)}]}
+    return str(task_with(task, values, folder, "short"))
 
 
 def _accounts(measured: DriveFit, other: DriveFit) -> float:
