@@ -26,7 +26,6 @@ from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
 from impedance_modules.diagnosis.rollout.stage import with_rollouts
 from impedance_modules.diagnosis.selection.candidates import list_candidates, shapes_of
-from impedance_modules.diagnosis.selection.confirm import confirmed
 from impedance_modules.diagnosis.selection.design import build_design
 from impedance_modules.diagnosis.selection.drafts import Draft, draft_candidates
 from impedance_modules.diagnosis.selection.floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
@@ -175,7 +174,6 @@ def _search(
             selector, found = narrowed, again
         else:
             pushes = ()  # what the causes explain better on the very same rows was no push
-    found = replace(found, causes=confirmed(selector, found.causes, arrangement.heldout))
     bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
     if pairs:
