@@ -354,3 +354,20 @@ def test_reading_an_episode_imports_neither_rerun_nor_matplotlib():
         [sys.executable, "-c", code], capture_output=True, check=True, cwd=Path(__file__).parents[1]
     )
     assert done.stdout == b"[]\n"
+
+
+def test_a_long_recording_is_written_in_larger_pieces(tmp_path, monkeypatch):
+    background = Background(100.0)
+    view = RecordingView(tmp_path, SCENE, background, name="press", live=False, rate=5.0)
+    written = []
+    monkeypatch.setattr(view._file, "write", lambda batch: written.append(batch[-1].time - batch[0].time))
+    base = samples(1)[0]
+    for index in range(round(400.0 * 5.0)):
+        view.add(replace(base, time=index / 5.0))
+        view._drain(False)
+    assert written[0] == pytest.approx(1.0)
+    assert np.diff(written).min() > -0.25
+    assert written[-1] == pytest.approx(5.0, abs=0.25)
+    assert len(written) < 200  # 400 pieces of one second would be
+    background.stop()
+    view.close()

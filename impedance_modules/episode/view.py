@@ -9,6 +9,8 @@ from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.display import open_live_stream
 from impedance_modules.episode.files import RECORDING
@@ -20,6 +22,10 @@ RATE = 25.0
 """Samples per second of episode time that a viewer gets [Hz]: a film's."""
 BATCH_TIME = 1.0
 """Episode time that is written at once [s]: long enough to be small on disk, short enough to follow."""
+BATCH_PART = 0.02
+LONGEST_BATCH = 5.0
+"""A file's batches grow with it, this part of the time so far, to this [s]: rerun keeps 0.3 kB of every piece it has
+written until the file is closed."""
 LONGEST_QUEUE = 1000
 FILE_TIMEOUT = 60.0
 WINDOW_TIMEOUT = 2.0
@@ -72,6 +78,8 @@ class RecordingView:
         self._scene = scene
         self._period = 1.0 / rate
         self._next = -math.inf
+        self._first: float | None = None
+        self._longest_batch = BATCH_TIME if live else LONGEST_BATCH
         self._queue: deque[ViewSample] = deque()
         # Two streams: the file must not depend on a window that somebody may close.
         self._live = Recording(open_live_stream(name), scene, background.rest) if live else None
@@ -115,7 +123,7 @@ class RecordingView:
         queue = self._queue
         if not queue or self.failure is not None:
             return
-        if not last and queue[-1].time - queue[0].time < BATCH_TIME:
+        if not last and queue[-1].time - queue[0].time < self._batch_time(queue[-1].time):
             return
         samples = [queue.popleft() for _ in range(len(queue))]
         try:
@@ -124,6 +132,11 @@ class RecordingView:
                 self._live.write(samples)
         except (OSError, RuntimeError) as failure:
             self.failure = failure
+
+    def _batch_time(self, now: float) -> float:
+        """Returns how much episode time is written at once [s]."""
+        self._first = now if self._first is None else self._first
+        return float(np.clip(BATCH_PART * (now - self._first), BATCH_TIME, self._longest_batch))
 
 
 def write_recording(path: Path, scene: Scene, samples: Iterable[ViewSample], name: str) -> Path:

@@ -113,9 +113,12 @@ class Driver:
             self._commander.rehearse(effort)
 
     def end(self) -> None:
-        """Ends torque mode as planned: from now on the watchdog repeats the hold."""
+        """Ends torque mode as planned: the hold leaves at once, from now on the watchdog repeats it."""
         with self._lock:
             self.stops.end()
+            now = time.monotonic()
+            self._send(self.stops.watch(now))
+            self._next_hold = now + HOLD_PERIOD
 
     def raise_fault(self) -> None:
         """Raises RobotStopped once something has ended torque control."""
