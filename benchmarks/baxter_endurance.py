@@ -5,8 +5,9 @@ Usage: python -m benchmarks.baxter_endurance [--minutes 30] [--rate 500] [--port
 
 Needs ``rosmaster`` (apt-get install --no-install-recommends python3-roslaunch) and an otherwise idle machine, or two
 cores of a busy one and the right to ``--first``: robot and controller then have real-time priority, as long as they
-leave 5 % of every second: Linux stops real-time processes that do not, for 50 ms, which ends the run. The task is the
-shipped mirrored-arms drawn out, its tank made ample: the loop is measured here, not the energy.
+leave 5 % of every second: Linux stops real-time processes that do not, for 50 ms, which ends the run. A machine that
+is itself a guest can be stopped by its host; the last line says when it was, and whether that is what ended the run.
+The task is the shipped mirrored-arms drawn out, its tank made ample: the loop is measured here, not the energy.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
+from benchmarks.machine_pauses import PauseWatch, describe
 from impedance_modules.runtime.record import MISSED
 
 TASK = Path(__file__).parents[1] / "tasks" / "mirrored-arms.yaml"
@@ -68,7 +70,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         try:
-            run(options, folder, started)
+            with PauseWatch() as watch:
+                run(options, folder, started, watch)
         finally:
             for process in reversed(started):
                 if process.poll() is None:
@@ -81,7 +84,9 @@ def go_first(process: subprocess.Popen[bytes]) -> None:
     os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(5))
 
 
-def run(options: argparse.Namespace, folder: Path, started: list[subprocess.Popen[bytes]]) -> None:
+def run(
+    options: argparse.Namespace, folder: Path, started: list[subprocess.Popen[bytes]], watch: PauseWatch
+) -> None:
     """Starts master, double and task; watches the two memories until the task is done."""
     task, diary = drawn_out(60.0 * options.minutes, folder), folder / "diary.jsonl"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -110,11 +115,14 @@ def run(options: argparse.Namespace, folder: Path, started: list[subprocess.Pope
             shown = time.monotonic()
             both = f"controller {memory(controller):.0f} MB, double {memory(double):.0f} MB"
             print(f"{(shown - began) / 60:6.1f} min: {both}", flush=True)
+    ended = time.monotonic()
     lines = [json.loads(line) for line in diary.read_text().splitlines()]
     events = [f"{line['time']:.1f} s {line['event']}" for line in lines if line["event"]]
     print(f"exit {controller.returncode}; {lines[-1]['commands']} commands; events: {events or 'none'}")
     summary = json.loads((folder / "run" / "summary.json").read_text())
     print(f"cycles {summary['cycles']}, late {summary['late_cycles']}, {missed(folder / 'run')}")
+    pauses = [pause for pause in watch.pauses() if began <= pause.began <= ended]
+    print(f"{describe(pauses, began)}; the run ended after {ended - began:.1f} s")
 
 
 if __name__ == "__main__":

@@ -169,18 +169,23 @@ def inertia_of(assembly: Assembly, trace: Trace) -> Array:
     An arm that can also move within itself answers a push by a series in powers of 1/s: \Lambda s + B + C / s + ...,
     so the first two corrections are fitted beside \Lambda. Everything counts from the moment before the push.
     """
-    step = np.diff(trace.time, prepend=0.0)[:, None]
-    impulse = np.cumsum(trace.push * step, axis=0)
+    impulse = _integral(trace.push, trace.time)
     regressors, impulses = [], []
     for push in assembly.task.pushes[::PUSHES_PER_AXIS]:
         during = trace.over(push.start - 0.5 * EVERY * assembly.period, push.start + LISTENED)
         first = int(np.argmax(during))
         moved = trace.place[during] - trace.place[first]
         faster = trace.twist[during] - trace.twist[first]
-        regressors.append(np.hstack([faster, moved, np.cumsum(moved * step[during], axis=0)]))
+        regressors.append(np.hstack([faster, moved, _integral(moved, trace.time[during])]))
         impulses.append(impulse[during] - impulse[first])
     found, *_ = np.linalg.lstsq(np.vstack(regressors), np.vstack(impulses), rcond=None)
     return np.asarray(found[:6].T)
+
+
+def _integral(values: Array, time: Array) -> Array:
+    """Integrates (N, 6) over time from the first look on, by trapezoids: pushes rise within a few looks."""
+    pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(time)[:, None]
+    return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(pieces, axis=0)])
 
 
 def ratios(found: Array, predicted: Array) -> Array:
