@@ -198,7 +198,8 @@ def start_server(home):
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "rerun", "--serve-grpc", "--port", str(port)]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    server = subprocess.Popen(command, env={**os.environ, "HOME": str(home)}, **quiet)
+    environment = {**os.environ, "HOME": str(home)}
+    server = subprocess.Popen(command, env=environment, start_new_session=True, **quiet)
     deadline = time.monotonic() + 15
     while time.monotonic() < deadline:
         with socket.socket() as probe:
@@ -222,7 +223,7 @@ def test_a_window_that_is_closed_harms_neither_run_nor_file(tmp_path, monkeypatc
     for one in samples(120):
         view.add(one)
         if one.time == 1.0:
-            server.kill()
+            os.killpg(server.pid, signal.SIGKILL)  # rerun's command starts another process
             server.wait()
     start = time.perf_counter()
     background.stop()
