@@ -194,7 +194,8 @@ class StandIn:
                 kind,
                 messages.EndpointState(header, pose, messages.Twist(zero, zero), messages.Wrench(zero, zero)),
             )
-        gravity = tuple((model.gravity(self._q)[part.joints] + self._weight[limb]).tolist())
+        alone = model.gravity(self._q) - model.winding(self._q)
+        gravity = tuple((alone[part.joints] + self._weight[limb]).tolist())
         self._say(
             topics.sea_state(limb),
             messages.SEAJointState(header, part.joint_names, *((),) * 7, gravity, gravity, (), (), 0.0),

@@ -20,8 +20,10 @@ from impedance_modules.backends.baxter.gates import before_power, refuse_closed
 from impedance_modules.backends.baxter.messages import Float64, JointCommand
 from impedance_modules.backends.baxter.transport.in_process import InProcessTransport
 from impedance_modules.backends.baxter.transport.protocol import Offer
+from impedance_modules.effects.wear import wear_patch
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.patch import read_patch
 from impedance_modules.spec.task_reader import read_task
 
 SPEC = read_task("joint-springs")[1]
@@ -152,6 +154,17 @@ def test_every_gate_closes_with_a_reason_and_a_remedy(name: str) -> None:
     assert said in str(refusal.value)
     assert "(valid: " in str(refusal.value)
     assert robot.commands == []
+
+
+def test_a_model_that_wears_the_springs_beside_s1_passes_every_gate() -> None:
+    patch = read_patch(Path("robots/baxter/patches/counterbalance-springs.yaml"))
+    worn = wear_patch(SPEC, patch)
+    assert np.abs(RobotModel(worn).winding(np.zeros(14))).max() > 30.0
+    with open_session(StandIn(worn)) as session:
+        gates = {gate.name: gate for gate in session.gates(("left", "right"))}
+        refuse_closed(tuple(gates.values()), commanding=True)
+    assert gates["weight left"].passed is True
+    assert gates["effort left"].passed is True
 
 
 def test_listening_alone_asks_for_less() -> None:

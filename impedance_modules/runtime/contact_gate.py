@@ -78,7 +78,7 @@ def _gate(assembly: Assembly, state: RobotState, arm: str, felt: float, awaited:
     if felt < SHARE * force + carried:
         return Gate(name, True, found, "")
     joints = assembly.model.limbs[arm].joints
-    expected = assembly.model.gravity(state.position) + assembly.model.winding(state.position)
+    expected = assembly.model.gravity(state.position)
     worst = int(joints[np.argmax(np.abs(state.effort - expected)[joints])])
     found += (
         f" where phase '{phase}' waits for {force:g} N: {assembly.model.joint_names[worst]} measures"

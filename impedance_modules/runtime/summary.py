@@ -88,8 +88,9 @@ class Summary:
             hand.frame: {
                 "tracking_rms": hand.error_rms,
                 "tracking_peak": hand.error_peak,
+                "start_force": hand.force_start,
                 "peak_force": hand.force_peak,
-                "units": "m, m, N",
+                "units": "m, m, N, N",
             }
             for hand in self._tally.hands
         }

@@ -28,12 +28,13 @@ class HandTally:
     Attributes:
         frame: Of the hand.
         error_peak: Largest distance to the target [m]; 0 for a hand without a spring.
-        force_peak: Largest estimated force [N].
+        force_start, force_peak: Estimated force, at first and at most [N]; what is felt before anything has happened is
+            mostly what the model does not know of the robot.
     """
 
     def __init__(self, frame: str, columns: Sequence[str]) -> None:
         self.frame = frame
-        self.error_peak = self.force_peak = 0.0
+        self.error_peak = self.force_start = self.force_peak = 0.0
         self._squares, self._rows = 0.0, 0
         self._place = _places(columns, pose_columns(frame)[:3])
         self._force = _places(columns, wrench_columns(frame)[:3])
@@ -47,7 +48,10 @@ class HandTally:
 
     def add(self, rows: Array) -> None:
         """Takes a block of rows (k, columns)."""
-        self.force_peak = max(self.force_peak, float(_lengths(rows[:, self._force]).max()))
+        forces = _lengths(rows[:, self._force])
+        if self._rows == 0:
+            self.force_start = float(forces[0])
+        self.force_peak = max(self.force_peak, float(forces.max()))
         self._rows += len(rows)
         if self._target is not None:
             error = _lengths(rows[:, self._place] - rows[:, self._target])

@@ -60,7 +60,10 @@ def hand_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
 
 
 def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
-    """Asks whether the robot's gravity torque and ours agree; a robot that carries a tool knows, we do not."""
+    """Asks whether the robot's gravity torque and ours agree; a robot that carries a tool knows, we do not.
+
+    ``gravity_only`` is the weight alone: springs beside the joints that a patch lets the model wear are not in it.
+    """
     name = f"weight {limb}"
     message = link.sea.get(limb)
     names = model.limbs[limb].joint_names
@@ -69,7 +72,8 @@ def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
     said = dict(zip(message.name, message.gravity_only, strict=True))
     if not set(names) <= set(said):
         return Gate(name, None, "the robot does not say what its arm weighs", "")
-    ours = model.gravity(link.sample.state.position)[model.limbs[limb].joints]
+    q = link.sample.state.position
+    ours = (model.gravity(q) - model.winding(q))[model.limbs[limb].joints]
     off = np.abs(ours - np.array([said[joint] for joint in names]))
     worst = int(np.argmax(off))
     found = f"gravity torques differ by at most {off[worst]:.2f} N.m ({names[worst]})"
@@ -88,7 +92,7 @@ def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
         return Gate(name, None, "no state of the arms", "")
     joints = model.limbs[limb].joints
     state = link.sample.state
-    off = np.abs(state.effort - model.gravity(state.position) - model.winding(state.position))[joints]
+    off = np.abs(state.effort - model.gravity(state.position))[joints]
     worst = int(np.argmax(off))
     found = f"at rest, torques differ from our model's by at most {off[worst]:.1f} N.m"
     if off[worst] <= SAME_EFFORT:
