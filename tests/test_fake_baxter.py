@@ -284,7 +284,7 @@ def test_calibrated_mounts_are_served_and_obeyed() -> None:
         ("silense", "did you mean 'silence'"),
         ("drop 2", "valid: 0 to 1"),
         ("drop x", "'x' is not a number"),
-        ("push up 1 2 3", "valid limbs"),
+        ("push up 1 2 3", "limbs left, right"),
         ("estop 3", "too much"),
         ("@x estop", "is not a number"),
         ("", "valid:"),

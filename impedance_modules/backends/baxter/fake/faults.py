@@ -42,10 +42,10 @@ ACTS = {
 """What happens once."""
 
 ON_LIMB = {
-    "cuff": "LIMB: somebody squeezes a cuff ('cuff off' lets go of all)",
-    "push": "LIMB FX FY FZ [S]: somebody pushes a hand, base axes [N], for so long (1 s)",
+    "cuff": ("LIMB", "somebody squeezes a cuff ('cuff off' lets go of all)"),
+    "push": ("LIMB FX FY FZ [S]", "somebody pushes a hand, base axes [N], for so long (1 s)"),
 }
-"""What happens to one limb."""
+"""What happens to one limb: what follows the name, and what it is."""
 
 OFF = "off"
 
@@ -70,10 +70,13 @@ class Fault:
 
 
 def describe() -> str:
-    """Lists every fault."""
-    rows = [*SWITCHES.items(), *((name, text) for name, (text, _, _) in NUMBERS.items())]
-    rows += [*ACTS.items(), *ON_LIMB.items()]
-    return "; ".join(f"{name}: {text}" for name, text in rows)
+    """Lists every fault, one a line, as it is written and what it does."""
+    rows = list(SWITCHES.items())
+    rows += [(f"{name} VALUE", text) for name, (text, _, _) in NUMBERS.items()]
+    rows += list(ACTS.items())
+    rows += [(f"{name} {words}", text) for name, (words, text) in ON_LIMB.items()]
+    width = max(len(written) for written, _ in rows)
+    return "\n".join(f"{written:<{width}}  {text}" for written, text in rows)
 
 
 def parse_fault(text: str, limbs: tuple[str, ...]) -> Fault:
@@ -108,7 +111,8 @@ def parse_fault(text: str, limbs: tuple[str, ...]) -> Fault:
 def _on_limb(at: float | None, name: str, rest: list[str], text: str, limbs: tuple[str, ...]) -> Fault:
     counts = (1,) if name == "cuff" else (4, 5)
     if len(rest) not in counts or rest[0] not in limbs:
-        raise BadInput(f"fault '{text}': {name} needs {ON_LIMB[name]} (valid limbs: {', '.join(limbs)})")
+        words, what = ON_LIMB[name]
+        raise BadInput(f"fault '{text}': {what} (valid: {name} {words}, limbs {', '.join(limbs)})")
     numbers = tuple(_number(word, text, -1000.0, 1000.0) for word in rest[1:])
     return Fault(at, name, True, rest[0], numbers)
 
