@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from baxter_double import double, impedance
 from baxter_lockstep import run_on_the_double
 from test_baxter_tasks import ATTEMPTS, BUSY
 
+from impedance_modules.backends.baxter.fake.numbers import SPRINGS
 from impedance_modules.runtime.assembly import assemble
 
 MOTIONS = [str(Path(__file__).parent / "data" / f"swing-{name}.yaml") for name in ("one", "one", "two")]
@@ -43,29 +45,44 @@ def patch(tmp_path: Path) -> Path:
     return path
 
 
-def check_the_answer(recordings: list[str], folder: Path) -> None:
+def diagnosed(recordings: list[str], folder: Path) -> tuple[list[dict[str, Any]], str]:
+    """Causes that are named, and what the terminal said."""
     one, again, held_out = recordings
     answer = folder / "answer.json"
     options = ("--robot", "baxter", "--json", str(answer))
     run = impedance("diagnose", one, again, "--holdout", held_out, *options, seconds=900.0)
     assert run.returncode in (0, 5, 6), run.stdout + run.stderr
-    causes = json.loads(answer.read_text())["causes"]
-    assert causes, run.stdout
+    return json.loads(answer.read_text())["causes"], run.stdout
+
+
+def check_the_answer(recordings: list[str], folder: Path) -> None:
+    causes, said = diagnosed(recordings, folder)
+    assert causes, said
     first = causes[0]
-    assert (first["effect"], first["port"]) == ("viscous_friction", "actuator"), run.stdout
+    assert (first["effect"], first["port"]) == ("viscous_friction", "actuator"), said
     assert "right_e1" in first["joints"]
     assert first["weight"] > 0.8
     assert first["parameters"]["right_e1"]["fv"]["value"] == pytest.approx(WITHHELD, rel=0.1)
 
 
-def test_a_withheld_effect_is_named_from_recordings_of_the_double(tmp_path: Path, patch: Path) -> None:
+def test_withheld_friction_and_springs_are_named_from_recordings_of_the_double(
+    tmp_path: Path, patch: Path
+) -> None:
+    """The robot carries the springs beside s1 itself; nobody told the model of them."""
     recordings = []
     for k, motion in enumerate(MOTIONS):
         assembly = assemble(motion, effects=None, rate=RATE, scale=1.0, arm=None)
         out = tmp_path / f"recording-{k}"
-        run_on_the_double(assembly, out, effects=patch, seed=k, springs={})
+        run_on_the_double(assembly, out, effects=patch, seed=k, springs=SPRINGS)
         recordings.append(str(out))
-    check_the_answer(recordings, tmp_path)
+    causes, said = diagnosed(recordings, tmp_path)
+    named = {(cause["effect"], joint): cause for cause in causes for joint in cause["joints"]}
+    friction = named["viscous_friction", "right_e1"]["parameters"]["right_e1"]
+    assert friction["fv"]["value"] == pytest.approx(WITHHELD, rel=0.1), said
+    stiffness, preload = SPRINGS["s1"]
+    spring = named["parallel_spring", "right_s1"]["parameters"]["right_s1"]
+    assert spring["k"]["value"] == pytest.approx(stiffness, rel=0.1), said
+    assert spring["preload"]["value"] == pytest.approx(preload, rel=0.1), said
 
 
 def record(motion: str, out: Path) -> str:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""A warning where a robot that carries its own weight may carry a spring of its own as well.
+r"""A warning where a robot that carries its own weight may carry a spring of its own by numbers of its own.
 
-A robot that compensates a spring beside a joint adds the negative of its torque to the command. The spring then shows
-at the link, \tau_{sensor} - \tau_{model}, and once more at the motor, \tau_{sensor} - \tau_{command} - g, and the
-search puts one effect in one of them. Without the commands only the first is left.
+A robot that knows a spring beside a joint adds what winds it to the command. The spring then shows at the link,
+\tau_{sensor} - \tau_{model}, and once more at the motor, \tau_{sensor} - \tau_{command} - g, with the opposite sign:
+that is searched (`effects.springs`). Where it adds something else than the spring takes, no single effect fits both
+and what imitates it best is named. Without the commands only the link is left.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from collections.abc import Sequence
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.result import Cause
 
-TWOFOLD = ("parallel_spring", "crosstalk")
-"""What such a spring is named: itself, or a sensor that hears another joint."""
+SPRING, IMITATION = "parallel_spring", "crosstalk"
+"""What such a spring is named, among those that do as well or by a sensor that hears another joint."""
 
 
 def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> tuple[str, ...]:
@@ -30,7 +31,14 @@ def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> 
     both = all({"link", "actuator"} <= set(item.residuals) for item in prepared)
     if not both or any(item.log.gravity_compensation != "robot" for item in prepared):
         return ()
-    found = [cause for cause in causes if {cause.effect, *(e.effect for e in cause.equivalent)} & {*TWOFOLD}]
+    known = {joint for cause in causes if cause.effect == SPRING for joint in cause.joints}
+    found = [
+        cause
+        for cause in causes
+        if cause.effect != SPRING
+        and not set(cause.joints) <= known
+        and {cause.effect, *(rival.effect for rival in cause.equivalent)} & {SPRING, IMITATION}
+    ]
     if not found:
         return ()
     names = "; ".join(f"{cause.effect} on {', '.join(cause.joints)}" for cause in found)

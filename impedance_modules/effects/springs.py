@@ -11,20 +11,24 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.description import Description, Parameter, Port
-from impedance_modules.effects.effect import JointLaw, Values, unbounded
+from impedance_modules.effects.effect import JointLaw, Regressor, Values, one_row, unbounded
 from impedance_modules.effects.friction import BOTH_SIDES, WORN
+from impedance_modules.effects.residuals import COVERS, Residual
 from impedance_modules.effects.sample import Sample, Shape
 from impedance_modules.effects.signals import Signals
 from impedance_modules.spec.robot import ParallelSpringSpec, RobotSpec
 
 Array = NDArray[np.float64]
 
+CARRIED = "carried"
+"""Shape: the robot knows the spring and adds what winds it, as it adds what carries its weight; missing where not."""
+
 MOST_ORDERS = 400
 """Largest number of ripple orders tried."""
 
 
 class ParallelSpring(JointLaw):
-    """k (q - q0)."""
+    """k (q - q0); where the robot carries it, the drive gives as much more than was asked for."""
 
     description = Description(
         id="parallel_spring",
@@ -61,6 +65,31 @@ class ParallelSpring(JointLaw):
     def basis(self, sample: Sample, shape: Shape) -> Array:
         """Computes q and -1."""
         return np.stack([sample.position, -np.ones_like(sample.position)], axis=-1)
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Evaluates the law; a carried spring is consumed at the link and supplied, unasked, by the drive."""
+        supplied = float(CARRIED in shape and "drive" in COVERS[residual])
+        sign = float(self.shows(port, residual)) - supplied
+        if sign == 0.0:
+            return None
+        joint = signals.joint(key)
+        columns = sign * self.basis(signals.sample(joint, motor_side=False), shape)
+        return one_row(joint, columns, None, *self.bounds())
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Unknown to the robot; or known, where it adds torques of its own and both ends of the joint are seen."""
+        if signals.assistance is None or signals.effort is None:
+            return ({},)
+        return ({}, {CARRIED: 1.0})
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """A robot that carries its weight carries its springs too, as the plant that wears them does."""
+        coefficients, _ = self.linear(values)
+        return coefficients, {} if signals.assistance is None else {CARRIED: 1.0}
 
     def bounds(self) -> tuple[Array, Array]:
         """The stiffness is not negative."""

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -237,3 +239,18 @@ def test_what_the_robot_adds_knows_its_springs_but_no_payload_and_no_spring_of_a
     for subject, carries in ((heavy, False), (sprung, True), (fixed, False)):
         subject.reset(start(subject.model))
         assert (np.abs(subject.start_command).max() < 1e-9) == carries
+
+
+@pytest.mark.parametrize("carried", [False, True])
+def test_a_spring_that_the_robot_carries_is_supplied_by_its_drive(carried: bool) -> None:
+    recorded = recording("links").signals
+    signals = replace(recorded, assistance=np.zeros_like(recorded.position) if carried else None)
+    spring, numbers = CATALOGUE["parallel_spring"], {"k": 17.0, "preload": -4.0}
+
+    def torque(residual: str) -> np.ndarray:
+        return predicted(spring, signals, S + "lift", L, residual=residual, values=numbers)
+
+    at_link = torque("link")
+    assert np.abs(at_link).max() > 3.0
+    assert np.allclose(torque("actuator"), -at_link if carried else 0.0, atol=1e-12)
+    assert np.allclose(torque("whole"), 0.0 if carried else at_link, atol=1e-12)
