@@ -62,7 +62,9 @@ def motion(kind: int, seconds: float) -> tuple[np.ndarray, ...]:
     return t, q, v, a
 
 
-def record(folder: Path, effect: str, *, seconds: float = 20.0, noise: float = 0.05) -> list[Path]:
+def record(
+    folder: Path, effect: str, *, seconds: float = 20.0, noise: float = 0.05, jitter: float = 1e-5
+) -> list[Path]:
     paths = []
     for index, (kind, repeat) in enumerate([(0, None), (0, "run0"), (1, None), (2, None), (3, None)]):
         random = np.random.default_rng(index)
@@ -74,10 +76,16 @@ def record(folder: Path, effect: str, *, seconds: float = 20.0, noise: float = 0
             tau[:, 1] += 0.25 * np.sign(v[:, 1])
         if effect == "parallel_spring":
             tau[:, 0] += 3.0 * q[:, 0] + 1.0
+        if effect == "tone":
+            tau[:, 1] += 0.02 * np.sin(19.0 * t + kind)
+        if effect == "faint tone":
+            tau[:, 1] += 0.0004 * np.sin(19.0 * t + kind)
+        if effect == "faint friction":
+            tau[:, 1] += 0.0003 * np.sign(v[:, 1])
         if effect == "sudden_stop":
             tau[:, 1] += np.where(np.abs(q[:, 1] - 0.1) < 0.07, 1.5, 0.0) * (t % 3.0 < 1.5)
         tau += random.normal(scale=noise, size=tau.shape)
-        q = q + random.normal(scale=1e-5, size=q.shape)
+        q = q + random.normal(scale=jitter, size=q.shape)
         columns = {"time": t}
         columns |= {f"position.{joint}": q[:, i] for i, joint in enumerate(JOINTS)}
         columns |= {f"effort.{joint}": tau[:, i] for i, joint in enumerate(JOINTS)}
@@ -129,6 +137,15 @@ def test_what_is_in_no_catalogue_is_not_called_explained(tmp_path: Path) -> None
     code, found = answer(tmp_path, record(tmp_path, "sudden_stop"))
     assert found["verdict"] in ("unexplained", "partly_explained")
     assert code == 5
+
+
+@pytest.mark.parametrize(
+    ("effect", "verdict"), [("faint tone", "no_gap"), ("faint friction", "no_gap"), ("tone", "unexplained")]
+)
+def test_a_thousandth_of_the_load_is_no_gap(tmp_path: Path, effect: str, verdict: str) -> None:
+    """A simulator's log without noise shows its own integration: nobody's gap, and no cause."""
+    _, found = answer(tmp_path, record(tmp_path, effect, noise=1e-5, jitter=1e-8))
+    assert (found["verdict"], found["causes"]) == (verdict, [])
 
 
 def test_report_and_patch_are_written_and_the_patch_closes_the_gap(tmp_path: Path) -> None:

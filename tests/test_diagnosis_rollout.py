@@ -83,6 +83,20 @@ def test_with_the_patch_worn_neither_torque_nor_rollout_finds_that_gap_again(
     assert second["before"] < 0.05 * first["before"]
 
 
+def test_a_number_that_a_patch_replaces_is_what_the_cause_is_counted_from(
+    tmp_path: Path, robot: Path
+) -> None:
+    """Told that a rotor weighs nothing, the diagnosis names its inertia, not the robot file's on top of it."""
+    nothing = patch_text("reflected_inertia", "actuator", "port_bend", Ia=(0.0, "kg.m^2"))
+    (tmp_path / "told.yaml").write_text(nothing)
+    found = diagnosed(
+        tmp_path, robot, record(tmp_path, robot, None), "--effects", str(tmp_path / "told.yaml")
+    )
+    (cause,) = [c for c in found["causes"] if c["effect"] == "reflected_inertia"]
+    assert cause["joints"] == ["port_bend"]
+    assert cause["parameters"]["port_bend"]["Ia"]["value"] == pytest.approx(0.3, rel=0.1)
+
+
 def test_a_cause_is_judged_by_ratios_and_only_when_clear() -> None:
     random = np.random.default_rng(3)
     noise = np.exp(0.3 * random.normal(size=20))

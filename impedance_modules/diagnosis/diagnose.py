@@ -20,6 +20,7 @@ from impedance_modules.diagnosis.conclude import conclude
 from impedance_modules.diagnosis.contact import find_pushes, moments_clear
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.model import NominalModel
+from impedance_modules.diagnosis.negligible import felt, negligible
 from impedance_modules.diagnosis.prepare import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, Remainder
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
@@ -38,6 +39,7 @@ from impedance_modules.diagnosis.selection.select import Selector
 from impedance_modules.diagnosis.selection.still import quieted
 from impedance_modules.diagnosis.selection.term import Term
 from impedance_modules.diagnosis.selection.whiten import Whitening
+from impedance_modules.diagnosis.wearing import wearing
 from impedance_modules.effects.catalogue import BENCH, CATALOGUE, SURFACES, WATER
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch import EffectSpec
@@ -82,6 +84,7 @@ def diagnose(
     """
     progress("admitting the recordings")
     logs, report = admit(episodes, model)
+    model, worn = wearing(model, worn, logs)
     cutoff = choose_cutoff(logs)
     run_in = filter_length(cutoff)
     arrangement = arrange(logs, heldout, least_duration(cutoff, ROWS_MIN + 2), run_in)
@@ -175,6 +178,8 @@ def _search(
         else:
             pushes = ()  # what the causes explain better on the very same rows was no push
     bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
+    kept = felt(bench, plain, negligible(prepared, selector.design.groups))
+    bench = bench if len(kept) == len(found.causes) else selector.bench(kept)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
     if pairs:
         # With the causes known, repeats that did not quite repeat no longer leak into the floor.

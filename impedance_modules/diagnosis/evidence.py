@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.contact import Push
+from impedance_modules.diagnosis.negligible import negligible
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.design import Design
@@ -60,6 +62,11 @@ class Evidence:
         return np.asarray(np.sqrt(np.mean(self.floor.rms[list(self.heldout)] ** 2, axis=0)))
 
     @cached_property
+    def negligible(self) -> Array:
+        """(groups,) rms below which what is left does not matter, in the residual's unit."""
+        return negligible(self.prepared, self.design.groups)
+
+    @cached_property
     def unit_power(self) -> Array:
         """(groups,) noise power of a residual's average joint: in its units powers of joints add as they are."""
         names = [residual for residual, _ in self.design.groups]
@@ -68,10 +75,11 @@ class Evidence:
             [np.mean([p for p, other in zip(power, names, strict=True) if other == name]) for name in names]
         )
 
-    def rms(self, bench: Bench | None) -> Array:
-        """(groups,) rms that a model leaves on the unseen recordings; None is the nominal model as it stands."""
-        left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in self.heldout]
-        clear = [self.clear(r) for r in self.heldout]
+    def rms(self, bench: Bench | None, recordings: Sequence[int] | None = None) -> Array:
+        """(groups,) rms that a model leaves on some recordings, the unseen ones; None is the nominal model itself."""
+        chosen = self.heldout if recordings is None else recordings
+        left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in chosen]
+        clear = [self.clear(r) for r in chosen]
         return np.array(
             [
                 np.sqrt(np.mean(np.concatenate([x[g][c] for x, c in zip(left, clear, strict=True)]) ** 2))

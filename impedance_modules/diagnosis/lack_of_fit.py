@@ -4,7 +4,8 @@ r"""Whether what is left is noise: the last word on a verdict.
     F_g = \frac{SSE_g / n_g}{1 + v_g},      v_g the variance that the parameters' own uncertainty gives
 
 in whitened rows, on recordings that no fit has seen. The limit is Fisher's for so many samples here and in the
-floor, all groups together; and no stand-in may find structure in it.
+floor, all groups together, or what is `negligible` beside the joint's own load where that is more; and no
+stand-in may find structure in it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,10 @@ SYSTEMATIC = 1.45
 """Power over noise that the nominal model's own approximations may leave (differences, held commands, filters)."""
 
 WEAK = 2.0
-"""Factor on the limit where no repeats measured the floor."""
+"""Factor on the limit where no repeats measured the floor; in between where they showed a part of it."""
+
+LEAST = 1e-24
+"""Rms that stands for none at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +60,7 @@ def lack_of_fit(evidence: Evidence) -> Lack:
     unseen = _ratios(evidence, evidence.heldout)
     fitted = _ratios(evidence, (*evidence.bench.fitted, *evidence.heldout))
     ratio, limit = (np.array(part) for part in zip(*map(_worse, unseen, fitted), strict=True))
-    factor = WEAK if evidence.floor.weak else 1.0
-    return Lack(ratio, factor * limit, structure(evidence))
+    return Lack(ratio, limit, structure(evidence))
 
 
 def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
@@ -70,6 +73,8 @@ def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, 
     rescale = design.whitening.innovation / evidence.floor.innovation
     left = {r: bench.residuals(bench.whole.coefficients, r) for r in recordings}
     chance = 1.0 - ALPHA / len(design.groups)
+    factors = SYSTEMATIC * (1.0 + (WEAK - 1.0) * evidence.floor.assumed)
+    small = (evidence.negligible / np.maximum(evidence.rms(bench, recordings), LEAST)) ** 2
     out = []
     for g, ids in enumerate(bench.ids):
         rows = np.concatenate([left[r][g] * rescale[r, g] for r in recordings])
@@ -77,6 +82,6 @@ def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, 
         variance = float(np.sum((T @ bench.whole.inverse[np.ix_(ids, ids)]) * T) / len(T))
         part, count = design.whitening.part[g], design.count(recordings)[g]
         ratio = part * float(np.sum(rows**2)) / count / (part + variance)
-        limit = SYSTEMATIC * float(fisher.ppf(chance, count, design.whitening.samples[g]))
-        out.append((ratio, limit))
+        limit = float(factors[g]) * float(fisher.ppf(chance, count, design.whitening.samples[g]))
+        out.append((ratio, max(limit, ratio * float(small[g]))))
     return out

@@ -144,9 +144,11 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
     found: dict[Residual, Array] = {}
     rotor = s.motor_acceleration * model.reflected_inertia + s.motor_velocity * model.motor_damping
     if s.effort is not None and log.effort_source == "joint_sensor":
-        found["link"] = s.effort - torque
+        # The sensor is the spring: what its own damping passes on is not in the reading.
+        through = s.effort + model.spring_damping * s.spring_compliance * s.rate_of(s.effort)
+        found["link"] = through - torque
         if s.drive is not None:
-            found["actuator"] = s.drive - s.effort - rotor
+            found["actuator"] = s.drive - through - rotor
     elif s.effort is not None:
         found["motor"] = s.effort - torque - rotor
         if s.drive is not None:

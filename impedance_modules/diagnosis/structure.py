@@ -42,7 +42,10 @@ def structure(evidence: Evidence) -> str:
     recordings = (*bench.fitted, *evidence.heldout)
     left = [bench.residuals(bench.whole.coefficients, r) for r in recordings]
     found = []
+    small = evidence.rms(bench, recordings) <= evidence.negligible
     for g, (residual, joint) in enumerate(evidence.design.groups):
+        if small[g]:
+            continue
         name = f"{evidence.prepared[0].tree.joints[joint]} ({residual})"
         series = [values[g] for values in left]
         frequency, tone = _tone(series, evidence.design.rate)
@@ -51,7 +54,7 @@ def structure(evidence: Evidence) -> str:
             found.append((tone / TONE_MAX, f"a tone at {frequency:.2g} Hz is left on {name}"))
         if moment > MOMENT_MAX:
             found.append((moment / MOMENT_MAX, f"single moments stand out on {name}"))
-    best = _smooth(evidence)
+    best = _smooth(evidence, small)
     if best is not None:
         residual, joint = evidence.design.groups[best.term.groups[0]]
         name = f"{evidence.prepared[0].tree.joints[joint]} ({residual})"
@@ -83,10 +86,11 @@ def _moment(series: Sequence[Array], rate: float) -> float:
     return float(power.max() / max(np.median(power), 1e-24))
 
 
-def _smooth(evidence: Evidence) -> Trial | None:
+def _smooth(evidence: Evidence, small: NDArray[np.bool_]) -> Trial | None:
     """The stand-in that finds most beside the causes, if it finds anything; none of a joint that always stands still.
 
-    What its encoder flickers is in its residual and in every function of its motion.
+    What its encoder flickers is in its residual and in every function of its motion. Groups whose remainder is
+    ``small`` beside the load do not count either.
     """
     still = np.all([at_rest(item.signals.position) for item in evidence.prepared], axis=0)
     selector, bench = evidence.selector, evidence.bench
@@ -98,5 +102,6 @@ def _smooth(evidence: Evidence) -> Trial | None:
         if trial.gain - price(trial) > SMOOTH_GAIN
         and trial.reduction > SMOOTH_PART
         and not still[evidence.design.groups[trial.term.groups[0]][1]]
+        and not small[trial.term.groups[0]]
     ]
     return max(good, key=lambda trial: trial.gain, default=None)

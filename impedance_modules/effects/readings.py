@@ -34,6 +34,7 @@ class EncoderOffset(Effect):
         reference="Khalil & Dombre 2002; PACE 2025 (bias)",
         worn="The plant: its position sensor, and the robot's own gravity compensation with it.",
     )
+    shape = ("dq0",)
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Wherever the links' model is evaluated."""
@@ -42,12 +43,34 @@ class EncoderOffset(Effect):
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
     ) -> Regressor | None:
-        """Minus the derivative of the inverse dynamics by the joint's angle, on all joints."""
+        """Linearises the inverse dynamics about the angle less the shape's offset, on all joints."""
         if not self.shows(port, residual):
             return None
-        columns = -signals.position_derivative[:, :, signals.joint(key), None]
-        rows = tuple(range(signals.n))
-        return Regressor(rows, columns, np.zeros(columns.shape[:2]), *unbounded(1))
+        joint, offset, rows = signals.joint(key), float(shape["dq0"]), tuple(range(signals.n))
+        if offset == 0.0:
+            columns = -signals.position_derivative[:, :, joint, None]
+            return Regressor(rows, columns, np.zeros(columns.shape[:2]), *unbounded(1))
+        v, a = signals.velocity, signals.acceleration
+        there = signals.position.copy()
+        there[:, joint] -= offset
+        columns = -signals.model.position_derivative(there, v, a)[:, :, joint, None]
+        return Regressor(rows, columns, signals.model.torque(there, v, a) - signals.rigid, *unbounded(1))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts without one; what is found moves it."""
+        return ({"dq0": 0.0},)
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """The shape says it all."""
+        return np.zeros(1), {"dq0": values["dq0"]}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The shape plus the step."""
+        return {"dq0": float(shape["dq0"] + coefficients[0])}
 
     def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Shifts what the encoder reports."""

@@ -20,7 +20,16 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 RIDGE = 1e-4
-"""Of the flexible model, over its columns' power."""
+"""Of the flexible model, over its columns' power; more where it would use up too many samples."""
+
+USED_MAX = 0.5
+"""Part of all samples that a flexible model may use up: what is left of fewer says little about the noise."""
+
+STIFFER = 2.0
+"""Factor by which the ridge grows until then."""
+
+LEAST = 1e-24
+"""Power that stands for none at all."""
 
 
 def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> list[tuple[int, int]]:
@@ -52,22 +61,34 @@ def noise_by_repeats(
     shown = {pair: _both_clear(pair, prepared, clear or {}) for pair in pairs}
     moved = np.mean([acceleration_noise(prepared[i], prepared[j]) for i, j in pairs], axis=0)
     rounding = [unseen_rounding(prepared[i], moved, seed) for seed, (i, _) in enumerate(pairs)]
+    unseen = [
+        [_rounded(part, group, shown[pair]) for pair, part in zip(pairs, rounding, strict=True)]
+        for group in nuisance.groups
+    ]
     noise = [
         [
-            _difference(left[i][g], left[j][g], shown[i, j]) + _rounded(part, group, shown[i, j])
-            for (i, j), part in zip(pairs, rounding, strict=True)
+            _difference(left[i][g], left[j][g], shown[i, j]) + part
+            for (i, j), part in zip(pairs, parts, strict=True)
         ]
-        for g, group in enumerate(nuisance.groups)
+        for g, parts in enumerate(unseen)
     ]
     moved = moved + np.mean([0.0 * moved if x is None else x.power for x in rounding], axis=0)
     power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
+    assumed = [float(np.mean(np.concatenate(x) ** 2)) for x in unseen]
     share = shares(nuisance.groups, prepared, pairs, power, moved)
-    return whitening_of(noise, share, edge=_edge(prepared), lost=np.zeros(len(nuisance.groups)), weak=False)
+    return whitening_of(
+        noise,
+        share,
+        edge=_edge(prepared),
+        lost=np.zeros(len(nuisance.groups)),
+        assumed=np.clip(np.array(assumed) / np.maximum(power, LEAST), 0.0, 1.0),
+        weak=False,
+    )
 
 
-def _rounded(rounding: Rounding | None, group: Group, shown: Mask) -> Array | float:
+def _rounded(rounding: Rounding | None, group: Group, shown: Mask) -> Array:
     """What a grid adds to the difference of two repeats that were rounded alike."""
-    return 0.0 if rounding is None else rounding.of(group)[: len(shown)][shown]
+    return np.zeros(int(shown.sum())) if rounding is None else rounding.of(group)[: len(shown)][shown]
 
 
 def _edge(prepared: Sequence[Prepared]) -> float:
@@ -112,7 +133,9 @@ def noise_by_smoothness(
         noise.append(pieces)
         lost.append(used)
     share = np.ones((len(left), len(nuisance.groups)))
-    return whitening_of(noise, share, edge=_edge(prepared), lost=np.array(lost), weak=True)
+    return whitening_of(
+        noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
+    )
 
 
 def _left_by(  # noqa: PLR0917 - all of them belong together
@@ -130,7 +153,23 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
     X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
     gram = X.T @ X
-    solution = np.linalg.solve(gram + RIDGE * len(y) * np.eye(len(gram)), np.column_stack([X.T @ y, gram]))
-    rest = y - X @ solution[:, 0]
+    power, axes = np.linalg.eigh(gram)
+    power = np.maximum(power, 0.0)
+    ridge = _ridge(power, len(y))
+    rest = y - X @ (axes @ ((axes.T @ (X.T @ y)) / (power + ridge)))
     ends = np.cumsum([len(block) for block in blocks])[:-1]
-    return list(np.split(rest, ends)), float(np.trace(solution[:, 1:]))
+    return list(np.split(rest, ends)), _used(power, ridge)
+
+
+def _ridge(power: Array, samples: int) -> float:
+    """Ridge of a regression with some eigenvalues of its normal matrix: the least that uses up no more than allowed."""
+    ridge = RIDGE * samples
+    while _used(power, ridge) > USED_MAX * samples:
+        ridge *= STIFFER
+    return ridge
+
+
+def _used(power: Array, ridge: float) -> float:
+    """Samples of white noise that such a regression takes away: tr(2 H - H^2), H what turns readings into its fit."""
+    share = power / (power + ridge)
+    return float(np.sum(share * (2.0 - share)))

@@ -26,6 +26,12 @@ EQUAL_LOSS = 0.01
 DECIDED = 15.0
 """Log-likelihood by which a cause must lie ahead [nats], standard errors too, where hardly any power does."""
 
+LATE = {"command_delay", "actuator_lag"}
+"""Effects of one joint that differ in the second order of their time alone: told apart by a clear difference only."""
+
+TWIN_DECIDED = 7.5
+"""Log-likelihood by which one of these must lie ahead, and by `EQUAL_SIGMA` too [nats]."""
+
 
 def judge_rivals(
     selector: Selector, causes: Sequence[Term], term: Term
@@ -67,9 +73,17 @@ def _equal(own: Trial, rival: Trial) -> bool:
         return False
     loss = (mine - its) / mine
     ahead = own.advantage(rival) >= EQUAL_SIGMA
+    if _twins(own, rival):
+        return not (ahead and own.gain - rival.gain > TWIN_DECIDED)
     if loss < EQUAL_LOSS:
         return not (ahead and own.gain - rival.gain > DECIDED)
     return loss < 5.0 * EQUAL_LOSS and not ahead
+
+
+def _twins(own: Trial, rival: Trial) -> bool:
+    """Whether both say that one joint's torque is late."""
+    keys = own.term.key, rival.term.key
+    return keys[0][1] == keys[1][1] and {key[0] for key in keys} == LATE
 
 
 def contains(rival: Trial, own: Trial) -> bool:

@@ -14,6 +14,9 @@ from impedance_modules.diagnosis.selection.trial import Trial
 SAME_REACH = 0.95
 """Candidates that explain this part of what the best one does are as good; the cheaper one is taken."""
 
+RICHER = 4.0
+"""Log-likelihood, its price paid, by which a law must beat a simpler one that it contains [nats]."""
+
 BIC_MIN = 15.0
 """Least improvement of the Bayesian information criterion."""
 
@@ -58,15 +61,30 @@ def promising(looks: Sequence[Look], most: int) -> list[Slot]:
 
 
 def by_merit(trials: Sequence[Trial]) -> list[Trial]:
-    """Sorts trials by what they explain; of those that explain the same, the one whose parameters cost least."""
+    """Sorts trials by what they explain; of those that explain the same, the one whose parameters cost least.
+
+    A law that contains a simpler one on the same joint comes before it only where it is better for certain.
+    """
     left = sorted(trials, key=lambda item: -item.reach)
     out: list[Trial] = []
     while left:
         near = [item for item in left if item.reach >= SAME_REACH * left[0].reach]
         chosen = max(near, key=adjusted, default=left[0])
+        simpler = [
+            item for item in near if _within(item, chosen) and adjusted(item) > adjusted(chosen) - RICHER
+        ]
+        chosen = max(simpler, key=adjusted, default=chosen)
         out.append(chosen)
         left.remove(chosen)
     return out
+
+
+def _within(one: Trial, other: Trial) -> bool:
+    """Whether a law is a special case of another one on the same joint."""
+    if one.term.generic or other.term.generic or one.term.key[1:] != other.term.key[1:]:
+        return False
+    less, more = (set(trial.term.candidate.effect.description.symbols) for trial in (one, other))
+    return less < more
 
 
 def adjusted(trial: Trial) -> float:

@@ -26,7 +26,10 @@ from impedance_modules.diagnosis.selection.rules import (
 from impedance_modules.diagnosis.selection.screen import Look, Screen
 from impedance_modules.diagnosis.selection.term import Term, term_of
 from impedance_modules.diagnosis.selection.trial import Trial, try_term
+from impedance_modules.diagnosis.selection.united import united
 from impedance_modules.effects.effect import JointLaw
+from impedance_modules.effects.residuals import EFFORT_SIGN
+from impedance_modules.effects.signals import Signals
 
 CAUSES_MAX = 30
 """More are not looked for."""
@@ -46,6 +49,12 @@ ESSENCE_MIN = 12.0
 
 FAR = 1.5
 """Farthest place of a load on a link, over the robot's longest link."""
+
+ASYMMETRIC, OFFSET = "asymmetric_friction", "torque_offset"
+"""Wherever a joint moves, an asymmetry is an offset."""
+
+TAKEN_BACK = 0.5
+"""Part of one that the other may take back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +129,7 @@ class Selector:
             progress(f"found {' and '.join(f'{term.key[0]} on {term.key[1]}' for term in more)}")
             if len(model) > 1:
                 model = self._exchanged(model)
-        return Selection(tuple(self._pruned(model)), refusal)
+        return Selection(tuple(self._pruned(united(model, self.bench, self.refiner))), refusal)
 
     def trial(self, bench: Bench, slot: Slot) -> Trial:
         """Tries a candidate of the grid."""
@@ -148,6 +157,8 @@ class Selector:
         """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
         if any(_holds(other, trial.term) for other in trial.bench.model):
             return "another cause on the same joint contains it"
+        if _taken_back(trial, self.refiner.prepared[0].signals):
+            return "an offset and an asymmetry on one joint take each other back wherever it moves"
         if trial.outside or disagreed(trial):
             return "its parameters are at the end of what is physical, or beyond"
         term, effect = trial.term, trial.term.candidate.effect
@@ -238,3 +249,22 @@ def _holds(one: Term, other: Term) -> bool:
         return False
     more, less = (set(law.description.symbols) for law in laws)
     return more > less
+
+
+def _taken_back(trial: Trial, signals: Signals) -> bool:
+    """Whether an offset and an asymmetry of friction on one joint cancel but where the joint stands still."""
+    term, bench = trial.term, trial.bench
+    for other, start in zip(bench.model, bench.starts, strict=False):
+        shared = set(term.groups) & set(other.groups)
+        if {term.key[0], other.key[0]} != {ASYMMETRIC, OFFSET} or not shared:
+            continue
+        sizes: dict[str, float] = {}
+        for one, coefficients in ((term, trial.seen.own), (other, trial.seen.beside[start:])):
+            own = coefficients[: one.shaped.size] / one.slot.scale
+            candidate = one.candidate
+            found = candidate.effect.values(own, one.shaped.shape, signals, candidate.key, candidate.port)
+            read = EFFORT_SIGN[bench.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
+            sizes |= {symbol: read * value for symbol, value in found.items()}
+        if abs(sizes["c"] + sizes["da"]) < TAKEN_BACK * max(abs(sizes["c"]), abs(sizes["da"])):
+            return True
+    return False

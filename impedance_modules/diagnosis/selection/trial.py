@@ -45,12 +45,16 @@ class Seen:
         essence: Chi-square of what makes it this effect.
         displaced: A term of the model beside it that it drives out of its physical bounds; None where it does not.
         spread: (p,) standard deviations of its coefficients, scaled.
+        beside: (K + P,) the model's coefficients beside it.
+        own: (p,) its coefficients, scaled.
     """
 
     gain: float
     essence: float
     displaced: Term | None
     spread: Array
+    beside: Array
+    own: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +231,7 @@ def _seen(bench: Bench, term: Term) -> Seen:
     known = _sharpening(bench, term, squares)
     gain = float(0.5 * (bench.counts @ ratio + prior - own))
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
-    return Seen(gain, known * _essence(term, more, covariance), _displaced(bench, found), spread)
+    return Seen(gain, known * _essence(term, more, covariance), _displaced(bench, found), spread, found, more)
 
 
 def _displaced(bench: Bench, coefficients: Array) -> Term | None:

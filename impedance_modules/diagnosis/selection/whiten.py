@@ -51,6 +51,7 @@ class Whitening:
         rms: (recordings, groups) noise in the band.
         part: (groups,) power of whitened noise: its samples that are independent over all of them.
         samples: (groups,) independent samples that the floor rests on.
+        assumed: (groups,) part of the floor's power that no repeats showed.
         weak: True where no repeats measured it.
         clear: Recording -> (M,) rows that count; a recording all of whose rows do is missing.
     """
@@ -60,6 +61,7 @@ class Whitening:
     rms: Array
     part: Array
     samples: Array
+    assumed: Array
     weak: bool
     clear: Mapping[int, Mask] = field(default_factory=dict)
 
@@ -87,7 +89,7 @@ class Whitening:
 
 
 def whitening_of(
-    noise: Sequence[Sequence[Array]], share: Array, *, edge: float, lost: Array, weak: bool
+    noise: Sequence[Sequence[Array]], share: Array, *, edge: float, lost: Array, assumed: Array, weak: bool
 ) -> Whitening:
     """Fits the noise model.
 
@@ -96,6 +98,7 @@ def whitening_of(
         share: (recordings, groups) how much stronger the noise is there than in the pieces.
         edge: End of the band in cycles per sample.
         lost: (groups,) degrees of freedom that were fitted away to get the pieces.
+        assumed: (groups,) part of the pieces' power that no repeats showed.
         weak: No repeats measured it.
     """
     filters, scale, rms, part, samples = [], [], [], [], []
@@ -118,6 +121,7 @@ def whitening_of(
         rms=share * np.array(rms),
         part=np.array(part),
         samples=np.array(samples),
+        assumed=assumed,
         weak=weak,
     )
 
