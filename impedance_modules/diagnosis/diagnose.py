@@ -15,6 +15,7 @@ from impedance_modules.diagnosis.arrange import Arrangement, arrange
 from impedance_modules.diagnosis.aside import both, contact_aside, contact_note
 from impedance_modules.diagnosis.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.causes import name_causes
+from impedance_modules.diagnosis.certain import certain
 from impedance_modules.diagnosis.compensated import compensation_note
 from impedance_modules.diagnosis.conclude import conclude
 from impedance_modules.diagnosis.contact import find_pushes, moments_clear
@@ -178,8 +179,12 @@ def _search(
         else:
             pushes = ()  # what the causes explain better on the very same rows was no push
     bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
-    kept = felt(bench, plain, negligible(prepared, selector.design.groups))
-    bench = bench if len(kept) == len(found.causes) else selector.bench(kept)
+    for kept in (
+        felt(bench, plain, negligible(prepared, selector.design.groups)),
+        certain(bench, selector.refiner),
+    ):
+        model = [term for term in bench.model if term in kept]
+        bench = bench if len(model) == len(bench.model) else selector.bench(model)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
     if pairs:
         # With the causes known, repeats that did not quite repeat no longer leak into the floor.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.candidates import Group
 from impedance_modules.diagnosis.selection.drafts import Draft
-from impedance_modules.diagnosis.selection.grid import Rounding, unseen_rounding
+from impedance_modules.diagnosis.selection.grid import Rounding, differentiated, read_noise, unseen_rounding
 from impedance_modules.diagnosis.selection.noise_motion import acceleration_noise, shares
 from impedance_modules.diagnosis.selection.nuisance import Nuisance
 from impedance_modules.diagnosis.selection.whiten import Whitening, whitening_of
@@ -30,6 +30,9 @@ STIFFER = 2.0
 
 LEAST = 1e-24
 """Power that stands for none at all."""
+
+LEFT_MIN = 0.1
+"""Least part of all samples that is taken to be left of a flexible model."""
 
 
 def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> list[tuple[int, int]]:
@@ -119,6 +122,8 @@ def noise_by_smoothness(
 ) -> Whitening:
     """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
 
+    It is at least what the positions' own noise makes: functions of the acceleration hold that noise and hide it.
+
     Args:
         left: Recording -> group -> (M,) residual.
         prepared: The recordings.
@@ -126,16 +131,27 @@ def noise_by_smoothness(
         flexible: Stand-ins and single-joint candidates.
         recordings: Those that are fitted.
     """
+    made = [differentiated(prepared[r], read_noise(prepared[r]), r) for r in recordings]
     noise, lost = [], []
     for index, group in enumerate(nuisance.groups):
         members = [draft for draft in flexible if all(group in blocks for blocks in draft.blocks)]
         pieces, used = _left_by(members, group, index, left, nuisance, recordings)
-        noise.append(pieces)
+        noise.append(_no_quieter(pieces, used, [one.of(group) for one in made]))
         lost.append(used)
     share = np.ones((len(left), len(nuisance.groups)))
     return whitening_of(
         noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
     )
+
+
+def _no_quieter(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> list[Array]:
+    """Adds to pieces of noise what they lack of the positions' own."""
+    count = sum(map(len, pieces))
+    grow = count / max(count - used, LEFT_MIN * count)
+    seen = grow * sum(float(piece @ piece) for piece in pieces)
+    own = max(sum(float(piece @ piece) for piece in made), LEAST)
+    share = np.sqrt(max(0.0, 1.0 - seen / own) / grow)
+    return [piece + share * more for piece, more in zip(pieces, made, strict=True)]
 
 
 def _left_by(  # noqa: PLR0917 - all of them belong together

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Noise of an encoder's grid that repeats do not show, because it repeats with the motion.
+r"""Position noise in the residuals that nothing else shows: an encoder's grid under repeats, any noise without them.
 
 Two runs that agree to less than a count are rounded alike: their difference does not hold the rounding, the
 residual does. A grid of step g, crossed often, is white noise of variance g^2 / 12 per sample; differentiated twice
 it moves the links. What the grid alone would make of the accelerations, less what the repeats show of it, is added
-to the repeats' difference:
+to the repeats' difference; without repeats the noise beyond the motion's frequencies bounds the floor from below:
 
     \delta r_link = -M(q) \delta a,      \delta r_actuator = -I_r \delta a,      \delta r_velocity = -\delta v
 """
@@ -26,6 +26,10 @@ Array = NDArray[np.float64]
 
 LACKING = 0.5
 """Repeats that show less than this part of a grid's noise are taken to have repeated its rounding."""
+
+ABOVE, BELOW = 0.25, 0.38
+"""Frequencies [cycles per sample] between which a position holds nothing but noise: beyond motion, before what thinning
+filtered away."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +74,34 @@ def unseen_rounding(item: Prepared, seen: Array, seed: int) -> Rounding | None:
     log = item.log
     if log.grid is None or not log.grid.any():
         return None
-    size = log.grid * np.sqrt(log.rate / 12.0)
-    noise = size * np.random.default_rng(seed).standard_normal(log.position.shape)
-    v = differentiate(item.band.smooth(noise), np.arange(log.samples) / log.rate)
-    a = differentiate(v, np.arange(log.samples) / log.rate)
-    speed, acceleration = item.band.condense(v), item.band.condense(a)
-    whole = np.mean(acceleration**2, axis=0)
+    made = differentiated(item, log.grid * np.sqrt(log.rate / 12.0), seed)
+    whole = made.power
     lacking = np.where(seen < LACKING * whole, 1.0 - seen / np.maximum(whole, 1e-300), 0.0)
     if not lacking.any():
         return None
-    speed, acceleration = speed * np.sqrt(lacking), acceleration * np.sqrt(lacking)
-    inertia = mass_matrix(item.tree, item.position)
-    torque = np.einsum("mij,mj->mi", inertia, acceleration)
+    return _torques(item, made.velocity * np.sqrt(lacking), made.acceleration * np.sqrt(lacking))
+
+
+def read_noise(item: Prepared) -> Array:
+    """Rms of white noise in a recording's positions, (n,) [rad per sample], by their spectrum beyond the motion."""
+    position = item.log.position
+    window = np.hanning(len(position))[:, None]
+    power = np.abs(np.fft.rfft(window * (position - position.mean(axis=0)), axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(position))
+    beyond = power[(frequency > ABOVE) & (frequency < BELOW)]
+    level = np.min([np.median(half, axis=0) for half in np.array_split(beyond, 2)], axis=0)
+    return np.asarray(np.sqrt(level / np.log(2.0) / np.sum(window**2)))
+
+
+def differentiated(item: Prepared, size: Array, seed: int) -> Rounding:
+    """Makes up what white position noise of a size (n,) [rad per sample] does to the residuals of a recording."""
+    log = item.log
+    time = np.arange(log.samples) / log.rate
+    noise = size * np.random.default_rng(seed).standard_normal(log.position.shape)
+    v = differentiate(item.band.smooth(noise), time)
+    return _torques(item, item.band.condense(v), item.band.condense(differentiate(v, time)))
+
+
+def _torques(item: Prepared, speed: Array, acceleration: Array) -> Rounding:
+    torque = np.einsum("mij,mj->mi", mass_matrix(item.tree, item.position), acceleration)
     return Rounding(acceleration, speed, torque, item.signals.reflected_inertia * acceleration)
