@@ -87,9 +87,15 @@ class ParallelSpring(JointLaw):
     def coefficients(
         self, values: Values, signals: Signals, key: str, port: Port
     ) -> tuple[Array, dict[str, float]]:
-        """A robot that carries its weight carries its springs too, as the plant that wears them does."""
-        coefficients, _ = self.linear(values)
-        return coefficients, {} if signals.assistance is None else {CARRIED: 1.0}
+        """The recording tells whether the robot carries it: more effort came than was asked for, by what winds it."""
+        coefficients, shape = self.linear(values)
+        asked, measured, joint = signals.drive, signals.effort, signals.joint(key)
+        if signals.assistance is None or asked is None or measured is None:
+            return coefficients, shape
+        winding = self.basis(signals.sample(joint, motor_side=False), shape) @ coefficients
+        unasked = (measured - asked)[:, joint]
+        carried = float(unasked @ winding) > 0.5 * float(winding @ winding)
+        return coefficients, {CARRIED: 1.0} if carried else shape
 
     def bounds(self) -> tuple[Array, Array]:
         """The stiffness is not negative."""
