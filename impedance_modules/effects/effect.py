@@ -63,6 +63,7 @@ class Effect(ABC):
         description: In words.
         shape: Names of what enters nonlinearly; empty for a linear effect.
         replaces: It replaces a number of the robot file instead of adding to it.
+        nearly_linear: Linearised where its shape starts it is good enough to be found by; it moves once it is accepted.
         symmetric: On a pair of joints it is the same effect either way round.
         essence: Sums of coefficients that differ from zero if it is this effect and not a simpler one.
     """
@@ -70,6 +71,7 @@ class Effect(ABC):
     description: Description
     shape: tuple[str, ...] = ()
     replaces: bool = False
+    nearly_linear: bool = False
     symmetric: bool = False
     essence: tuple[tuple[float, ...], ...] = ()
 

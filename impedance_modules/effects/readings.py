@@ -35,6 +35,7 @@ class EncoderOffset(Effect):
         worn="The plant: its position sensor, and the robot's own gravity compensation with it.",
     )
     shape = ("dq0",)
+    nearly_linear = True
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Wherever the links' model is evaluated."""

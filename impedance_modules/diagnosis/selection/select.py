@@ -188,7 +188,8 @@ class Selector:
         for trial in by_merit(trials):
             reason = objection(trial, stand_ins) or self.impossible(trial)
             if reason is None:
-                return trial.term, None
+                late = trial.term.candidate.effect.nearly_linear
+                return self.refiner.refine(bench, trial.term) if late else trial.term, None
             refusal = refusal or Refusal(trial, reason)
         return None, refusal
 
@@ -207,7 +208,7 @@ class Selector:
 
     def refined(self, bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
         """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
-        shaped = [trial for trial in trials if not trial.term.generic and trial.term.candidate.effect.shape]
+        shaped = [trial for trial in trials if not trial.term.generic and _moves(trial.term)]
         out = [trial for trial in trials if trial not in shaped]
         ranked = sorted(shaped, key=lambda trial: -trial.seen.gain)
         for old in ranked[:REFINED]:
@@ -240,6 +241,11 @@ class Selector:
             if self.objection(try_term(self.bench(rest), term)) is not None:
                 model = rest
         return model
+
+
+def _moves(term: Term) -> bool:
+    """Whether a shape is worth moving before a candidate is compared."""
+    return bool(term.candidate.effect.shape) and not term.candidate.effect.nearly_linear
 
 
 def _holds(one: Term, other: Term) -> bool:
