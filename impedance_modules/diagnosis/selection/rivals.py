@@ -50,7 +50,7 @@ def judge_rivals(
     for rival in selector.refined(bench, [selector.trial(bench, slot) for slot in asked]):
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
-        if other and _equal(own, rival) and selector.unphysical(rival) is None:
+        if other and _equal(own, rival) and (selector.unphysical(rival) is None or _open(rival, own)):
             equal.append(_named(candidate, "fits unseen recordings as well"))
         else:
             lost.append(_named(candidate, _reason(own, rival)))
@@ -108,6 +108,19 @@ def _alone(rival: Trial, own: Trial) -> bool:
     part = try_term(rival.bench, part_of(rival.term, kept))
     mine, its = own.reach_on(own.term.groups), part.reach_on(own.term.groups)
     return mine - its < EQUAL_LOSS * mine
+
+
+def _open(rival: Trial, own: Trial) -> bool:
+    """Whether what makes the rival more than the cause could be as large as the cause, for all that is seen.
+
+    A joint that stands still at one place tells nothing about a stiffness beside an offset, not even its sign. Columns
+    are scaled to one.
+    """
+    rows = np.array(rival.term.candidate.effect.essence)
+    if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
+        return False
+    kept = np.flatnonzero(rows.any(axis=0))
+    return bool(np.all(rival.seen.spread[kept] > np.abs(own.seen.own).max()))
 
 
 def _reason(own: Trial, rival: Trial) -> str:
