@@ -21,7 +21,7 @@ from impedance_modules.episode.reader import read_episode
 
 Array = NDArray[np.float64]
 
-KINDS = ("position", "velocity", "effort", "effort_command", "position_command")
+KINDS = ("position", "velocity", "effort", "effort_command", "position_command", "phase")
 
 TOTAL_MAX = 900.0
 """Seconds that all recordings together may contribute."""
