@@ -82,11 +82,15 @@ def record(
             tau[:, 1] += 0.0004 * np.sin(19.0 * t + kind)
         if effect == "faint friction":
             tau[:, 1] += 0.0003 * np.sign(v[:, 1])
+        touching = (effect == "table") & (t > 8.0) & (t < 11.0)
+        tau[:, 1] += 2.0 * touching
         if effect == "sudden_stop":
             tau[:, 1] += np.where(np.abs(q[:, 1] - 0.1) < 0.07, 1.5, 0.0) * (t % 3.0 < 1.5)
         tau += random.normal(scale=noise, size=tau.shape)
         q = q + random.normal(scale=jitter, size=q.shape)
         columns = {"time": t}
+        if effect == "table":
+            columns["phase"] = np.where(touching, "contact", "free")
         columns |= {f"position.{joint}": q[:, i] for i, joint in enumerate(JOINTS)}
         columns |= {f"effort.{joint}": tau[:, i] for i, joint in enumerate(JOINTS)}
         metadata = episode_metadata(
@@ -137,6 +141,13 @@ def test_what_is_in_no_catalogue_is_not_called_explained(tmp_path: Path) -> None
     code, found = answer(tmp_path, record(tmp_path, "sudden_stop"))
     assert found["verdict"] in ("unexplained", "partly_explained")
     assert code == 5
+
+
+def test_what_happens_in_contact_is_left_aside(tmp_path: Path) -> None:
+    """Phases are read from the file: a table that holds the elbow up is no property of the arm."""
+    code, found = answer(tmp_path, record(tmp_path, "table"))
+    assert (code, found["verdict"]) == (0, "no_gap")
+    assert any("in contact, by the phases" in note for note in found["data"]["warnings"])
 
 
 @pytest.mark.parametrize(
