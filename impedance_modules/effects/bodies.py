@@ -15,6 +15,7 @@ from impedance_modules.effects.effect import Effect, Regressor, Values, unbounde
 from impedance_modules.effects.residuals import Residual, uses_motion
 from impedance_modules.effects.sample import Shape
 from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.stepped import Stepped
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot import BodyChange, RobotSpec
 
@@ -204,7 +205,7 @@ def _leaning(gravity: Array, lean: Array) -> Array:
     return np.asarray(exp3(np.array([*lean, 0.0])).T @ gravity)
 
 
-class BaseTilt(Effect):
+class BaseTilt(Stepped):
     """A base that leans."""
 
     description = Description(
@@ -244,16 +245,6 @@ class BaseTilt(Effect):
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Starts upright."""
         return ({"rx": 0.0, "ry": 0.0},)
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """The guess plus the step."""
-        return {name: float(shape[name] + step) for name, step in zip(self.shape, coefficients, strict=True)}
-
-    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
-        """The shape says it all."""
-        return np.zeros(2), {name: values[name] for name in self.shape}
 
     def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Turns gravity."""

@@ -16,16 +16,17 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.description import Description, Parameter, Port
-from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
+from impedance_modules.effects.effect import Regressor, Values, one_row
 from impedance_modules.effects.residuals import Residual, Stage
 from impedance_modules.effects.sample import Shape
 from impedance_modules.effects.signals import Signals, differentiate
+from impedance_modules.effects.stepped import Stepped
 from impedance_modules.spec.robot import RobotSpec
 
 Array = NDArray[np.float64]
 
 
-class DriveLaw(Effect):
+class DriveLaw(Stepped):
     """A drive that gives something else than asked, by one parameter.
 
     Attributes:
@@ -60,18 +61,6 @@ class DriveLaw(Effect):
         given, slope = self.given(asked, signals.time, value)
         lowest = self.description.parameter(self.symbol).lower - value
         return one_row(joint, -slope[:, None], asked - given, np.array([lowest]), np.full(1, np.inf))
-
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
-        """The shape says it all."""
-        return np.zeros(1), {self.symbol: values[self.symbol]}
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """The shape plus the step."""
-        return {self.symbol: float(shape[self.symbol] + coefficients[0])}
 
 
 class CommandDelay(DriveLaw):

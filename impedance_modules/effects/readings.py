@@ -14,11 +14,12 @@ from impedance_modules.effects.effect import PAIR, Effect, Regressor, Values, on
 from impedance_modules.effects.residuals import EFFORT_SIGN, Residual, uses_motion
 from impedance_modules.effects.sample import Shape
 from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.stepped import Stepped
 
 Array = NDArray[np.float64]
 
 
-class EncoderOffset(Effect):
+class EncoderOffset(Stepped):
     """A joint whose reported angle is off by a constant."""
 
     description = Description(
@@ -60,18 +61,6 @@ class EncoderOffset(Effect):
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Starts without one; what is found moves it."""
         return ({"dq0": 0.0},)
-
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
-        """The shape says it all."""
-        return np.zeros(1), {"dq0": values["dq0"]}
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """The shape plus the step."""
-        return {"dq0": float(shape["dq0"] + coefficients[0])}
 
     def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Shifts what the encoder reports."""

@@ -16,6 +16,7 @@ from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
 from impedance_modules.effects.residuals import COVERS, Residual, uses_motion
 from impedance_modules.effects.sample import Shape
 from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.stepped import Stepped
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -24,7 +25,7 @@ APART = "apart"
 """Shape: 1 where the readings' clock runs away from the commands'."""
 
 
-class VelocityFilterLag(Effect):
+class VelocityFilterLag(Stepped):
     """A reported velocity that lags."""
 
     description = Description(
@@ -61,18 +62,6 @@ class VelocityFilterLag(Effect):
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Starts between an instant and a quarter of a second."""
         return tuple({"T": T} for T in (0.0, 0.01, 0.04, 0.15))
-
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
-        """The shape says it all."""
-        return np.zeros(1), {"T": values["T"]}
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """The shape plus the step."""
-        return {"T": float(shape["T"] + coefficients[0])}
 
     def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Filters reported velocities once more."""

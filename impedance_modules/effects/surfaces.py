@@ -25,6 +25,7 @@ from impedance_modules.effects.effect import Effect, Regressor, Values, unbounde
 from impedance_modules.effects.residuals import Residual, uses_motion
 from impedance_modules.effects.sample import SLIDING_SMOOTHING, Shape
 from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.stepped import Stepped
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
 
@@ -112,7 +113,7 @@ class SurfaceEffect(Effect):
         return replace(all_rows(signals, column[:, :, None], *bounds), fixed=fixed)
 
 
-class SurfaceHeight(SurfaceEffect):
+class SurfaceHeight(Stepped, SurfaceEffect):
     """A surface that lies higher or lower than the task says."""
 
     description = Description(
@@ -149,16 +150,6 @@ class SurfaceHeight(SurfaceEffect):
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Starts where the map has it, and some centimetres above: a hand that never reaches it tells nothing."""
         return tuple({"dh": raised} for raised in (0.0, 0.01, 0.03, 0.1))
-
-    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
-        """The shape says it all."""
-        return np.zeros(1), {"dh": values["dh"]}
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """The guess plus the step."""
-        return {"dh": float(shape["dh"] + coefficients[0])}
 
     def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
         """Moves it upwards."""
