@@ -12,12 +12,19 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.admit import admit
 from impedance_modules.diagnosis.arrange import Arrangement, arrange
-from impedance_modules.diagnosis.aside import both, contact_aside, contact_note
+from impedance_modules.diagnosis.aside import (
+    both,
+    contact_aside,
+    contact_note,
+    on_links,
+    without_touched_links,
+)
 from impedance_modules.diagnosis.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.causes import name_causes
 from impedance_modules.diagnosis.certain import certain
 from impedance_modules.diagnosis.compensated import compensation_note
 from impedance_modules.diagnosis.conclude import conclude
+from impedance_modules.diagnosis.confirmed import confirmed
 from impedance_modules.diagnosis.contact import find_pushes, moments_clear
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.model import NominalModel
@@ -93,6 +100,7 @@ def diagnose(
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
     prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)
     arrangement, prepared = _long_enough(arrangement, prepared)
+    prepared = without_touched_links(prepared)
     progress("evaluating candidates")
     left_out = {*without, *SURFACES, *BENCH, *(() if under_water else WATER)}
     evidence = _explain(prepared, arrangement, model, left_out, progress)
@@ -143,7 +151,7 @@ def _explain(
     drafts = draft_candidates(shaped, prepared, signals, residuals)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
-    aside = contact_aside(prepared)
+    aside = on_links(contact_aside(prepared), nuisance.groups)
     floor = _floor(raw, prepared, nuisance, [*stand_ins, *_simple(drafts)], arrangement.fitted, aside)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]
@@ -171,7 +179,8 @@ def _search(
     pushes = find_pushes(selector.bench(found.causes), prepared) if contact else ()
     if pushes:
         progress("setting moments of contact aside")
-        moments = both(selector.design.whitening.clear, moments_clear(pushes, prepared))
+        touched = on_links(moments_clear(pushes, prepared), selector.design.groups)
+        moments = both(selector.design.whitening.clear, touched)
         narrowed = selector.on(selector.design.without(moments))
         again = narrowed.run(progress)
         if _as_good(narrowed, again.causes, found.causes):
@@ -182,6 +191,7 @@ def _search(
     for kept in (
         felt(bench, plain, negligible(prepared, selector.design.groups)),
         certain(bench, selector.refiner),
+        confirmed(bench, selector.bench, arrangement.heldout),
     ):
         model = [term for term in bench.model if term in kept]
         bench = bench if len(model) == len(bench.model) else selector.bench(model)
@@ -211,7 +221,7 @@ def _floor(  # noqa: PLR0917 - all of them belong together
     nuisance: Nuisance,
     flexible: Sequence[Draft],
     fitted: Sequence[int],
-    aside: Mapping[int, NDArray[np.bool_]],
+    aside: Mapping[tuple[int, int], NDArray[np.bool_]],
 ) -> Whitening:
     pairs = repeat_pairs(prepared, fitted)
     if pairs:

@@ -79,28 +79,25 @@ class Evidence:
         """(groups,) rms that a model leaves on some recordings, the unseen ones; None is the nominal model itself."""
         chosen = self.heldout if recordings is None else recordings
         left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in chosen]
-        clear = [self.clear(r) for r in chosen]
-        return np.array(
-            [
-                np.sqrt(np.mean(np.concatenate([x[g][c] for x, c in zip(left, clear, strict=True)]) ** 2))
-                for g in range(len(self.design.groups))
-            ]
-        )
+        shown = [
+            np.concatenate([x[g][self.clear(r, g)] for r, x in zip(chosen, left, strict=True)])
+            for g in range(len(self.design.groups))
+        ]
+        return np.array([np.sqrt(np.mean(values**2)) if values.size else 0.0 for values in shown])
 
-    def clear(self, recording: int) -> NDArray[np.bool_]:
-        """(M,) rows of a recording that no push touches."""
+    def clear(self, recording: int, group: int) -> NDArray[np.bool_]:
+        """(M,) rows of a residual in a recording that no contact touches."""
         everything = np.ones(self.prepared[recording].samples, dtype=bool)
-        return self.design.whitening.clear.get(recording, everything)
+        return self.design.whitening.clear.get((recording, group), everything)
 
     @cached_property
     def pushed_share(self) -> float:
         """Part of the excess power of all recordings, nuisance adjusted, that pushes make."""
         inside, total = 0.0, 0.0
         for r in range(len(self.prepared)):
-            left, clear = self.plain.left(self.calibrated, r), self.clear(r)
-            for g, values in enumerate(left):
+            for g, values in enumerate(self.plain.left(self.calibrated, r)):
                 power = (values**2 - self.floor.rms[r, g] ** 2) / self.unit_power[g]
-                inside += float(power[~clear].sum())
+                inside += float(power[~self.clear(r, g)].sum())
                 total += float(power.sum())
         return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
 

@@ -74,7 +74,7 @@ def locate(evidence: Evidence, model: NominalModel) -> tuple[Place, ...]:
         series = [found[group] for found in left]
         for r, (item, values) in enumerate(zip(prepared, series, strict=True)):
             power = (values**2 - floor.rms[r, group] ** 2) / unit_power[group]
-            clear = evidence.clear(r)
+            clear = evidence.clear(r, group)
             sorted_out = {name: mask & clear for name, mask in regimes(item, model, joint).items()}
             for name, mask in (sorted_out | {"contact": ~clear}).items():
                 excess[name] = excess.get(name, 0.0) + float(power[mask].sum())

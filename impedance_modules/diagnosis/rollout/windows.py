@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.rollout.drive import RUN_IN
 
 MARGIN = 0.4
 """Left out at both ends of a recording, where filters have seen only one side [s]."""
@@ -50,12 +51,32 @@ def floor_windows(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]
 
 
 def spread(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> list[Window]:
-    """Cuts windows of several recordings at the same, even times."""
+    """Cuts windows of several recordings at the same, even times; none while one of them touches something.
+
+    The plant that lives a window again knows no surroundings.
+    """
     last = min(prepared[index].log.duration for index in members) - MARGIN - WINDOW
     if last <= MARGIN:
         return []
-    starts = np.linspace(MARGIN, last, count + 2)[1:-1]
+    if any(prepared[index].log.touching is not None for index in members):
+        free = [
+            start
+            for start in np.arange(MARGIN, last, 0.25 * WINDOW)
+            if not any(_touches(prepared[index], float(start)) for index in members)
+        ]
+        places = np.linspace(0, len(free) - 1, count + 2)[1:-1]
+        starts = np.unique([free[round(place)] for place in places if free])
+    else:
+        starts = np.linspace(MARGIN, last, count + 2)[1:-1]
     return [Window(index, float(start)) for index in members for start in starts]
+
+
+def _touches(item: Prepared, start: float) -> bool:
+    """Whether a recording's phases say that a window is spent in contact, were it for a moment."""
+    touching, rate = item.log.touching, item.log.rate
+    if touching is None:
+        return False
+    return bool(touching[round((start - RUN_IN) * rate) : round((start + WINDOW) * rate) + 1].any())
 
 
 def common_windows(windows: Sequence[Window], pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -97,19 +97,20 @@ class Design:
     def count(self, recordings: Sequence[int]) -> Array:
         """Number of independent samples of each group in some recordings, (groups,)."""
         rows = [
-            sum(self.whitening.rows(r, len(self.y[r][g])) for r in recordings)
+            sum(self.whitening.rows(r, g, len(self.y[r][g])) for r in recordings)
             for g in range(len(self.groups))
         ]
         return np.asarray(self.whitening.part * np.array(rows, dtype=float))
 
-    def without(self, clear: Mapping[int, Mask]) -> Design:
-        """The same design without some rows: recording -> (M,) those that count."""
+    def without(self, clear: Mapping[tuple[int, int], Mask]) -> Design:
+        """The same design without some rows: recording and group -> (M,) those that count."""
         whitening = replace(self.whitening, clear=clear)
-        keep = {r: np.convolve(~mask, np.ones(ORDER + 1))[ORDER:-ORDER] == 0.0 for r, mask in clear.items()}
+        keep = {at: np.convolve(~mask, np.ones(ORDER + 1))[ORDER:-ORDER] == 0.0 for at, mask in clear.items()}
 
         def cut(blocks: tuple[tuple[Real, ...], ...]) -> tuple[tuple[Real, ...], ...]:
             return tuple(
-                tuple(_kept(block, keep.get(r)) for block in recording) for r, recording in enumerate(blocks)
+                tuple(_kept(block, keep.get((r, g))) for g, block in enumerate(recording))
+                for r, recording in enumerate(blocks)
             )
 
         return replace(self, whitening=whitening, y=cut(self.y), Z=cut(self.Z), X=cut(self.X))

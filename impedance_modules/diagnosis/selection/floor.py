@@ -50,7 +50,7 @@ def noise_by_repeats(
     prepared: Sequence[Prepared],
     nuisance: Nuisance,
     pairs: Sequence[tuple[int, int]],
-    clear: Mapping[int, Mask] | None = None,
+    clear: Mapping[tuple[int, int], Mask] | None = None,
 ) -> Whitening:
     """Judges the noise by recordings that repeat each other.
 
@@ -59,19 +59,21 @@ def noise_by_repeats(
         prepared: The recordings.
         nuisance: For its groups.
         pairs: Repeats.
-        clear: Recording -> (M,) rows that count; all of them where it is missing.
+        clear: Recording and group -> (M,) rows that count; all of them where it is missing.
     """
-    shown = {pair: _both_clear(pair, prepared, clear or {}) for pair in pairs}
+    shown = [
+        [_both_clear(pair, g, prepared, clear or {}) for pair in pairs] for g in range(len(nuisance.groups))
+    ]
     moved = np.mean([acceleration_noise(prepared[i], prepared[j]) for i, j in pairs], axis=0)
     rounding = [unseen_rounding(prepared[i], moved, seed) for seed, (i, _) in enumerate(pairs)]
     unseen = [
-        [_rounded(part, group, shown[pair]) for pair, part in zip(pairs, rounding, strict=True)]
-        for group in nuisance.groups
+        [_rounded(part, group, mask) for mask, part in zip(masks, rounding, strict=True)]
+        for masks, group in zip(shown, nuisance.groups, strict=True)
     ]
     noise = [
         [
-            _difference(left[i][g], left[j][g], shown[i, j]) + part
-            for (i, j), part in zip(pairs, parts, strict=True)
+            _difference(left[i][g], left[j][g], mask) + part
+            for (i, j), mask, part in zip(pairs, shown[g], parts, strict=True)
         ]
         for g, parts in enumerate(unseen)
     ]
@@ -100,9 +102,14 @@ def _edge(prepared: Sequence[Prepared]) -> float:
     return band.cutoff * band.step / band.rate
 
 
-def _both_clear(pair: tuple[int, int], prepared: Sequence[Prepared], clear: Mapping[int, Mask]) -> Mask:
-    """Rows that count in both of two repeats."""
-    masks = [clear.get(r, np.ones(prepared[r].samples, dtype=bool)) for r in pair]
+def _both_clear(
+    pair: tuple[int, int],
+    group: int,
+    prepared: Sequence[Prepared],
+    clear: Mapping[tuple[int, int], Mask],
+) -> Mask:
+    """Rows of a group that count in both of two repeats."""
+    masks = [clear.get((r, group), np.ones(prepared[r].samples, dtype=bool)) for r in pair]
     size = min(map(len, masks))
     return np.asarray(masks[0][:size] & masks[1][:size])
 

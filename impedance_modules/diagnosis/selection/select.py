@@ -11,9 +11,11 @@ import numpy as np
 from impedance_modules.diagnosis.physical import can_exist
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.design import Design, Slot
+from impedance_modules.diagnosis.selection.floor import repeat_pairs
 from impedance_modules.diagnosis.selection.geared import geared
 from impedance_modules.diagnosis.selection.pairs import find_pair
 from impedance_modules.diagnosis.selection.refine import Refiner
+from impedance_modules.diagnosis.selection.repeated import repeats
 from impedance_modules.diagnosis.selection.rules import (
     BIC_MIN,
     adjusted,
@@ -95,6 +97,7 @@ class Selector:
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
         bodies = refiner.prepared[0].tree.bodies
         self._bodies = {body.link: body.inertia for body in bodies}
+        self._pairs = repeat_pairs(refiner.prepared, [index for fold in folds for index in fold])
         self._reach = FAR * max(float(np.linalg.norm(body.translation)) for body in bodies) or float("inf")
         self.screen = Screen(design, [index for fold in folds for index in fold])
         self._stood: tuple[Bench | None, list[Trial]] = (None, [])
@@ -156,6 +159,10 @@ class Selector:
         """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
         if any(_holds(other, trial.term) for other in trial.bench.model):
             return "another cause on the same joint contains it"
+        if not repeats(trial, self._pairs):
+            return (
+                "what it rests on does not come back when the motion does: noise, and the arm's answer to it"
+            )
         if _taken_back(trial, self.refiner.prepared[0].signals):
             return "an offset and an asymmetry on one joint take each other back wherever it moves"
         if trial.outside or disagreed(trial):
@@ -169,11 +176,9 @@ class Selector:
         reason = effect.unresolved(term.shaped.shape, self.resolution) or effect.out_of_reach(
             change, spread, self._reach
         )
-        if reason is not None:
-            return reason
         signals = self.refiner.prepared[0].signals
         values = effect.values(change, term.shaped.shape, signals, term.candidate.key, term.candidate.port)
-        return next(iter(effect.relations(values)), None)
+        return reason or next(iter(effect.relations(values)), None)
 
     def _of_body(self, trial: Trial) -> bool:
         """Whether a trial is about a body: several numbers, of which one may be a rotor's or an offset's."""

@@ -53,7 +53,7 @@ class Whitening:
         samples: (groups,) independent samples that the floor rests on.
         assumed: (groups,) part of the floor's power that no repeats showed.
         weak: True where no repeats measured it.
-        clear: Recording -> (M,) rows that count; a recording all of whose rows do is missing.
+        clear: Recording and group -> (M,) rows that count; where all of them do it is missing.
     """
 
     filters: tuple[Array, ...]
@@ -63,7 +63,7 @@ class Whitening:
     samples: Array
     assumed: Array
     weak: bool
-    clear: Mapping[int, Mask] = field(default_factory=dict)
+    clear: Mapping[tuple[int, int], Mask] = field(default_factory=dict)
 
     def apply(self, values: NDArray[np.floating], recording: int, group: int) -> NDArray[np.floating]:
         """Whitens (M, ...) samples; the first ORDER are lost."""
@@ -71,20 +71,20 @@ class Whitening:
         out = taps[0] * values[ORDER:]
         for lag in range(1, ORDER + 1):
             out += taps[lag] * values[ORDER - lag : -lag]
-        left_out = self._left_out(recording)
+        left_out = self._left_out(recording, group)
         if left_out is not None:
             out[left_out] = 0.0
         return np.asarray(out)
 
-    def _left_out(self, recording: int) -> Mask | None:
+    def _left_out(self, recording: int, group: int) -> Mask | None:
         """Whitened rows that rest on a row that does not count."""
-        if recording not in self.clear:
+        if (recording, group) not in self.clear:
             return None
-        return np.asarray(np.convolve(~self.clear[recording], np.ones(ORDER + 1))[ORDER:-ORDER] > 0.0)
+        return np.asarray(np.convolve(~self.clear[recording, group], np.ones(ORDER + 1))[ORDER:-ORDER] > 0.0)
 
-    def rows(self, recording: int, whitened: int) -> int:
+    def rows(self, recording: int, group: int, whitened: int) -> int:
         """Number of whitened rows that count, of so many."""
-        left_out = self._left_out(recording)
+        left_out = self._left_out(recording, group)
         return whitened if left_out is None else whitened - int(left_out.sum())
 
 
