@@ -13,10 +13,14 @@ from hypothesis import strategies as st
 from impedance_modules.diagnosis.selection.repeated import repeats
 
 
-def _trial(*columns: np.ndarray) -> SimpleNamespace:
+def _trial(
+    *columns: np.ndarray, key: tuple[str, str, str] = ("reflected_inertia", "s0", "actuator")
+) -> SimpleNamespace:
     """A candidate with one column in two groups of each recording."""
     term = SimpleNamespace(
-        columns=tuple({0: c[:, None], 2: -0.5 * c[:, None]} for c in columns), fixed=({},) * len(columns)
+        key=key,
+        columns=tuple({0: c[:, None], 2: -0.5 * c[:, None]} for c in columns),
+        fixed=({},) * len(columns),
     )
     return SimpleNamespace(term=term, seen=SimpleNamespace(own=np.array([-2.0])))
 
@@ -41,3 +45,17 @@ def test_repeats_of_unequal_length_are_compared_where_both_are() -> None:
 def test_nothing_speaks_against_a_cause_that_no_repeat_shows(pairs: list[tuple[int, int]]) -> None:
     zero = np.zeros(50)
     assert repeats(_trial(zero, zero), pairs)
+
+
+@pytest.mark.parametrize(
+    ("key", "free"),
+    [
+        (("command_delay", "s0", "timing"), True),
+        (("torque_gain", "s0", "actuator"), True),
+        (("torque_gain", "s0", "sensor"), False),
+        (("viscous_friction", "s0", "link"), False),
+    ],
+)
+def test_what_follows_the_command_may_follow_its_noise(key: tuple[str, str, str], free: bool) -> None:
+    one, other = np.random.default_rng(3).standard_normal((2, 800))
+    assert repeats(_trial(one, other, key=key), [(1, 0)]) is free

@@ -28,6 +28,7 @@ from impedance_modules.diagnosis.selection.rules import (
 from impedance_modules.diagnosis.selection.screen import Look, Screen
 from impedance_modules.diagnosis.selection.term import Term, term_of
 from impedance_modules.diagnosis.selection.trial import Trial, try_term
+from impedance_modules.diagnosis.selection.united import united
 from impedance_modules.effects.effect import JointLaw
 from impedance_modules.effects.residuals import EFFORT_SIGN
 from impedance_modules.effects.signals import Signals
@@ -131,7 +132,7 @@ class Selector:
             progress(f"found {' and '.join(f'{term.key[0]} on {term.key[1]}' for term in more)}")
             if len(model) > 1:
                 model = self._exchanged(model)
-        return Selection(tuple(self._pruned(model)), refusal)
+        return Selection(tuple(self._pruned(united(model, self.bench, self.refiner))), refusal)
 
     def trial(self, bench: Bench, slot: Slot) -> Trial:
         """Tries a candidate of the grid."""
