@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from itertools import product
 
 from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.diagnosis.selection.design import Slot
+from impedance_modules.diagnosis.selection.slots import Slot
 from impedance_modules.diagnosis.selection.term import Term, term_of
 from impedance_modules.diagnosis.selection.trial import Trial, Unseen, try_term
 from impedance_modules.effects.effect import TURN

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.diagnosis.selection.design import scaled_block
 from impedance_modules.diagnosis.selection.refine import Refiner
+from impedance_modules.diagnosis.selection.slots import scaled_block
 from impedance_modules.diagnosis.selection.term import Term
 
 Array = NDArray[np.float64]

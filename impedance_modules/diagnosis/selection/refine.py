@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.candidates import Candidate
-from impedance_modules.diagnosis.selection.design import Design, Slot, scaled_block, slot_of
+from impedance_modules.diagnosis.selection.design import Design
 from impedance_modules.diagnosis.selection.drafts import Draft, draft_candidates
+from impedance_modules.diagnosis.selection.slots import Slot, scaled_block, slot_of
 from impedance_modules.diagnosis.selection.term import Term
 from impedance_modules.effects.signals import Signals
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from impedance_modules.diagnosis.result import Rival
 from impedance_modules.diagnosis.selection.candidates import Candidate
+from impedance_modules.diagnosis.selection.possible import ESSENCE_MIN
 from impedance_modules.diagnosis.selection.rules import price, promising
-from impedance_modules.diagnosis.selection.select import ESSENCE_MIN, Selector
+from impedance_modules.diagnosis.selection.select import Selector
 from impedance_modules.diagnosis.selection.term import Term, part_of
 from impedance_modules.diagnosis.selection.trial import Trial, try_term
 
@@ -50,7 +51,11 @@ def judge_rivals(
     for rival in selector.refined(bench, [selector.trial(bench, slot) for slot in asked]):
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
-        if other and _equal(own, rival) and (selector.unphysical(rival) is None or _open(rival, own)):
+        if (
+            other
+            and _equal(own, rival)
+            and (selector.possible.unphysical(rival) is None or _open(rival, own))
+        ):
             equal.append(_named(candidate, "fits unseen recordings as well"))
         else:
             lost.append(_named(candidate, _reason(own, rival)))

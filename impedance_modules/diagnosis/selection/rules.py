@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impedance_modules.diagnosis.selection.design import Slot
 from impedance_modules.diagnosis.selection.screen import Look
+from impedance_modules.diagnosis.selection.slots import Slot
 from impedance_modules.diagnosis.selection.trial import Trial
 
 SAME_REACH = 0.95

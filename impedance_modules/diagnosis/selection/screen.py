@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.diagnosis.selection.design import Design, Indices, Slot
+from impedance_modules.diagnosis.selection.design import Design, Indices
+from impedance_modules.diagnosis.selection.slots import Slot
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

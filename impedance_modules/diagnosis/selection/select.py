@@ -6,32 +6,25 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from impedance_modules.diagnosis.physical import can_exist
 from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.diagnosis.selection.design import Design, Slot
-from impedance_modules.diagnosis.selection.floor import repeat_pairs
+from impedance_modules.diagnosis.selection.design import Design
 from impedance_modules.diagnosis.selection.geared import geared
 from impedance_modules.diagnosis.selection.pairs import find_pair
+from impedance_modules.diagnosis.selection.possible import Possible
 from impedance_modules.diagnosis.selection.refine import Refiner
-from impedance_modules.diagnosis.selection.repeated import repeats
 from impedance_modules.diagnosis.selection.rules import (
     BIC_MIN,
     adjusted,
     best_of_each,
     by_merit,
-    disagreed,
     objection,
     promising,
 )
 from impedance_modules.diagnosis.selection.screen import Look, Screen
+from impedance_modules.diagnosis.selection.slots import Slot
 from impedance_modules.diagnosis.selection.term import Term, term_of
 from impedance_modules.diagnosis.selection.trial import Trial, try_term
 from impedance_modules.diagnosis.selection.united import united
-from impedance_modules.effects.effect import JointLaw
-from impedance_modules.effects.residuals import EFFORT_SIGN
-from impedance_modules.effects.signals import Signals
 
 CAUSES_MAX = 30
 """More are not looked for."""
@@ -44,19 +37,6 @@ REFINED = 4
 
 STAND_INS = 6
 """Generic stand-ins that are tried beside them."""
-
-ESSENCE_MIN = 12.0
-"""Least chi-square of what makes an effect this effect: three and a half standard deviations of one number."""
-
-
-FAR = 1.5
-"""Farthest place of a load on a link, over the robot's longest link."""
-
-ASYMMETRIC, OFFSET = "asymmetric_friction", "torque_offset"
-"""Wherever a joint moves, an asymmetry is an offset."""
-
-TAKEN_BACK = 0.5
-"""Part of one that the other may take back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +76,9 @@ class Selector:
     ) -> None:
         """Prepares the first look."""
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
-        bodies = refiner.prepared[0].tree.bodies
-        self._bodies = {body.link: body.inertia for body in bodies}
-        self._pairs = repeat_pairs(refiner.prepared, [index for fold in folds for index in fold])
-        self._reach = FAR * max(float(np.linalg.norm(body.translation)) for body in bodies) or float("inf")
-        self.screen = Screen(design, [index for fold in folds for index in fold])
+        fitted = [index for fold in folds for index in fold]
+        self.possible = Possible.of(refiner.prepared, fitted, resolution)
+        self.screen = Screen(design, fitted)
         self._stood: tuple[Bench | None, list[Trial]] = (None, [])
         self._tried: tuple[Bench | None, list[Trial]] = (None, [])
         self._looks: tuple[Bench | None, list[Look]] = (None, [])
@@ -140,7 +118,7 @@ class Selector:
 
     def objection(self, trial: Trial) -> str | None:
         """Why a candidate does not earn its place; None if it does. Stand-ins are tried last, they cost most."""
-        plain = objection(trial, []) or self.impossible(trial)
+        plain = objection(trial, []) or self.possible.impossible(trial)
         return plain or objection(trial, self.stand_ins(trial.bench, self.screen.look(trial.bench)))
 
     def stand_ins(self, bench: Bench, looks: Sequence[Look]) -> list[Trial]:
@@ -150,48 +128,13 @@ class Selector:
             self._stood = (bench, [self.trial(bench, slot) for slot in generic])
         return self._stood[1]
 
-    def impossible(self, trial: Trial) -> str | None:
-        """Why a trial's own numbers speak against it."""
-        if trial.seen.essence < ESSENCE_MIN:
-            return "what makes it this effect rather than a simpler one is not there for certain"
-        return self.unphysical(trial)
-
-    def unphysical(self, trial: Trial) -> str | None:
-        """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
-        if any(_holds(other, trial.term) for other in trial.bench.model):
-            return "another cause on the same joint contains it"
-        if not repeats(trial, self._pairs):
-            return (
-                "what it rests on does not come back when the motion does: noise, and the arm's answer to it"
-            )
-        if _taken_back(trial, self.refiner.prepared[0].signals):
-            return "an offset and an asymmetry on one joint take each other back wherever it moves"
-        if trial.outside or disagreed(trial):
-            return "its parameters are at the end of what is physical, or beyond"
-        term, effect = trial.term, trial.term.candidate.effect
-        body = self._bodies.get(term.candidate.key)
-        change = trial.coefficients.mean(axis=0) / term.slot.scale
-        if body is not None and len(change) == len(body) and not can_exist(body, change):
-            return "no body has such an inertia: its mass would be negative somewhere"
-        spread = trial.seen.spread / term.slot.scale
-        reason = effect.unresolved(term.shaped.shape, self.resolution) or effect.out_of_reach(
-            change, spread, self._reach
-        )
-        signals = self.refiner.prepared[0].signals
-        values = effect.values(change, term.shaped.shape, signals, term.candidate.key, term.candidate.port)
-        return reason or next(iter(effect.relations(values)), None)
-
-    def _of_body(self, trial: Trial) -> bool:
-        """Whether a trial is about a body: several numbers, of which one may be a rotor's or an offset's."""
-        return trial.term.candidate.key in self._bodies
-
     def _next(self, bench: Bench) -> tuple[Term | None, Refusal | None]:
         """The best candidate that earns its place, or why there is none."""
         trials = self.trials(bench)
         stand_ins = self.stand_ins(bench, self._looked(bench))
         refusal: Refusal | None = None
         for trial in by_merit(trials):
-            reason = objection(trial, stand_ins) or self.impossible(trial)
+            reason = objection(trial, stand_ins) or self.possible.impossible(trial)
             if reason is None:
                 late = trial.term.candidate.effect.nearly_linear
                 return self.refiner.refine(bench, trial.term) if late else trial.term, None
@@ -232,7 +175,7 @@ class Selector:
             rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
             better = max(self.refined(bench, rivals), key=adjusted, default=own)
             ahead = adjusted(better) - adjusted(own)
-            simpler = self._of_body(own) and better.term.slot.free < own.term.slot.free
+            simpler = self.possible.of_body(own) and better.term.slot.free < own.term.slot.free
             if ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None:
                 model = [*model[:index], better.term, *model[index + 1 :]]
             else:
@@ -251,31 +194,3 @@ class Selector:
 def _moves(term: Term) -> bool:
     """Whether a shape is worth moving before a candidate is compared."""
     return bool(term.candidate.effect.shape) and not term.candidate.effect.nearly_linear
-
-
-def _holds(one: Term, other: Term) -> bool:
-    """Whether one law of friction has the other's numbers among its own: they would share them out at will."""
-    laws = [term.candidate.effect for term in (one, other)]
-    if one.key[1:] != other.key[1:] or not all(isinstance(law, JointLaw) and law.dry for law in laws):
-        return False
-    more, less = (set(law.description.symbols) for law in laws)
-    return more > less
-
-
-def _taken_back(trial: Trial, signals: Signals) -> bool:
-    """Whether an offset and an asymmetry of friction on one joint cancel but where the joint stands still."""
-    term, bench = trial.term, trial.bench
-    for other, start in zip(bench.model, bench.starts, strict=False):
-        shared = set(term.groups) & set(other.groups)
-        if {term.key[0], other.key[0]} != {ASYMMETRIC, OFFSET} or not shared:
-            continue
-        sizes: dict[str, float] = {}
-        for one, coefficients in ((term, trial.seen.own), (other, trial.seen.beside[start:])):
-            own = coefficients[: one.shaped.size] / one.slot.scale
-            candidate = one.candidate
-            found = candidate.effect.values(own, one.shaped.shape, signals, candidate.key, candidate.port)
-            read = EFFORT_SIGN[bench.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
-            sizes |= {symbol: read * value for symbol, value in found.items()}
-        if abs(sizes["c"] + sizes["da"]) < TAKEN_BACK * max(abs(sizes["c"]), abs(sizes["da"])):
-            return True
-    return False

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.selection.candidates import Candidate, Shaped
-from impedance_modules.diagnosis.selection.design import Design, Slot
+from impedance_modules.diagnosis.selection.design import Design
+from impedance_modules.diagnosis.selection.slots import Slot
 
 Array = NDArray[np.float64]
 
