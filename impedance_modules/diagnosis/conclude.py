@@ -26,7 +26,7 @@ WEIGHTY = 0.05
 
 KNOWN, NEAR = 0.5, 6.0
 """Part of the gap that causes must explain, and residual power over noise that they may leave, for it to be ambiguous
-which, where more than noise is left."""
+which, where more than noise is left and no repeats say for certain how strong the noise is."""
 
 
 def conclude(
@@ -37,7 +37,7 @@ def conclude(
     remainder = _remainder(evidence, model)
     logs = evidence.prepared
     return Diagnosis(
-        verdict=_verdict(causes, remainder),
+        verdict=_verdict(causes, remainder, weak=evidence.floor.weak),
         robot=model.robot,
         episodes=tuple(item.log.name for item in logs),
         heldout=tuple(logs[index].log.name for index in evidence.heldout),
@@ -61,10 +61,10 @@ def _middle(evidence: Evidence, model: NominalModel) -> dict[str, float]:
     return {joint: float(q) for joint, q in zip(model.joints, middle, strict=True)}
 
 
-def _verdict(causes: Sequence[Cause], remainder: Remainder) -> str:
+def _verdict(causes: Sequence[Cause], remainder: Remainder, *, weak: bool) -> str:
     if not causes:
         return "no_gap" if remainder.explained else "unexplained"
-    near = remainder.lack_of_fit <= NEAR and sum(cause.weight for cause in causes) >= KNOWN
+    near = weak and remainder.lack_of_fit <= NEAR and sum(cause.weight for cause in causes) >= KNOWN
     known = remainder.explained or near
     if known and any(cause.equivalent and cause.weight >= WEIGHTY for cause in causes):
         return "ambiguous"

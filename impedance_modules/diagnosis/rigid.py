@@ -56,6 +56,11 @@ class BatchedRigidModel(RigidModel):
         links = [item.link for item in self.tree.bodies]
         return self.tree.bodies[links.index(body)].inertia if body in links else super().body_inertia(body)
 
+    def link_inertia(self, link: str) -> Array:
+        """Ten nominal inertial parameters of a link itself, without what is fixed to it."""
+        links = [item.link for item in self.tree.bodies]
+        return self.tree.bodies[links.index(link)].own if link in links else super().link_inertia(link)
+
     def keep(self) -> None:
         """Remembers the regressor (N, n, 10 n) of the motion that is asked for last, until told to forget."""
         self._keeping = True

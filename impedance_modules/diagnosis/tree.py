@@ -39,7 +39,8 @@ class Body:
         translation: (3,) its origin there [m].
         axis: (3,) unit axis in the joint frame.
         prismatic: Whether it slides [m] and is driven by a force [N].
-        inertia: (10,) parameters at the joint's origin.
+        inertia: (10,) parameters at the joint's origin, of the link and of all that is fixed to it.
+        own: (10,) likewise, of the link alone.
         limits: From the URDF; None where it gives none.
     """
 
@@ -51,6 +52,7 @@ class Body:
     axis: Array
     prismatic: bool
     inertia: Array
+    own: Array
     limits: UrdfLimits | None
 
 
@@ -162,6 +164,7 @@ class _Walk:
                 axis=axis / np.linalg.norm(axis),
                 prismatic=joint.attrib["type"] == "prismatic",
                 inertia=np.zeros(10),
+                own=_inertia(self._links[child], np.eye(3), np.zeros(3)),
                 limits=self._limits[name],
             )
         )

@@ -122,7 +122,10 @@ CHANGES = ("dm", *MOMENTS, *INERTIAS)
 
 
 ALL_OVER = "all_over"
-"""Shape: 1 where the link is heavier or lighter all over, its centre and radii of gyration as believed."""
+"""Shape: not zero where the link is heavier or lighter all over, its centre and radii of gyration as believed ..."""
+
+WITH_FIXED, ALONE = 1.0, 2.0
+"""... together with all that is fixed to it, or by itself: a wrist without its hand."""
 
 
 class LinkInertia(Effect):
@@ -161,14 +164,17 @@ class LinkInertia(Effect):
         whole = signals.body_columns(key)
         if not shape.get(ALL_OVER):
             return all_rows(signals, whole, *unbounded(10))
-        nominal = signals.model.body_inertia(key)
+        nominal = _heavier(signals, key, shape)
         column = whole @ (nominal / nominal[0])
         return all_rows(signals, column[:, :, None], np.array([-nominal[0]]), np.full(1, np.inf))
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Any change, and where the link has a mass, one that leaves its centre and its radii of gyration."""
-        heavy = signals.model.body_inertia(key)[0] > 0.0
-        return ({ALL_OVER: 0.0}, {ALL_OVER: 1.0}) if heavy else ({ALL_OVER: 0.0},)
+        """Any change; one that leaves the centre of the link with all that is fixed to it; one that leaves its own."""
+        whole, own = signals.model.body_inertia(key), signals.model.link_inertia(key)
+        kinds = [0.0, *([WITH_FIXED] if whole[0] > 0.0 else [])]
+        if own[0] > 0.0 and not np.allclose(own, whole):
+            kinds.append(ALONE)
+        return tuple({ALL_OVER: kind} for kind in kinds)
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """The ten changes."""
@@ -179,7 +185,7 @@ class LinkInertia(Effect):
     ) -> dict[str, float]:
         """The coefficients, or the nominal link's parameters in proportion to its mass."""
         if shape.get(ALL_OVER):
-            nominal = signals.model.body_inertia(key)
+            nominal = _heavier(signals, key, shape)
             coefficients = float(coefficients[0]) * nominal / nominal[0]
         return dict(zip(CHANGES, map(float, coefficients), strict=True))
 
@@ -194,6 +200,12 @@ class LinkInertia(Effect):
             for link, values in parameters.items()
         ]
         return replace(robot, body_changes=(*robot.body_changes, *changes))
+
+
+def _heavier(signals: Signals, key: str, shape: Shape) -> Array:
+    """Parameters (10,) of what is heavier in proportion: a link alone, or with all that is fixed to it."""
+    model = signals.model
+    return model.link_inertia(key) if shape[ALL_OVER] == ALONE else model.body_inertia(key)
 
 
 SMALL_LEAN = 1e-6

@@ -92,6 +92,10 @@ class RigidModel:
             frame.placement.actInv(self._model.inertias[frame.parentJoint]).toDynamicParameters()
         )
 
+    def link_inertia(self, link: str) -> Array:
+        """Ten nominal inertial parameters of a link itself, without what is fixed to it, where that is known apart."""
+        return self.body_inertia(link)
+
     @property
     def gravity(self) -> Array:
         """Gravity's acceleration (3,) in base axes [m/s^2]."""

@@ -14,6 +14,10 @@ from impedance_modules.diagnosis.selection.trial import Trial
 SAME_REACH = 0.95
 """Candidates that explain this part of what the best one does are as good; the cheaper one is taken."""
 
+IN_PROPORTION = 0.99
+"""A body that is heavier in proportion, one number, is taken before a thing at a place of its own, if it explains this
+part of what that explains: near its own centre a link's errors lend the place more than its price."""
+
 RICHER = 4.0
 """Log-likelihood, its price paid, by which a law must beat a simpler one that it contains [nats]."""
 
@@ -74,6 +78,8 @@ def by_merit(trials: Sequence[Trial]) -> list[Trial]:
             item for item in near if _within(item, chosen) and adjusted(item) > adjusted(chosen) - RICHER
         ]
         chosen = max(simpler, key=adjusted, default=chosen)
+        heavier = [item for item in near if _in_proportion(item, chosen)]
+        chosen = max(heavier, key=adjusted, default=chosen)
         out.append(chosen)
         left.remove(chosen)
     return out
@@ -85,6 +91,16 @@ def _within(one: Trial, other: Trial) -> bool:
         return False
     less, more = (set(trial.term.candidate.effect.description.symbols) for trial in (one, other))
     return less < more
+
+
+def _in_proportion(one: Trial, other: Trial) -> bool:
+    """Whether one is a body's weight in proportion, and does as well as another change of that body."""
+    if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
+        return False
+    keys = [trial.term.candidate.effect.description.keys for trial in (one, other)]
+    if not all("body" in key for key in keys) or one.term.slot.free > 1 or other.term.slot.free <= 1:
+        return False
+    return one.reach >= IN_PROPORTION * other.reach
 
 
 def adjusted(trial: Trial) -> float:
