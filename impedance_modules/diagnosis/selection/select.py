@@ -29,6 +29,9 @@ from impedance_modules.diagnosis.selection.united import united
 CAUSES_MAX = 30
 """More are not looked for."""
 
+ROUNDS = 3
+"""How often the search goes on after causes were removed."""
+
 TRIED = 10
 """Candidates that are tried on held-out folds in each round."""
 
@@ -93,10 +96,24 @@ class Selector:
         return Bench(self.design, self.folds, model)
 
     def run(self, progress: Callable[[str], None]) -> Selection:
-        """Accepts causes until the next one does not earn its place, then exchanges and removes."""
+        """Accepts causes until the next one does not earn its place, then removes those that no longer do.
+
+        What is removed makes room: the search goes on from what remains, a few times at most.
+        """
         model = list(geared(self.bench([]), self.bench, self.trials, self.objection))
         for term in model:
             progress(f"found {term.key[0]} on {term.key[1]}")
+        refusal: Refusal | None = None
+        for _ in range(ROUNDS):
+            model, refusal = self._grown(model, progress)
+            grown = united(model, self.bench, self.refiner)
+            model = self._pruned(grown)
+            if len(model) == len(grown):
+                break
+        return Selection(tuple(model), refusal)
+
+    def _grown(self, model: list[Term], progress: Callable[[str], None]) -> tuple[list[Term], Refusal | None]:
+        """Accepts one cause, or a pair, at a time; each new one may exchange those beside it."""
         refusal: Refusal | None = None
         while len(model) < CAUSES_MAX:
             bench = self.bench(model)
@@ -106,11 +123,11 @@ class Selector:
             )
             if more is None:
                 break
-            model += more
+            model = [*model, *more]
             progress(f"found {' and '.join(f'{term.key[0]} on {term.key[1]}' for term in more)}")
             if len(model) > 1:
                 model = self._exchanged(model)
-        return Selection(tuple(self._pruned(united(model, self.bench, self.refiner))), refusal)
+        return model, refusal
 
     def trial(self, bench: Bench, slot: Slot) -> Trial:
         """Tries a candidate of the grid."""
@@ -165,22 +182,27 @@ class Selector:
         return [*out, *ranked[REFINED:]]
 
     def _exchanged(self, model: list[Term]) -> list[Term]:
-        """Replaces an accepted cause by another that does better now that the last one is known."""
+        """Replaces an accepted cause by another that does better now that the last one is known, and then the last."""
+        last = model[-1]
         for index, term in enumerate(model[:-1]):
-            if not set(term.groups) & set(model[-1].groups):
-                continue
-            rest = [*model[:index], *model[index + 1 :]]
-            bench = self.bench(rest)
-            own = try_term(bench, term)
-            rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
-            better = max(self.refined(bench, rivals), key=adjusted, default=own)
-            ahead = adjusted(better) - adjusted(own)
-            simpler = self.possible.of_body(own) and better.term.slot.free < own.term.slot.free
-            if ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None:
-                model = [*model[:index], better.term, *model[index + 1 :]]
-            else:
-                model = [*model[:index], self.refiner.refine(bench, term), *model[index + 1 :]]
+            if set(term.groups) & set(last.groups):
+                model = self._better(model, index)
+        if any(set(term.groups) & set(last.groups) for term in model[:-1]):
+            model = self._better(model, len(model) - 1)
         return model
+
+    def _better(self, model: list[Term], index: int) -> list[Term]:
+        """Exchanges one cause for a better one beside the others, or moves its shape."""
+        term, rest = model[index], [*model[:index], *model[index + 1 :]]
+        bench = self.bench(rest)
+        own = try_term(bench, term)
+        rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
+        better = max(self.refined(bench, rivals), key=adjusted, default=own)
+        ahead = adjusted(better) - adjusted(own)
+        simpler = self.possible.of_body(own) and better.term.slot.free < own.term.slot.free
+        exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None
+        chosen = better.term if exchanged else self.refiner.refine(bench, term)
+        return [*model[:index], chosen, *model[index + 1 :]]
 
     def _pruned(self, model: list[Term]) -> list[Term]:
         """Removes causes that no longer earn their place beside the others."""
