@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.diagnosis.selection.extended import Seen, extended, seen_by_all, with_term
 from impedance_modules.diagnosis.selection.term import Term
+from impedance_modules.effects.residuals import uses_motion
 
 Array = NDArray[np.float64]
 
@@ -124,13 +125,20 @@ class Trial:
 
     @cached_property
     def discord(self) -> float:
-        """By how much more it would gain if every group had its own number, over what it gains with one for all."""
+        """By how much more it would gain if every group had its own number, over what it gains with one for all.
+
+        Where it shows without the links' inertias these groups alone are asked: there each link's own error of a few
+        percent would want a number of its own.
+        """
         if self.term.shaped.size != 1:
             return 0.0
-        right, own = np.zeros(len(self.bench.design.groups)), np.zeros(len(self.bench.design.groups))
+        groups = self.bench.design.groups
+        free = [g for g in self.term.groups if not uses_motion(groups[g][0])] or self.term.groups
+        right, own = np.zeros(len(groups)), np.zeros(len(groups))
         for r in self.bench.fitted:
             left = self.bench.residuals(self.bench.whole.coefficients, r)
-            for g, block in self.term.columns[r].items():
+            for g in free:
+                block = self.term.columns[r][g]
                 right[g] += self.bench.weights[g] * float(block[:, 0] @ left[g])
                 own[g] += self.bench.weights[g] * float(block[:, 0] @ block[:, 0])
         shown = own > 1e-9
