@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.lack_of_fit import lack_of_fit
+from impedance_modules.diagnosis.lack_of_fit import Lack, lack_of_fit
 from impedance_modules.diagnosis.log import DataReport
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.next_motion import propose
@@ -26,7 +26,8 @@ WEIGHTY = 0.05
 
 KNOWN, NEAR = 0.5, 6.0
 """Part of the gap that causes must explain, and residual power over noise that they may leave, for it to be ambiguous
-which, where more than noise is left and no repeats say for certain how strong the noise is."""
+which, where something is left. What is left may have a structure, but no more power than passes; more only where no
+repeats say for certain how strong the noise is."""
 
 
 def conclude(
@@ -34,10 +35,11 @@ def conclude(
 ) -> Diagnosis:
     """Draws the conclusion from the accepted causes."""
     gaps = _gaps(evidence, model)
-    remainder = _remainder(evidence, model)
+    lack = lack_of_fit(evidence)
+    remainder = _remainder(lack, evidence, model)
     logs = evidence.prepared
     return Diagnosis(
-        verdict=_verdict(causes, remainder, weak=evidence.floor.weak),
+        verdict=_verdict(causes, remainder, near=_near(lack, weak=evidence.floor.weak)),
         robot=model.robot,
         episodes=tuple(item.log.name for item in logs),
         heldout=tuple(logs[index].log.name for index in evidence.heldout),
@@ -61,11 +63,14 @@ def _middle(evidence: Evidence, model: NominalModel) -> dict[str, float]:
     return {joint: float(q) for joint, q in zip(model.joints, middle, strict=True)}
 
 
-def _verdict(causes: Sequence[Cause], remainder: Remainder, *, weak: bool) -> str:
+def _near(lack: Lack, *, weak: bool) -> bool:
+    return bool(np.all(lack.ratio <= np.maximum(lack.limit, NEAR if weak else 0.0)))
+
+
+def _verdict(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> str:
     if not causes:
         return "no_gap" if remainder.explained else "unexplained"
-    near = weak and remainder.lack_of_fit <= NEAR and sum(cause.weight for cause in causes) >= KNOWN
-    known = remainder.explained or near
+    known = remainder.explained or (near and sum(cause.weight for cause in causes) >= KNOWN)
     if known and any(cause.equivalent and cause.weight >= WEIGHTY for cause in causes):
         return "ambiguous"
     return "explained" if remainder.explained else "partly_explained"
@@ -96,8 +101,7 @@ def _shrink(gaps: Sequence[JointGap]) -> float | None:
     return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
 
 
-def _remainder(evidence: Evidence, model: NominalModel) -> Remainder:
-    found = lack_of_fit(evidence)
+def _remainder(found: Lack, evidence: Evidence, model: NominalModel) -> Remainder:
     worst = int(np.argmax(found.ratio / found.limit))
     residual, joint = evidence.design.groups[worst]
     ratio = float(found.ratio[worst])
