@@ -10,7 +10,7 @@ import numpy as np
 from impedance_modules.diagnosis.result import Rival
 from impedance_modules.diagnosis.selection.candidates import Candidate
 from impedance_modules.diagnosis.selection.possible import ESSENCE_MIN
-from impedance_modules.diagnosis.selection.rules import price, promising
+from impedance_modules.diagnosis.selection.rules import price, promising, twins
 from impedance_modules.diagnosis.selection.select import Selector
 from impedance_modules.diagnosis.selection.term import Term, part_of
 from impedance_modules.diagnosis.selection.trial import Trial, try_term
@@ -27,11 +27,8 @@ EQUAL_LOSS = 0.01
 DECIDED = 15.0
 """Log-likelihood by which a cause must lie ahead [nats], standard errors too, where hardly any power does."""
 
-LATE = {"command_delay", "actuator_lag"}
-"""Effects of one joint that differ in the second order of their time alone: told apart by a clear difference only."""
-
 TWIN_DECIDED = 7.5
-"""Log-likelihood by which one of these must lie ahead, and by `EQUAL_SIGMA` too [nats]."""
+"""Log-likelihood by which a delay must lie ahead of a lag, or a lag of a delay, and by `EQUAL_SIGMA` too [nats]."""
 
 
 def judge_rivals(
@@ -48,7 +45,8 @@ def judge_rivals(
     equal: list[Rival] = []
     lost: list[Rival] = []
     asked = [slot for slot in promising(selector.screen.look(bench), ASKED) if slot.shaped.key not in held]
-    for rival in selector.refined(bench, [selector.trial(bench, slot) for slot in asked]):
+    for found in selector.refined(bench, [selector.trial(bench, slot) for slot in asked]):
+        rival = selector.moved(bench, found) if twins(own, found) else found
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
         if (
@@ -78,17 +76,11 @@ def _equal(own: Trial, rival: Trial) -> bool:
         return False
     loss = (mine - its) / mine
     ahead = own.advantage(rival) >= EQUAL_SIGMA
-    if _twins(own, rival):
+    if twins(own, rival):
         return not (ahead and own.gain - rival.gain > TWIN_DECIDED)
     if loss < EQUAL_LOSS:
         return not (ahead and own.gain - rival.gain > DECIDED)
     return loss < 5.0 * EQUAL_LOSS and not ahead
-
-
-def _twins(own: Trial, rival: Trial) -> bool:
-    """Whether both say that one joint's torque is late."""
-    keys = own.term.key, rival.term.key
-    return keys[0][1] == keys[1][1] and {key[0] for key in keys} == LATE
 
 
 def contains(rival: Trial, own: Trial) -> bool:

@@ -103,6 +103,17 @@ def _in_proportion(one: Trial, other: Trial) -> bool:
     return one.reach >= IN_PROPORTION * other.reach
 
 
+LATE = {"command_delay", "actuator_lag"}
+"""Effects of one joint that differ in the second order of their time alone: compared at their own best times only, and
+told apart by a clear difference only."""
+
+
+def twins(one: Trial, other: Trial) -> bool:
+    """Whether both say that one joint's torque is late, by two different laws."""
+    keys = one.term.key, other.term.key
+    return keys[0][1] == keys[1][1] and {key[0] for key in keys} == LATE
+
+
 def adjusted(trial: Trial) -> float:
     """Held-out gain less the price of its parameters [nats]: a simpler law is worth as much as it says."""
     return trial.gain - price(trial)

@@ -19,6 +19,7 @@ from impedance_modules.diagnosis.selection.rules import (
     by_merit,
     objection,
     promising,
+    twins,
 )
 from impedance_modules.diagnosis.selection.screen import Look, Screen
 from impedance_modules.diagnosis.selection.slots import Slot
@@ -153,10 +154,20 @@ class Selector:
         for trial in by_merit(trials):
             reason = objection(trial, stand_ins) or self.possible.impossible(trial)
             if reason is None:
-                late = trial.term.candidate.effect.nearly_linear
-                return self.refiner.refine(bench, trial.term) if late else trial.term, None
+                return self._settled(bench, trial, trials), None
             refusal = refusal or Refusal(trial, reason)
         return None, refusal
+
+    def _settled(self, bench: Bench, trial: Trial, trials: Sequence[Trial]) -> Term:
+        """An accepted candidate off its grid; of a delay and a lag on one joint the better one at its own best time."""
+        if not trial.term.candidate.effect.nearly_linear:
+            return trial.term
+        alike = [other for other in trials if twins(trial, other)]
+        return max((self.moved(bench, one) for one in [trial, *alike]), key=adjusted).term
+
+    def moved(self, bench: Bench, trial: Trial) -> Trial:
+        """A trial of the same candidate, off its grid."""
+        return try_term(bench, self.refiner.refine(bench, trial.term))
 
     def trials(self, bench: Bench) -> list[Trial]:
         """Tries the most promising candidates beside a model, in their best shapes; done once for each model."""
