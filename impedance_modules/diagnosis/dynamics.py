@@ -37,17 +37,7 @@ def inertial_regressor(tree: RigidTree, q: Array, v: Array, a: Array, gravity: A
         (N, n, 10 n) [N.m per parameter].
     """
     samples, n = q.shape
-    field = np.array(GRAVITY) if gravity is None else gravity
-    base = (np.zeros((samples, 3)), np.zeros((samples, 3)), np.tile(-field, (samples, 1)))
-    turns: list[Array] = []
-    shifts: list[Array] = []
-    motions: list[tuple[Array, Array, Array]] = []
-    for index, body in enumerate(tree.bodies):
-        turn, shift = _placement(body, q[:, index])
-        carrier = base if body.parent is None else motions[body.parent]
-        motions.append(_motion(body, carrier, turn, shift, v[:, index], a[:, index]))
-        turns.append(turn)
-        shifts.append(shift)
+    turns, shifts, motions = _outwards(tree, q, v, a, gravity)
     regressor = np.zeros((samples, n, 10 * n))
     for index in range(n):
         force, moment = _wrench(*motions[index])
@@ -62,6 +52,50 @@ def inertial_regressor(tree: RigidTree, q: Array, v: Array, a: Array, gravity: A
     return regressor
 
 
+def inverse_dynamics(tree: RigidTree, q: Array, v: Array, a: Array, gravity: Array | None = None) -> Array:
+    r"""Computes Y \pi without Y, (N, n) [N.m]: each body's wrench is added to its carrier's on the way inwards.
+
+    Args:
+        tree: n bodies.
+        q: (N, n) positions [rad].
+        v: (N, n) velocities [rad/s].
+        a: (N, n) accelerations [rad/s^2].
+        gravity: (3,) [m/s^2]; None takes `GRAVITY`.
+    """
+    turns, shifts, motions = _outwards(tree, q, v, a, gravity)
+    wrenches = [_own_wrench(body.inertia, *motion) for body, motion in zip(tree.bodies, motions, strict=True)]
+    torque = np.zeros(q.shape)
+    for index in reversed(range(len(tree.bodies))):
+        body, (force, moment) = tree.bodies[index], wrenches[index]
+        torque[:, index] = (force if body.prismatic else moment) @ body.axis
+        if body.parent is None:
+            continue
+        turn, (carried, turning) = turns[index], wrenches[body.parent]
+        passed = np.einsum("nij,nj->ni", turn, force)
+        twisted = np.einsum("nij,nj->ni", turn, moment) + _cross(shifts[index], passed)
+        wrenches[body.parent] = (carried + passed, turning + twisted)
+    return torque
+
+
+def _outwards(
+    tree: RigidTree, q: Array, v: Array, a: Array, gravity: Array | None
+) -> tuple[list[Array], list[Array], list[tuple[Array, Array, Array]]]:
+    """Placements of all bodies in their carriers, and their motions."""
+    samples = len(q)
+    field = np.array(GRAVITY) if gravity is None else gravity
+    base = (np.zeros((samples, 3)), np.zeros((samples, 3)), np.tile(-field, (samples, 1)))
+    turns: list[Array] = []
+    shifts: list[Array] = []
+    motions: list[tuple[Array, Array, Array]] = []
+    for index, body in enumerate(tree.bodies):
+        turn, shift = _placement(body, q[:, index])
+        carrier = base if body.parent is None else motions[body.parent]
+        motions.append(_motion(body, carrier, turn, shift, v[:, index], a[:, index]))
+        turns.append(turn)
+        shifts.append(shift)
+    return turns, shifts, motions
+
+
 def gravity_regressor(tree: RigidTree, q: Array) -> Array:
     """Computes the static part of `inertial_regressor`, (N, n, 10 n)."""
     return inertial_regressor(tree, q, np.zeros_like(q), np.zeros_like(q))
@@ -74,7 +108,7 @@ def mass_matrix(tree: RigidTree, q: Array) -> Array:
     for index in range(n):
         unit = np.zeros((samples, n))
         unit[:, index] = 1.0
-        columns.append(inertial_regressor(tree, q, np.zeros_like(q), unit, np.zeros(3)) @ tree.inertia)
+        columns.append(inverse_dynamics(tree, q, np.zeros_like(q), unit, np.zeros(3)))
     return np.stack(columns, axis=2)
 
 
@@ -94,12 +128,12 @@ def _motion(  # noqa: PLR0917 - all of them belong together
 ) -> tuple[Array, Array, Array]:
     """Angular velocity, angular acceleration and acceleration of the origin, in the body's axes."""
     omega, alpha, acceleration = carrier
-    moved = acceleration + np.cross(alpha, shift) + np.cross(omega, np.cross(omega, shift))
+    moved = acceleration + _cross(alpha, shift) + _cross(omega, _cross(omega, shift))
     omega, alpha, moved = (np.einsum("nji,nj->ni", turn, x) for x in (omega, alpha, moved))
     along_v, along_a = np.outer(v, body.axis), np.outer(a, body.axis)
     if body.prismatic:
-        return omega, alpha, moved + along_a + 2.0 * np.cross(omega, along_v)
-    return omega + along_v, alpha + along_a + np.cross(omega, along_v), moved
+        return omega, alpha, moved + along_a + 2.0 * _cross(omega, along_v)
+    return omega + along_v, alpha + along_a + _cross(omega, along_v), moved
 
 
 def _wrench(omega: Array, alpha: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -112,6 +146,25 @@ def _wrench(omega: Array, alpha: Array, acceleration: Array) -> tuple[Array, Arr
     moment[:, :, 1:4] = -_skew(acceleration)
     moment[:, :, 4:] = _second(alpha) + spin @ _second(omega)
     return force, moment
+
+
+def _own_wrench(inertia: Array, omega: Array, alpha: Array, acceleration: Array) -> tuple[Array, Array]:
+    """Force and moment (N, 3) that move one body of known parameters (10,)."""
+    mass, first = inertia[0], np.broadcast_to(inertia[1:4], omega.shape)
+    xx, xy, yy, xz, yz, zz = inertia[4:]
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    force = mass * acceleration + _cross(alpha, first) + _cross(omega, _cross(omega, first))
+    moment = alpha @ tensor + _cross(omega, omega @ tensor) + _cross(first, acceleration)
+    return force, moment
+
+
+def _cross(x: Array, y: Array) -> Array:
+    """Cross products of rows (N, 3); several times as fast as the general one."""
+    out = np.empty(np.broadcast_shapes(x.shape, y.shape))
+    out[:, 0] = x[:, 1] * y[:, 2] - x[:, 2] * y[:, 1]
+    out[:, 1] = x[:, 2] * y[:, 0] - x[:, 0] * y[:, 2]
+    out[:, 2] = x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]
+    return out
 
 
 def _skew(x: Array) -> Array:

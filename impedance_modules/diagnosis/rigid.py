@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.dynamics import gravity_regressor, inertial_regressor
+from impedance_modules.diagnosis.dynamics import inertial_regressor, inverse_dynamics
 from impedance_modules.diagnosis.tree import RigidTree
 from impedance_modules.effects.rigid import RigidModel
 
@@ -37,11 +37,12 @@ class BatchedRigidModel(RigidModel):
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Computes ID(q, v, a), (N, n) [N.m]."""
-        return np.asarray(inertial_regressor(self.tree, q, v, a) @ self.tree.inertia)
+        return inverse_dynamics(self.tree, q, v, a)
 
     def weight(self, q: Array) -> Array:
         """Computes g(q), (N, n) [N.m]."""
-        return np.asarray(gravity_regressor(self.tree, q) @ self.tree.inertia)
+        still = np.zeros_like(q)
+        return inverse_dynamics(self.tree, q, still, still)
 
     def body_columns(self, body: str, q: Array, v: Array, a: Array) -> Array:
         r"""Computes d ID / d\pi of a link, (N, n, 10)."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from impedance_modules.diagnosis.dynamics import inertial_regressor
+from impedance_modules.diagnosis.dynamics import inverse_dynamics
 from impedance_modules.diagnosis.log import Log
 from impedance_modules.diagnosis.model import NominalModel
 
@@ -63,10 +63,10 @@ def rough(log: Log, model: NominalModel, scale: float = 1.0) -> Rough | None:
     inner = slice(log.samples // 20, log.samples - log.samples // 20)
     rows = np.arange(log.samples)[inner][:: max(1, log.samples // SAMPLES)]
     q, v, a = q[rows], v[rows], a[rows]
-    torque = inertial_regressor(model.tree, q, v, a) @ model.tree.inertia
+    torque = inverse_dynamics(model.tree, q, v, a)
     still = np.zeros_like(q)
     compensated = log.gravity_compensation == "robot"
-    weight = inertial_regressor(model.tree, q, still, still) @ model.tree.inertia if compensated else still
+    weight = inverse_dynamics(model.tree, q, still, still) if compensated else still
     effort = sosfiltfilt(sections, effort, axis=0)[rows]
     if log.effort is None:
         return Rough(q, v, a, effort, torque - weight, None)

@@ -9,7 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from impedance_modules.diagnosis.dynamics import gravity_regressor, inertial_regressor, mass_matrix
+from impedance_modules.diagnosis.dynamics import (
+    gravity_regressor,
+    inertial_regressor,
+    inverse_dynamics,
+    mass_matrix,
+)
 from impedance_modules.diagnosis.physical import can_exist
 from impedance_modules.diagnosis.tree import RigidTree, read_tree
 
@@ -41,6 +46,36 @@ def test_inverse_dynamics_equal_pinocchios(joints: list[str]) -> None:
         x[order], u[order], w[order] = q[row], v[row], a[row]
         expected[row] = pin.rnea(model, data, x, u, w)[order]
     assert np.allclose(inertial_regressor(tree, q, v, a) @ tree.inertia, expected, atol=1e-10)
+
+
+SLIDING = """<robot name="sliding">
+  <link name="base"/>
+  <link name="mast"><inertial><origin xyz="0.1 0.2 0.3" rpy="0.3 0.1 0.2"/><mass value="3"/>
+    <inertia ixx="0.1" ixy="0.01" ixz="0.02" iyy="0.2" iyz="-0.01" izz="0.15"/></inertial></link>
+  <link name="slide"><inertial><origin xyz="-0.1 0.05 0.2"/><mass value="2"/>
+    <inertia ixx="0.03" ixy="0" ixz="0.004" iyy="0.02" iyz="0" izz="0.04"/></inertial></link>
+  <link name="hand"><inertial><origin xyz="0 0.1 0"/><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="mast"/>
+    <origin xyz="0 0.1 0.5" rpy="0.4 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="reach" type="prismatic"><parent link="mast"/><child link="slide"/>
+    <origin xyz="0.2 0 0.1" rpy="0 0.7 0.1"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
+  <joint name="bend" type="continuous"><parent link="slide"/><child link="hand"/>
+    <origin xyz="0.3 0 0" rpy="0 0 1"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize("gravity", [None, np.zeros(3), np.array([1.0, -2.0, 9.0])])
+def test_torques_without_the_regressor_are_those_with_it(gravity: np.ndarray | None, tmp_path: Path) -> None:
+    (tmp_path / "sliding.urdf").write_text(SLIDING)
+    trees = [read_tree(URDF, joints) for joints in chains()]
+    trees.append(read_tree(tmp_path / "sliding.urdf", ["turn", "reach", "bend"]))
+    random = np.random.default_rng(4)
+    for tree in trees:
+        q, v, a = (random.normal(size=(25, len(tree.joints))) for _ in range(3))
+        expected = inertial_regressor(tree, q, v, a, gravity) @ tree.inertia
+        assert np.allclose(inverse_dynamics(tree, q, v, a, gravity), expected, atol=1e-11)
 
 
 def test_mass_matrix_is_symmetric_positive_and_completes_the_weight() -> None:
