@@ -84,10 +84,14 @@ def unseen_rounding(item: Prepared, seen: Array, seed: int) -> Rounding | None:
 
 def read_noise(item: Prepared) -> Array:
     """Rms of white noise in a recording's positions, (n,) [rad per sample], by their spectrum beyond the motion."""
-    position = item.log.position
-    window = np.hanning(len(position))[:, None]
-    power = np.abs(np.fft.rfft(window * (position - position.mean(axis=0)), axis=0)) ** 2
-    frequency = np.fft.rfftfreq(len(position))
+    return white_noise(item.log.position)
+
+
+def white_noise(values: Array) -> Array:
+    """Rms of white noise in readings (N, n), (n,), by the median of their spectrum beyond the motion."""
+    window = np.hanning(len(values))[:, None]
+    power = np.abs(np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(values))
     beyond = power[(frequency > ABOVE) & (frequency < BELOW)]
     level = np.min([np.median(half, axis=0) for half in np.array_split(beyond, 2)], axis=0)
     return np.asarray(np.sqrt(level / np.log(2.0) / np.sum(window**2)))
