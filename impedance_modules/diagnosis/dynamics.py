@@ -55,12 +55,7 @@ def inertial_regressor(tree: RigidTree, q: Array, v: Array, a: Array, gravity: A
 def inverse_dynamics(tree: RigidTree, q: Array, v: Array, a: Array, gravity: Array | None = None) -> Array:
     r"""Computes Y \pi without Y, (N, n) [N.m]: each body's wrench is added to its carrier's on the way inwards.
 
-    Args:
-        tree: n bodies.
-        q: (N, n) positions [rad].
-        v: (N, n) velocities [rad/s].
-        a: (N, n) accelerations [rad/s^2].
-        gravity: (3,) [m/s^2]; None takes `GRAVITY`.
+    Takes what `inertial_regressor` takes.
     """
     turns, shifts, motions = _outwards(tree, q, v, a, gravity)
     wrenches = [_own_wrench(body.inertia, *motion) for body, motion in zip(tree.bodies, motions, strict=True)]

@@ -153,7 +153,7 @@ def _floor(  # noqa: PLR0917 - all of them belong together
     return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
 
 
-FOLLOWS_COMMAND = ("torque_gain", "controller_gain")
+IN_PROPORTION_TO_COMMAND = ("torque_gain", "controller_gain")
 """Effects in proportion to what was asked for, which a flexible model may not use.
 
 A command knows the motion without the noise of its differences, and an inertia's column with it: together they are
@@ -169,5 +169,5 @@ def _simple(drafts: Sequence[Draft]) -> list[Draft]:
         if not draft.shape
         and draft.width <= 3
         and len(draft.blocks[0]) == 1
-        and not (draft.key[0] in FOLLOWS_COMMAND and draft.key[2] == "actuator")
+        and not (draft.key[0] in IN_PROPORTION_TO_COMMAND and draft.key[2] == "actuator")
     ]

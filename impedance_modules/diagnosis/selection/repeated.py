@@ -22,7 +22,7 @@ REPEATED_MIN = 0.5
 """Least correlation: from there on more than half of a candidate's power belongs to the motion."""
 
 
-FOLLOWS_COMMAND = ("command_delay", "actuator_lag", "torque_gain", "controller_gain")
+MADE_OF_COMMAND = ("command_delay", "actuator_lag", "torque_gain", "controller_gain")
 """Effects made of what was asked for: it is known as it was sent, so that its noise is as good as any command."""
 
 
@@ -36,7 +36,7 @@ def repeats(trial: Trial, pairs: Sequence[tuple[int, int]]) -> bool:
         pairs: Recordings that repeat each other.
     """
     effect, _, port = trial.term.key
-    if effect in FOLLOWS_COMMAND and port != "sensor":
+    if effect in MADE_OF_COMMAND and port != "sensor":
         return True
     shared, whole = 0.0, 0.0
     for i, j in pairs:

@@ -162,7 +162,7 @@ class Selector:
         """An accepted candidate off its grid; of a delay and a lag on one joint the better one at its own best time."""
         if not trial.term.candidate.effect.nearly_linear:
             return trial.term
-        alike = [other for other in trials if twins(trial, other)]
+        alike = [other for other in trials if twins(trial, other) and self.objection(other) is None]
         return max((self.moved(bench, one) for one in [trial, *alike]), key=adjusted).term
 
     def moved(self, bench: Bench, trial: Trial) -> Trial:
