@@ -33,13 +33,19 @@ STRONG = 16.3
 """Chi-square of three numbers that noise passes once in a thousand times: a hat that may belong to a push."""
 
 GAIN_MIN = 60.0
-"""Chi-square beyond its degrees of freedom that a push must explain."""
+"""Chi-square beyond its degrees of freedom that a push must explain ..."""
+
+UNCERTAIN = 3.0
+"""... so many times over on a weak floor, whose remainders pass with about so many times the noise."""
 
 PATTERN_MIN = 0.7
 """Part of what free torques would explain."""
 
 SECOND_MIN = 0.1
 """Part of what it explains that falls on the second joint at least."""
+
+TAKES_PART = 0.02
+"""Part of what it explains that falls on a joint, from which on the joint counts as evidence."""
 
 ALONE_MAX = 0.8
 """Part of what it explains that a free torque of one joint explains as well: beyond it the joint has a fault."""
@@ -49,6 +55,9 @@ LOCAL_MAX = 0.5
 
 MARGIN = 0.2
 """Before and after a push that is set aside with it [s]."""
+
+QUIETER, QUIETER_SQUARE = 0.25, 0.1015
+"""A quarter of white noise's squares, in units of its variance, lies below; a push may fill half of a recording."""
 
 REPEATED_MAX = 0.5
 """Size of the difference to the repeat's force, over the push, below which it is the robot's own doing."""
@@ -87,20 +96,37 @@ class _Forces:
     gain: float
 
 
-def find_pushes(bench: Bench, prepared: Sequence[Prepared]) -> tuple[Push, ...]:
-    """Looks for pushes in what a model leaves of each recording."""
+def find_pushes(
+    bench: Bench, prepared: Sequence[Prepared], coefficients: Array | None = None
+) -> tuple[Push, ...]:
+    """Looks for pushes in what a model leaves of each recording.
+
+    Args:
+        bench: The model.
+        prepared: The recordings.
+        coefficients: Of the model; None takes those that fit all rows.
+    """
+    known = bench.whole.coefficients if coefficients is None else coefficients
     groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
     if len(groups) < 2:
         return ()
     found: dict[int, _Forces] = {}
+    out: list[Push] = []
     for r, item in enumerate(prepared):
-        left = bench.residuals(bench.whole.coefficients, r)
+        left = bench.residuals(known, r)
+        if bench.design.whitening.weak:
+            left = [x / _usual(x) for x in left]
         if _quiet(bench, item, r, left, groups):
             continue
         best = [_forces(bench, item, r, left, body.link) for body in item.tree.bodies]
         found[r] = max(best, key=lambda forces: forces.gain)
-    out = [push for r in found for push in _intervals(bench, prepared, r, found)]
+        out += _intervals(bench, item, r, left, found[r])
     return tuple(push for push in out if not _repeated(push, prepared, found))
+
+
+def _usual(left: Array) -> float:
+    """What a weak floor leaves at quiet times, over what noise would: beyond this a moment stands out, not before."""
+    return max(1.0, float(np.sqrt(np.quantile(left**2, QUIETER) / QUIETER_SQUARE)))
 
 
 def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[int, Mask]:
@@ -159,13 +185,13 @@ def _forces(bench: Bench, item: Prepared, r: int, left: Sequence[Array], body: s
     return _Forces(body, force.reshape(-1, 3), np.asarray(covariance), joints, float(force @ right))
 
 
-def _intervals(bench: Bench, prepared: Sequence[Prepared], r: int, found: dict[int, _Forces]) -> list[Push]:
+def _intervals(bench: Bench, item: Prepared, r: int, left: Sequence[Array], forces: _Forces) -> list[Push]:
     """Runs of strong hats that pass as pushes."""
-    forces, item = found[r], prepared[r]
     count = len(forces.force)
     strength = np.array([_strength(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
     runs = _runs(strength > STRONG)
-    left = bench.residuals(bench.whole.coefficients, r)
+    weak = bench.design.whitening.weak
+    least, pattern = (UNCERTAIN * GAIN_MIN, _pattern_min(forces)) if weak else (GAIN_MIN, PATTERN_MIN)
     groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
     each = np.array([_free(bench, item, r, left, g) for g in groups])
     free = each.sum(axis=0)
@@ -177,7 +203,11 @@ def _intervals(bench: Bench, prepared: Sequence[Prepared], r: int, found: dict[i
     for first, last in runs:
         size = last - first
         gain = _strength(forces, slice(3 * first, 3 * last)) - 3.0 * size
-        if gain < GAIN_MIN or gain < PATTERN_MIN * (float(np.sum(free[first:last])) - len(groups) * size):
+        if (
+            gain < least
+            or pattern >= 1.0
+            or gain < pattern * (float(np.sum(free[first:last])) - len(groups) * size)
+        ):
             continue
         if float(np.max(each[:, first:last].sum(axis=1))) - size > ALONE_MAX * gain:
             continue
@@ -195,6 +225,17 @@ def _intervals(bench: Bench, prepared: Sequence[Prepared], r: int, found: dict[i
             )
         )
     return out
+
+
+def _pattern_min(forces: _Forces) -> float:
+    """Part of what free torques would explain that a force must, where no repeat confirms it: more than chance would.
+
+    Three numbers explain three free torques of seven by chance, and all of three; joints that hardly take part are no
+    evidence.
+    """
+    taking_part = int(np.count_nonzero(forces.joints > TAKES_PART * forces.joints.sum()))
+    chance = min(1.0, 3.0 / max(taking_part, 1))
+    return chance + PATTERN_MIN * (1.0 - chance)
 
 
 def _strength(forces: _Forces, part: slice) -> float:

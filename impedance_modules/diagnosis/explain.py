@@ -16,7 +16,7 @@ from impedance_modules.diagnosis.aside import (
 )
 from impedance_modules.diagnosis.certain import certain
 from impedance_modules.diagnosis.confirmed import confirmed
-from impedance_modules.diagnosis.contact import find_pushes, moments_clear
+from impedance_modules.diagnosis.contact import Push, find_pushes, moments_clear
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.negligible import felt, negligible
@@ -108,6 +108,7 @@ def _search(
         narrowed = selector.on(selector.design.without(moments))
         again = narrowed.run(progress)
         if _as_good(narrowed, again.causes, found.causes):
+            pushes = _measured(selector, narrowed, again.causes, prepared) or pushes
             selector, found = narrowed, again
         else:
             pushes = ()  # what the causes explain better on the very same rows was no push
@@ -130,6 +131,17 @@ def _search(
 
 POORER = 1.2
 """Squares that a search without moments of contact may leave, over those that the causes found with them leave."""
+
+
+def _measured(
+    selector: Selector, narrowed: Selector, causes: Sequence[Term], prepared: Sequence[Prepared]
+) -> tuple[Push, ...]:
+    """The pushes again, by a model that was fitted without them: the links' numbers no longer bend to them."""
+    known = [selector.refiner.term(term.candidate, term.shaped.shape, term.slot) for term in causes]
+    model = [term for term in known if term is not None]
+    if len(model) < len(known):
+        return ()
+    return find_pushes(selector.bench(model), prepared, narrowed.bench(causes).whole.coefficients)
 
 
 def _as_good(narrowed: Selector, causes: Sequence[Term], first: Sequence[Term]) -> bool:

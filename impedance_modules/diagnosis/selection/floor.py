@@ -12,6 +12,7 @@ from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.candidates import Group
 from impedance_modules.diagnosis.selection.drafts import Draft
 from impedance_modules.diagnosis.selection.grid import Rounding, differentiated, read_noise, unseen_rounding
+from impedance_modules.diagnosis.selection.moments import Heard, listen
 from impedance_modules.diagnosis.selection.noise_motion import acceleration_noise, shares
 from impedance_modules.diagnosis.selection.nuisance import Nuisance
 from impedance_modules.diagnosis.selection.whiten import Whitening, whitening_of
@@ -129,7 +130,8 @@ def noise_by_smoothness(
 ) -> Whitening:
     """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
 
-    It is at least what the positions' own noise makes: functions of the acceleration hold that noise and hide it.
+    It is at least what the positions' own noise makes: functions of the acceleration hold that noise and hide it. Where
+    one joint was struck, moments that are too loud for noise are no part of it on any joint.
 
     Args:
         left: Recording -> group -> (M,) residual.
@@ -139,10 +141,15 @@ def noise_by_smoothness(
         recordings: Those that are fitted.
     """
     made = [differentiated(prepared[r], read_noise(prepared[r]), r) for r in recordings]
-    noise, lost = [], []
+    rate = prepared[0].band.rate / prepared[0].band.step
+    heard = []
     for index, group in enumerate(nuisance.groups):
         members = [draft for draft in flexible if all(group in blocks for blocks in draft.blocks)]
-        pieces, used = _left_by(members, group, index, left, nuisance, recordings)
+        heard.append(_left_by(members, group, index, left, nuisance, recordings, rate))
+    struck = any(one.struck for one in heard)
+    noise, lost = [], []
+    for group, one_heard in zip(nuisance.groups, heard, strict=True):
+        pieces, used = one_heard.quiet if struck else one_heard.plain
         noise.append(_no_quieter(pieces, used, [one.of(group) for one in made]))
         lost.append(used)
     share = np.ones((len(left), len(nuisance.groups)))
@@ -168,20 +175,26 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
     left: Sequence[Sequence[Array]],
     nuisance: Nuisance,
     recordings: Sequence[int],
-) -> tuple[list[Array], float]:
+    rate: float,
+) -> Heard:
+    """What functions of a group's motion leave of it, and the samples that they use up."""
     blocks = []
     for recording in recordings:
         own = [draft.blocks[recording][group] for draft in members]
         blocks.append(np.concatenate([nuisance.columns[recording][index], *own], axis=1).astype(float))
     X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
-    gram = X.T @ X
-    power, axes = np.linalg.eigh(gram)
-    power = np.maximum(power, 0.0)
-    ridge = _ridge(power, len(y))
-    rest = y - X @ (axes @ ((axes.T @ (X.T @ y)) / (power + ridge)))
     ends = np.cumsum([len(block) for block in blocks])[:-1]
-    return list(np.split(rest, ends)), _used(power, ridge)
+
+    def fit(weights: Array | None) -> tuple[list[Array], float]:
+        weighted = X if weights is None else X * weights[:, None]
+        power, axes = np.linalg.eigh(weighted.T @ X)
+        power = np.maximum(power, 0.0)
+        ridge = _ridge(power, len(y))
+        rest = y - X @ (axes @ ((axes.T @ (weighted.T @ y)) / (power + ridge)))
+        return list(np.split(rest, ends)), _used(power, ridge)
+
+    return listen(fit, rate)
 
 
 def _ridge(power: Array, samples: int) -> float:

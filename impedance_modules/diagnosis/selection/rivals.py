@@ -27,6 +27,10 @@ EQUAL_LOSS = 0.01
 DECIDED = 15.0
 """Log-likelihood by which a cause must lie ahead [nats], standard errors too, where hardly any power does."""
 
+DECISIVE = 150.0
+"""Log-likelihood [nats] beyond which a few moments may make the difference: they are enough, where more than
+`EQUAL_LOSS` of the power lies between."""
+
 TWIN_DECIDED = 7.5
 """Log-likelihood by which a delay must lie ahead of a lag, or a lag of a delay, and by `EQUAL_SIGMA` too [nats]."""
 
@@ -80,7 +84,7 @@ def _equal(own: Trial, rival: Trial) -> bool:
         return not (ahead and own.gain - rival.gain > TWIN_DECIDED)
     if loss < EQUAL_LOSS:
         return not (ahead and own.gain - rival.gain > DECIDED)
-    return loss < 5.0 * EQUAL_LOSS and not ahead
+    return loss < 5.0 * EQUAL_LOSS and not ahead and own.gain - rival.gain < DECISIVE
 
 
 def contains(rival: Trial, own: Trial) -> bool:

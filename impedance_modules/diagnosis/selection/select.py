@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from impedance_modules.diagnosis.selection.design import Design
 from impedance_modules.diagnosis.selection.geared import geared
 from impedance_modules.diagnosis.selection.pairs import find_pair
 from impedance_modules.diagnosis.selection.possible import Possible
+from impedance_modules.diagnosis.selection.pruned import pruned
 from impedance_modules.diagnosis.selection.refine import Refiner
 from impedance_modules.diagnosis.selection.rules import (
     BIC_MIN,
@@ -32,6 +34,9 @@ CAUSES_MAX = 30
 
 ROUNDS = 3
 """How often the search goes on after causes were removed."""
+
+FALLS = 2
+"""What was removed so often is not accepted again: the search would end as it did before."""
 
 TRIED = 10
 """Candidates that are tried on held-out folds in each round."""
@@ -83,6 +88,7 @@ class Selector:
         fitted = [index for fold in folds for index in fold]
         self.possible = Possible.of(refiner.prepared, fitted, resolution)
         self.screen = Screen(design, fitted)
+        self._falls: Counter[tuple[str, str, str]] = Counter()
         self._stood: tuple[Bench | None, list[Trial]] = (None, [])
         self._tried: tuple[Bench | None, list[Trial]] = (None, [])
         self._looks: tuple[Bench | None, list[Look]] = (None, [])
@@ -108,9 +114,10 @@ class Selector:
         for _ in range(ROUNDS):
             model, refusal = self._grown(model, progress)
             grown = united(model, self.bench, self.refiner)
-            model = self._pruned(grown)
+            model = pruned(grown, self.bench, self.objection)
             if len(model) == len(grown):
                 break
+            self._falls.update(term.key for term in grown if term not in model)
         return Selection(tuple(model), refusal)
 
     def _grown(self, model: list[Term], progress: Callable[[str], None]) -> tuple[list[Term], Refusal | None]:
@@ -136,8 +143,15 @@ class Selector:
 
     def objection(self, trial: Trial) -> str | None:
         """Why a candidate does not earn its place; None if it does. Stand-ins are tried last, they cost most."""
-        plain = objection(trial, []) or self.possible.impossible(trial)
-        return plain or objection(trial, self.stand_ins(trial.bench, self.screen.look(trial.bench)))
+        return self._refused(trial, []) or objection(
+            trial, self.stand_ins(trial.bench, self.screen.look(trial.bench))
+        )
+
+    def _refused(self, trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
+        """Why a candidate is not accepted beside some stand-ins; None if it is."""
+        if self._falls[trial.term.key] >= FALLS:
+            return "accepted and removed again twice: it does not last beside the others"
+        return objection(trial, stand_ins) or self.possible.impossible(trial)
 
     def stand_ins(self, bench: Bench, looks: Sequence[Look]) -> list[Trial]:
         """The best stand-ins beside a model, tried once."""
@@ -152,7 +166,7 @@ class Selector:
         stand_ins = self.stand_ins(bench, self._looked(bench))
         refusal: Refusal | None = None
         for trial in by_merit(trials):
-            reason = objection(trial, stand_ins) or self.possible.impossible(trial)
+            reason = self._refused(trial, stand_ins)
             if reason is None:
                 return self._settled(bench, trial, trials), None
             refusal = refusal or Refusal(trial, reason)
@@ -214,14 +228,6 @@ class Selector:
         exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None
         chosen = better.term if exchanged else self.refiner.refine(bench, term)
         return [*model[:index], chosen, *model[index + 1 :]]
-
-    def _pruned(self, model: list[Term]) -> list[Term]:
-        """Removes causes that no longer earn their place beside the others."""
-        for term in list(model):
-            rest = [other for other in model if other is not term]
-            if self.objection(try_term(self.bench(rest), term)) is not None:
-                model = rest
-        return model
 
 
 def _moves(term: Term) -> bool:
