@@ -19,15 +19,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.contact_forces import (
+    SPACING,
+    Forces,
+    fit_forces,
+    free_torques,
+    hats_of,
+    strength_of,
+)
 from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.selection.bench import Bench
 from impedance_modules.effects.residuals import uses_motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-SPACING = 0.25
-"""Between the tips of two hats [s]."""
 
 STRONG = 16.3
 """Chi-square of three numbers that noise passes once in a thousand times: a hat that may belong to a push."""
@@ -85,17 +90,6 @@ class Push:
     gain: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Forces:
-    """Hats of one link on one recording: (k, 3) forces, their covariance, and what each joint gains by them."""
-
-    body: str
-    force: Array
-    covariance: Array
-    joints: Array
-    gain: float
-
-
 def find_pushes(
     bench: Bench, prepared: Sequence[Prepared], coefficients: Array | None = None
 ) -> tuple[Push, ...]:
@@ -110,7 +104,7 @@ def find_pushes(
     groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
     if len(groups) < 2:
         return ()
-    found: dict[int, _Forces] = {}
+    found: dict[int, Forces] = {}
     out: list[Push] = []
     for r, item in enumerate(prepared):
         left = bench.residuals(known, r)
@@ -118,7 +112,7 @@ def find_pushes(
             left = [x / _usual(x) for x in left]
         if _quiet(bench, item, r, left, groups):
             continue
-        best = [_forces(bench, item, r, left, body.link) for body in item.tree.bodies]
+        best = [fit_forces(bench, item, r, left, body.link) for body in item.tree.bodies]
         found[r] = max(best, key=lambda forces: forces.gain)
         out += _intervals(bench, item, r, left, found[r])
     return tuple(push for push in out if not _repeated(push, prepared, found))
@@ -140,69 +134,29 @@ def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[
     return out
 
 
-def _hats(item: Prepared, rows: int) -> tuple[Array, Array]:
-    """Tips (k,) [s] and hats (rows, k) at the recording's last rows."""
-    time = item.time[-rows:] - item.log.start
-    tips = np.arange(time[0], time[-1] + SPACING, SPACING)
-    return tips, np.clip(1.0 - np.abs(time[:, None] - tips) / SPACING, 0.0, None)
-
-
 def _quiet(bench: Bench, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
     """Whether no joint's residual stands out at any moment."""
-    return all(float(np.max(_free(bench, item, r, left, g))) < STRONG for g in groups)
+    return all(float(np.max(free_torques(bench, item, r, left, g))) < STRONG for g in groups)
 
 
-def _free(bench: Bench, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
-    """Chi-square (k,) of a free torque of one joint at each hat."""
-    _, hats = _hats(item, item.samples)
-    X = np.asarray(bench.design.whitening.apply(hats, r, g))
-    gram = X.T @ X + 1e-6 * np.eye(X.shape[1])
-    covariance = np.linalg.inv(gram)
-    torque = covariance @ (X.T @ left[g])
-    return np.asarray(torque**2 / np.diag(covariance))
-
-
-def _forces(bench: Bench, item: Prepared, r: int, left: Sequence[Array], body: str) -> _Forces:
-    """Fits one link's hats."""
-    J = item.band.condense(item.signals.model.jacobian(body, item.signals.position)[:, :3])
-    _, hats = _hats(item, item.samples)
-    count = hats.shape[1]
-    gram, right = 1e-6 * np.eye(3 * count), np.zeros(3 * count)
-    blocks = {}
-    for g, (residual, joint) in enumerate(bench.design.groups):
-        if not uses_motion(residual):
-            continue
-        columns = -(hats[:, :, None] * J[:, None, :, joint]).reshape(len(hats), -1)
-        X = np.asarray(bench.design.whitening.apply(columns, r, g))
-        gram += X.T @ X
-        right += X.T @ left[g]
-        blocks[g] = X
-    covariance = np.linalg.inv(gram)
-    force = np.asarray(covariance @ right)
-    joints = np.array(
-        [float(np.sum(left[g] ** 2) - np.sum((left[g] - X @ force) ** 2)) for g, X in blocks.items()]
-    )
-    return _Forces(body, force.reshape(-1, 3), np.asarray(covariance), joints, float(force @ right))
-
-
-def _intervals(bench: Bench, item: Prepared, r: int, left: Sequence[Array], forces: _Forces) -> list[Push]:
+def _intervals(bench: Bench, item: Prepared, r: int, left: Sequence[Array], forces: Forces) -> list[Push]:
     """Runs of strong hats that pass as pushes."""
     count = len(forces.force)
-    strength = np.array([_strength(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
+    strength = np.array([strength_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
     runs = _runs(strength > STRONG)
     weak = bench.design.whitening.weak
     least, pattern = (UNCERTAIN * GAIN_MIN, _pattern_min(forces)) if weak else (GAIN_MIN, PATTERN_MIN)
     groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
-    each = np.array([_free(bench, item, r, left, g) for g in groups])
+    each = np.array([free_torques(bench, item, r, left, g) for g in groups])
     free = each.sum(axis=0)
     second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
     if second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
         return []
-    tips, _ = _hats(item, item.samples)
+    tips, _ = hats_of(item, item.samples)
     out = []
     for first, last in runs:
         size = last - first
-        gain = _strength(forces, slice(3 * first, 3 * last)) - 3.0 * size
+        gain = strength_of(forces, slice(3 * first, 3 * last)) - 3.0 * size
         if (
             gain < least
             or pattern >= 1.0
@@ -227,7 +181,7 @@ def _intervals(bench: Bench, item: Prepared, r: int, left: Sequence[Array], forc
     return out
 
 
-def _pattern_min(forces: _Forces) -> float:
+def _pattern_min(forces: Forces) -> float:
     """Part of what free torques would explain that a force must, where no repeat confirms it: more than chance would.
 
     Three numbers explain three free torques of seven by chance, and all of three; joints that hardly take part are no
@@ -238,12 +192,6 @@ def _pattern_min(forces: _Forces) -> float:
     return chance + PATTERN_MIN * (1.0 - chance)
 
 
-def _strength(forces: _Forces, part: slice) -> float:
-    """Chi-square of some hats together."""
-    force = forces.force.reshape(-1)[part]
-    return float(force @ np.linalg.solve(forces.covariance[part, part], force))
-
-
 def _runs(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last-but-one index of every run of true values; one false value does not end a run."""
     bridged = strong.copy()
@@ -252,13 +200,13 @@ def _runs(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _repeated(push: Push, prepared: Sequence[Prepared], found: dict[int, _Forces]) -> bool:
+def _repeated(push: Push, prepared: Sequence[Prepared], found: dict[int, Forces]) -> bool:
     """Whether a recording of the same motion shows about the same force at the same time."""
     group = prepared[push.recording].log.group
     for other, forces in found.items():
         if other == push.recording or prepared[other].log.group != group or forces.body != push.body:
             continue
-        tips, _ = _hats(prepared[other], prepared[other].samples)
+        tips, _ = hats_of(prepared[other], prepared[other].samples)
         inside = (tips >= push.start) & (tips <= push.end)
         if inside.any():
             there = forces.force[inside].mean(axis=0)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from impedance_modules.diagnosis.contact import SPACING
+from impedance_modules.diagnosis.contact_forces import SPACING
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.result import Cause, Estimate, Rival
 from impedance_modules.effects.contact import FORCE
