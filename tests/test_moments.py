@@ -49,7 +49,7 @@ def test_noise_alone_was_never_struck(seed: int) -> None:
 
 
 def test_what_is_loud_for_long_is_no_knock() -> None:
-    y = np.random.default_rng(5).standard_normal(len(TIME)) * np.where(np.sin(TIME) > 0.3, 40.0, 1.0)
+    y = np.random.default_rng(5).standard_normal(len(TIME)) * np.where(np.sin(TIME) > 0.7, 40.0, 1.0)
     found = listen(lambda weights: (list(np.split(y, 2)), 0.0), RATE)
     assert not found.struck
     assert found.quiet is found.plain
