@@ -150,7 +150,7 @@ class Selector:
     def _refused(self, trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
         """Why a candidate is not accepted beside some stand-ins; None if it is."""
         if self._falls[trial.term.key] >= FALLS:
-            return "accepted and removed again twice: it does not last beside the others"
+            return "does not last beside the others: it was accepted and removed again twice"
         return objection(trial, stand_ins) or self.possible.impossible(trial)
 
     def stand_ins(self, bench: Bench, looks: Sequence[Look]) -> list[Trial]:
