@@ -21,9 +21,10 @@ from test_diagnosis import JOINTS, URDF, motion, torque
 from impedance_modules.cli.main import impedance
 from impedance_modules.diagnosis.admit import admit
 from impedance_modules.diagnosis.arrange import arrange
+from impedance_modules.diagnosis.dynamics import inverse_dynamics
 from impedance_modules.diagnosis.log import InsufficientData
 from impedance_modules.diagnosis.long_recordings import read_recordings
-from impedance_modules.diagnosis.model import model_of_urdf
+from impedance_modules.diagnosis.model import model_of_robot, model_of_urdf
 from impedance_modules.diagnosis.stretch import RUN_IN
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.save import write_episode
@@ -539,6 +540,30 @@ def test_a_pushed_hand_is_no_flipped_sign(tmp_path, urdf):
         else:
             with pytest.raises(ImpedanceError, match=r"the sign of effort\.elbow is flipped"):
                 admit(episodes, model_of_urdf(urdf, JOINTS))
+
+
+def test_a_tool_on_a_joint_that_carries_nothing_is_no_flipped_sign(tmp_path):
+    """Baxter's last joint needs a few mN.m for itself; what a light tool asks of it may well oppose that."""
+    joints = [f"right_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
+    model = model_of_robot("baxter", joints)
+    time = np.arange(1200) / 100.0
+    middle = np.array([0.2, -0.4, 0.8, 1.4, -0.9, 0.9, -1.0])
+    w = 2.0 * np.pi * np.array([0.11, 0.17, 0.23, 0.29, 0.31, 0.37, 0.43])
+    q = middle + 0.3 * np.sin(w * time[:, None])
+    v, a = 0.3 * w * np.cos(w * time[:, None]), -0.3 * w**2 * np.sin(w * time[:, None])
+    needed = inverse_dynamics(model.tree, q, v, a)
+    for turned, refused in (("right_w2", False), ("right_w1", True)):
+        effort = needed * np.where(np.array(joints) == turned, -1.0, 1.0)
+        data = {"time": time}
+        for i, joint in enumerate(joints):
+            data |= {f"position.{joint}": q[:, i], f"effort.{joint}": effort[:, i]}
+        path = save(tmp_path, turned, data, robot="baxter")
+        episodes = read_recordings([path])[0]
+        if refused:
+            with pytest.raises(ImpedanceError, match=r"the sign of effort\.right_w1 is flipped"):
+                admit(episodes, model)
+        else:
+            admit(episodes, model)
 
 
 def test_a_stretch_that_is_too_short_is_left_out_and_the_rest_is_used(tmp_path, urdf):

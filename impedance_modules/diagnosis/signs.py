@@ -24,6 +24,9 @@ OPPOSED = -0.8
 SEEN = 0.05
 """Least part of a torque's size that is left beside the joint's own effects, for a sign to show in it."""
 
+LIGHT = 0.005
+"""Part of the most loaded joint's torque below which a joint carries too little to show a sign: a tool turns it round."""
+
 SIZE = (0.4, 2.5)
 """Slopes of torque over the links' torque, but for the sign, that are the same physical quantity."""
 
@@ -61,6 +64,9 @@ def _flipped(found: Rough, joint: int) -> bool:
         return False
     own = found.own(joint)
     e, m = without(effort, own), without(model, own)
+    heaviest = float(found.model.std(axis=0).max())
+    if _size(model) < LIGHT * heaviest:
+        return False
     if _size(m) > SEEN * max(_size(effort), 1e-9) and _size(e) > 0.0:
         correlation = float(e @ m) / (len(e) * _size(e) * _size(m))
         slope = float(e @ m) / float(m @ m)
