@@ -25,7 +25,7 @@ SEEN = 0.05
 """Least part of a torque's size that is left beside the joint's own effects, for a sign to show in it."""
 
 LIGHT = 0.005
-"""Part of the most loaded joint's torque below which a joint carries too little to show a sign: a tool turns it round."""
+"""Part of the most loaded joint's torque below which a joint shows no sign: a light tool turns its torque round."""
 
 SIZE = (0.4, 2.5)
 """Slopes of torque over the links' torque, but for the sign, that are the same physical quantity."""

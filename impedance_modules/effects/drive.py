@@ -147,6 +147,7 @@ class TorqueSaturation(DriveLaw):
     symbol = "limit"
     peaks = True
     shape = ("limit",)
+    brief = True
     description = Description(
         id="torque_saturation",
         sentence="The motor gives no more than a limit, however much is asked for.",

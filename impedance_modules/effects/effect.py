@@ -64,6 +64,7 @@ class Effect(ABC):
         shape: Names of what enters nonlinearly; empty for a linear effect.
         replaces: It replaces a number of the robot file instead of adding to it.
         nearly_linear: Linearised where its shape starts it is good enough to be found by; it moves once it is accepted.
+        brief: It may show in a few moments only, by its nature.
         symmetric: On a pair of joints it is the same effect either way round.
         essence: Sums of coefficients that differ from zero if it is this effect and not a simpler one.
     """
@@ -72,6 +73,7 @@ class Effect(ABC):
     shape: tuple[str, ...] = ()
     replaces: bool = False
     nearly_linear: bool = False
+    brief: bool = False
     symmetric: bool = False
     essence: tuple[tuple[float, ...], ...] = ()
 

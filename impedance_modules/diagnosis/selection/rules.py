@@ -141,7 +141,10 @@ def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
             f"removes only {100 * trial.reduction:.1f} % of the residual on unseen recordings",
         ),
         (lost > HARM_MAX * won, "helps on some recordings and harms on others"),
-        (trial.momentary(TRIMMED, TRIMMED_MIN), "its gain comes from a few moments only"),
+        (
+            not _brief(trial) and trial.momentary(TRIMMED, TRIMMED_MIN),
+            "its gain comes from a few moments only",
+        ),
         (trial.outside, "its parameters are at the end of what is physical, or beyond"),
         (
             trial.seen.displaced is not None,
@@ -161,6 +164,11 @@ def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
         ),
     )
     return next((reason for holds, reason in checks if holds), None)
+
+
+def _brief(trial: Trial) -> bool:
+    """Whether a candidate shows in a few moments by its nature: what a drive cuts off, it cuts off at the peaks."""
+    return not trial.term.generic and trial.term.candidate.effect.brief
 
 
 def disagreed(trial: Trial) -> bool:
