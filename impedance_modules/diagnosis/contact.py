@@ -150,18 +150,14 @@ def _intervals(bench: Bench, item: Prepared, r: int, left: Sequence[Array], forc
     each = np.array([free_torques(bench, item, r, left, g) for g in groups])
     free = each.sum(axis=0)
     second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
-    if second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
-        return []
+    if pattern >= 1.0 or second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
+        return []  # any force would do, one joint alone would, or the gap is not local
     tips, _ = hats_of(item, item.samples)
     out = []
     for first, last in runs:
         size = last - first
         gain = strength_of(forces, slice(3 * first, 3 * last)) - 3.0 * size
-        if (
-            gain < least
-            or pattern >= 1.0
-            or gain < pattern * (float(np.sum(free[first:last])) - len(groups) * size)
-        ):
+        if gain < least or gain < pattern * (float(np.sum(free[first:last])) - len(groups) * size):
             continue
         if float(np.max(each[:, first:last].sum(axis=1))) - size > ALONE_MAX * gain:
             continue
