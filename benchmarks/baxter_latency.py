@@ -30,7 +30,7 @@ from impedance_modules.backends.baxter.transport.protocol import NoMasterError, 
 from impedance_modules.backends.baxter.transport.sockets.master import MasterClient
 from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
 from impedance_modules.backends.baxter.transport.with_rospy import RospyTransport
-from impedance_modules.runtime.assembly import assemble
+from impedance_modules.control.assembly import assemble
 
 TASK = "soft-hold"
 ON = messages.AssemblyState(True, True, False, False, 0, 0)

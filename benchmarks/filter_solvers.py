@@ -17,11 +17,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
-import filter_problems
-
 from impedance_modules.safety.build import build
 from impedance_modules.safety.problem import FilterProblem, FilterWorkspace
 from impedance_modules.safety.solvers import make_solver
+from tests.support import filter_problems
 
 BLOCK = 25
 ARRAYS = ("desired", "metric", "effort_max", "matrix", "lower", "upper", "penalty")

@@ -16,12 +16,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from impedance_modules.runtime.assembly import Assembly, assemble
-from impedance_modules.runtime.predict.energy import forecast_tank
-from impedance_modules.runtime.predict.mechanism import Mechanism
-from impedance_modules.runtime.predict.rehearsal import rehearse
-from impedance_modules.runtime.prepare import make_backend
-from impedance_modules.runtime.run import RunOptions, carry_out
+from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.prediction.energy import forecast_tank
+from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.quasi_static import rehearse
+from impedance_modules.runs.prepare import make_backend
+from impedance_modules.runs.run import RunOptions, carry_out
 
 TASK = Path(__file__).parents[1] / "tasks" / "mirrored-arms.yaml"
 DRAWN_OUT = "duration: 8\n"

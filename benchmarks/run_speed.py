@@ -19,16 +19,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from impedance_modules.backends.sim import SimBackend
+from impedance_modules.control.assembly import assemble
+from impedance_modules.control.controller import Controller
+from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant
-from impedance_modules.runtime import run
-from impedance_modules.runtime.assembly import assemble
-from impedance_modules.runtime.controller import Controller
-from impedance_modules.runtime.prepare import make_backend
-from impedance_modules.runtime.record import Recorder
-from impedance_modules.runtime.run import RunOptions, RunResult, carry_out
-from impedance_modules.runtime.scene import SceneView
-from impedance_modules.runtime.summary import Summary
-from impedance_modules.runtime.supervisor import Supervisor
+from impedance_modules.runs import run
+from impedance_modules.runs.prepare import make_backend
+from impedance_modules.runs.record import Recorder
+from impedance_modules.runs.run import RunOptions, RunResult, carry_out
+from impedance_modules.runs.scene import SceneView
+from impedance_modules.runs.summary import Summary
 
 TIMED = (
     ("robot: one period of the plant", Plant, "advance"),

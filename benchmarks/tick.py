@@ -21,9 +21,9 @@ import numpy as np
 import pinocchio as pin
 
 from impedance_modules.backends.backend import FirstState
+from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.control.controller import Controller
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runtime.assembly import Assembly, assemble
-from impedance_modules.runtime.controller import Controller
 
 ROUNDS, CALLS = 60, 60
 PACED_CYCLES = 4000

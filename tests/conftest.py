@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from ros_master import NO_MASTER, NO_ROSPY, ros_master
+
+from tests.support.ros_master import NO_MASTER, NO_ROSPY, ros_master
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

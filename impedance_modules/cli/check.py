@@ -25,10 +25,10 @@ def command(task: str, effects: Path | None, rate: float | None, scale: float, a
     printed as file:line:col: path: message. Exit: 0 good, 2 not.
     """
     from impedance_modules.cli.tables_check import print_forecast
-    from impedance_modules.runtime.adjust import as_taught
-    from impedance_modules.runtime.assembly import assemble
-    from impedance_modules.runtime.check import refuse_unfit
-    from impedance_modules.runtime.predict.forecast import forecast_task
+    from impedance_modules.control.adjust import as_taught
+    from impedance_modules.control.assembly import assemble
+    from impedance_modules.prediction.check import refuse_unfit
+    from impedance_modules.prediction.forecast import forecast_task
 
     assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
     assembly = replace(assembly, task=as_taught(assembly.task))

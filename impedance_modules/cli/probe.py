@@ -115,10 +115,10 @@ def _need(text: str) -> float:
     """Rehearses a task and says what its tank needs [J]."""
     import tempfile
 
-    from impedance_modules.runtime.assembly import assemble
-    from impedance_modules.runtime.predict.energy import forecast_tank
-    from impedance_modules.runtime.predict.mechanism import Mechanism
-    from impedance_modules.runtime.predict.rehearsal import rehearse
+    from impedance_modules.control.assembly import assemble
+    from impedance_modules.prediction.energy import forecast_tank
+    from impedance_modules.prediction.mechanism import Mechanism
+    from impedance_modules.prediction.quasi_static import rehearse
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "probe.yaml"

@@ -40,7 +40,7 @@ def _verify(log: Path) -> None:
     episode = read_episode(log)
     console = Console()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        from impedance_modules.runtime.verify import verify
+        from impedance_modules.runs.verify import verify
 
         row = bar.add_task("recomputing", total=1.0)
         found = verify(episode, lambda part: bar.update(row, completed=part))

@@ -13,9 +13,9 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from impedance_modules.experiments.catalogue import Experiment
-    from impedance_modules.experiments.page import Page
-    from impedance_modules.experiments.settings import Size
+    from impedance_experiments.catalogue import Experiment
+    from impedance_experiments.page import Page
+    from impedance_experiments.settings import Size
 
 
 @click.command("reproduce")
@@ -41,8 +41,8 @@ def command(
     """
     from rich.console import Console
 
+    from impedance_experiments.catalogue import EXPERIMENTS, find_experiment
     from impedance_modules.errors import BadInput
-    from impedance_modules.experiments.catalogue import EXPERIMENTS, find_experiment
 
     if listed or name is None:
         width = max(len(entry) for entry in EXPERIMENTS)
@@ -57,7 +57,7 @@ def command(
 
 
 def _size(*, full: bool, short: bool) -> Size:
-    from impedance_modules.experiments.settings import Size
+    from impedance_experiments.settings import Size
 
     if full:
         return Size.FULL
@@ -69,8 +69,8 @@ def _carry_out(
 ) -> None:
     from rich.progress import Progress
 
-    from impedance_modules.experiments.index import write_index
-    from impedance_modules.experiments.write import command_of, write_page
+    from impedance_experiments.index import write_index
+    from impedance_experiments.write import command_of, write_page
 
     done: list[tuple[Experiment, Page]] = []
     with tempfile.TemporaryDirectory() as temporary, Progress(console=console, transient=True) as bar:
@@ -96,7 +96,7 @@ def _processor_time() -> float:
 
 
 def _run(experiment: Experiment, size: Size, seed: int, work: Path, bar: object, line: object) -> Page:
-    from impedance_modules.experiments.settings import Settings
+    from impedance_experiments.settings import Settings
 
     def on_progress(share: float, doing: str) -> None:
         bar.update(line, completed=share, description=f"{experiment.name}: {doing}")  # type: ignore[attr-defined]
@@ -108,7 +108,7 @@ def _print_comparisons(done: list[tuple[Experiment, Page]], console: Console) ->
     """Prints what the thesis says beside what came out."""
     from rich.table import Table
 
-    from impedance_modules.experiments.write import cell_text
+    from impedance_experiments.write import cell_text
 
     table = Table(title="thesis against ours", title_justify="left")
     for column in ("experiment", "quantity", "thesis", "ours", "spread", "unit"):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from impedance_modules.runtime.roughness.recorded import Roughness
+    from impedance_modules.tools.roughness import Roughness
 
 WAY = "x|-x|y|-y|z|-z"
 
@@ -44,11 +44,11 @@ def command(
 
     Exit: 0 done, 2 no contact, no force, or too few windows.
     """
+    from impedance_modules.control.roughness_windows import way_of
     from impedance_modules.episode.folder import the_episode
     from impedance_modules.episode.reader import read_episode
     from impedance_modules.errors import BadInput
-    from impedance_modules.runtime.roughness.recorded import judge_roughness, touched_by
-    from impedance_modules.runtime.roughness.windows import way_of
+    from impedance_modules.tools.roughness import judge_roughness, touched_by
 
     if not since < until:
         raise BadInput(f"--from {since:g} --to {until:g}: no time lies between (valid: --from before --to)")

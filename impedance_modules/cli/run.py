@@ -16,8 +16,8 @@ from impedance_modules.cli.options import arm_option, effects_option, rate_optio
 
 if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import Visit
-    from impedance_modules.runtime.assembly import Assembly
-    from impedance_modules.runtime.run import RunResult
+    from impedance_modules.control.assembly import Assembly
+    from impedance_modules.runs.run import RunResult
 
 
 BACKENDS = ("sim", "replay", "baxter")
@@ -72,9 +72,9 @@ def command(
 
     from impedance_modules.cli.run_playback import PlaybackOptions, play_task_back
     from impedance_modules.cli.tables import print_run, progress
+    from impedance_modules.control.assembly import assemble
     from impedance_modules.errors import BadInput
-    from impedance_modules.runtime.assembly import assemble
-    from impedance_modules.runtime.check import refuse_unfit
+    from impedance_modules.prediction.check import refuse_unfit
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")
@@ -96,8 +96,8 @@ def command(
             raise BadInput("--backend replay and --log DIR go together: the log is the robot")
         refuse_unfit(assembly)
         # Only now: everything below wakes the compiler.
-        from impedance_modules.runtime.prepare import baxter_backend, make_backend
-        from impedance_modules.runtime.run import RunOptions, carry_out
+        from impedance_modules.runs.prepare import baxter_backend, make_backend
+        from impedance_modules.runs.run import RunOptions, carry_out
 
         robot = (
             make_backend(assembly, backend=backend, log=log, seed=seed)
@@ -127,7 +127,7 @@ def _directory(out: Path | None, assembly: Assembly) -> Path:
 
 
 def _exit_code(result: RunResult) -> int:
-    from impedance_modules.runtime.supervisor import Ending
+    from impedance_modules.control.supervisor import Ending
 
     if result.interrupted:
         return 130

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from impedance_modules.runtime.assembly import Assembly
+    from impedance_modules.control.assembly import Assembly
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
     from rich.console import Console
 
     from impedance_modules.cli.tables import progress
-    from impedance_modules.runtime.adjust import as_taught
-    from impedance_modules.runtime.check import refuse_unfit
+    from impedance_modules.control.adjust import as_taught
+    from impedance_modules.prediction.check import refuse_unfit
 
     refuse_unfit(replace(assembly, task=as_taught(assembly.task)))
-    from impedance_modules.runtime.playback import TAUGHT, make_playback, play_back, recorded_path, teach
-    from impedance_modules.runtime.run import RunOptions
+    from impedance_modules.runs.playback import TAUGHT, make_playback, play_back, recorded_path, teach
+    from impedance_modules.runs.run import RunOptions
 
     console = Console()
     seconds = sum(phase.duration for phase in assembly.task.phases)

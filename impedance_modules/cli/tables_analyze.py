@@ -13,8 +13,8 @@ from rich.columns import Columns
 from rich.console import Console
 from rich.table import Table
 
-from impedance_modules.runtime.analysis import Analysis, Felt, carried_inertia
-from impedance_modules.runtime.assembly import Assembly
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.prediction.analysis import Analysis, Felt, carried_inertia
 from impedance_modules.spec.mirror import twist_signs
 from impedance_modules.spec.task import AXES
 from impedance_modules.superposition.ellipsoid import Ellipsoid, angular_ellipsoid, linear_ellipsoid

@@ -9,10 +9,10 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from impedance_modules.runtime.assembly import Assembly
-from impedance_modules.runtime.predict.forecast import Forecast, PhaseForecast
-from impedance_modules.runtime.predict.loads import JointLoad, Yielding
-from impedance_modules.runtime.predict.stability import STIFFEST, StabilityForecast
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.prediction.forecast import Forecast, PhaseForecast
+from impedance_modules.prediction.loads import JointLoad, Yielding
+from impedance_modules.prediction.stability import STIFFEST, StabilityForecast
 
 TIGHT = 0.7
 """Share of a limit from which a number is coloured."""

@@ -15,9 +15,9 @@ from impedance_modules.errors import BadInput, nearest
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from impedance_modules.control.assembly import Assembly
     from impedance_modules.robot.model import RobotModel
-    from impedance_modules.runtime.assembly import Assembly
-    from impedance_modules.runtime.tune.tune import Question, Tuned, Tuning
+    from impedance_modules.tools.tune.tune import Question, Tuned, Tuning
 
 PATH = click.Path(path_type=Path)
 AXES = {
@@ -97,9 +97,9 @@ def command(
     """
     from rich.console import Console
 
-    from impedance_modules.runtime.assembly import assemble
-    from impedance_modules.runtime.tune.overlay import trial_task, tuned_task
-    from impedance_modules.runtime.tune.tune import tune
+    from impedance_modules.control.assembly import assemble
+    from impedance_modules.tools.tune.overlay import trial_task, tuned_task
+    from impedance_modules.tools.tune.tune import tune
 
     if not 0.0 < share <= 10.0:
         raise BadInput(f"--share {share:g}: not a share of the springs (valid: above 0, up to 10)")
@@ -135,7 +135,7 @@ def _question(
     """Reads the options, or says what would be valid."""
     import numpy as np
 
-    from impedance_modules.runtime.tune.tune import Question
+    from impedance_modules.tools.tune.tune import Question
 
     arms = tuple(assembly.task.arms)
     if arm is None and len(arms) > 1:

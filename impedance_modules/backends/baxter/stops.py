@@ -15,7 +15,7 @@
 
 A hold is the robot's position mode at the measured angles. Nothing here ever goes back to torque, enables,
 resets or resumes: that takes a new run, begun by a person. Late cycles, a law without solution and a task's own
-limits are the supervisor's (``runtime/supervisor.py``), whose torque passes through here all the same; a
+limits are the supervisor's (``control/supervisor.py``), whose torque passes through here all the same; a
 controller that was killed is the robot's own command time-out's.
 """
 

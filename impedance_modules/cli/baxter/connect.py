@@ -32,7 +32,7 @@ def node(kind: str, purpose: str) -> Iterator[Transport]:
     Ctrl-C, SIGTERM and a closed terminal unwind everything; while the master is told, it takes three.
     """
     from impedance_modules.backends.baxter.transport.choose import connect
-    from impedance_modules.runtime.signals import as_interrupt, stubborn
+    from impedance_modules.control.signals import as_interrupt, stubborn
 
     with as_interrupt():
         transport = connect(kind, purpose)

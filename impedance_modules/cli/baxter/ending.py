@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from types import FrameType, TracebackType
 
-from impedance_modules.runtime.signals import handled_by
+from impedance_modules.control.signals import handled_by
 
 
 class Ending:

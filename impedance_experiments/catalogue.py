@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""All experiments, in the thesis's order; a module is imported only when its experiment runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+
+from impedance_experiments.page import Page
+from impedance_experiments.settings import Settings
+from impedance_modules.errors import BadInput, nearest
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment of the thesis.
+
+    Attributes:
+        name: As in ``impedance reproduce NAME``.
+        section: Where the thesis tells of it.
+        question: What it answers, in one line.
+        module: Of this package; its function ``reproduce(settings)`` returns the page.
+    """
+
+    name: str
+    section: str
+    question: str
+    module: str
+
+    def run(self, settings: Settings) -> Page:
+        """Carries the experiment out."""
+        reproduce: Callable[[Settings], Page] = import_module(
+            f"impedance_experiments.{self.module}"
+        ).reproduce
+        return reproduce(settings)
+
+
+_ALL: tuple[Experiment, ...] = (
+    Experiment("series-elastic", "3.1", "What do the springs in the joints do?", "series_elastic"),
+    Experiment("reflected-inertia", "3.2", "How large is a rotor's reflected inertia?", "reflected_inertia"),
+    Experiment(
+        "reflected-inertia-matters",
+        "3.3",
+        "How much heavier do the rotors make a blow?",
+        "reflected_inertia_matters",
+    ),
+    Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
+    Experiment("one-joint", "4.1", "Does one joint do what eq. 4.8 says?", "one_joint"),
+    Experiment(
+        "impedance-controller",
+        "4.1 to 4.7, 5.1.3",
+        "What does one impedance-controlled arm feel like?",
+        "impedance_controller",
+    ),
+    Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
+    Experiment("terrain", "5.1", "Who keeps contact with a surface that the map does not show?", "terrain"),
+    Experiment("surface-map", "5.1.5, 6.2.3", "What does a hand learn of what it strokes?", "surface_map"),
+    Experiment("sanding", "5.2", "Can it sand wood, and feel when the wood is smooth?", "sanding"),
+    Experiment("two-arms", "4.5, 6.2.4", "Do two real arms on one object add?", "two_arms"),
+    Experiment("folding", "6.2.2", "How soft may joints be before the links fold?", "folding"),
+    Experiment("nonlinear-damping", "6.2.1", "Does damping depend on who excites it?", "nonlinear_damping"),
+    Experiment("under-water", "6.2.5", "What does a hand feel like under water?", "under_water"),
+)
+EXPERIMENTS: dict[str, Experiment] = {entry.name: entry for entry in _ALL}
+
+
+def find_experiment(name: str) -> Experiment:
+    """Returns the experiment of that name.
+
+    Raises:
+        BadInput: There is none.
+    """
+    if name not in EXPERIMENTS:
+        known = tuple(EXPERIMENTS)
+        raise BadInput(f"no experiment '{name}'{nearest(name, known)} (valid: all, {', '.join(known)})")
+    return EXPERIMENTS[name]

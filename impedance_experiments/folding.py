@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How soft may joints be that carry a force, before the links fold? (thesis 5.1.2 and 6.2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from impedance_experiments.page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.pushing import only_arm
+from impedance_experiments.settings import Settings
+from impedance_experiments.task_run import watch_task
+from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.control.supervisor import Supervisor
+from impedance_modules.plant.plant import Plant
+from impedance_modules.robot.state import RobotState
+from impedance_modules.tools.tune.folding import folding_share, unloading
+from impedance_modules.tools.tune.overlay import WINDING, trial_task
+from impedance_modules.tools.tune.self_motion import Posture
+from impedance_modules.tools.tune.tune import Question, Tuned, Tuning, tune, unloaded_arm
+
+Array = NDArray[np.float64]
+
+TASK = "net-stiffness"
+"""The posture of eq. 5.1, with the thesis's springs at joints and hand."""
+FORCE = 25.0
+"""What the thesis pressed with [N]."""
+SHARES = (1.0, 0.95, 0.8)
+
+
+def reproduce(settings: Settings) -> Page:
+    """Tunes the thesis's arm for its 25 N, and tries the answer on the plant."""
+    assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
+    down = np.array([0.0, 0.0, -1.0])
+    question = Question(
+        only_arm(assembly), down, 0.0, FORCE, postures=1, reach=0.75, softest=0.5, alone=False
+    )
+    own = tune(assembly, question).best
+    settings.on_progress(0.1, "elbows")
+    elbows = tune(assembly, replace(question, postures=settings.choose(3, 15, 15)))
+    borne = thesis_bears(assembly, question)
+    shares = SHARES[: settings.choose(0, 3, 3)]
+    runs = {}
+    for step, share in enumerate(shares):
+        settings.on_progress(0.2 + 0.8 * step / len(shares), f"{share:g} of the springs")
+        runs[share] = trial(settings, assembly, question, own, share)
+    settings.on_progress(1.0, "done")
+    growth = {share: _growth(time, away) for share, (time, away) in runs.items()}
+    return Page(
+        summary=(
+            "Joint springs that carry a force at the hand must outweigh what the force takes from them as the levers "
+            "turn, K_j + J^T K_end J - Gamma positive definite (docs/tune.md). `impedance tune net-stiffness "
+            "--force 0:25 --direction=-z --reach 0.75` finds the springs of the smallest sum at the thesis's posture "
+            "for the 25 N of its first task. On the plant, springs and load are wound up together, so that the "
+            "posture is an equilibrium throughout: with the springs found the arm stays, with 5 % less it leaves "
+            "slowly, with 20 % less it folds."
+        ),
+        comparisons=_comparisons(assembly, own, elbows, borne, growth),
+        tables=(_joints(assembly, question, own), _elbows(elbows)),
+        plots=(_picture(elbows, runs),),
+        differences=(
+            "The thesis found 5 N.m/rad on S1, E0, W1 and W2 by trial, in another load case: it pressed with the "
+            "springs at the hand, whose force turns with the Jacobian and does not load the joint springs at all. By "
+            "statics alone any positive joint stiffness then holds; what folded there most likely were the hand's "
+            "free rotations, under a contact that is not at the hand's origin. Ours carry the whole force by the "
+            "joints, the case of Rancourt & Hogan (2001) and the worst one, which is why the sum is larger, and why "
+            "the thesis's springs, three of them next to nothing, bear so little in it. Another elbow gains hardly "
+            "anything at this place of the hand; at that of `wipe-table` it saves a third (docs/tune.md)."
+        ),
+        facts={
+            "sum": own.total,
+            "best_sum": elbows.best.total,
+            "borne": borne,
+            **{f"growth_{share:g}": factor for share, factor in growth.items()},
+        },
+    )
+
+
+def thesis_bears(assembly: Assembly, question: Question) -> float:
+    """Finds the largest force that the thesis's own joint springs carry without folding [N]."""
+    bias = assembly.modules.arm(question.arm).bias
+    springs = np.zeros(0) if bias is None else np.asarray(bias.stiffness)
+    jacobian, others = unloaded_arm(assembly, question, Posture(0.0, assembly.modules.posture))
+
+    def folds(force: float) -> bool:
+        wrench = np.append(-force * question.direction, np.zeros(3))
+        return folding_share(springs, unloading(jacobian, others, [wrench])) > 1.0
+
+    low, high = 0.0, FORCE
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if folds(middle) else (middle, high)
+    return low
+
+
+def trial(
+    settings: Settings, assembly: Assembly, question: Question, tuned: Tuned, share: float
+) -> tuple[Array, Array]:
+    """Winds springs and load up together; gives time [s] and how far the joints are from their posture [rad]."""
+    path = settings.work / f"folding-{share:g}.yaml"
+    path.write_text(trial_task(TASK, assembly.model, question, tuned, share), encoding="utf-8")
+    wound = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
+    joints = wound.model.limbs[question.arm].joints
+    log: list[tuple[float, float]] = []
+
+    def look(_state: RobotState, plant: Plant, _supervisor: Supervisor) -> None:
+        away = plant.position[joints] - wound.modules.posture[joints]
+        log.append((plant.time, float(np.linalg.norm(away))))
+
+    watch_task(wound, look, seed=settings.seed)
+    time, away = np.array(log).T
+    return time, away
+
+
+def _growth(time: Array, away: Array) -> float:
+    """Gives how far the joints are at the end over how far they were when the load was complete."""
+    return float(away[-1] / away[int(np.searchsorted(time, WINDING + 1.0))])
+
+
+def _comparisons(
+    assembly: Assembly, own: Tuned, elbows: Tuning, borne: float, growth: dict[float, float]
+) -> tuple[Comparison, ...]:
+    bias = assembly.modules.arm(only_arm(assembly)).bias
+    thesis = 0.0 if bias is None else float(np.sum(bias.stiffness))
+    unit = "N.m/rad"
+    rows = [
+        Comparison(
+            "sum of the joint springs",
+            round(thesis, 3),
+            round(own.total, 1),
+            unit,
+            "another load case, see below",
+        ),
+        Comparison(
+            "the same, best elbow", None, round(elbows.best.total, 1), unit, "the hand in the same place"
+        ),
+        Comparison(
+            "force that the thesis's joint springs carry",
+            None,
+            round(borne, 2),
+            "N",
+            "0.005 N.m/rad on three joints",
+        ),
+    ]
+    for share, factor in growth.items():
+        name = f"departure at the end over that at full load, {share:g} of the springs"
+        told = "dies out: holds" if factor < 1.0 else "grows: folds"
+        rows.append(Comparison(name, None, round(factor, 2), "1", told))
+    return tuple(rows)
+
+
+def _joints(assembly: Assembly, question: Question, own: Tuned) -> Table:
+    limb = assembly.model.limbs[question.arm]
+    bias = assembly.modules.arm(question.arm).bias
+    springs = np.zeros(limb.joints.size) if bias is None else np.asarray(bias.stiffness)
+    rows: list[list[Cell]] = [
+        [name, float(k), float(found), round(float(torque), 6) + 0.0, float(rest)]
+        for name, k, found, torque, rest in zip(
+            limb.short_names, springs, own.stiffness, own.torque, own.rest, strict=True
+        )
+    ]
+    columns = (
+        "joint",
+        "thesis [N.m/rad]",
+        "ours [N.m/rad]",
+        "torque at 25 N [N.m]",
+        "rest of the spring [rad]",
+    )
+    return table_of("Joint springs at the thesis's posture", columns, rows)
+
+
+def _elbows(elbows: Tuning) -> Table:
+    rows: list[list[Cell]] = [
+        [round(found.posture.along, 2), found.total, 100.0 * found.share, min(found.hand)]
+        for found in elbows.found
+    ]
+    columns = (
+        "along the self-motion [rad]",
+        "sum of springs [N.m/rad]",
+        "torque of limit [%]",
+        "hand at 25 N [N/m]",
+    )
+    return table_of("Elbows with the hand in its place", columns, rows)
+
+
+def _picture(elbows: Tuning, runs: dict[float, tuple[Array, Array]]) -> Plot:
+    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.plot([f.posture.along for f in elbows.found], [f.total for f in elbows.found], "o-")
+    left.set(
+        xlabel="elbow, along the self-motion [rad]", ylabel="sum of joint springs [N.m/rad]", ylim=(0, None)
+    )
+    for (share, (time, away)), color in zip(runs.items(), ("C0", "C1", "C3"), strict=False):
+        right.semilogy(time, np.maximum(away, 1e-5), color=color, label=f"{share:g} of the springs")
+    right.axvline(WINDING, color="0.7", linewidth=1)
+    right.set(xlabel="time [s], full load from the line on", ylabel="joints away from the posture [rad]")
+    if runs:
+        right.legend(fontsize=8)
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    return Plot("folding", "Least joint springs by elbow; what the plant does at and below them", figure)

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The one-degree-of-freedom example of impedance control, on the plant and by its equation (thesis 4.1).
+
+m \ddot x = -(B_d + b - b^) \dot x + K_d (x_d - x) + F_external        (eq. 4.8; b^ is the model's b)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from impedance_experiments.page import Comparison, Page, Plot
+from impedance_experiments.pushing import Trace, only_arm, trace_pushed
+from impedance_experiments.settings import Settings
+from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.plant.pushes import push_wrench
+
+Array = NDArray[np.float64]
+
+TASK = "one-joint"
+TURN = 5
+"""Of the six coordinates the one that can move: about the upright axis."""
+
+
+_SUMMARY = (
+    "A wheel on an upright axis, driven by a motor with damping b of its own, is made to react like an inertia on a "
+    "spring and a damper (robot `single_wheel`, task `one-joint`): the whole path of task, spring, filter, tank and "
+    "plant with one joint. Its equilibrium jumps by 0.3 rad, then somebody turns it with 0.5 N.m and lets go. The "
+    "inertia is not shaped (M_d = m), and the motor's damping counts towards B_d, both as in the thesis."
+)
+_DIFFERENCES = (
+    "The thesis's mass slides and has no numbers; here it turns, because the joints of a limb do, and the numbers are "
+    "invented. Printed, eq. 4.8 has the damping B_d + b^ - b; from 4.7 it follows with b and b^ exchanged, "
+    "and with b^ = b, as both take it, the two agree."
+)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Eq. 4.8's m [kg.m^2], whole damping [N.m.s/rad] and stiffness [N.m/rad], from task and robot."""
+
+    inertia: float
+    damping: float
+    stiffness: float
+
+
+def reproduce(settings: Settings) -> Page:
+    """Runs the task once and lays eq. 4.8 beside it."""
+    assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
+    settings.on_progress(0.1, "wheel moved and pushed")
+    trace = trace_pushed(assembly, only_arm(assembly), seed=settings.seed, noise=True)
+    numbers = numbers_of(assembly)
+    foretold = equation(assembly, numbers, trace.time)
+    settings.on_progress(1.0, "done")
+    angle = trace.place[:, TURN]
+    push = assembly.task.pushes[0]
+    end = push.start + push.rise + push.hold
+    held = trace.over(end - 0.2, end)
+    before = trace.over(push.start - 0.2, push.start)
+    given_way = float(np.mean(angle[before]) - np.mean(angle[held]))
+    felt = -push.wrench[TURN] / given_way
+    over, over_foretold = (float(np.max(x[trace.over(0.0, push.start)])) for x in (angle, foretold))
+    rest = _rest(assembly)
+    worst = float(np.max(np.abs(angle - foretold)))
+    damped = f"damping ratio {numbers.damping / (2.0 * np.sqrt(numbers.stiffness * numbers.inertia)):.2f}"
+    return Page(
+        summary=_SUMMARY,
+        comparisons=(
+            Comparison("stiffness felt by a push", "K_d", round(felt, 3), "N.m/rad", f"K_d is {numbers.stiffness:g}"),
+            Comparison(
+                "overshoot after the jump, plant", f"eq. 4.8: {100.0 * (over_foretold / rest - 1.0):.1f}",
+                round(100.0 * (over / rest - 1.0), 2), "%", damped,
+            ),
+            Comparison(
+                "largest departure from eq. 4.8", 0, round(100.0 * worst / rest, 3), "% of the jump",
+                "a command's delay of one period, the reported velocity's lag of 3 ms",
+            ),
+        ),
+        plots=(_drawn(trace, foretold, angle),),
+        differences=_DIFFERENCES,
+        facts={"felt": felt, "stiffness": numbers.stiffness, "departure": worst / rest, "overshoot": over / rest - 1.0},
+    )  # fmt: skip
+
+
+def numbers_of(assembly: Assembly) -> Numbers:
+    """Collects inertia, damping and stiffness about the joint from robot and task."""
+    arm = assembly.task.arms[only_arm(assembly)]
+    joint = assembly.model.joint_names[0]
+    spring = arm.springs[0]
+    damping = 0.0 if spring.damping is None else float(spring.damping[TURN, TURN])
+    return Numbers(
+        inertia=float(assembly.model.mass_matrix(assembly.modules.posture)[0, 0]),
+        damping=damping + assembly.robot.joints[joint].motor_damping,
+        stiffness=float(spring.stiffness[TURN, TURN]),
+    )
+
+
+def equation(assembly: Assembly, numbers: Numbers, time: Array) -> Array:
+    """Solves eq. 4.8 at given times (N,) [s] for the task's moving equilibrium and push; returns (N,) [rad]."""
+    task, arm = assembly.task, only_arm(assembly)
+    rest, moved = task.phases[:2]
+
+    def rate(t: float, x: Array) -> Array:
+        u = float(np.clip((t - rest.duration) / moved.duration, 0.0, 1.0))
+        wanted = _rest(assembly) * u**3 * (10.0 + u * (6.0 * u - 15.0))
+        push = push_wrench(task.pushes, arm, t)[TURN]
+        torque = numbers.stiffness * (wanted - x[0]) - numbers.damping * x[1] + push
+        return np.array([x[1], torque / numbers.inertia])
+
+    found = solve_ivp(rate, (0.0, float(time[-1])), [0.0, 0.0], t_eval=time, max_step=0.01, rtol=1e-8)
+    return np.asarray(found.y[0])
+
+
+def _rest(assembly: Assembly) -> float:
+    """Gives where the equilibrium goes [rad]."""
+    coordinates = next(iter(assembly.task.phases[1].equilibrium.values()))
+    rest = coordinates["rz"]
+    if not isinstance(rest, float):
+        raise TypeError(
+            f"task '{assembly.task.name}': its equilibrium is to be moved to one angle, not to swing"
+        )
+    return rest
+
+
+def _drawn(trace: Trace, foretold: Array, angle: Array) -> Plot:
+    figure = Figure(figsize=(7.0, 3.4), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(trace.time, angle, color="C3", label="plant")
+    axes.plot(trace.time, foretold, "k--", linewidth=1.0, label="eq. 4.8")
+    axes.plot(trace.time, 0.1 * trace.push[:, TURN], color="C0", linewidth=1.0, label="push [10 N.m]")
+    axes.set(xlabel="time [s]", ylabel="angle [rad]")
+    axes.legend()
+    axes.grid(alpha=0.3)
+    return Plot("swing", "A jump of the equilibrium and a push: the plant beside eq. 4.8", figure)

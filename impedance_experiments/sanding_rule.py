@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""A rule that says "finished": set on some pieces of wood, judged on others.
+
+A piece's score by one measure is the measure's mean over a run's first windows. On a soft backing a texture hardly
+presses back and the spectrum says little; on slippery wood that is rough the coefficient of friction says little. The
+rule therefore asks both: the worse of the two,
+
+    z = max_m (s_m - mean_m) / deviation_m,    mean and deviation over the smooth pieces that it is set on,
+
+must stay below a bound: the wood must feel like smooth wood in every way. The bound lies as many deviations above the
+smooth pieces that it is set on as below the rough ones, these in logarithms (they spread over decades): all pieces
+count, and not only the two next to it. A piece that gives too few windows (stuck, out of contact) is not finished.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from impedance_modules.control.roughness_windows import Window
+
+Array = NDArray[np.float64]
+
+LEAST = 0.1
+"""A rough piece that feels smoother than smooth ones on average counts as so far from them [deviations]."""
+SPREADS = (0.5, 0.3)
+"""Least deviations of smooth pieces and of the logarithms of rough ones; a few pieces scatter less than many."""
+
+
+@dataclass(frozen=True)
+class Operating:
+    """A receiver operating characteristic.
+
+    Attributes:
+        false, true: (m,) shares of rough and of smooth pieces on which the rule fires, as its bound grows.
+        area: Under the curve; 0.5 is guessing.
+    """
+
+    false: Array
+    true: Array
+    area: float
+
+
+@dataclass(frozen=True)
+class Feel:
+    """What smooth wood feels like.
+
+    Attributes:
+        mean, deviation: Measure -> over smooth pieces.
+    """
+
+    mean: Mapping[str, float]
+    deviation: Mapping[str, float]
+
+    def worst(self, scores: Mapping[str, Array]) -> Array:
+        """How far pieces are from smooth wood by their worse measure (m,), in deviations of smooth pieces."""
+        away = [(values - self.mean[name]) / self.deviation[name] for name, values in scores.items()]
+        return np.asarray(np.max(away, axis=0))
+
+    def bounds(self, bound: float) -> dict[str, float]:
+        """Gives what each measure must stay below where the worse one must stay below ``bound``."""
+        return {name: mean + bound * self.deviation[name] for name, mean in self.mean.items()}
+
+
+def feel_of(scores: Mapping[str, Array]) -> Feel:
+    """Takes the scores (m,) of smooth pieces by every measure; pieces without enough windows say nothing."""
+    known = {name: values[np.isfinite(values)] for name, values in scores.items()}
+    deviations = {name: max(float(values.std()), 1e-3) for name, values in known.items()}
+    return Feel({name: float(values.mean()) for name, values in known.items()}, deviations)
+
+
+def score(windows: tuple[Window, ...], measure: str, count: int) -> float:
+    """Returns the mean of ``band`` or ``friction`` over a run's first windows; infinite with too few of them."""
+    values = [float(getattr(window, measure)) for window in windows[:count]]
+    return float(np.mean(values)) if len(values) == count else float("inf")
+
+
+def set_bound(smooth: Array, rough: Array) -> float:
+    """Finds the bound b with (b - mean_smooth) / deviation_smooth = (mean ln rough - ln b) / deviation of ln rough."""
+    logs = np.log(np.maximum(rough[np.isfinite(rough)], LEAST))
+    known = smooth[np.isfinite(smooth)]
+    first, second = max(float(known.std()), SPREADS[0]), max(float(logs.std()), SPREADS[1])
+
+    def excess(bound: float) -> float:
+        return float((bound - known.mean()) / first - (logs.mean() - np.log(bound)) / second)
+
+    top = 10.0 * (abs(float(known.mean())) + float(np.exp(logs.mean())) + first)
+    return float(brentq(excess, 1e-6, top))
+
+
+def operate(smooth: Array, rough: Array) -> Operating:
+    """Draws the curve of a rule over all its bounds."""
+    bounds = np.concatenate([[-np.inf], np.sort(np.concatenate([smooth, rough]))])
+    bounds = bounds[bounds < np.inf]
+    false = np.array([*(np.mean(rough <= bound) for bound in bounds), 1.0])
+    true = np.array([*(np.mean(smooth <= bound) for bound in bounds), 1.0])
+    return Operating(false, true, float(np.trapezoid(true, false)))

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Everything a run needs, resolved before anything moves: task, robot as it is worn, modules, limits, tank."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.control.adjust import scaled, single_arm
+from impedance_modules.effects.wear import wear_patch, wear_surfaces
+from impedance_modules.errors import BadInput
+from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.build import build_modules
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.safety.limits import FilterLimits, braking_deceleration, limits_of
+from impedance_modules.safety.motor_port import sensing_deviation, sensing_error, spring_compliances
+from impedance_modules.safety.tank import TankSettings
+from impedance_modules.spec.patch import PatchSpec, read_patch
+from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.task import TaskSpec
+from impedance_modules.spec.task_reader import read_task
+
+Array = NDArray[np.float64]
+
+RECOVERY_TIME = 0.5
+"""Time constant with which relaxed springs are tightened again [s]."""
+
+SAMPLED_POSTURES = 64
+"""Postures at which the largest joint inertia is looked for, from a fixed seed."""
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A task ready to run.
+
+    Attributes:
+        task: As it will run, scale and arm applied.
+        robot: With the patch's effects worn.
+        patch: The patch, or None.
+        model: Of that robot.
+        modules: Built at the start posture.
+        rate: Control rate [Hz].
+        scale: As asked for.
+        arm: The only arm that takes part, or None for all.
+        tank: Constants of the energy ledger.
+        limits: Constants of the filter.
+    """
+
+    task: TaskSpec
+    robot: RobotSpec
+    patch: PatchSpec | None
+    model: RobotModel
+    modules: TaskModules
+    rate: float
+    scale: float
+    arm: str | None
+    tank: TankSettings
+    limits: FilterLimits
+
+    @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return 1.0 / self.rate
+
+
+def assemble(
+    task_name: str,
+    *,
+    effects: Path | None,
+    rate: float | None,
+    scale: float,
+    arm: str | None,
+    calibrate: Callable[[RobotSpec], RobotSpec] | None = None,
+) -> Assembly:
+    """Reads and checks a task and everything it names.
+
+    Args:
+        task_name: Path or shipped name.
+        effects: Patch file that plant and model wear, or None.
+        rate: Control rate [Hz], or None for the robot's own.
+        scale: Multiplies stiffness, damping and forces.
+        arm: Only this arm takes part, or None for all.
+        calibrate: Replaces the robot by one particular one, e.g. with its own mounts; None leaves the folder's.
+
+    Raises:
+        BadInput, BadFile: Every problem of the input; nothing has moved.
+    """
+    task, robot = read_task(task_name)
+    if calibrate is not None:
+        robot = calibrate(robot)
+    patch = None if effects is None else read_patch(effects)
+    if patch is not None:
+        robot = wear_patch(robot, patch)
+        task = replace(task, environment=wear_surfaces(task.environment, patch))
+    task = scaled(task, scale)
+    if arm is not None:
+        task = single_arm(task, arm)
+    used_rate = _checked_rate(robot, rate)
+    model = RobotModel(robot)
+    modules = build_modules(task, model)
+    return Assembly(
+        task=task,
+        robot=robot,
+        patch=patch,
+        model=model,
+        modules=modules,
+        rate=used_rate,
+        scale=scale,
+        arm=arm,
+        tank=_tank_settings(task, model, used_rate),
+        limits=_filter_limits(model, modules, used_rate),
+    )
+
+
+def _checked_rate(robot: RobotSpec, rate: float | None) -> float:
+    timing = robot.timing
+    used = timing.rate if rate is None else rate
+    if not timing.rate_min <= used <= timing.rate_max:
+        raise BadInput(
+            f"--rate {used:g} Hz: robot '{robot.name}' runs from {timing.rate_min:g} to {timing.rate_max:g} Hz"
+        )
+    return used
+
+
+def delay_periods(robot: RobotSpec, rate: float) -> int:
+    """Counts the whole control periods a command waits before it acts (the robot latches at its samples)."""
+    return math.ceil(robot.timing.command_delay * rate - 1e-9)
+
+
+def _tank_settings(task: TaskSpec, model: RobotModel, rate: float) -> TankSettings:
+    compliance = spring_compliances(model.joints)
+    speed = model.column("velocity_max")
+    return TankSettings(
+        initial=task.tank.initial,
+        max=task.tank.max,
+        floor=task.tank.floor,
+        period=1.0 / rate,
+        delay=delay_periods(model.spec, rate),
+        hold=1.0 / rate,
+        speed_bound=speed,
+        compliance=compliance,
+        sensing_error=sensing_error(model.spec.sensors, compliance, speed, 0.0),
+        sensing_deviation=sensing_deviation(model.spec.sensors, compliance),
+        recovery_time=RECOVERY_TIME,
+    )
+
+
+def _filter_limits(model: RobotModel, modules: TaskModules, rate: float) -> FilterLimits:
+    effort = model.column("effort_max")
+    inertia = largest_inertia(model, modules.posture)
+    return limits_of(
+        model.joints,
+        model.spec.timing,
+        rate=rate,
+        deceleration=braking_deceleration(effort, inertia),
+        margin=model.spec.collision.margin,
+    )
+
+
+def largest_inertia(model: RobotModel, posture: Array) -> Array:
+    """Finds the largest diagonal of M + I_r over the start posture and sampled ones, (n,) [kg.m^2]."""
+    random = np.random.default_rng(0)
+    low, high = model.column("position_min"), model.column("position_max")
+    postures = [posture, *random.uniform(low, high, (SAMPLED_POSTURES, model.n))]
+    return np.asarray(np.max([np.diag(model.mass_matrix(q)) for q in postures], axis=0))

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Watches every cycle and decides what leaves: the law's torque, a braking torque, or nothing.
+
+All causes end in one place, the stop ladder of ``safety.ladder``; every stop has a reason in ``reason`` and in
+``messages``. The supervisor is a function of the states it is given (and of lateness and interrupts, which are
+recorded), so a replay decides the same.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.backend import FirstState
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.conditions import Touch
+from impedance_modules.control.controller import EFFORT_NOT_FINITE, STATE_NOT_FINITE, Controller
+from impedance_modules.control.lost_contact import LostContact
+from impedance_modules.control.phases import Outcome, Sequence
+from impedance_modules.control.timekeeper import Timekeeper, stop_limits
+from impedance_modules.robot.state import RobotState
+from impedance_modules.safety.ladder import RUNNING, Decision, descend
+from impedance_modules.safety.stop_events import Event, Occurrence, Rung
+from impedance_modules.safety.stopping import damping_effort
+
+Array = NDArray[np.float64]
+
+LOOKS = 100.0
+"""How often conditions are judged [Hz]: contact is judged over several hundredths of a second."""
+
+BEYOND_LIMIT = 0.02
+"""A joint this far outside its range in spite of the filter's rows stops the run [rad]."""
+
+BRAKING_SHARE = 0.5
+"""A stop brakes with this share of a joint's torque limit at its declared top speed."""
+
+
+class Ending(Enum):
+    """How a run ended."""
+
+    DONE = "done"
+    STOPPED = "stopped"
+    INTERRUPTED = "interrupted"
+
+
+class Supervisor:
+    """Runs a controller through its task, safely.
+
+    Attributes:
+        controller: The law.
+        sequence: The phases.
+        touch: What the hands feel.
+        ladder: Arm -> what it sends and why.
+        ending: None while the run goes on.
+        reason: Why it stopped; empty after a task that is done.
+        messages: (time, text) of everything worth telling.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self.assembly = assembly
+        self.controller = Controller(assembly)
+        self._every = max(1, round(assembly.rate / LOOKS))
+        self.touch = Touch(
+            assembly.model,
+            assembly.modules,
+            self.controller.kinematics,
+            self._every * assembly.period,
+        )
+        self.sequence = Sequence(self.controller, self.touch)
+        self.ladder: dict[str, Decision] = {arm.limb.name: RUNNING for arm in assembly.modules.arms}
+        self._hardest = Rung.RUN
+        self.ending: Ending | None = None
+        self.reason = ""
+        self.messages: list[tuple[float, str]] = []
+        self._lost_contact = LostContact(self.controller, self.touch)
+        self._cycle = 0
+        self._interrupted = False
+        self._unseen: RobotState | None = None
+        self._seen: list[Occurrence] = []
+        self._speeds = dict.fromkeys(self.ladder, 0.0)
+        self._velocity: Array = np.zeros(assembly.model.n)
+        self._time = 0.0
+        limits = assembly.limits
+        self._braking = np.diag(BRAKING_SHARE * limits.effort_max / limits.velocity_max)
+        self._low = limits.position_min - BEYOND_LIMIT
+        self._high = limits.position_max + BEYOND_LIMIT
+        self.stop_limits = stop_limits(assembly.period)
+        self._timekeeper = Timekeeper(self.controller, self.stop_limits, assembly.period)
+
+    @property
+    def missed(self) -> int:
+        """Cycles without a state just before the last one that had one."""
+        return self._timekeeper.missed
+
+    @property
+    def rung(self) -> Rung:
+        """The lowest rung any arm is on; SCALE while the tank slows the task."""
+        controller = self.controller
+        if self._hardest == Rung.RUN and (controller.starved_time > 0.0 or controller.granted < 1.0):
+            return Rung.SCALE
+        return self._hardest
+
+    @property
+    def released(self) -> bool:
+        """Whether some arm must not be held."""
+        return any(decision.rung == Rung.RELEASE for decision in self.ladder.values())
+
+    def note(self, text: str) -> None:
+        """Adds a message at the last known time."""
+        self._say(self.messages[-1][0] if self.messages else 0.0, text)
+
+    def halt(self, event: Event, detail: str) -> None:
+        """Ends the run because the robot, or what watches it, has ended torque control by itself.
+
+        Args:
+            event: One that leads to a hold or a release.
+            detail: Numbers and names for the reason.
+        """
+        self._descend(None, [Occurrence(event, None, detail)], entering=False)
+
+    def start(self, first: FirstState) -> None:
+        """Takes over the robot as it stands.
+
+        Raises:
+            SafetyStop: The first state is not finite.
+        """
+        self.controller.start(first, self.sequence.phase)
+        self.touch.reset(first.state)
+        self._velocity, self._time = first.state.velocity, first.state.time
+        self._say(first.state.time, f"phase '{self.sequence.phase.name}'")
+
+    def step(self, state: RobotState | None, *, late: bool, stop_request: str | None) -> Array | None:
+        """Decides what leaves in one cycle; ``look`` follows once it has left.
+
+        Args:
+            state: The newest state, None if none came.
+            late: The last torque missed its deadline and was not sent.
+            stop_request: Why the run is asked to end; None while it is not.
+
+        Returns:
+            (n,) torque to send [N.m], or None when nothing may leave in this cycle. After ``ending`` is set, None.
+        """
+        running = self._hardest < Rung.DAMP
+        self._unseen = None
+        overdue = self._timekeeper.count(state, since=self._time, running=running)
+        events = self._timekeeper.watch(self._cycle, missing=state is None, late=late) + self._seen
+        self._seen = []
+        if stop_request is not None and not self._interrupted:
+            self._interrupted = True
+            events.append(Occurrence(Event.INTERRUPT, None, stop_request))
+        if state is None:
+            self.controller.miss()
+        elif running and not events:
+            events = self._run(state)
+            if not events:
+                self._velocity, self._time = state.velocity, state.time
+                if overdue:
+                    self.controller.repeat()
+                return self.controller.effort
+        return self._descend(state, events, entering=running)
+
+    def _run(self, state: RobotState) -> list[Occurrence]:
+        """One cycle of the law; returns what went wrong."""
+        controller = self.controller
+        status = controller.tick(state)
+        self._cycle += 1
+        if status == STATE_NOT_FINITE:
+            return [Occurrence(Event.STATE_NOT_FINITE, None, "a position, velocity or effort is not finite")]
+        if status == EFFORT_NOT_FINITE:
+            return [Occurrence(Event.EFFORT_NOT_FINITE, None, "the modules' torque is not finite")]
+        if not controller.solved:
+            solution = controller.solution
+            status_text = "no solution" if solution is None else solution.status
+            return [Occurrence(Event.SOLVER_FAILED, None, status_text)]
+        if controller.too_fast < state.position.size:
+            return [self._overspeed(controller.too_fast)]
+        return self._beyond_limits(state) if self._cycle % self._every == 0 else []
+
+    def _beyond_limits(self, state: RobotState) -> list[Occurrence]:
+        """Stops for a joint outside its range, or leaves the state to be looked at further."""
+        outside = (state.position < self._low) | (state.position > self._high)
+        if outside.any():
+            names = np.array(self.assembly.model.joint_names)[outside]
+            return [Occurrence(Event.POSITION_LIMIT, None, f"{', '.join(names)} beyond the joint's range")]
+        self._unseen = state
+        return []
+
+    def look(self) -> None:
+        """Judges touch and phases at 100 Hz, once the torque of the cycle, which does not need them, has left.
+
+        What is found takes effect in the next cycle: a new phase, the end of the run, a stop.
+        """
+        state = self._unseen
+        if state is None:
+            return
+        self.touch.update(state)
+        for text in self._lost_contact.look():
+            self._say(state.time, text)
+        outcome = self.sequence.look(state.time)
+        if outcome is Outcome.NOT_MET:
+            self._seen = [Occurrence(Event.PHASE_NOT_MET, None, self.sequence.why_not_met())]
+        if outcome in (Outcome.NOT_MET, Outcome.GOES_ON):
+            return
+        name, _, why = self.sequence.ended[-1]
+        self._say(state.time, f"phase '{name}' ended: {why}")
+        if outcome is Outcome.DONE:
+            self.ending = Ending.DONE
+        else:
+            self._say(state.time, f"phase '{self.sequence.phase.name}'")
+            self.controller.next_phase(self.sequence.phase)
+
+    def _descend(self, state: RobotState | None, events: list[Occurrence], *, entering: bool) -> Array | None:
+        """Applies the ladder, and brakes where it says so."""
+        sound = state is not None and _is_finite(state)
+        if state is not None and sound:
+            self._velocity, self._time = state.velocity, state.time
+        elif state is not None:
+            # Nothing was booked for a state that cannot be read; for one that did not come, ``step`` has done so.
+            self.controller.miss()
+        # Without a sound state, of the last velocity seen: an arm that was moving is not at rest.
+        self._speeds = self._arm_speeds(self._velocity)
+        before = self.ladder
+        self.ladder = descend(before, events, self._speeds, self.assembly.period, self.stop_limits)
+        hardest = max(self.ladder.values(), key=lambda decision: decision.rung)
+        self._hardest = hardest.rung
+        if hardest.rung < Rung.DAMP:
+            return None
+        if hardest.reason != max(before.values(), key=lambda decision: decision.rung).reason:
+            self._say(self._time, hardest.reason)
+        self.reason = hardest.reason
+        if hardest.rung > Rung.DAMP:
+            self.ending = Ending.INTERRUPTED if self._interrupted else Ending.STOPPED
+            return None
+        if entering:
+            self.controller.relax()
+        return self._brake(state if sound else None)
+
+    def _brake(self, state: RobotState | None) -> Array | None:
+        """Damps every joint of every arm; without a sound state, on the last velocity seen."""
+        effort = damping_effort(self._braking, self._velocity, self.assembly.limits.effort_max)
+        return self.controller.effort if self.controller.brake(state, effort) == 0 else None
+
+    def _overspeed(self, joint: int) -> Occurrence:
+        name = self.assembly.model.joint_names[joint]
+        bound = self.assembly.limits.velocity_max[joint]
+        return Occurrence(Event.OVERSPEED, None, f"motor of {name} beyond its declared {bound:g} rad/s")
+
+    def _arm_speeds(self, velocity: Array) -> dict[str, float]:
+        return {
+            arm.limb.name: float(np.max(np.abs(velocity[arm.limb.joints])))
+            for arm in self.assembly.modules.arms
+        }
+
+    def _say(self, time: float, text: str) -> None:
+        self.messages.append((time, text))
+
+
+def _is_finite(state: RobotState) -> bool:
+    return bool(np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all())

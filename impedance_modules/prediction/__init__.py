@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What ``check`` and ``analyze`` foretell: statics, a quasi-static prediction, stability, energy, impedance at rest."""

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a task must pass before anything moves; ``run`` asks the same questions as ``check``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.errors import BadFile, Problem
+from impedance_modules.prediction.energy import TankForecast, forecast_tank
+from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.quasi_static import rehearse
+from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Rest
+from impedance_modules.prediction.statics import rests_of
+from impedance_modules.spec.task import Sine
+
+Array = NDArray[np.float64]
+
+TELLING = 0.05
+"""Share of the tank's need from which a cost is named."""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """A rehearsal and where each of its phases comes to rest, None where it does not."""
+
+    rehearsal: Rehearsal
+    rests: tuple[Rest | None, ...]
+
+
+def refuse_unfit(assembly: Assembly) -> Outlook:
+    """Refuses a task that cannot run as written; nothing has moved.
+
+    A sine that the control rate cannot follow; a torque beyond a joint's limit, in the rehearsal or at rest; a tank
+    that cannot pay for the task.
+
+    Returns:
+        What the judgement is based on.
+
+    Raises:
+        BadFile: With the place in the task file of every reason.
+    """
+    too_fast = list(_too_fast(assembly))
+    if too_fast:
+        raise BadFile(too_fast)
+    rehearsal, mechanism = rehearse(assembly), Mechanism(assembly)
+    outlook = Outlook(rehearsal, rests_of(mechanism, rehearsal))
+    problems = [
+        *_too_strong(assembly, outlook),
+        *_too_dear(assembly, forecast_tank(assembly, mechanism, rehearsal)),
+    ]
+    if problems:
+        raise BadFile(problems)
+    return outlook
+
+
+def _too_fast(assembly: Assembly) -> Iterator[Problem]:
+    """Finds sines at or above half the rate that is used (Nyquist)."""
+    highest = 0.5 * assembly.rate
+    for index, phase in enumerate(assembly.task.phases):
+        for target, coordinates in phase.equilibrium.items():
+            for axis, coordinate in coordinates.items():
+                if isinstance(coordinate, Sine) and coordinate.frequency >= highest:
+                    yield assembly.task.document.problem(
+                        ("phases", index, "equilibrium", target, axis, "sine", "frequency"),
+                        f"{coordinate.frequency:g} Hz is not below half the control rate, {highest:g} Hz",
+                    )
+
+
+def _too_strong(assembly: Assembly, outlook: Outlook) -> Iterator[Problem]:
+    """Finds joints whose commanded torque would pass the limit."""
+    limit = assembly.limits.effort_max
+    for index, phase in enumerate(outlook.rehearsal.phases):
+        demand = _demand(outlook.rehearsal, phase, outlook.rests[index])
+        worst = int(np.argmax(demand / limit))
+        if demand[worst] > limit[worst]:
+            yield assembly.task.document.problem(
+                ("phases", index),
+                f"phase '{phase.name}' asks {demand[worst]:.1f} N.m of {assembly.model.joint_names[worst]},"
+                f" whose limit is {limit[worst]:g} N.m: bring its equilibrium nearer, make its springs softer"
+                " or its forces smaller",
+            )
+
+
+def _demand(rehearsal: Rehearsal, phase: PhaseRehearsal, rest: Rest | None) -> Array:
+    """Gives the largest commanded torque of a phase, (n,) [N.m]."""
+    efforts = [np.abs(sample.effort) for sample in rehearsal.samples[phase.samples]]
+    if rest is not None:
+        efforts.append(np.abs(rest.effort))
+    return np.asarray(np.max(efforts, axis=0))
+
+
+def _too_dear(assembly: Assembly, tank: TankForecast) -> Iterator[Problem]:
+    if tank.need <= assembly.tank.initial:
+        return
+    ranked = sorted(tank.costs.items(), key=lambda item: -item[1])
+    named = [f"{name} {cost:.2f} J" for name, cost in ranked if cost > TELLING * tank.need]
+    yield assembly.task.document.problem(
+        ("safety", "tank", "initial"),
+        f"the task needs {tank.need:.2f} J in its tank, {assembly.tank.initial:g} J would slow it in phase"
+        f" '{tank.phase}' (at {tank.time:.1f} s: {', '.join(named)}): fill the tank with at least the need or ask"
+        " for less",
+    )

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Everything ``check`` says about a task: per phase and arm loads and yielding, loops, and the tank."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.prediction.energy import TankForecast, forecast_tank
+from impedance_modules.prediction.loads import ArmForecast, Yielding, forecast_arm, object_yielding
+from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Rest
+from impedance_modules.prediction.stability import StabilityForecast, forecast_stability
+from impedance_modules.prediction.statics import analyse_state
+
+
+@dataclass(frozen=True)
+class ObjectForecast:
+    """The held object at a phase's rest.
+
+    Attributes:
+        yielding: From its target.
+        pressed: Force of the surfaces on it [N].
+    """
+
+    yielding: Yielding
+    pressed: float
+
+
+@dataclass(frozen=True)
+class PhaseForecast:
+    """One phase.
+
+    Attributes:
+        rehearsed: How it went.
+        rest: Its static equilibrium where it ends; None where none was found.
+        arms: What it asks of every arm.
+        object: The held object at rest; None without an object or a rest.
+        loops: Stability of every loop with this phase's gains.
+        folds: Arms (or ``object``) that would fold at rest.
+    """
+
+    rehearsed: PhaseRehearsal
+    rest: Rest | None
+    arms: tuple[ArmForecast, ...]
+    object: ObjectForecast | None
+    loops: tuple[StabilityForecast, ...]
+    folds: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """A whole task.
+
+    Attributes:
+        phases: In order.
+        tank: What it costs.
+        notes: What the task's author should know, most of all what would go wrong.
+    """
+
+    phases: tuple[PhaseForecast, ...]
+    tank: TankForecast
+    notes: tuple[str, ...]
+
+
+def forecast_task(assembly: Assembly, rehearsal: Rehearsal, rests: Sequence[Rest | None]) -> Forecast:
+    """Predicts everything that ``check`` prints.
+
+    Args:
+        assembly: The task.
+        rehearsal: Of it.
+        rests: Where each phase comes to rest.
+    """
+    mechanism = Mechanism(assembly)
+    loops: dict[bytes, tuple[StabilityForecast, ...]] = {}
+    phases = tuple(
+        _forecast_phase(assembly, mechanism, rehearsal, phase, rest, loops)
+        for phase, rest in zip(rehearsal.phases, rests, strict=True)
+    )
+    notes = tuple(dict.fromkeys(note for phase in phases for note in _notes(phase)))
+    return Forecast(phases, forecast_tank(assembly, mechanism, rehearsal), notes)
+
+
+def _forecast_phase(  # noqa: PLR0917 - a phase, how it went, and where it rests
+    assembly: Assembly,
+    mechanism: Mechanism,
+    rehearsal: Rehearsal,
+    phase: PhaseRehearsal,
+    rest: Rest | None,
+    loops: dict[bytes, tuple[StabilityForecast, ...]],
+) -> PhaseForecast:
+    modules = phase.modules
+    arms = tuple(forecast_arm(mechanism, arm.limb, phase, rehearsal, rest) for arm in modules.arms)
+    state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
+    folds = [limb for limb, arm in state.arms.items() if arm.stiffness.folds]
+    held = state.held
+    if held is not None and modules.held is not None:
+        # Between the hands of one object an arm is held: what counts is whether the whole folds.
+        folds = [limb for limb in folds if limb not in modules.held.limbs] + ["object"] * held.folds
+    key = _gains_key(phase)
+    if key not in loops:
+        loops[key] = forecast_stability(assembly, modules, state.arms, held)
+    return PhaseForecast(
+        rehearsed=phase,
+        rest=rest,
+        arms=arms,
+        object=None if rest is None else _object(mechanism, phase, rest),
+        loops=loops[key],
+        folds=() if rest is None else tuple(folds),
+    )
+
+
+def _object(mechanism: Mechanism, phase: PhaseRehearsal, rest: Rest) -> ObjectForecast | None:
+    yielding = object_yielding(mechanism, phase.equilibrium, rest)
+    if yielding is None:
+        return None
+    return ObjectForecast(yielding, float((rest.pressure["object"][:3] ** 2).sum() ** 0.5))
+
+
+def _gains_key(phase: PhaseRehearsal) -> bytes:
+    """Tells phases with different gains apart; postures within one task change a loop little."""
+    springs = [spring for arm in phase.modules.arms for spring in arm.springs]
+    return b"".join(spring.stiffness.tobytes() + spring.damping.tobytes() for spring in springs)
+
+
+def _notes(phase: PhaseForecast) -> Iterator[str]:
+    name = phase.rehearsed.name
+    if phase.rehearsed.met is False:
+        yield f"phase '{name}': what it waits for has not come by the end of its duration"
+    if phase.rest is None:
+        yield f"phase '{name}': no static equilibrium was found where it ends"
+    for what in phase.folds:
+        yield f"phase '{name}': '{what}' folds at rest: loads outweigh the springs"
+    for arm in phase.arms:
+        for joint, angle in arm.beyond.items():
+            yield f"phase '{name}': {joint} would leave its range by {angle:.2f} rad; the run's limits stop it"
+        if arm.total.share > 1.0:
+            yield (
+                f"phase '{name}': {arm.total.joint} needs {arm.total.torque:.1f} N.m with the arm's own"
+                f" weight, its motor gives {arm.total.limit:g} N.m"
+            )
+    for loop in phase.loops:
+        if loop.growth > 1.0 + 1e-6:
+            yield f"'{loop.name}' is predicted to be unstable at this rate and delay: soften it or damp it less"

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The arms of a task, the object in their hands and the surfaces around, at one state.
+
+All vectors are over the stacked joints of the task's arms, (k,); the object moves with the hands that hold it.
+Held by several hands, only those joint motions are possible that keep every grasp,
+
+    A qd = 0,     A_i = X_i^-1 J_i - X_1^-1 J_1        (object's twist as hand i and as the first hand say it)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.damping import Damping
+from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.held_object import HeldObject
+from impedance_modules.modules.weight import STANDARD_GRAVITY
+from impedance_modules.plant.contact.points import hand_point, object_points
+from impedance_modules.plant.pushes import push_wrench
+from impedance_modules.prediction.contact import Contact, find_contacts, place_surface
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.pose import Pose, carry
+from impedance_modules.robot.rotation import log3
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What pulls on a mechanism: modules with the gains of a phase, their equilibria, their dampers."""
+
+    modules: TaskModules
+    targets: Equilibrium
+    damping: Damping
+
+
+class Mechanism:
+    """Geometry and inertia of everything that moves in a task.
+
+    Attributes:
+        model: The robot.
+        modules: With the gains at the start of the task.
+        joints: (k,) indices of the arms' joints in the model's vectors.
+        parts: Limb name -> its columns among the k.
+        kinematics: Of the last ``update``.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self.model: RobotModel = assembly.model
+        self.modules: TaskModules = assembly.modules
+        self._surfaces = tuple(place_surface(surface) for surface in assembly.task.environment)
+        self._pushes = assembly.task.pushes
+        self._inertia: Array | None = None
+        self._object: tuple[Pose, Array] | None = None
+        self.kinematics = Kinematics(self.model, self.modules.frames)
+        self.joints = np.concatenate([arm.limb.joints for arm in self.modules.arms])
+        starts = np.cumsum([0] + [len(arm.limb.joints) for arm in self.modules.arms])
+        self.parts = {
+            arm.limb.name: slice(int(first), int(last))
+            for arm, first, last in zip(self.modules.arms, starts, starts[1:], strict=False)
+        }
+        held = self.modules.held
+        self._object_points = () if held is None else object_points(held.spec.shape, held.spec.size)
+
+    @property
+    def k(self) -> int:
+        """Number of joints of all arms of the task."""
+        return len(self.joints)
+
+    def update(self, q: Array, v: Array) -> None:
+        """Moves to positions q [rad] and velocities v [rad/s], both (n,)."""
+        self.kinematics.update(q, v)
+        self._inertia, self._object = None, None
+
+    def jacobian(self, frame: str) -> Array:
+        """Gives J of a frame over the stacked joints, (6, k), world axes."""
+        return self.kinematics.jacobian_of(frame)[:, self.joints]
+
+    def arm_inertia(self) -> Array:
+        """Gives M + I_r of the arms alone, (k, k) [kg.m^2]."""
+        if self._inertia is None:
+            self._inertia = np.linalg.inv(self.kinematics.inverse_inertia[np.ix_(self.joints, self.joints)])
+        return self._inertia
+
+    def inertia(self) -> Array:
+        """Gives M + I_r of the arms and the held object, (k, k) [kg.m^2]."""
+        found = self.arm_inertia()
+        held = self.modules.held
+        if held is not None:
+            J = self.object_jacobian()
+            found = found + J.T @ held.inertia(self.object_pose().rotation) @ J
+        return np.asarray(0.5 * (found + found.T))
+
+    def gains(self, modules: TaskModules, damping: Damping) -> tuple[Array, Array]:
+        """Gives the declared stiffness and damping of all modules in joint space, (k, k) each."""
+        stiffness, dampers = np.zeros((self.k, self.k)), np.zeros((self.k, self.k))
+        for arm in modules.arms:
+            part = self.parts[arm.limb.name]
+            if arm.bias is not None:
+                stiffness[part, part] += np.diag(arm.bias.stiffness)
+                dampers[part, part] += damping.of_joints(arm.limb.name)
+            for spring in arm.springs:
+                J = self.jacobian(spring.frame)[:, part]
+                stiffness[part, part] += J.T @ spring.world_stiffness @ J
+                dampers[part, part] += J.T @ damping.of_spring(spring) @ J
+        return stiffness, dampers
+
+    def object_pose(self) -> Pose:
+        """Gives X_WO as the first holding hand says it."""
+        return self._held_object()[0]
+
+    def object_jacobian(self) -> Array:
+        """Gives the object's twist per joint velocity by its first hand, (6, k), world axes at its origin."""
+        return self._held_object()[1]
+
+    def _held_object(self) -> tuple[Pose, Array]:
+        if self._object is None:
+            held = self._holding()
+            hand = self.kinematics.pose(held.hands[0])
+            pose = hand @ held.grasps[0].inverse()
+            self._object = pose, carry(pose.translation - hand.translation) @ self.jacobian(held.hands[0])
+        return self._object
+
+    def object_load(self) -> Array:
+        """Gives the torque of the held object's weight, (k,) [N.m]; the modules may carry it."""
+        held = self.modules.held
+        if held is None:
+            return np.zeros(self.k)
+        return np.asarray(-held.spec.mass * STANDARD_GRAVITY * self.object_jacobian()[2])
+
+    def push_load(self, time: float) -> Array:
+        """Gives the torque of whoever pushes hands or object at a time [s], (k,) [N.m]."""
+        found = np.zeros(self.k)
+        hands = {arm.limb.name: arm.limb.hand for arm in self.modules.arms}
+        for target in {push.target for push in self._pushes}:
+            J = self.jacobian(hands[target]) if target in hands else self.object_jacobian()
+            found += J.T @ push_wrench(self._pushes, target, time)
+        return found
+
+    def grasp_rows(self) -> tuple[Array, Array]:
+        """Gives A (6 (h - 1), k), and by how much the hands disagree on the object's pose [m, rad]."""
+        held = self.modules.held
+        if held is None or len(held.hands) < 2:
+            return np.zeros((0, self.k)), np.zeros(0)
+        first, origin = self.object_pose(), self.object_pose().translation
+        rows, errors = [], []
+        base = self.object_jacobian()
+        for hand, grasp in zip(held.hands[1:], held.grasps[1:], strict=True):
+            pose = self.kinematics.pose(hand)
+            other = pose @ grasp.inverse()
+            rows.append(carry(origin - pose.translation) @ self.jacobian(hand) - base)
+            turn = log3(other.rotation @ first.rotation.T)
+            errors.append(np.concatenate([other.translation - origin, turn]))
+        return np.vstack(rows), np.concatenate(errors)
+
+    def contacts(self, near: float) -> list[tuple[Contact, Array]]:
+        """Lists every contact point with its Jacobian (3, k): hands first, then the object's points."""
+        found = []
+        if not self._surfaces:
+            return []
+        bodies = [(arm.limb.hand, (hand_point(),)) for arm in self.modules.arms]
+        for index, (hand, points) in enumerate(bodies):
+            touching = find_contacts(index, self.kinematics.pose(hand), points, self._surfaces, near)
+            found += [(contact, contact.jacobian(self.jacobian(hand))) for contact in touching]
+        if self._object_points:
+            pose = self.object_pose()
+            touching = find_contacts(len(bodies), pose, self._object_points, self._surfaces, near)
+            found += [(contact, contact.jacobian(self.object_jacobian())) for contact in touching]
+        return found
+
+    def _holding(self) -> HeldObject:
+        held = self.modules.held
+        if held is None:
+            raise ValueError("no arm holds an object in this task: it has no object's pose or motion")
+        return held

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Where a task comes to rest: springs, forces, weights and surfaces in balance, without friction.
+
+    \tau_modules(q) + J_O^T m g + \sum J_p^T n k d(q) + A^T \lambda = 0,        every grasp kept
+
+Newton's method on all joints at once. The matrix is the analysis's own stiffness in joint space, K_j - \Gamma + J^T K J
+(design 4), plus that of surfaces and of the object's turning loads; a mass term keeps steps short while they fail.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.modules.equilibrium import OBJECT
+from impedance_modules.modules.total import desired_effort
+from impedance_modules.prediction.contact import Contact
+from impedance_modules.prediction.mechanism import Mechanism, Setting
+from impedance_modules.prediction.quasi_static_result import Rehearsal, Rest
+from impedance_modules.superposition.arm import ArmImpedance, arm_impedance
+from impedance_modules.superposition.held import HeldImpedance, held_impedance
+from impedance_modules.superposition.object import turning_stiffness
+
+Array = NDArray[np.float64]
+
+BALANCED = 1e-9
+"""Largest joint torque left over at rest [N.m]."""
+
+CLOSED = 1e-11
+"""Largest disagreement of the hands on the object's pose at rest [m, rad]."""
+
+TRIES = 80
+NEAR = 0.02
+"""Distance from a surface at which a step reckons with a point [m]."""
+
+SWITCHES = 10
+"""Solutions per step while points that the step itself brings in or takes out are added or let go."""
+
+GAP_WEIGHT = 1e3
+"""Torque that counts like a disagreement of the hands [N.m per m or rad]."""
+
+LONGEST_STEP = 0.2
+"""Of any joint in one step [rad]."""
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What acts besides modules and weights.
+
+    Attributes:
+        pushes: Hand frame or ``object`` -> (6,) constant wrench at its origin, world axes [N, N.m].
+        surfaces: Whether the task's surfaces are there.
+    """
+
+    pushes: Mapping[str, Array]
+    surfaces: bool
+
+
+SURROUNDINGS = Loads({}, True)
+"""The task's own surfaces and nothing else."""
+
+
+@dataclass(frozen=True)
+class Analysed:
+    """Arms and object at one state: limb name -> arm, and the object or None."""
+
+    arms: Mapping[str, ArmImpedance]
+    held: HeldImpedance | None
+
+
+def analyse_state(mechanism: Mechanism, setting: Setting, q: Array) -> Analysed:
+    """Analyses every arm, and the object in their hands, at q (n,) [rad], at rest."""
+    mechanism.update(q, np.zeros_like(q))
+    kinematics = mechanism.kinematics
+    modules, targets = setting.modules, setting.targets
+    arms = {
+        arm.limb.name: arm_impedance(arm, kinematics, targets, q, setting.damping) for arm in modules.arms
+    }
+    return Analysed(arms, None if modules.held is None else held_impedance(modules.held, arms))
+
+
+def find_rest(
+    mechanism: Mechanism, setting: Setting, start: Array, loads: Loads = SURROUNDINGS
+) -> Rest | None:
+    """Finds the static equilibrium near a posture.
+
+    Args:
+        mechanism: Of the task.
+        setting: Springs and equilibria; dampers do not matter at rest.
+        start: (n,) [rad].
+        loads: Besides modules and weights.
+
+    Returns:
+        The equilibrium, or None where the search does not settle.
+    """
+    balance = _Balance(mechanism, setting, loads)
+    q, slowing = start.copy(), 0.0
+    error = balance.at(q)
+    for _ in range(TRIES):
+        if balance.settled:
+            return Rest(q, balance.effort, balance.pressure())
+        trial = q.copy()
+        trial[mechanism.joints] += balance.step(q, slowing)
+        new = balance.at(trial)
+        if new < error or (slowing == 0.0 and new < 2.0 * error):
+            q, error, slowing = trial, new, 0.0 if slowing < 1.0 else slowing / 10.0
+        else:
+            slowing = max(10.0 * slowing, 1.0)
+            error = balance.at(q)
+            if slowing > 1e9:
+                return None
+    return None
+
+
+def rests_of(mechanism: Mechanism, rehearsal: Rehearsal) -> tuple[Rest | None, ...]:
+    """Finds where every phase would come to rest; None where one would not."""
+    return tuple(find_rest(mechanism, phase.setting, phase.q) for phase in rehearsal.phases)
+
+
+class _Balance:
+    """Forces and their derivative at the last posture."""
+
+    def __init__(self, mechanism: Mechanism, setting: Setting, loads: Loads) -> None:
+        self._mechanism, self._setting, self._loads = mechanism, setting, loads
+        self._force, self._left = np.zeros(mechanism.k), np.zeros(mechanism.k)
+        self._rows, self._gap = np.zeros((0, mechanism.k)), np.zeros(0)
+        self._near: list[tuple[Contact, Array]] = []
+        self.effort: Array = np.zeros(mechanism.model.n)
+
+    def at(self, q: Array) -> float:
+        """Moves to q; returns how far from balance it is [N.m], grasps included."""
+        mechanism, setting = self._mechanism, self._setting
+        still = np.zeros_like(q)
+        mechanism.update(q, still)
+        terms = desired_effort(
+            setting.modules, mechanism.kinematics, setting.targets, q, still, setting.damping
+        )
+        self.effort = terms.effort
+        force = terms.effort[mechanism.joints] + mechanism.object_load()
+        for frame, wrench in self._loads.pushes.items():
+            force = force + self._body(frame).T @ wrench
+        self._near = mechanism.contacts(NEAR) if self._loads.surfaces else []
+        self._rows, self._gap = mechanism.grasp_rows()
+        self._force = force
+        for contact, J in self._touching:
+            force = force + J.T @ (contact.surface.stiffness * contact.depth * contact.normal)
+        self._left = _unsupported(force, self._rows)
+        return float(np.linalg.norm(self._left)) + GAP_WEIGHT * float(np.linalg.norm(self._gap))
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last posture is at rest."""
+        closed = not self._gap.size or float(np.max(np.abs(self._gap))) < CLOSED
+        return closed and float(np.max(np.abs(self._left))) < BALANCED
+
+    @property
+    def _touching(self) -> list[tuple[Contact, Array]]:
+        return [(contact, J) for contact, J in self._near if contact.depth > 0.0]
+
+    def step(self, q: Array, slowing: float) -> Array:
+        """Gives a Newton step (k,) from q, the last posture; ``slowing`` [1/s^2] weighs the mass in.
+
+        Depths change in proportion to the step, and just those points press that are inside after it.
+        """
+        hessian = self._hessian(q) + (slowing + 1e-8) * self._mechanism.inertia()
+        points = self._touching
+        for _ in range(SWITCHES):
+            found = self._solve(hessian, points)
+            inside = [(c, J) for c, J in self._near if c.depth - float(c.normal @ J @ found) > 0.0]
+            if [c.key for c, _ in inside] == [c.key for c, _ in points]:
+                break
+            points = inside
+        return np.asarray(found * min(1.0, LONGEST_STEP / max(float(np.max(np.abs(found))), 1e-12)))
+
+    def _solve(self, hessian: Array, points: list[tuple[Contact, Array]]) -> Array:
+        """Solves for one set of points that press; ``hessian`` and the force are without them."""
+        k, held = len(hessian), len(self._rows)
+        matrix, right = np.zeros((k + held, k + held)), np.concatenate([self._force, -self._gap])
+        matrix[:k, :k], matrix[:k, k:], matrix[k:, :k] = hessian, self._rows.T, self._rows
+        for contact, J in points:
+            into = contact.normal @ J
+            matrix[:k, :k] += contact.surface.stiffness * np.outer(into, into)
+            right[:k] += contact.surface.stiffness * contact.depth * into
+        return np.asarray(np.linalg.solve(matrix, right)[:k])
+
+    def pressure(self) -> Mapping[str, Array]:
+        """Sums the surfaces' forces on every body."""
+        hands = [arm.limb.hand for arm in self._setting.modules.arms]
+        names = [*hands, OBJECT]
+        found = {
+            name: np.zeros(6) for name in names if name != OBJECT or self._setting.modules.held is not None
+        }
+        for contact, _ in self._touching:
+            force = contact.surface.stiffness * contact.depth * contact.normal
+            found[names[contact.key[0]]] += np.concatenate([force, np.cross(contact.arm, force)])
+        return found
+
+    def _body(self, frame: str) -> Array:
+        return self._mechanism.object_jacobian() if frame == OBJECT else self._mechanism.jacobian(frame)
+
+    def _hessian(self, q: Array) -> Array:
+        """Gives minus the derivative of the force by the joints, (k, k), loads that turn included.
+
+        Without what pressing deeper adds, which ``step`` puts in.
+        """
+        mechanism = self._mechanism
+        state = analyse_state(mechanism, self._setting, q)
+        found = np.zeros((mechanism.k, mechanism.k))
+        for limb, arm in state.arms.items():
+            part = mechanism.parts[limb]
+            found[part, part] = arm.system.stiffness
+        turning = np.zeros((6, 6))
+        if state.held is not None:
+            for hand in state.held.hands:
+                turning = turning + turning_stiffness(-hand.wrench[:3], hand.offset)
+        for contact, _ in self._touching:
+            force = contact.surface.stiffness * contact.depth * contact.normal
+            if contact.key[0] == len(self._setting.modules.arms):
+                turning = turning + turning_stiffness(-force, contact.arm)
+        if state.held is not None:
+            J = mechanism.object_jacobian()
+            found += J.T @ turning @ J
+        return found
+
+
+def _unsupported(force: Array, rows: Array) -> Array:
+    """Leaves of a joint force (k,) what the grasps' own forces A^T lambda cannot balance."""
+    if not len(rows):
+        return force
+    carried, *_ = np.linalg.lstsq(rows.T, force, rcond=None)
+    return np.asarray(force - rows.T @ carried)

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The robot that a run asks for: the built-in plant, or a recording that is fed back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.backend import Backend
+from impedance_modules.backends.baxter.backend import BaxterBackend, DriveOptions
+from impedance_modules.backends.baxter.gates_types import Gate
+from impedance_modules.backends.baxter.link import RobotLink
+from impedance_modules.backends.baxter.session import Session
+from impedance_modules.backends.replay import ReplayBackend
+from impedance_modules.backends.sim import SimBackend
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.contact_gate import contact_gates
+from impedance_modules.effects.wear import wear_plant
+from impedance_modules.episode.data import Episode
+from impedance_modules.episode.reader import read_episode
+from impedance_modules.errors import BadInput
+from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+
+def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend:
+    """Builds the plant with the task's surroundings behind a backend."""
+    task, model = assembly.task, assembly.model
+    held = None if task.object is None else HeldObject.of_task(model, task.object)
+    options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
+    worn = None if assembly.patch is None else wear_plant(model, assembly.patch)
+    plant = Plant(model, task.environment, held, options, worn, pushes=task.pushes)
+    return SimBackend(plant, assembly.modules.posture, assembly.period)
+
+
+def replay_backend(assembly: Assembly, log: Path) -> ReplayBackend:
+    """Opens a recording as a robot.
+
+    Raises:
+        BadInput: It cannot be read, or lacks a joint's position, velocity or effort.
+    """
+    episode = read_episode(log)
+    return ReplayBackend(episode, assembly.model.joint_names, acting_in(episode, assembly.model.n))
+
+
+def acting_in(episode: Episode, n: int) -> Array:
+    """Returns the torque (n,) that acted when a recording began [N.m]; zero where it does not say."""
+    return np.array(episode.metadata.get("acting", [0.0] * n), dtype=float)
+
+
+def make_backend(assembly: Assembly, *, backend: str, log: Path | None, seed: int) -> Backend:
+    """Makes the robot of an assembled task, not yet started.
+
+    Raises:
+        BadInput: The recording is missing or unfit; nothing has moved.
+    """
+    if backend == "sim":
+        return sim_backend(assembly, seed)
+    if log is None:
+        raise BadInput("--backend replay needs --log DIR, the recording to feed back")
+    return replay_backend(assembly, log)
+
+
+def baxter_backend(assembly: Assembly, session: Session, *, read_only: bool, approach: bool) -> BaxterBackend:
+    """Makes the backend of a real robot, not yet started; sends nothing.
+
+    Args:
+        assembly: With the robot as ``session`` found it.
+        session: Open.
+        read_only: Nothing will be sent.
+        approach: The robot's position mode may bring the arms to where the task begins.
+
+    Raises:
+        RobotRefused: The robot must not be moved now; with every reason and its remedy.
+    """
+    limbs = {arm.limb.name: arm.limb for arm in assembly.modules.arms}
+    options = DriveOptions(assembly.rate, read_only, approach, assembly.modules.posture)
+
+    def of_task(link: RobotLink) -> tuple[Gate, ...]:
+        return () if link.sample is None else contact_gates(assembly, link.sample.state)
+
+    return session.backend(limbs, options, assembly.model, of_task)

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run records: every state and torque, everything the controller decided, sample by sample."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.backend import RealRobot
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.supervisor import Supervisor
+from impedance_modules.episode.columns import (
+    joint_columns,
+    pose_columns,
+    target_columns,
+    wrench_columns,
+)
+from impedance_modules.episode.metadata import episode_metadata, library_versions
+from impedance_modules.episode.writer import EpisodeWriter
+from impedance_modules.robot.state import RobotState
+from impedance_modules.runs.compiled_row import fill_row
+
+Array = NDArray[np.float64]
+
+SCALARS = (
+    "tank",
+    "spring_scale",
+    "granted",
+    "paid",
+    "phase_clock",
+    "rung",
+    "active_rows",
+    "late",
+    "interrupt",
+)
+"""Level [J]; part of the springs in force, of the motion granted, of the torque paid; [s]; rung of the stop ladder;
+number of active filter rows; 1 where the last torque came too late or somebody asked for a stop. ``fill_row`` knows
+the order."""
+
+MISSED = "missed"
+"""Column of a real robot's episode: control cycles without a state since the row before."""
+
+
+class Recorder:
+    """Turns cycles into rows of an episode.
+
+    Attributes:
+        writer: Of the episode.
+        columns: Names, the phase last.
+        row: (columns without the phase,) of the last cycle; the next one overwrites it.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        supervisor: Supervisor,
+        acting: Array,
+        seed: int,
+        backend: str,
+        *,
+        simulated: bool,
+        real: RealRobot | None = None,
+    ) -> None:
+        """Opens the episode.
+
+        Args:
+            directory: Of the run.
+            supervisor: Whose cycles are recorded.
+            acting: (n,) torque that acts when the run begins [N.m].
+            seed: Of the simulated noise.
+            backend: Its name.
+            simulated: True if the loop may wait for the disk.
+            real: Tells what else is recorded of it; None for a simulated robot.
+
+        Raises:
+            BadInput: The directory holds an episode already.
+        """
+        assembly = supervisor.assembly
+        self._supervisor = supervisor
+        self._targets = _recorded_targets(assembly)
+        self._modules = _recorded_modules(supervisor)
+        metadata = run_metadata(assembly, directory, acting, seed, backend)
+        names = columns(supervisor, self._targets, self._modules)
+        self._real, self._own = real, len(names) - 1
+        if real is not None:
+            names[-1:-1] = (MISSED, *real.extra_columns())
+        self.writer = EpisodeWriter(directory, names, metadata, wait_for_disk=simulated)
+        self.columns = tuple(names)
+        self.row: Array = np.zeros(len(names) - 1)
+        self._law = self.row[: self._own]
+        self._slots = np.array([slot for _, slot in self._targets], dtype=np.int64)
+        self._owners = np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2)
+
+    def warm(self) -> None:
+        """Fills a row once without recording it: a first call waits for its machine code, for longer than a period."""
+        n = self._supervisor.assembly.model.n
+        parts = np.zeros(n), np.zeros(n), np.zeros(n)
+        # As a robot's states are: machine code for arrays that may be written is other machine code.
+        for part in parts:
+            part.flags.writeable = False
+        self._fill(RobotState(0.0, *parts), np.zeros(n), late=False, interrupted=False)
+
+    def add(self, state: RobotState, command: Array, *, late: bool, interrupted: bool) -> None:
+        """Records one cycle: a state, and the torque in force after it (zero where none is)."""
+        self._fill(state, command, late=late, interrupted=interrupted)
+        if self._real is not None:
+            self.row[self._own] = self._supervisor.missed
+            self.row[self._own + 1 :] = self._real.extra_values()
+        self.writer.append(self.row, self._supervisor.sequence.phase.name)
+
+    def _fill(self, state: RobotState, command: Array, *, late: bool, interrupted: bool) -> None:
+        supervisor = self._supervisor
+        controller = supervisor.controller
+        kinematics, memory = controller.kinematics, controller.memory
+        fill_row(
+            self._law,
+            state.time,
+            int(supervisor.rung),
+            controller.acting,
+            late,
+            interrupted,
+            state.position,
+            state.velocity,
+            command,
+            state.effort,
+            kinematics.rotation,
+            kinematics.translation,
+            supervisor.touch.wrench,
+            self._slots,
+            self._owners,
+            memory.floats,
+            memory.float_at,
+        )
+
+    def close(self, ending: str, reason: str) -> None:
+        """Merges the episode and says in it how the run ended."""
+        self.writer.close(ending=ending, reason=reason)
+
+    def abandon(self) -> None:
+        """Gives the directory back before a single row was recorded."""
+        self.writer.abandon()
+
+
+def columns(
+    supervisor: Supervisor, targets: list[tuple[str, int]], modules: list[tuple[str, int, int]]
+) -> list[str]:
+    """Names the columns of a run, the phase last."""
+    assembly = supervisor.assembly
+    joints = assembly.model.joint_names
+    hands = [arm.limb.hand for arm in assembly.modules.arms]
+    names = ["time"]
+    for kind in ("position", "velocity", "effort_command", "effort"):
+        names += joint_columns(kind, joints)
+    names += SCALARS
+    for hand in hands:
+        names += pose_columns(hand)
+    for frame, _ in targets:
+        names += target_columns(frame)
+    for hand in hands:
+        names += wrench_columns(hand)
+    names += [name for name, _, _ in modules]
+    return [*names, "phase"]
+
+
+def _recorded_targets(assembly: Assembly) -> list[tuple[str, int]]:
+    """Lists (frame, spring's place) of the first spring on each frame."""
+    springs = [spring for arm in assembly.modules.arms for spring in arm.springs]
+    found: dict[str, int] = {}
+    for slot, spring in enumerate(springs):
+        found.setdefault(spring.frame, slot)
+    return list(found.items())
+
+
+def _recorded_modules(supervisor: Supervisor) -> list[tuple[str, int, int]]:
+    """Lists (column, module, joint) of every torque that a module can put on a joint."""
+    controller, assembly = supervisor.controller, supervisor.assembly
+    found: list[tuple[str, int, int]] = []
+    everywhere = np.concatenate([arm.limb.joints for arm in assembly.modules.arms])
+    for row, name in enumerate(controller.module_names):
+        owners = [arm for arm in assembly.modules.arms if name.startswith(f"{arm.limb.name}.")]
+        joints = owners[0].limb.joints if owners else everywhere
+        if not owners and assembly.modules.held is None:
+            continue
+        for joint in joints:
+            found.append((f"module.{name}.{assembly.model.joint_names[joint]}", row, int(joint)))
+    return found
+
+
+def run_metadata(
+    assembly: Assembly, directory: Path, acting: Array, seed: int, backend: str
+) -> dict[str, Any]:
+    """Says what the episode is, and everything a replay needs to compute the same torques."""
+    patch = assembly.patch
+    limits = assembly.limits
+    names = assembly.model.joint_names
+    return episode_metadata(
+        robot=assembly.robot.name,
+        episode=directory.resolve().name,
+        effort_source="joint_sensor",
+        gravity_compensation=assembly.robot.gravity_compensation,
+        repeat_of=None,
+        task=assembly.task.text,
+        task_path=str(assembly.task.path),
+        task_name=assembly.task.name,
+        arms=[arm.limb.name for arm in assembly.modules.arms],
+        rate=assembly.rate,
+        scale=assembly.scale,
+        arm=assembly.arm,
+        seed=seed,
+        backend=backend,
+        effects=None if patch is None else patch.text,
+        joint_origins={
+            name: [list(origin.translation), list(origin.roll_pitch_yaw)]
+            for name, origin in assembly.robot.joint_origins.items()
+        },
+        acting=acting.tolist(),
+        versions=library_versions(),
+        effort_max=dict(zip(names, limits.effort_max.tolist(), strict=True)),
+        tank={"floor": assembly.tank.floor, "max": assembly.tank.max, "initial": assembly.tank.initial},
+        limbs={arm.limb.name: list(arm.limb.joint_names) for arm in assembly.modules.arms},
+    )

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A task from start to files: assemble, connect, loop, record, summarise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.backend import Backend, RealRobot
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.loop import Interrupt, no_collections, run_loop
+from impedance_modules.control.signals import as_interrupt
+from impedance_modules.control.supervisor import Ending, Supervisor
+from impedance_modules.control.warm_up import Rehearsal
+from impedance_modules.episode.picture import PICTURE_KINDS, write_picture
+from impedance_modules.episode.reader import read_episode
+from impedance_modules.errors import SafetyStop
+from impedance_modules.robot.state import RobotState
+from impedance_modules.runs.record import Recorder
+from impedance_modules.runs.scene import SceneView
+from impedance_modules.runs.summary import Summary
+
+Array = NDArray[np.float64]
+
+
+PICTURE_SAMPLES = 20_000
+"""More would not be seen in the picture, and ten minutes of them would fill 400 MB."""
+
+FREE_PART = 0.5
+"""Part of a real robot's period, counted from the end of a cycle, in which files are written."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What the command line says about a run.
+
+    Attributes:
+        out: Directory of its files.
+        seed: Of the simulated noise.
+        duration: Ends the run safely after this time [s]; None lets the task decide.
+        live: Opens a viewer that follows the run.
+        read_only: Sends nothing.
+        backend: Name of the backend.
+    """
+
+    out: Path
+    seed: int
+    duration: float | None
+    live: bool
+    read_only: bool
+    backend: str
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended.
+
+    Attributes:
+        ending: None when a replay ran out of samples.
+        reason: Why it stopped; empty after a task that is done.
+        interrupted: Somebody pressed Ctrl-C or sent SIGTERM.
+        directory: Of the files.
+        summary: What ``summary.json`` says.
+    """
+
+    ending: Ending | None
+    reason: str
+    interrupted: bool
+    directory: Path
+    summary: dict[str, object]
+
+
+def carry_out(
+    assembly: Assembly,
+    backend: Backend,
+    options: RunOptions,
+    on_progress: Callable[[float, str], None],
+) -> RunResult:
+    """Runs an assembled task on a robot and writes its files.
+
+    Args:
+        assembly: The task.
+        backend: The robot, not yet started.
+        options: Of the command line.
+        on_progress: Called about ten times a second of run time with the time [s] and the phase.
+
+    Raises:
+        ImpedanceError: The robot cannot be started or the files cannot be written.
+    """
+    supervisor = Supervisor(assembly)
+    supervisor.controller.warm()
+    simulated = options.backend in ("sim", "replay")
+    real = backend if isinstance(backend, RealRobot) else None
+    interrupt = Interrupt()
+    with ExitStack() as ending:
+        # What keeps every thread waiting comes before the robot is taken over: it must be held all the time.
+        if real is not None:
+            real.rehearse_by(Rehearsal(assembly))
+        ending.enter_context(no_collections())
+        # Whatever happens, the robot is held; once it is, again does nothing.
+        ending.callback(backend.finish, "hold")
+        with as_interrupt():
+            first = backend.start()
+            recorder = Recorder(
+                options.out,
+                supervisor,
+                first.acting,
+                options.seed,
+                options.backend,
+                simulated=simulated,
+                real=real,
+            )
+            ending.callback(recorder.abandon)
+            recorder.warm()
+            view = SceneView(options.out, supervisor, recorder.writer.background, live=options.live)
+        files = _Files(
+            supervisor,
+            recorder,
+            view,
+            Summary(assembly, supervisor, recorder.columns, options.backend, options.seed),
+            on_progress,
+            free=0.0 if simulated else FREE_PART * assembly.period,
+        )
+        try:
+            with interrupt.listening():
+                if real is not None:
+                    first = real.newest()
+                supervisor.start(first)
+                run_loop(
+                    supervisor,
+                    backend,
+                    first.state,
+                    files.add,
+                    interrupt,
+                    duration=options.duration,
+                    paced=not simulated,
+                    read_only=options.read_only,
+                )
+        finally:
+            found = files.close(options.out, interrupted=interrupt.asked)
+    if not recorder.writer.rows:
+        raise SafetyStop(f"nothing moved: {supervisor.reason or 'the run ended before its first cycle'}")
+    write_picture(
+        read_episode(options.out, PICTURE_KINDS, most_samples=PICTURE_SAMPLES), options.out / "picture.png"
+    )
+    return RunResult(supervisor.ending, supervisor.reason, interrupt.asked, options.out, found)
+
+
+class _Files:
+    """Everything that a run writes, cycle by cycle."""
+
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        recorder: Recorder,
+        view: SceneView,
+        summary: Summary,
+        on_progress: Callable[[float, str], None],
+        *,
+        free: float,
+    ) -> None:
+        self._free = free
+        self._supervisor, self._recorder, self._view, self._summary = supervisor, recorder, view, summary
+        self._on_progress = on_progress
+        self._last_shown = -1.0
+
+    def add(self, state: RobotState, effort: Array, late: bool, asked: bool) -> None:
+        """Takes one cycle."""
+        self._recorder.add(state, effort, late=late, interrupted=asked)
+        self._view.add(state, effort)
+        self._summary.add(self._recorder.row)
+        if state.time - self._last_shown >= 0.1:
+            self._last_shown = state.time
+            self._on_progress(state.time, self._supervisor.sequence.phase.name)
+        if self._free > 0.0:
+            self._recorder.writer.background.free_for(self._free)
+
+    def close(self, directory: Path, *, interrupted: bool) -> dict[str, object]:
+        """Finishes all files and returns the summary; nothing is left of a run without a cycle."""
+        try:
+            if not self._recorder.writer.rows:
+                self._recorder.abandon()
+                return {}
+            found = self._summary.write(directory, interrupted=interrupted)
+            self._recorder.close(str(found["ending"]), str(found["reason"]))
+            return found
+        finally:
+            self._view.close()

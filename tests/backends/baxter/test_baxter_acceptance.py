@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What must happen when something goes wrong while a task runs: the whole way, over a real ROS master.
+
+The double plays the robot in a process of its own; its diary, on its own clock, is the witness.
+"""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impedance_modules.backends.baxter.messages import JointCommand, JointState
+from impedance_modules.backends.baxter.transport.sockets.master import MasterClient
+from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
+from tests.support.baxter_double import (
+    ATTEMPTS,
+    Double,
+    MachineBusyError,
+    again_when_busy,
+    double,
+    end,
+    ended,
+    impedance,
+    start,
+)
+from tests.support.ros_master import forget
+
+pytestmark = pytest.mark.ros
+
+RATE = 200
+TIME_OUT = 0.05
+"""What a run at 200 Hz sets."""
+
+
+@contextmanager
+def running(
+    tmp_path: Path, master: str, *options: str, transport: str = "sockets"
+) -> Iterator[tuple[Double, subprocess.Popen[str]]]:
+    """A double that a task has been commanding for half a second."""
+    with double(tmp_path, master, "--posture", "soft-hold", "--enabled", *options) as robot:
+        process = start_run(robot, transport, tmp_path)
+        try:
+            yield robot, process
+        finally:
+            end(process)
+            forget(master, f"/impedance_run_{process.pid}")
+
+
+def start_run(robot: Double, transport: str, folder: Path) -> subprocess.Popen[str]:
+    """Starts a task and waits until it is under way; tries again where a busy machine has made it give up."""
+    for attempt in range(ATTEMPTS):
+        process = start(
+            *("run", "soft-hold", "--backend", "baxter", "--rate", str(RATE), "--transport", transport),
+            *("--out", str(folder / f"run-{attempt}")),
+        )
+        seen = robot.lines()[-1]["commands"]["right"]
+        while process.poll() is None and robot.lines()[-1]["commands"]["right"] < seen + 300:
+            signal.sigtimedwait([], 0.02)
+        if process.poll() is None:
+            return process
+    text, _ = process.communicate()
+    raise MachineBusyError(f"{text}{robot.said}")
+
+
+def kill(process: subprocess.Popen[str]) -> None:
+    """Ends a run without a word."""
+    process.kill()
+    if process.wait(10) != -signal.SIGKILL:
+        raise MachineBusyError("it had ended by itself")
+
+
+@pytest.mark.parametrize("result", ["hold", "disable", "float"])
+@again_when_busy
+def test_killed_controller_is_given_up_by_the_robot(tmp_path: Path, master: str, result: str) -> None:
+    with running(tmp_path, master, "--time-out-result", result) as (robot, process):
+        kill(process)
+        reaction = robot.wait_for(f"no command for {TIME_OUT:g} s: {result}")
+        silence = reaction["time"] - max(reaction["last_command"].values())
+        assert silence <= TIME_OUT + 0.02
+        after = robot.last()
+        assert after["enabled"] == (result != "disable")
+        assert after["modes"]["right"] == ("floats" if result == "float" else "holds")
+
+
+@pytest.mark.parametrize("transport", ["sockets", "rospy"])
+@again_when_busy
+def test_what_a_killed_run_leaves_with_the_master_is_no_obstacle(
+    tmp_path: Path, master: str, transport: str
+) -> None:
+    with running(tmp_path, master, transport=transport) as (robot, killed):
+        kill(killed)
+        robot.wait_for("no command for")
+        check = impedance("baxter", "check", "--transport", transport)
+        said = re.sub(r"[\s│]+", "", check.stdout)
+        left = f"aregistrationof/impedance_run_{killed.pid},whichnolongeranswers,isignored"
+        assert check.returncode == 0 and left in said, check.stdout + check.stderr
+        end(start_run(robot, transport, tmp_path / "again"))
+
+
+@pytest.mark.parametrize("fault", ["silence", "freeze"])
+def test_no_torque_leaves_once_the_arms_have_been_silent_for_100_ms(
+    tmp_path: Path, master: str, fault: str
+) -> None:
+    with running(tmp_path, master) as (robot, process):
+        robot.fault(fault)
+        silent = robot.wait_for(f"fault: {fault}")
+        code, text = ended(process, "no state")
+        assert code == 3 and "no state" in text, text
+        assert max(robot.last()["last_torque"].values()) <= silent["time"] + 0.1
+        # Gripper messages went on all the time.
+        assert robot.lines()[-1]["enabled"]
+
+
+@again_when_busy
+def test_nothing_is_sent_after_an_emergency_stop(tmp_path: Path, master: str) -> None:
+    with running(tmp_path, master, transport="rospy") as (robot, process):
+        robot.fault("estop")
+        pressed = robot.wait_for("fault: estop")
+        code, text = ended(process, "e-stop")
+        assert code == 3 and "e-stop" in text, text
+        robot.fault("estop-release")
+        after = robot.last()
+        # The robot says so every 10 ms; what was under way then is all that may still come.
+        assert max(after["last_command"].values()) <= pressed["time"] + 0.03
+        assert after["stopped"] and not after["enabled"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [("cuff right", "cuff"), ("push right 0 0 -80 0.2", "collision"), ("joint-fault", "joint fault")],
+)
+@again_when_busy
+def test_the_robots_own_stops_end_the_run(tmp_path: Path, master: str, fault: str, reason: str) -> None:
+    with running(tmp_path, master) as (robot, process):
+        robot.fault(fault)
+        stopped = robot.wait_for("fault:")
+        code, text = ended(process, reason)
+        assert code == 3 and reason in text, text
+        assert max(robot.last()["last_torque"].values()) <= stopped["time"] + 0.2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@again_when_busy
+def test_a_person_ends_the_run_and_the_arms_are_held(tmp_path: Path, master: str, number: int) -> None:
+    with running(tmp_path, master) as (robot, process):
+        process.send_signal(number)
+        code, text = ended(process, "asked to stop")
+        assert code == 130, text
+        after = robot.last()
+        assert after["enabled"] and after["modes"]["right"] == "holds"
+        # Left in position mode, not by the time-out of torque mode.
+        assert max(after["last_command"].values()) > max(after["last_torque"].values())
+    assert list(tmp_path.glob("run-*/episode.parquet"))
+
+
+REFUSED = [
+    (["--posture", "soft-hold"], "baxter enable"),
+    (["--posture", "soft-hold", "--enabled", "--fault", "duplicate"], "/another_robot"),
+    (["--posture", "soft-hold", "--enabled", "--fault", "wrong-md5"], "std_msgs/Bool"),
+    (["--posture", "soft-hold", "--enabled", "--fault", "partial"], "never reported"),
+    (["--posture", "soft-hold", "--enabled", "--fault", "nan"], "not finite"),
+    (["--posture", "soft-hold", "--enabled", "--software-version", "1.1.1"], "1.1.1"),
+    (["--posture", "soft-hold", "--enabled", "--mount-offset", "left=0,0,0.09"], "mount"),
+    (["--posture", "tucked", "--enabled"], "untuck"),
+    (["--posture", "neutral", "--enabled"], "--approach"),
+]
+
+
+@pytest.mark.parametrize(("options", "reason"), REFUSED, ids=[reason for _, reason in REFUSED])
+def test_an_unfit_robot_is_refused_before_anything_is_sent(
+    tmp_path: Path, master: str, options: list[str], reason: str
+) -> None:
+    with double(tmp_path, master, *options) as robot:
+        run = impedance(
+            *("run", "soft-hold", "--backend", "baxter", "--rate", str(RATE), "--out", str(tmp_path / "run"))
+        )
+        assert run.returncode == 2 and reason in run.stderr, run.stdout + run.stderr
+        assert "Traceback" not in run.stderr
+        assert robot.last()["commands"]["right"] == 0 and not (tmp_path / "run" / "episode.parquet").exists()
+
+
+@pytest.mark.parametrize("transport", ["sockets", "rospy"])
+def test_limits_that_disagree_are_refused_before_anything_is_sent(
+    tmp_path: Path, master: str, transport: str
+) -> None:
+    with double(tmp_path, master, "--posture", "soft-hold", "--enabled") as robot:
+        client = MasterClient(master, "/somebody")
+        served = str(client.get_parameter("/robot_description"))
+        client.set_parameter("/robot_description", served.replace('lower="-2.147"', 'lower="-1.147"'))
+        run = impedance("run", "soft-hold", "--backend", "baxter", "--transport", transport)
+        assert run.returncode == 2 and "lower limit -1.147 rad, robot.yaml says -2.147" in run.stderr
+        assert robot.last()["commands"]["right"] == 0
+
+
+def test_a_dead_registration_is_no_second_robot(tmp_path: Path, master: str) -> None:
+    with double(tmp_path, master, "--posture", "neutral", "--enabled", "--fault", "dead"):
+        check = impedance("baxter", "check")
+        assert check.returncode == 0 and "realtime_loop_of_yesterday" in re.sub(r"[\s│]+", "", check.stdout)
+
+
+def test_zero_torque_holds_the_pose(tmp_path: Path, master: str) -> None:
+    with double(tmp_path, master, "--posture", "neutral", "--enabled") as robot:
+        node = SocketTransport("/zero_torque", master)
+        seen: list[JointState] = []
+        node.subscribe("/robot/joint_states", JointState, lambda m, _: seen.append(m))
+        command = node.advertise("/robot/limb/left/joint_command", JointCommand)
+        joints = tuple(f"left_{short}" for short in ("s0", "s1", "e0", "e1", "w0", "w1", "w2"))
+        while robot.lines()[-1]["commands"]["left"] < 300:
+            command.send(JointCommand(JointCommand.TORQUE_MODE, (0.0,) * 7, joints))
+            signal.sigtimedwait([], 0.005)
+        node.close()
+        arms = [m for m in seen if "left_s0" in m.name]
+        moved = np.ptp([m.position for m in arms], axis=0)
+        assert len(arms) > 100 and moved.max() < 5e-3

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs on a robot that lives on by itself: lost states, its own mounts, what it tells besides; replayed to the bit."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.sim import SimBackend
+from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.episode.reader import read_episode
+from impedance_modules.errors import ReplayMismatch
+from impedance_modules.runs.prepare import sim_backend
+from impedance_modules.runs.run import RunOptions, carry_out
+from impedance_modules.runs.verify import verify
+from impedance_modules.safety.stop_events import Rung
+from impedance_modules.spec.robot import JointOrigin, RobotSpec
+
+GAP = (1750, 1766)
+"""Reads without a state while the arms move: 32 ms at 500 Hz, after which they brake."""
+
+MOUNT = JointOrigin((0.0251329, -0.2197093, 0.1090394), (-0.00194, 0.00346, -0.78595))
+
+
+def calibrated(spec: RobotSpec) -> RobotSpec:
+    return dataclasses.replace(spec, joint_origins={"right_arm_mount_fixed": MOUNT})
+
+
+class Forgetful:
+    """The plant, but some states never arrive; it tells one number besides."""
+
+    def __init__(self, robot: SimBackend) -> None:
+        self._robot = robot
+        self._random = np.random.default_rng(1)
+        self.told = self._reads = 0
+        self.finished: list[str] = []
+        self.rehearse = None
+
+    def rehearse_by(self, cycle) -> None:
+        self.rehearse = cycle
+
+    def start(self) -> FirstState:
+        return self._robot.start()
+
+    def newest(self) -> FirstState:
+        return FirstState(self._robot.plant.sense(), self._robot.plant.start_command.copy())
+
+    def read(self):
+        state = self._robot.read()
+        self._reads += 1
+        self.rehearse()
+        lost = self._random.random() < 0.05 or GAP[0] <= self._reads < GAP[1]
+        return None if lost else state
+
+    def write(self, effort) -> None:
+        self._robot.write(effort)
+
+    def finish(self, how) -> None:
+        self.finished.append(how)
+        self._robot.finish(how)
+
+    def extra_columns(self) -> tuple[str, ...]:
+        return ("gravity.one", "gravity.other")
+
+    def extra_values(self):
+        self.told += 1
+        return np.array([self.told, np.nan])
+
+
+@pytest.fixture(scope="module")
+def assembly() -> Assembly:
+    return assemble("joint-springs", effects=None, rate=500.0, scale=1.0, arm=None, calibrate=calibrated)
+
+
+def test_the_model_has_the_mount_that_was_found(assembly: Assembly) -> None:
+    nominal = assemble("joint-springs", effects=None, rate=500.0, scale=1.0, arm=None)
+    q = assembly.modules.posture
+    moved = assembly.model.pose(q, "right_hand").translation - nominal.model.pose(q, "right_hand").translation
+    assert 0.005 < np.linalg.norm(moved) < 0.02
+    left = [a.model.pose(q, "left_hand").translation for a in (assembly, nominal)]
+    assert np.array_equal(*left)
+
+
+def test_a_run_with_gaps_is_replayed_to_the_bit_on_the_mounts_it_had(
+    assembly: Assembly, tmp_path: Path
+) -> None:
+    robot = Forgetful(sim_backend(assembly, 0))
+    out = tmp_path / "run"
+    options = RunOptions(out=out, seed=0, duration=4.0, live=False, read_only=False, backend="sim")
+    result = carry_out(assembly, robot, options, lambda time, phase: None)
+    assert robot.finished[0] == "hold"
+    assert "stale state" in result.reason
+    episode = read_episode(out)
+    missed = np.asarray(episode.extra["missed"])
+    gap = int(np.argmax(missed))
+    assert 16 <= missed[gap] <= 19
+    assert episode.extra["rung"][gap] == Rung.DAMP
+    assert 60 <= missed.sum() <= 150
+    assert missed[: gap + 1].sum() + gap == GAP[1]
+    assert np.array_equal(episode.extra["gravity.one"], 1.0 + np.arange(len(missed)))
+    assert np.isnan(episode.extra["gravity.other"]).all()
+    assert verify(episode, lambda part: None).samples == len(missed)
+    for change in ({"joint_origins": {}}, {}):
+        extra = dict(episode.extra) if change else {**episode.extra, "missed": np.zeros(len(missed))}
+        other = dataclasses.replace(episode, metadata={**episode.metadata, **change}, extra=extra)
+        with pytest.raises(ReplayMismatch):
+            verify(other, lambda part: None)
+
+
+def test_a_robot_that_cannot_be_started_leaves_no_episode_and_is_let_go(
+    assembly: Assembly, tmp_path: Path
+) -> None:
+    robot = Forgetful(sim_backend(assembly, 0))
+
+    def broken() -> FirstState:
+        first = FirstState(robot._robot.plant.sense(), np.zeros(assembly.model.n))
+        return FirstState(
+            dataclasses.replace(first.state, position=np.full(assembly.model.n, np.nan)), first.acting
+        )
+
+    robot.newest = broken
+    options = RunOptions(
+        out=tmp_path / "run", seed=0, duration=4.0, live=False, read_only=False, backend="sim"
+    )
+    with pytest.raises(Exception, match="not finite"):
+        carry_out(assembly, robot, options, lambda time, phase: None)
+    assert robot.finished == ["hold"]
+    assert not list((tmp_path / "run").glob("*.parquet"))

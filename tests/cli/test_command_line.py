@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The user's path through the command line: check, run, look, replay; and every way to get it wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from impedance_modules.episode.reader import read_episode
+from tests.support.forecast_tasks import SOFT_HANDS
+from tests.support.paths import CHECKOUT
+
+ROOT = CHECKOUT
+SHORT = f"""\
+format: 1
+name: short-hold
+robot: baxter
+{SOFT_HANDS}\
+safety: {{tank: {{initial: 2.0, max: 4, floor: 0.5}}}}
+phases:
+  - {{name: hold, duration: 0.3}}
+  - {{name: lift, equilibrium: {{right.hand: {{z: 0.06}}, left.hand: {{z: 0.06}}}}, duration: 0.5}}
+"""
+
+
+def impedance(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "impedance_modules", *arguments],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("user")
+    (folder / "short.yaml").write_text(SHORT)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def finished(folder: Path) -> Path:
+    found = impedance("run", "short.yaml", "--out", "out", cwd=folder)
+    assert found.returncode == 0, found.stderr
+    assert "the task was carried out" in found.stdout
+    return folder / "out"
+
+
+def test_a_run_leaves_all_its_files(finished: Path) -> None:
+    assert {path.name for path in finished.iterdir()} >= {
+        "episode.parquet",
+        "recording.rrd",
+        "summary.json",
+        "picture.png",
+    }
+    summary = json.loads((finished / "summary.json").read_text())
+    assert summary["ending"] == "done"
+    assert [phase["name"] for phase in summary["phases"]] == ["hold", "lift"]
+    episode = read_episode(finished)
+    assert episode.complete
+    assert len(episode) == summary["cycles"]
+
+
+def test_every_torque_can_be_computed_again(finished: Path) -> None:
+    found = impedance("replay", "--verify", str(finished), cwd=finished.parent)
+    assert found.returncode == 0, found.stderr
+    assert "bit-equal" in found.stdout
+
+
+def test_a_changed_torque_is_found(finished: Path, tmp_path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(finished / "episode.parquet")
+    name = "effort_command.right_e1"
+    values = table[name].to_pylist()
+    values[400] += 1e-12
+    place = table.schema.get_field_index(name)
+    pq.write_table(table.set_column(place, name, pa.array(values)), tmp_path / "episode.parquet")
+    found = impedance("replay", "--verify", str(tmp_path), cwd=tmp_path)
+    assert found.returncode == 4
+    assert "right_e1" in found.stderr
+    assert "sample 400" in found.stderr
+
+
+def test_a_recording_can_be_the_robot(finished: Path, tmp_path: Path) -> None:
+    """The same states give the same torques, sample by sample."""
+    task = str(finished.parent / "short.yaml")
+    out = str(tmp_path / "again")
+    found = impedance("run", task, "--backend", "replay", "--log", str(finished), "--out", out, cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    first, second = read_episode(finished), read_episode(tmp_path / "again")
+    for joint, effort in first.effort_command.items():
+        assert (effort == second.effort_command[joint]).all()
+
+
+def test_an_episode_is_never_overwritten(finished: Path) -> None:
+    before = (finished / "episode.parquet").read_bytes()
+    found = impedance("run", "short.yaml", "--out", "out", cwd=finished.parent)
+    assert found.returncode == 2
+    assert "episode" in found.stderr
+    assert (finished / "episode.parquet").read_bytes() == before
+
+
+def test_ctrl_c_brakes_holds_and_keeps_the_files(folder: Path) -> None:
+    long = SHORT.replace("duration: 0.5}", "duration: 500}")
+    (folder / "long.yaml").write_text(long)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "impedance_modules", "run", "long.yaml", "--out", "stopped"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    stopped = folder / "stopped"
+    for _ in range(600):
+        if any(stopped.glob("episode.part-*")):
+            break
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=120)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert read_episode(stopped).complete
+    summary = json.loads((stopped / "summary.json").read_text())
+    assert summary["ending"] == "interrupted"
+    assert "interrupt" in summary["reason"]
+    assert "interrupt" in output
+
+
+def test_a_phase_not_met_is_exit_3_with_the_reason(folder: Path) -> None:
+    text = SHORT.replace("duration: 0.5}", "duration: 0.5, until: {contact: true}}")
+    (folder / "nothing-there.yaml").write_text(text)
+    found = impedance("run", "nothing-there.yaml", "--out", "unmet", cwd=folder)
+    assert found.returncode == 3
+    assert "no contact within its 0.5 s" in found.stdout
+    assert read_episode(folder / "unmet").complete
+
+
+def test_the_time_given_to_a_run_ends_it_safely(folder: Path) -> None:
+    found = impedance("run", "short.yaml", "--duration", "0.2", "--out", "timed", cwd=folder)
+    assert found.returncode == 0, found.stderr
+    assert read_episode(folder / "timed").time[-1] < 0.5
+
+
+def test_read_only_computes_and_sends_nothing(folder: Path) -> None:
+    found = impedance("run", "short.yaml", "--read-only", "--duration", "0.3", "--out", "quiet", cwd=folder)
+    assert found.returncode == 0, found.stderr
+    assert json.loads((folder / "quiet" / "summary.json").read_text())["cycles"] > 200
+
+
+def test_one_arm_runs_alone_and_softer(folder: Path) -> None:
+    options = ("--arm", "right", "--scale", "0.5", "--rate", "500", "--seed", "3")
+    found = impedance("run", "short.yaml", *options, "--out", "one", cwd=folder)
+    assert found.returncode == 0, found.stderr
+    episode = read_episode(folder / "one")
+    assert set(episode.pose) == {"right_hand"}
+    assert abs(episode.time[1] - episode.time[0] - 0.002) < 1e-9
+
+
+BAD = {
+    "no such task": ("run", "no-such-task"),
+    "no such arm": ("run", "short.yaml", "--arm", "middle"),
+    "scale above one": ("run", "short.yaml", "--scale", "2"),
+    "scale zero": ("run", "short.yaml", "--scale", "0"),
+    "rate too high": ("run", "short.yaml", "--rate", "5000"),
+    "negative duration": ("run", "short.yaml", "--duration", "-1"),
+    "no such patch": ("run", "short.yaml", "--effects", "nothing.yaml"),
+    "a directory": ("run", "."),
+    "replay without a log": ("run", "short.yaml", "--backend", "replay"),
+    "unknown option": ("run", "short.yaml", "--fast"),
+    "unknown verb": ("walk",),
+    "no recording": ("replay", "--verify", "nowhere"),
+    "not a recording": ("replay", "--verify", "short.yaml"),
+}
+
+
+@pytest.mark.parametrize("arguments", BAD.values(), ids=BAD.keys())
+def test_bad_input_is_exit_2_and_leaves_nothing(folder: Path, arguments: tuple[str, ...]) -> None:
+    before = set(folder.iterdir())
+    found = impedance(*arguments, cwd=folder)
+    assert found.returncode == 2, found.stdout
+    assert found.stderr.strip()
+    assert "Traceback" not in found.stderr
+    assert set(folder.iterdir()) == before
+
+
+def test_a_log_without_a_task_cannot_be_verified(folder: Path) -> None:
+    import numpy as np
+
+    from impedance_modules.episode.metadata import episode_metadata
+    from impedance_modules.episode.save import write_episode
+
+    metadata = episode_metadata(
+        robot="baxter",
+        episode="foreign",
+        effort_source=None,
+        gravity_compensation="robot",
+        repeat_of=None,
+        task=None,
+    )
+    rows = {"time": np.arange(5) / 100.0, "position.right_s0": np.zeros(5)}
+    write_episode(folder / "foreign.parquet", rows, metadata)
+    found = impedance("replay", "--verify", "foreign.parquet", cwd=folder)
+    assert found.returncode == 2
+    assert "no task" in found.stderr
+
+
+@pytest.mark.parametrize("solver", ["proxsuite", "qpsolvers:daqp"])
+def test_another_solver_is_a_line_in_the_robot_file(tmp_path: Path, solver: str) -> None:
+    robot = tmp_path / "robots" / "baxter"
+    shutil.copytree(ROOT / "robots" / "baxter", robot)
+    text = (robot / "robot.yaml").read_text()
+    (robot / "robot.yaml").write_text(text.replace("solver: daqp", f"solver: {solver}"))
+    (tmp_path / "short.yaml").write_text(SHORT)
+    found = impedance("run", "short.yaml", "--duration", "0.2", "--out", "out", cwd=tmp_path)
+    assert found.returncode == 0, found.stderr

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""States that come late, are overtaken by the next, or are lost: the books stay true, and lateness costs nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.sim import SimBackend
+from impedance_modules.control.assembly import assemble
+from impedance_modules.control.controller import Controller
+from impedance_modules.control.loop import Interrupt, run_loop
+from impedance_modules.control.supervisor import Ending, Supervisor
+from impedance_modules.robot.state import RobotState
+from impedance_modules.runs.prepare import sim_backend
+from impedance_modules.safety.ledger import measure, pay
+from impedance_modules.safety.tank import Tank, filled_tank
+from tests.control.test_passivity_on_the_plant import ROUNDING, Adversity, meet
+from tests.support.tank_worlds import Wire, settings_of
+
+
+class Hiccups:
+    """A robot whose states come late, are overtaken, or are lost; a torque for a late one misses its period."""
+
+    def __init__(self, robot: SimBackend, seed: int, **shares: float) -> None:
+        self.robot, self.random, self.shares = robot, np.random.default_rng(seed), shares
+        self.kept: RobotState | None = None
+        self.too_late = False
+        self.seen = dict.fromkeys(shares, 0)
+
+    def start(self) -> FirstState:
+        return self.robot.start()
+
+    def write(self, effort: np.ndarray) -> None:
+        if not self.too_late:
+            self.robot.write(effort)
+
+    def finish(self, how) -> None:
+        self.robot.finish(how)
+
+    def read(self) -> RobotState | None:
+        self.too_late = self.kept is not None
+        if self.kept is not None:
+            state, self.kept = self.kept, None
+            return state
+        luck, state = self.random.random(), self.robot.read()
+        for what, share in self.shares.items():
+            luck -= share
+            if luck < 0.0:
+                self.seen[what] += 1
+                return getattr(self, what)(state)
+        return state
+
+    def late(self, state: RobotState) -> None:
+        """It comes, but only after it was given up."""
+        self.kept = state
+
+    def overtaken(self, state: RobotState) -> RobotState:
+        """The loop was asleep: it sees one or two states later, and was told of no miss."""
+        for _ in range(self.random.integers(1, 3)):
+            state = self.robot.read()
+        return state
+
+    def lost(self, state: RobotState) -> None:
+        """It never comes."""
+
+
+def lived_through(
+    folder: Path, seed: int, shares: dict[str, float], **world
+) -> tuple[Adversity, dict[str, int]]:
+    robots: list[Hiccups] = []
+
+    def between(robot: SimBackend) -> Hiccups:
+        robots.append(Hiccups(robot, seed, **shares))
+        return robots[0]
+
+    return meet(folder, seed, **world, between=between), robots[0].seen
+
+
+WORLDS = [
+    {"seed": 41, "tank": 1.0},
+    {"seed": 42, "rate": 500.0, "tank": 2.0},
+    {"seed": 43, "noise": False, "rate": 500.0, "tank": 4.0},
+    {"seed": 44, "noise": False, "push": 12.0, "tank": 2.0},
+]
+
+
+@pytest.mark.parametrize("world", WORLDS, ids=lambda world: f"seed{world['seed']}")
+def test_the_claim_holds_whatever_befalls_the_states(tmp_path: Path, world: dict) -> None:
+    shares = {"late": 0.1, "overtaken": 0.05, "lost": 0.05}
+    found, hiccups = lived_through(tmp_path, shares=shares, **world)
+    assert found.cycles > 100
+    assert min(hiccups.values()) > 5
+    assert found.least_margin >= -ROUNDING
+    assert found.largest_error <= ROUNDING
+
+
+def test_without_the_robots_clock_the_books_are_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = {"noise": False, "rate": 500.0, "tank": 4.0, "shares": {"overtaken": 0.2}}
+    right, _ = lived_through(tmp_path, 43, **world)
+    assert right.largest_error <= ROUNDING
+    monkeypatch.setattr(Controller, "reckon", lambda *arguments, **options: None)
+    wrong, _ = lived_through(tmp_path, 43, **world)
+    assert wrong.largest_error > 1e-2
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2])
+def test_a_late_torque_that_is_sent_steals_and_a_repeated_one_does_not(delay: int) -> None:
+    """The rotor runs along whatever acts; every second state is late, and a torque sent for it misses its period."""
+    stolen = {}
+    for repeats in (True, False):
+        rigid = np.zeros(1)
+        s = settings_of(1, delay=delay, compliance=rigid, initial=4.0, floor=0.1, hold=0.004)
+        tank, wire, theta, true = filled_tank(s, rigid, rigid, 0.0), Wire(delay, 1), rigid, 0.0
+        for cycle in range(400):
+            if cycle:
+                tank = measure(tank, s, theta, np.zeros(1), 0.0)
+            late, before = cycle % 2 == 1, tank.pending[-2] if delay else tank.applied
+            tank, command = pay(tank, s, np.array([-5.0 if late else 5.0]), stopping=False)
+            if late and repeats:
+                tank = replace(tank, pending=np.vstack([tank.pending[:-1], before]))
+            applied = wire.applied(None if late else command)
+            step = s.speed_bound * s.period * np.sign(applied)
+            theta, true = theta + step, true + float(applied @ step)
+        stolen[repeats] = true - (s.initial - s.floor)
+    assert stolen[True] <= 1e-9
+    assert stolen[False] > 1.0
+
+
+def tank_after(task: str, late: float, seconds: float) -> Tank:
+    """The tank after so much of a shipped task, a share of whose states come late."""
+    assembly = assemble(task, effects=None, rate=200.0, scale=1.0, arm=None)
+    supervisor, robot = Supervisor(assembly), Hiccups(sim_backend(assembly, 1), 1, late=late)
+    first = robot.start()
+    supervisor.start(first)
+    tanks: list[Tank] = []
+
+    def watch(state: RobotState, effort: np.ndarray, late: bool, asked: bool) -> None:
+        if not asked:
+            assert supervisor.controller.granted == 1.0
+            tanks.append(supervisor.controller.tank)
+
+    run_loop(
+        supervisor,
+        robot,
+        first.state,
+        watch,
+        Interrupt(),
+        duration=seconds,
+        paced=False,
+        read_only=False,
+    )
+    assert supervisor.ending is Ending.INTERRUPTED
+    assert robot.seen["late"] >= 0.8 * late * seconds * 200.0
+    return tanks[-1]
+
+
+@pytest.mark.parametrize("task", ["elbow-swing", "hand-over-hand"])
+def test_late_states_do_not_starve_a_shipped_tank(task: str) -> None:
+    quiet, busy = (tank_after(task, late, 2.5) for late in (0.0, 0.2))
+    assert busy.assumed == 0.0
+    assert abs(busy.work - quiet.work) < 0.1

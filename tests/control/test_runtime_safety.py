@@ -1,0 +1,423 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whatever the robot, the solver or the user does: nothing unsafe leaves, and the end says why.
+
+A scripted robot goes through supervisor and loop. It obeys a crude law of its own, so that torques matter, and
+fails on cue. After every run the same promises are checked: every torque finite and within the limits, none after the
+ending, ``finish`` called once, a reason in the messages.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impedance_modules.backends.backend import FirstState
+from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.control.loop import Interrupt, run_loop
+from impedance_modules.control.supervisor import Ending, Supervisor
+from impedance_modules.errors import EndOfRecording, SafetyStop
+from impedance_modules.robot.state import RobotState
+from impedance_modules.safety.solvers.solution import FilterSolution, failed
+from impedance_modules.safety.tank import sensing_uncertainty
+from tests.support.forecast_tasks import SOFT_HANDS
+
+TASK = f"""
+format: 1
+name: scripted
+robot: baxter
+{SOFT_HANDS}\
+safety: {{tank: {{initial: 8, max: 10, floor: 0.2}}}}
+phases:
+  - {{name: move, duration: 0.5, equilibrium: {{right.hand: {{z: 0.2}}, left.hand: {{z: 0.2}}}}}}
+  - {{name: wait, duration: 0.3UNTIL}}
+"""
+
+
+@cache
+def assembly_of(folder: Path, until: str = "") -> Assembly:
+    path = folder / f"scripted{len(until)}.yaml"
+    path.write_text(TASK.replace("UNTIL", until))
+    return assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
+
+
+@pytest.fixture(scope="module")
+def assembly(tmp_path_factory) -> Assembly:
+    return assembly_of(tmp_path_factory.mktemp("scripted"))
+
+
+Script = Callable[[RobotState, int], RobotState | None]
+
+
+@dataclass
+class ScriptedRobot:
+    """Rigid joints that creep where they are pushed; ``script`` changes what it reports, cycle by cycle."""
+
+    assembly: Assembly
+    script: Script = lambda state, k: state
+    speed: float = 0.002
+    sent: list[tuple[int, np.ndarray]] = field(default_factory=list)
+    finished: list[str] = field(default_factory=list)
+    reads: int = 0
+
+    def start(self) -> FirstState:
+        n = self.assembly.model.n
+        self.q, self.v, self.command = self.assembly.modules.posture.copy(), np.zeros(n), np.zeros(n)
+        return FirstState(self._state(), np.zeros(n))
+
+    def _state(self) -> RobotState:
+        # The joints' springs are wound by the torque that holds them: motors stand still when links do.
+        period = self.assembly.period
+        return RobotState(self.reads * period, self.q.copy(), self.v.copy(), np.zeros_like(self.q))
+
+    def read(self) -> RobotState | None:
+        assert not self.finished, "read after finish"
+        self.reads += 1
+        self.v = np.clip(self.speed * self.command, -0.3, 0.3)
+        self.q = self.q + self.assembly.period * self.v
+        return self.script(self._state(), self.reads)
+
+    def write(self, effort: np.ndarray) -> None:
+        assert not self.finished, "torque after finish"
+        self.sent.append((self.reads, effort.copy()))
+        self.command = effort.copy()
+
+    def finish(self, how: str) -> None:
+        self.finished.append(how)
+
+
+@dataclass
+class Outcome:
+    robot: ScriptedRobot
+    supervisor: Supervisor
+    rows: list[tuple[float, np.ndarray, bool]]
+
+    @property
+    def said(self) -> str:
+        return " | ".join(text for _, text in self.supervisor.messages)
+
+
+def run(
+    assembly: Assembly,
+    script: Script = lambda state, k: state,
+    *,
+    tamper: Callable[[Supervisor], None] = lambda supervisor: None,
+    on_cycle: Callable[[int], None] = lambda k: None,
+    interrupt: Interrupt | None = None,
+    paced: bool = False,
+    duration: float | None = None,
+    robot: ScriptedRobot | None = None,
+) -> Outcome:
+    """Runs the task on a scripted robot and checks what must always hold."""
+    robot = ScriptedRobot(assembly, script) if robot is None else robot
+    supervisor = Supervisor(assembly)
+    supervisor.controller.warm()
+    first = robot.start()
+    supervisor.start(first)
+    tamper(supervisor)
+    rows: list[tuple[float, np.ndarray, bool]] = []
+
+    def record(state: RobotState, effort: np.ndarray, late: bool, asked: bool) -> None:
+        rows.append((state.time, effort.copy(), late))
+        on_cycle(len(rows))
+
+    outcome = Outcome(robot, supervisor, rows)
+    try:
+        run_loop(
+            supervisor,
+            robot,
+            first.state,
+            record,
+            interrupt or Interrupt(),
+            duration=duration,
+            paced=paced,
+            read_only=False,
+        )
+    finally:
+        check_promises(outcome)
+    return outcome
+
+
+def check_promises(outcome: Outcome) -> None:
+    robot, supervisor = outcome.robot, outcome.supervisor
+    limit = robot.assembly.limits.effort_max
+    for _, effort in robot.sent:
+        assert np.isfinite(effort).all()
+        assert (np.abs(effort) <= limit).all()
+    assert robot.finished == ["release" if supervisor.released else "hold"]
+    assert all(np.isfinite(moment) for moment, _ in supervisor.messages)
+    if supervisor.ending in {Ending.STOPPED, Ending.INTERRUPTED}:
+        assert supervisor.reason
+        assert supervisor.messages[-1][1] == supervisor.reason
+    tank = supervisor.controller.tank
+    assert np.isfinite([tank.level, tank.work, sensing_uncertainty(tank, robot.assembly.tank)]).all()
+
+
+def stopped(outcome: Outcome, word: str, how: str = "hold") -> None:
+    assert outcome.supervisor.ending is Ending.STOPPED
+    assert word in outcome.supervisor.reason, outcome.supervisor.reason
+    assert outcome.robot.finished == [how]
+
+
+def test_task_that_nothing_disturbs_is_done(assembly: Assembly) -> None:
+    outcome = run(assembly)
+    assert outcome.supervisor.ending is Ending.DONE
+    assert outcome.supervisor.reason == ""
+    assert len(outcome.robot.sent) > 700
+    assert "phase 'move' ended" in outcome.said
+
+
+@pytest.mark.parametrize("name", ["position", "velocity", "effort"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_state_that_is_not_finite_stops(assembly: Assembly, name: str, bad: float) -> None:
+    def script(state: RobotState, k: int) -> RobotState:
+        values = getattr(state, name).copy()
+        values[3] = bad
+        return replace(state, **{name: values}) if k >= 100 else state
+
+    outcome = run(assembly, script)
+    stopped(outcome, "state not finite")
+    braking = [effort for at, effort in outcome.robot.sent if at >= 100]
+    assert 1 <= len(braking) <= 30
+    calm = 0.5 * assembly.limits.effort_max / assembly.limits.velocity_max * 0.31
+    assert all((np.abs(effort) <= calm).all() for effort in braking)
+
+
+def test_one_bad_state_is_enough_and_the_arm_brakes_on_the_sound_ones_after_it(assembly: Assembly) -> None:
+    def script(state: RobotState, k: int) -> RobotState:
+        return replace(state, velocity=np.full_like(state.velocity, np.nan)) if k == 50 else state
+
+    outcome = run(assembly, script)
+    stopped(outcome, "state not finite")
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_state_that_stays_away_or_stands_still_stops(assembly: Assembly, frozen: bool) -> None:
+    kept: list[RobotState] = []
+
+    def script(state: RobotState, k: int) -> RobotState | None:
+        kept.append(state)
+        if k < 100:
+            return state
+        return kept[98] if frozen else None
+
+    outcome = run(assembly, script)
+    stopped(outcome, "no state for")
+    assert outcome.robot.reads < 100 + 60
+    assert len(outcome.rows) <= 101
+
+
+def test_single_missing_states_are_booked_and_survived(assembly: Assembly) -> None:
+    rich = replace(assembly, tank=replace(assembly.tank, initial=20.0, max=30.0))
+    outcome = run(rich, lambda state, k: None if k % 100 == 0 else state)
+    assert outcome.supervisor.ending is Ending.DONE
+    assert outcome.supervisor.controller.tank.assumed > 0.0
+
+
+def test_motor_faster_than_declared_stops(assembly: Assembly) -> None:
+    jump = 3.0 * assembly.limits.velocity_max[2] * assembly.period
+
+    def script(state: RobotState, k: int) -> RobotState:
+        q = state.position.copy()
+        q[2] += jump * (k >= 60)
+        return replace(state, position=q)
+
+    outcome = run(assembly, script)
+    stopped(outcome, "overspeed")
+    assert assembly.model.joint_names[2] in outcome.supervisor.reason
+
+
+def test_joint_beyond_its_range_stops(assembly: Assembly) -> None:
+    high = assembly.limits.position_max[1] + 0.1
+    creep = 0.5 * assembly.limits.velocity_max[1] * assembly.period
+
+    def script(state: RobotState, k: int) -> RobotState:
+        q = state.position.copy()
+        q[1] = min(q[1] + creep * k, high)
+        return replace(state, position=q)
+
+    needed = int((high - assembly.modules.posture[1]) / creep) + 10
+    long = replace(
+        assembly, task=replace(assembly.task, phases=(replace(assembly.task.phases[0], duration=60.0),))
+    )
+    outcome = run(long, script)
+    assert outcome.supervisor.ending is Ending.STOPPED
+    assert outcome.robot.reads <= needed
+    assert "position limit" in outcome.supervisor.reason or "tank starved" in outcome.supervisor.reason
+
+
+class BrokenSolver:
+    """Fails, or gives nonsense, from its first call on."""
+
+    def __init__(self, answer: FilterSolution) -> None:
+        self.name, self.answer = "broken", answer
+
+    def solve(self, problem: object) -> FilterSolution:
+        return self.answer
+
+
+def test_solver_that_fails_stops(assembly: Assembly) -> None:
+    def tamper(supervisor: Supervisor) -> None:
+        supervisor.controller.solver = BrokenSolver(failed("iteration limit", 1000))
+
+    outcome = run(assembly, tamper=tamper)
+    stopped(outcome, "iteration limit")
+
+
+def test_solver_that_answers_nonsense_stops(assembly: Assembly) -> None:
+    n, m = assembly.model.n, 1
+    nonsense = FilterSolution(
+        np.full(n, np.nan), np.zeros(m), np.zeros(n), np.zeros(m, bool), 1, True, "optimal"
+    )
+
+    def tamper(supervisor: Supervisor) -> None:
+        supervisor.controller.solver = BrokenSolver(nonsense)
+
+    outcome = run(assembly, tamper=tamper)
+    stopped(outcome, "effort not finite")
+
+
+def test_late_torques_never_leave_and_many_of_them_stop(assembly: Assembly) -> None:
+    """Paced: cycles 20 and 40 are slow by chance, from 60 on all are."""
+    late: set[int] = set()
+
+    def tamper(supervisor: Supervisor) -> None:
+        tick, count = supervisor.controller.tick, [0]
+
+        def slow(state: RobotState) -> int:
+            status = tick(state)
+            count[0] += 1
+            if count[0] in {20, 40} or count[0] >= 60:
+                late.add(round(state.time / assembly.period))
+                time.sleep(1.5 * assembly.period)
+            return status
+
+        supervisor.controller.tick = slow
+
+    outcome = run(assembly, tamper=tamper, paced=True)
+    assert late
+    assert not late & {at for at, _ in outcome.robot.sent}
+    stopped(outcome, "late cycles")
+
+
+def test_interrupt_brakes_and_ends(assembly: Assembly) -> None:
+    interrupt = Interrupt()
+
+    def ask(k: int) -> None:
+        interrupt.asked = interrupt.asked or k == 80
+
+    outcome = run(assembly, on_cycle=ask, interrupt=interrupt)
+    assert outcome.supervisor.ending is Ending.INTERRUPTED
+    assert "asked to stop" in outcome.supervisor.reason
+    assert outcome.robot.reads < 80 + 1100
+
+
+def test_time_given_to_a_run_ends_it_like_an_interrupt(assembly: Assembly) -> None:
+    outcome = run(assembly, duration=0.1)
+    assert outcome.supervisor.ending is Ending.INTERRUPTED
+    assert "time given to the run is over" in outcome.supervisor.reason
+
+
+def test_condition_not_met_stops_with_the_phase_in_the_reason(tmp_path_factory) -> None:
+    assembly = assembly_of(tmp_path_factory.mktemp("until"), ", until: {contact: {force: 500}}")
+    stopped(run(assembly), "phase 'wait': no contact within its 0.3 s")
+
+
+def test_tank_that_something_drains_stops(assembly: Assembly) -> None:
+    poor = replace(assembly, tank=replace(assembly.tank, initial=0.25))
+    long = replace(poor.task, phases=(replace(poor.task.phases[0], duration=20.0),))
+    drained = ScriptedRobot(replace(poor, task=long))
+
+    def thief(state: RobotState, k: int) -> RobotState:
+        # The arm runs where the torque pushes it, at a good part of the declared speed.
+        drained.q = drained.q + 0.5 * poor.limits.velocity_max * poor.period * np.sign(drained.command)
+        return replace(state, position=drained.q.copy())
+
+    drained.script = thief
+    outcome = run(drained.assembly, robot=drained)
+    assert outcome.supervisor.ending is Ending.STOPPED
+    assert "tank" in outcome.supervisor.reason
+    assert outcome.supervisor.controller.level >= -1e-9
+
+
+def test_recording_that_ends_holds_and_says_so(assembly: Assembly) -> None:
+    def script(state: RobotState, k: int) -> RobotState:
+        if k == 30:
+            raise EndOfRecording("the recording ends after 30 samples")
+        return state
+
+    outcome = run(assembly, script)
+    assert outcome.supervisor.ending is None
+    assert "the recording ends" in outcome.said
+
+
+@pytest.mark.parametrize("where", ["recorder", "robot", "law"])
+def test_exceptions_anywhere_still_hold_the_robot(assembly: Assembly, where: str) -> None:
+    robots: list[ScriptedRobot] = [ScriptedRobot(assembly)]
+
+    def fail(*_: object) -> None:
+        raise OSError(f"the {where} broke")
+
+    def on_cycle(k: int) -> None:
+        if where == "recorder" and k == 40:
+            fail()
+
+    def script(state: RobotState, k: int) -> RobotState:
+        if where == "robot" and k == 40:
+            fail()
+        return state
+
+    def tamper(supervisor: Supervisor) -> None:
+        if where == "law":
+            supervisor.controller.distances.update = fail
+
+    robots[0].script = script
+    with pytest.raises(OSError, match="broke"):
+        run(assembly, on_cycle=on_cycle, tamper=tamper, robot=robots[0])
+    assert robots[0].finished == ["hold"]
+
+
+def test_first_state_that_is_not_finite_is_refused(assembly: Assembly) -> None:
+    n = assembly.model.n
+    supervisor = Supervisor(assembly)
+    with pytest.raises(SafetyStop, match="not finite"):
+        supervisor.start(
+            FirstState(RobotState(0.0, np.full(n, np.nan), np.zeros(n), np.zeros(n)), np.zeros(n))
+        )
+
+
+def test_stop_after_the_law_has_run_books_the_interval_once(assembly: Assembly) -> None:
+    """The solver fails in the third cycle: commands in flight keep their order in the ledger."""
+    seen: list[np.ndarray] = []
+
+    def tamper(supervisor: Supervisor) -> None:
+        controller, count = supervisor.controller, [0]
+        tick = controller.tick
+
+        def counted(state: RobotState) -> int:
+            count[0] += 1
+            if count[0] == 5:
+                seen.append(controller.memory["pending"].copy())
+                controller.solver = BrokenSolver(failed("on purpose", 1))
+            return tick(state)
+
+        brake = controller.brake
+
+        def braking(state: RobotState | None, effort: np.ndarray) -> int:
+            status = brake(state, effort)
+            seen.append(controller.memory["pending"].copy())
+            return status
+
+        controller.tick, controller.brake = counted, braking
+
+    robot = ScriptedRobot(assembly)
+    # A moving robot, so that the stop takes more than a cycle.
+    robot.script = lambda state, k: replace(state, velocity=np.full_like(state.velocity, 0.2))
+    run(assembly, tamper=tamper, robot=robot)
+    before, after = seen[0], seen[1]
+    assert np.array_equal(after[:-1], before[1:])

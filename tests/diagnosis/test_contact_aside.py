@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Phases that say contact are left aside by the diagnosis, all others count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from impedance_modules.diagnosis.aside import on_links, touching, without_touched_links
+from impedance_modules.diagnosis.rollout.drive import RUN_IN
+from impedance_modules.diagnosis.rollout.windows import WINDOW, spread
+from impedance_modules.effects.residuals import RESIDUALS, uses_motion
+from impedance_modules.spec.contact_phases import contact_phases
+from tests.support.paths import CHECKOUT
+
+
+@pytest.mark.parametrize("name", ["contact", "in_contact", "Contact 2", "press-contact", "contact_left"])
+def test_a_phase_of_contact_marks_its_times_and_no_others(name: str) -> None:
+    random = np.random.default_rng(len(name))
+    time = np.cumsum(random.uniform(0.008, 0.012, 400))
+    inside = np.zeros(400, dtype=bool)
+    for start in random.integers(0, 350, 3):
+        inside[start : start + 40] = True
+    phase = np.where(inside, name, "free").astype(object)
+    marks = touching(SimpleNamespace(phase=phase, time=time, metadata={}), time)
+    np.testing.assert_array_equal(marks, inside)
+    even = np.linspace(time[0], time[-1], 777)
+    off = touching(SimpleNamespace(phase=phase, time=time, metadata={}), even)
+    # A resampled instant lies within one sample of an instant with its mark.
+    near = np.abs(time[None] - even[:, None]) <= 0.0121
+    assert all(mark in inside[row] for mark, row in zip(off, near, strict=True))
+
+
+@pytest.mark.parametrize(
+    "name", ["free", "contactless", "no contact", "before contact", "until contact", "reach", None]
+)
+def test_other_phases_leave_everything(name: str | None) -> None:
+    time = np.arange(100) / 100.0
+    phase = np.full(100, name, dtype=object)
+    assert touching(SimpleNamespace(phase=phase, time=time, metadata={}), time) is None
+    assert touching(SimpleNamespace(phase=None, time=time, metadata={}), time) is None
+
+
+TASKS = CHECKOUT / "tasks"
+
+
+@pytest.mark.parametrize(
+    ("task", "spent"),
+    [
+        ("reach-and-return", {}),
+        ("mirrored-arms", {}),
+        ("wipe-table", {"touch": "at its end", "wipe": "throughout", "lift": "throughout"}),
+        ("box-hold", {"hold": "throughout", "lift": "throughout", "stay": "throughout"}),
+    ],
+)
+def test_a_task_says_itself_which_of_its_phases_touch(task: str, spent: dict[str, str]) -> None:
+    assert contact_phases((TASKS / f"{task}.yaml").read_text()) == spent
+
+
+@pytest.mark.parametrize(
+    ("until", "free"), [("false", True), ("{present: false, force: 3}", True), ("{force: 3}", False)]
+)
+def test_contact_ends_with_the_phase_that_waits_for_its_loss(until: str, free: bool) -> None:
+    text = f"""
+phases:
+  - {{name: near, until: {{contact: true}}}}
+  - {{name: leave, until: {{contact: {until}}}}}
+  - {{name: away}}
+"""
+    found = contact_phases(text)
+    assert found["near"] == "at its end"
+    assert found["leave"] == "throughout"
+    assert ("away" not in found) is free
+
+
+@pytest.mark.parametrize("text", ["", "no task", "- 1", "a: [1", "phases: 3", "phases: [1, {name: x}]"])
+def test_of_a_text_that_is_no_task_nothing_is_known(text: str) -> None:
+    assert contact_phases(text) == {}
+
+
+def test_a_phase_that_waits_for_contact_is_free_but_for_its_end() -> None:
+    time = np.arange(600) / 100.0
+    phase = np.array(["touch"] * 300 + ["wipe"] * 300, dtype=object)
+    text = (TASKS / "wipe-table.yaml").read_text()
+    marks = touching(SimpleNamespace(phase=phase, time=time, metadata={"task": text}), time)
+    assert not marks[:240].any()
+    assert marks[260:].all()
+
+
+@dataclass(frozen=True)
+class _Item:
+    """What the stages of contact read of a prepared recording."""
+
+    log: Any
+    residuals: dict[str, Any]
+    samples: int
+    time: np.ndarray
+
+
+def _item(touched: slice, residuals: tuple[str, ...] = ("link", "actuator", "velocity")) -> _Item:
+    marks = np.zeros(1000, dtype=bool)
+    marks[touched] = True
+    log = SimpleNamespace(touching=marks, rate=100.0, start=0.0, duration=10.0)
+    return _Item(log, dict.fromkeys(residuals, 0.0), 1000, np.arange(1000) / 100.0)
+
+
+def test_contact_shows_where_the_links_motion_is_compared_and_nowhere_else() -> None:
+    mask = np.arange(10) > 4
+    groups = [(residual, 0) for residual in RESIDUALS]
+    found = on_links({3: mask}, groups)
+    assert {groups[g][0] for _, g in found} == {residual for residual in RESIDUALS if uses_motion(residual)}
+    assert all(r == 3 for r, _ in found)
+
+
+def test_links_are_not_judged_where_nearly_all_is_contact_but_drives_are() -> None:
+    (found,) = without_touched_links((_item(slice(50, 1000)),))
+    assert set(found.residuals) == {"actuator", "velocity"}
+    for item in (_item(slice(700, 1000)), _item(slice(50, 1000), ("motor", "velocity"))):
+        assert without_touched_links((item,)) == (item,)
+
+
+def test_no_window_is_lived_again_while_a_hand_touches() -> None:
+    items = [_item(slice(200, 500)), _item(slice(450, 600))]
+    windows = spread(items, [0, 1], 12)
+    assert len(windows) > 12
+    for window in windows:
+        for item in items:
+            first, last = round(100 * (window.start - RUN_IN)), round(100 * (window.start + WINDOW))
+            assert not item.log.touching[first : last + 1].any()
+    assert spread([_item(slice(0, 1000))], [0], 5) == []

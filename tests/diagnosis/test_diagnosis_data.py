@@ -1,0 +1,579 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What `diagnose` says of recordings that nobody should believe: a teaching sentence and exit 2 or 7, no more.
+
+The recordings are those of `test_diagnosis`: two joints, equations written out by hand, spoiled here one way each.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.cli.main import impedance
+from impedance_modules.diagnosis.admit import admit
+from impedance_modules.diagnosis.arrange import arrange
+from impedance_modules.diagnosis.dynamics import inverse_dynamics
+from impedance_modules.diagnosis.log import InsufficientData
+from impedance_modules.diagnosis.long_recordings import read_recordings
+from impedance_modules.diagnosis.model import model_of_robot, model_of_urdf
+from impedance_modules.diagnosis.stretch import RUN_IN
+from impedance_modules.episode.metadata import episode_metadata
+from impedance_modules.episode.save import write_episode
+from impedance_modules.errors import ImpedanceError
+from tests.diagnosis.test_diagnosis import JOINTS, URDF, motion, torque
+
+RATE = 100.0
+DEGREES = 180.0 / np.pi
+
+
+def columns(kind=0, seconds=12.0, seed=0, rate=RATE):
+    """One good recording: time, positions, velocities, efforts, with noise."""
+    dice = np.random.default_rng(1000 * seed + kind)
+    t, q, v, a = motion(kind, seconds * 100.0 / rate if rate != RATE else seconds)
+    if rate != RATE:  # `motion` samples at 100 Hz: stretch its time instead
+        t, v, a = t * 100.0 / rate, v * rate / 100.0, a * (rate / 100.0) ** 2
+    tau = torque(q, v, a, mass=1.0) + dice.normal(scale=0.05, size=q.shape)
+    q = q + dice.normal(scale=1e-5, size=q.shape)
+    v = v + dice.normal(scale=1e-3, size=q.shape)
+    named = {"position": q, "velocity": v, "effort": tau}
+    return {
+        "time": t,
+        **{f"{k}.{joint}": x[:, i].copy() for k, x in named.items() for i, joint in enumerate(JOINTS)},
+    }
+
+
+def save(folder, name, data, **about):
+    usual = {"robot": "pendulum", "effort_source": "joint_sensor", "repeat_of": None}
+    said = {**usual, "gravity_compensation": "none", **about}
+    metadata = episode_metadata(episode=name, task=None, **said)
+    return write_episode(folder / f"{name}.parquet", data, metadata)
+
+
+def good(folder, count=3, **more):
+    return [save(folder, f"run{kind}", columns(kind, **more)) for kind in range(count)]
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(URDF)
+    return path
+
+
+def diagnose(urdf, *arguments):
+    """Exit code and everything that was said; an exception that is no answer fails the test."""
+    words = ["diagnose", *map(str, arguments), "--urdf", str(urdf)]
+    runner = CliRunner()
+    try:
+        result = runner.invoke(impedance, words, standalone_mode=False, catch_exceptions=False)
+    except ImpedanceError as error:
+        return error.exit_code, str(error)
+    return result.return_value, " ".join(result.output.split())
+
+
+def refused(urdf, paths, words, code=2):
+    found, said = diagnose(urdf, *paths)
+    assert found == code, said
+    assert words in said, said
+    assert "valid:" in said, said
+
+
+# --- files -----------------------------------------------------------------------------------------------
+
+
+def test_files_that_are_no_recordings(tmp_path, urdf):
+    first, *rest = good(tmp_path)
+    missing = tmp_path / "nowhere.parquet"
+    refused(urdf, [missing, *rest], "nowhere.parquet: no such file")
+    (tmp_path / "empty.parquet").write_bytes(b"")
+    refused(urdf, [tmp_path / "empty.parquet", *rest], "the file is empty")
+    whole = first.read_bytes()
+    for length in (3, len(whole) // 2, len(whole) - 5):
+        (tmp_path / "cut.parquet").write_bytes(whole[:length])
+        refused(urdf, [tmp_path / "cut.parquet", *rest], "not a whole Parquet file")
+    (tmp_path / "binary.bin").write_bytes(bytes(range(256)) * 40)
+    refused(urdf, [tmp_path / "binary.bin", *rest], "binary.bin: not a whole Parquet file")
+    (tmp_path / "folder").mkdir()
+    refused(urdf, [tmp_path / "folder", *rest], "folder: no episode here")
+    refused(tmp_path / "no.urdf", rest, "no such file")
+    (tmp_path / "robot.urdf").write_bytes(b"\x00\x01" * 50)
+    assert diagnose(tmp_path / "robot.urdf", *rest)[0] == 2
+
+
+# --- single channels -------------------------------------------------------------------------------------
+
+
+def spoil(change):
+    """A recording with one thing wrong."""
+    data = columns(0)
+    change(data)
+    return data
+
+
+def put(name, rows, value):
+    def change(data):
+        data[name][rows] = value
+
+    return change
+
+
+def times(name, factor):
+    def change(data):
+        data[name] = data[name] * factor
+
+    return change
+
+
+def each(kind, factor):
+    def change(data):
+        for joint in JOINTS:
+            data[f"{kind}.{joint}"] = data[f"{kind}.{joint}"] * factor
+
+    return change
+
+
+def rename(old, new):
+    def change(data):
+        for name in list(data):
+            kind, _, joint = name.partition(".")
+            if joint == old:
+                data[f"{kind}.{new}"] = data.pop(name)
+
+    return change
+
+
+def add(name, source):
+    def change(data):
+        for joint in JOINTS:
+            data[f"{name}.{joint}"] = data[f"{source}.{joint}"].copy()
+
+    return change
+
+
+def degrees_everywhere(data):
+    each("position", DEGREES)(data)
+    each("velocity", DEGREES)(data)
+
+
+def constant(data):
+    for name in data:
+        if name != "time":
+            data[name][:] = data[name][0]
+
+
+def jump(data):
+    data["position.elbow"][700:] += 2.0
+
+
+def slow(data):
+    data["time"] *= 100.0
+
+
+def milliseconds(data):
+    data["time"] *= 1000.0
+
+
+def swap_rate(data):
+    data["time"] = np.concatenate([data["time"][:600], data["time"][600] + 0.02 * np.arange(600)])
+
+
+SPOILED = {
+    "not finite": (put("effort.elbow", 500, np.nan), 2, "column 'effort.elbow' is missing or NaN in row 500"),
+    "infinite": (put("position.elbow", 7, np.inf), 2, "column 'position.elbow' is inf in row 7"),
+    "constant": (constant, 2, "effort"),
+    "time repeats": (put("time", 300, 2.99), 2, "time repeats itself in row 300"),
+    "time runs back": (put("time", 300, 1.0), 2, "time runs backwards in row 300"),
+    "a hole": (lambda d: d.update(time=d["time"] + 5.0 * (np.arange(1200) > 600)), 2, "a hole of 5.01 s"),
+    "two rates in one": (swap_rate, 2, "the rate changes from 100 to 50 Hz"),
+    "1 Hz": (slow, 7, "1 Hz is too slow for joint-level causes"),
+    "milliseconds": (milliseconds, 7, "is time in milliseconds?"),
+    "a single sample": (lambda d: d.update({k: v[:1] for k, v in d.items()}), 7, "a single sample"),
+    "few samples": (lambda d: d.update({k: v[:60] for k, v in d.items()}), 7, "60 samples"),
+    "wrong joint name": (rename("elbow", "elbwo"), 2, "no moving joint 'elbwo'; did you mean 'elbow'?"),
+    "degrees": (degrees_everywhere, 2, "which looks like degrees"),
+    "positions in degrees": (each("position", DEGREES), 2, "which looks like degrees"),
+    "velocities in degrees": (each("velocity", DEGREES), 2, "deg/s for rad/s?"),
+    "velocities in rpm": (times("velocity.elbow", 30.0 / np.pi), 2, "rev/min for rad/s?"),
+    "velocity reversed": (times("velocity.elbow", -1.0), 2, "velocity.elbow is -1 times"),
+    "torque in mN.m": (each("effort", 1000.0), 2, "looks like mN.m"),
+    "a glitch": (put("effort.elbow", 500, 1e5), 2, "effort.elbow is 1e+05 in sample 500, 1 such samples"),
+    "torque reversed": (times("effort.elbow", -1.0), 2, "the sign of effort.elbow is flipped"),
+    "all reversed": (each("effort", -1.0), 2, "effort.shoulder, effort.elbow is flipped on every joint"),
+    "torque stuck": (put("effort.elbow", slice(None), 0.0), 2, "effort.elbow is 0 in every sample"),
+    "position is command": (
+        add("position_command", "position"),
+        2,
+        "position.shoulder equals position_command",
+    ),
+    "effort is command": (
+        add("effort_command", "effort"),
+        2,
+        "effort.shoulder equals effort_command.shoulder",
+    ),
+    "encoder jump": (jump, 2, "position.elbow jumps by 2.01 rad at row 700"),
+    "no torque": (lambda d: [d.pop(f"effort.{j}") for j in JOINTS], 7, "no torque was recorded"),
+}
+
+
+@pytest.mark.parametrize("case", SPOILED)
+def test_spoiled_recordings_are_refused_with_the_reason(tmp_path, urdf, case):
+    change, code, words = SPOILED[case]
+    data = spoil(change)
+    about = {} if any(name.startswith("effort.") for name in data) else {"effort_source": None}
+    others = [save(tmp_path, f"run{kind}", {**columns(kind)}) for kind in (1, 2)]
+    if case == "wrong joint name":
+        others = []
+    if case == "constant":
+        words, code = "no joint moves more than 0.02 rad", 7
+        others = []
+    refused(urdf, [save(tmp_path, "run0", data, **about), *others], words, code)
+
+
+def test_positions_in_degrees_that_stay_in_range_are_asked_about(tmp_path, urdf):
+    """Small motions, degrees or not, fit any range; the weight they carry tells."""
+    data = columns(0)
+    _, q, v, a = motion(0, 12.0)
+    q, v, a = 0.04 * q, 0.04 * v, 0.04 * a
+    tau = torque(q, v, a, mass=1.0)
+    for i, joint in enumerate(JOINTS):
+        data[f"position.{joint}"], data[f"velocity.{joint}"] = q[:, i] * DEGREES, v[:, i] * DEGREES
+        data[f"effort.{joint}"] = tau[:, i]
+    assert max(np.abs(data[f"position.{joint}"]).max() for joint in JOINTS) < 3.0
+    refused(urdf, [save(tmp_path, "run0", data)], "if the positions are degrees")
+
+
+# --- physics that is no mistake --------------------------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    spring=st.floats(-30.0, 30.0),
+    preload=st.floats(-30.0, 30.0),
+    viscous=st.floats(0.0, 4.0),
+    coulomb=st.floats(0.0, 5.0),
+    gain=st.floats(0.6, 1.5),
+    late=st.integers(0, 8),
+)
+def test_strong_effects_are_physics_and_not_mistakes(
+    tmp_path, urdf, spring, preload, viscous, coulomb, gain, late
+):
+    data = columns(0)
+    for joint in JOINTS:
+        q, v = data[f"position.{joint}"], data[f"velocity.{joint}"]
+        tau = (
+            gain * data[f"effort.{joint}"] + spring * q + preload + viscous * v + coulomb * np.tanh(v / 0.05)
+        )
+        data[f"effort.{joint}"] = np.roll(tau, late)
+    (episode,) = read_recordings([save(tmp_path, "run0", data)])[0]
+    admit([episode], model_of_urdf(urdf, JOINTS))
+
+
+def test_a_wrapped_angle_is_unwrapped_and_it_is_said(tmp_path, urdf):
+    data = columns(0)
+    turned = data["position.shoulder"] + np.pi
+    data["position.shoulder"] = np.mod(turned + np.pi, 2 * np.pi) - np.pi
+    assert np.abs(np.diff(data["position.shoulder"])).max() > 6.0
+    (episode,) = read_recordings([save(tmp_path, "run0", data)])[0]
+    text = URDF.replace('type="revolute"', 'type="continuous"')
+    urdf.write_text(text)
+    logs, report = admit([episode], model_of_urdf(urdf, JOINTS))
+    assert any("wraps around" in note for note in report.warnings)
+    shift = logs[0].position[:, 0] - turned
+    np.testing.assert_allclose(shift, shift[0], atol=1e-9)
+
+
+def test_a_velocity_that_stands_still_is_left_aside(tmp_path, urdf):
+    data = columns(0)
+    data["velocity.elbow"][:] = 0.0
+    (episode,) = read_recordings([save(tmp_path, "run0", data)])[0]
+    (log,), report = admit([episode], model_of_urdf(urdf, JOINTS))
+    assert log.velocity is None and any("velocities are left aside" in note for note in report.warnings)
+
+
+# --- recordings beside each other ------------------------------------------------------------------------
+
+
+def test_holdout_that_was_fitted_and_copies(tmp_path, urdf):
+    first, second, third = good(tmp_path)
+    code, said = diagnose(urdf, first, second, "--holdout", first)
+    assert code == 2 and "is given twice: a recording that was fitted cannot test the fit" in said
+    copy = tmp_path / "other" / "run0.parquet"
+    copy.parent.mkdir()
+    shutil.copy(first, copy)
+    refused(urdf, [first, copy], "two recordings are called 'run0'")
+    renamed = save(tmp_path, "renamed", columns(0))
+    code, said = diagnose(urdf, first, second, "--holdout", renamed)
+    assert code == 2 and "hold the same numbers in 1200 samples" in said
+    part = {name: values[300:] for name, values in columns(0).items()}
+    refused(urdf, [first, third, save(tmp_path, "part", part)], "hold the same numbers in 900 samples")
+
+
+def test_recordings_of_other_robots_and_joints(tmp_path, urdf):
+    first, second, _ = good(tmp_path)
+    stranger = save(tmp_path, "strange", columns(3), robot="crane")
+    refused(urdf, [first, stranger], "its robot is 'crane'")
+    lacking = {name: values for name, values in columns(4).items() if not name.endswith(".elbow")}
+    refused(urdf, [first, save(tmp_path, "one_joint", lacking)], "no position.elbow")
+    motor = save(tmp_path, "motor", columns(5), effort_source="motor")
+    refused(urdf, [first, second, motor], "measure torque in different places")
+    patch = tmp_path / "patch.yaml"
+    patch.write_text(
+        "format: 1\nrobot: crane\nprovenance: {}\neffects:\n"
+        "  - {effect: viscous_friction, joints: [elbow], port: link,"
+        " parameters: {elbow: {fv: {value: 0.3, unit: N.m.s/rad}}}}\n"
+    )
+    assert diagnose(urdf, first, second, "--effects", patch)[0] == 2
+
+
+def test_mixed_rates_are_brought_to_the_lowest(tmp_path, urdf):
+    paths = [*good(tmp_path, 2), save(tmp_path, "fast", columns(2, rate=250.0, seconds=20.0))]
+    episodes = [episode for found in read_recordings(paths) for episode in found]
+    logs, report = admit(episodes, model_of_urdf(urdf, JOINTS))
+    assert [log.rate for log in logs] == pytest.approx([100.0] * 3)
+    assert report.rates["fast"] == pytest.approx(250.0)
+    assert any("fast 250 Hz brought to 100 Hz" in note for note in report.warnings)
+    fast = episodes[2]
+    time = np.arange(logs[2].samples) / 100.0
+    inner = slice(20, -20)
+    expected = np.interp(time, fast.time, fast.position["elbow"])
+    np.testing.assert_allclose(logs[2].position[inner, 1], expected[inner], atol=2e-4)
+
+
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(late=st.integers(-80, 80))
+def test_repeats_are_aligned_however_late_they_were_started(tmp_path, urdf, late):
+    whole, again = columns(0, seconds=14.0), columns(0, seconds=14.0, seed=1)
+    first = {name: values[100:1300] for name, values in whole.items()}
+    second = {name: values[100 - late : 1300 - late] for name, values in again.items()}
+    second["time"] = second["time"] - second["time"][0]
+    paths = [
+        save(tmp_path, "run0", first),
+        save(tmp_path, "again", second),
+        save(tmp_path, "other", columns(1)),
+    ]
+    logs, report = admit([e for f in read_recordings(paths) for e in f], model_of_urdf(urdf, JOINTS))
+    assert report.repeats == (("run0", "again"),)
+    assert logs[0].samples == logs[1].samples == 1200 - abs(late)
+    assert np.abs(logs[0].position - logs[1].position).max() < 1e-3
+
+
+def test_what_only_claims_to_repeat_is_no_repeat(tmp_path, urdf):
+    paths = [save(tmp_path, "run0", columns(0)), save(tmp_path, "run1", columns(1), repeat_of="run0")]
+    _, report = admit([e for f in read_recordings(paths) for e in f], model_of_urdf(urdf, JOINTS))
+    assert report.repeats == ()
+    assert any("says it repeats run0, but moves otherwise" in note for note in report.warnings)
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(late=st.integers(0, 12), carried=st.booleans())
+def test_the_delay_of_effort_behind_command_is_found(tmp_path, urdf, late, carried):
+    """Also where the robot adds the weight, which no command shows, and never a negative one."""
+    data = columns(0)
+    q, v, a = motion(0, 12.0)[1:]
+    asked = torque(q, v, a, mass=1.0) - (torque(q, 0 * v, 0 * a, mass=1.0) if carried else 0.0)
+    weight = torque(q, 0 * v, 0 * a, mass=1.0) if carried else np.zeros_like(q)
+    for i, joint in enumerate(JOINTS):
+        data[f"effort_command.{joint}"] = asked[:, i]
+        data[f"effort.{joint}"] = np.roll(asked[:, i], late) + weight[:, i] + 1e-3 * np.sin(data["time"] * 37)
+    about = {"gravity_compensation": "robot"} if carried else {}
+    _, report = admit(
+        read_recordings([save(tmp_path, "run0", data, **about)])[0], model_of_urdf(urdf, JOINTS)
+    )
+    assert report.delay == pytest.approx(0.01 * late, abs=0.012)
+
+
+# --- stretches -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [None, RATE, 2.0 * RATE])
+def test_a_command_that_was_held_acts_half_a_period_later(tmp_path, urdf, rate):
+    paths = []
+    for kind in range(3):
+        data = columns(kind)
+        for joint in JOINTS:
+            data[f"effort_command.{joint}"] = np.sin(4.0 * data["time"])
+        paths.append(save(tmp_path, f"run{kind}", data, **({} if rate is None else {"rate": rate})))
+    logs, _ = admit([e for found in read_recordings(paths) for e in found], model_of_urdf(urdf, JOINTS))
+    late = 0.0 if rate is None else 0.5 / rate
+    for log in logs:
+        time = np.arange(log.samples) / log.rate
+        assert np.allclose(log.command[5:-5, 0], np.sin(4.0 * (time - late))[5:-5], atol=1e-5)
+
+
+def test_one_motion_is_cut_without_losing_a_sample(tmp_path, urdf):
+    (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
+    logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
+    found = arrange(logs, ())
+    assert sorted([*found.fitted, *found.heldout]) == list(range(len(found.logs))) and len(found.folds) >= 3
+    margin = int(RUN_IN * 100)
+    kept = np.zeros(logs[0].samples, dtype=int)
+    for log in found.logs:
+        first = round(log.start * log.rate)
+        inner = slice(first + (margin if first else 0), first + log.samples)
+        np.testing.assert_array_equal(log.position, logs[0].position[first : first + log.samples])
+        stop = inner.stop if inner.stop == logs[0].samples else inner.stop - margin
+        kept[inner.start : stop] += 1
+    assert np.all(kept == 1)
+
+
+TELL_MEMORY = """
+import atexit, resource, sys
+from impedance_modules.cli.main import main
+largest = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+atexit.register(lambda: print("largest resident kB", largest(), file=sys.stderr))
+main()
+"""
+
+
+def test_ten_hours_are_answered_from_stretches(tmp_path, urdf):
+    """Bounded in memory (a process of its own, to measure it) and in time; what was used is said."""
+    hour = np.arange(360_000) / 100.0  # the same hour ten times: what is not looked at may be anything
+    q = np.column_stack([0.4 * np.sin(2 * np.pi * f * hour + np.sin(hour / 150.0)) for f in (0.31, 0.47)])
+    v = np.gradient(q, 0.01, axis=0)
+    tau = torque(q, v, np.gradient(v, 0.01, axis=0), mass=1.0) + 0.3 * v * [0.0, 1.0]
+    dice = np.random.default_rng(0)
+    data = {"time": np.arange(3_600_000) / 100.0}
+    for i, joint in enumerate(JOINTS):
+        noise = dice.normal(scale=0.05, size=3_600_000)
+        data |= {f"position.{joint}": np.tile(q[:, i], 10), f"effort.{joint}": np.tile(tau[:, i], 10) + noise}
+    path, answer = save(tmp_path, "day", data), tmp_path / "answer.json"
+    words = ["diagnose", str(path), "--urdf", str(urdf), "--json", str(answer)]
+    done = subprocess.run(
+        [sys.executable, "-c", TELL_MEMORY, *words], capture_output=True, text=True, timeout=500, check=False
+    )
+    memory = int(done.stderr.rsplit("largest resident kB ", 1)[1].split()[0])
+    assert done.returncode in (0, 5, 6), done.stderr
+    found = json.loads(answer.read_text())
+    assert any("36000 s are more than is looked at" in note for note in found["data"]["warnings"])
+    assert found["causes"][0]["effect"] == "viscous_friction" and found["causes"][0]["joints"] == ["elbow"]
+    assert memory < 1_400_000  # kB; 1 GB, and what compiling the plant takes where nothing is kept yet
+
+
+# --- anything at all -------------------------------------------------------------------------------------
+
+NAMES = ("time", *(f"{kind}.{joint}" for kind in ("position", "velocity", "effort") for joint in JOINTS))
+CORRUPTIONS = st.tuples(
+    st.sampled_from(("set", "scale", "shift", "swap", "drop", "cut", "noise", "hold", "quantise")),
+    st.sampled_from(NAMES),
+    st.sampled_from((0.0, -1.0, 1e-12, 1e-3, 0.5, 2.0, 57.3, 1e3, 1e9, 1e300, float("nan"), float("inf"))),
+    st.integers(0, 799),
+    st.integers(1, 800),
+)
+
+
+def corrupt(data, how, name, value, first, length):
+    rows = slice(first, first + length)
+    if name not in data:
+        return
+    column = data[name].copy()
+    with np.errstate(all="ignore"):
+        if how == "set":
+            column[rows] = value
+        elif how == "scale":
+            column[rows] *= value
+        elif how == "shift":
+            column[rows] += value
+        elif how == "swap":
+            column[rows] = column[rows][::-1]
+        elif how == "noise":
+            column[rows] += np.random.default_rng(first).normal(size=len(column[rows])) * value
+        elif how == "hold" and len(column[rows]):
+            column[rows] = column[rows][0]
+        elif how == "quantise" and value > 0.0:
+            column = np.round(column / value) * value
+    if how == "drop":
+        data.pop(name)
+    elif how == "cut":
+        for other in list(data):
+            data[other] = data[other][rows] if len(data[other][rows]) else data[other][:1]
+    else:
+        data[name] = column
+
+
+@settings(
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(spoiled=st.lists(CORRUPTIONS, min_size=1, max_size=3), alone=st.booleans())
+def test_no_corruption_meets_a_traceback(tmp_path, urdf, spoiled, alone):
+    """Whatever is done to a good recording, `diagnose` ends with one of the contract's codes and a sentence."""
+    data = columns(0, seconds=8.0)
+    for change in spoiled:
+        corrupt(data, *change)
+    has_effort = any(name.startswith("effort.") for name in data)
+    try:
+        path = save(tmp_path, "run0", data, effort_source="joint_sensor" if has_effort else None)
+    except ImpedanceError:
+        return  # the writer itself refuses it
+    others = [] if alone else [save(tmp_path, "run1", columns(1, seconds=8.0))]
+    code, said = diagnose(urdf, path, *others)
+    assert code in (0, 2, 5, 6, 7)
+    assert len(said) > 20
+
+
+def test_a_pushed_hand_is_no_flipped_sign(tmp_path, urdf):
+    """A push turns the links' torque round; the reading still follows what was asked of the motor."""
+    data, still = columns(0), np.zeros((1200, 2))
+    q = np.column_stack([data[f"position.{joint}"] for joint in JOINTS])
+    weight = torque(q, still, still, mass=1.0)
+    turned = -data["effort.elbow"]
+    for pushed in (True, False):
+        spoiled = {**data, "effort.elbow": turned}
+        asked = turned if pushed else data["effort.elbow"]
+        spoiled["effort_command.shoulder"] = data["effort.shoulder"] - weight[:, 0]
+        spoiled["effort_command.elbow"] = asked - weight[:, 1]
+        name = "pushed" if pushed else "flipped"
+        path = save(tmp_path, name, spoiled, gravity_compensation="robot")
+        episodes = read_recordings([path])[0]
+        if pushed:
+            admit(episodes, model_of_urdf(urdf, JOINTS))
+        else:
+            with pytest.raises(ImpedanceError, match=r"the sign of effort\.elbow is flipped"):
+                admit(episodes, model_of_urdf(urdf, JOINTS))
+
+
+def test_a_tool_on_a_joint_that_carries_nothing_is_no_flipped_sign(tmp_path):
+    """Baxter's last joint needs a few mN.m for itself; what a light tool asks of it may well oppose that."""
+    joints = [f"right_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
+    model = model_of_robot("baxter", joints)
+    time = np.arange(1200) / 100.0
+    middle = np.array([0.2, -0.4, 0.8, 1.4, -0.9, 0.9, -1.0])
+    w = 2.0 * np.pi * np.array([0.11, 0.17, 0.23, 0.29, 0.31, 0.37, 0.43])
+    q = middle + 0.3 * np.sin(w * time[:, None])
+    v, a = 0.3 * w * np.cos(w * time[:, None]), -0.3 * w**2 * np.sin(w * time[:, None])
+    needed = inverse_dynamics(model.tree, q, v, a)
+    for turned, refused in (("right_w2", False), ("right_w1", True)):
+        effort = needed * np.where(np.array(joints) == turned, -1.0, 1.0)
+        data = {"time": time}
+        for i, joint in enumerate(joints):
+            data |= {f"position.{joint}": q[:, i], f"effort.{joint}": effort[:, i]}
+        path = save(tmp_path, turned, data, robot="baxter")
+        episodes = read_recordings([path])[0]
+        if refused:
+            with pytest.raises(ImpedanceError, match=r"the sign of effort\.right_w1 is flipped"):
+                admit(episodes, model)
+        else:
+            admit(episodes, model)
+
+
+def test_a_stretch_that_is_too_short_is_left_out_and_the_rest_is_used(tmp_path, urdf):
+    (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
+    logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
+    whole = arrange(logs, ())
+    (first, *others), (held,) = whole.folds, whole.heldout
+    rest = whole.without([*first, held], "too short")
+    names = [whole.logs[i].name for fold in others for i in fold]
+    assert [rest.logs[i].name for i in (*rest.fitted, *rest.heldout)] == names
+    assert len(rest.folds) == len(others) - 1 and rest.heldout and rest.warnings[-1] == "too short"
+    with pytest.raises(InsufficientData, match="too short; what remains"):
+        whole.without([i for fold in others for i in fold], "too short")

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Re-seeded rollouts of the plant: what they measure, and what a diagnosis makes of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from impedance_modules.cli.diagnose import command
+from impedance_modules.diagnosis.model import model_of_urdf
+from impedance_modules.diagnosis.rollout.compare import floor_of_repeats, judge, shrink
+from impedance_modules.diagnosis.rollout.nuisance import body_changes, no_nuisance
+from impedance_modules.diagnosis.rollout.robot import robot_of_model
+from impedance_modules.diagnosis.rollout.wearing import dress
+from impedance_modules.diagnosis.tree import read_tree
+from impedance_modules.effects.motion import JointMotion
+from impedance_modules.errors import BadInput
+from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.seeded import Seed, SeededPlant
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.patch import EffectSpec, Quantity
+from impedance_modules.spec.schema import load_schema
+from tests.support.plant_recordings import MOVING, START, patch_text, record, robot_folder, two_joints
+
+VISCOUS = patch_text("viscous_friction", "actuator", "port_lift", fv=(4.0, "N.m.s/rad"))
+
+
+def diagnosed(folder: Path, robot: Path, logs: list[Path], *more: str) -> dict:
+    out = folder / "answer.json"
+    arguments = [*map(str, logs), "--robot", str(robot), "--json", str(out), *more]
+    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
+    found = json.loads(out.read_text())
+    jsonschema.validate(found, load_schema("diagnosis"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return robot_folder(tmp_path_factory.mktemp("robot"))
+
+
+@pytest.fixture(scope="module")
+def viscous(tmp_path_factory: pytest.TempPathFactory, robot: Path) -> tuple[Path, list[Path], dict]:
+    """Recordings of a plant that wears friction, and their diagnosis with its patch."""
+    folder = tmp_path_factory.mktemp("viscous")
+    logs = record(folder, robot, VISCOUS)
+    found = diagnosed(folder, robot, logs, "--patch", str(folder / "found.yaml"))
+    return folder, logs, found
+
+
+def test_the_command_drives_whole_joints_and_the_cause_closes_the_gap(viscous: tuple) -> None:
+    found = viscous[2]
+    rollout = found["gap"]["rollout"]
+    assert rollout["driven_by"] == "command" and rollout["noise_floor_from"] == "repeats"
+    assert rollout["windows"] >= 10 and set(rollout["per_joint"]) == set(MOVING)
+    lift = rollout["per_joint"]["port_lift"]["position"]
+    assert lift["before"] > 20.0 * lift["noise_floor"]
+    assert lift["after"] < 2.0 * lift["noise_floor"]
+    growth = rollout["growth"]["before"]["port_lift"]
+    assert growth == sorted(growth)
+    (cause,) = [
+        c for c in found["causes"] if c["effect"] == "viscous_friction" and "port_lift" in c["joints"]
+    ]
+    assert cause["rollout"]["verdict"] == "helps"
+
+
+def test_with_the_patch_worn_neither_torque_nor_rollout_finds_that_gap_again(
+    viscous: tuple, robot: Path
+) -> None:
+    folder, logs, found = viscous
+    again = diagnosed(folder, robot, logs, "--effects", str(folder / "found.yaml"))
+    assert not [
+        c for c in again["causes"] if c["effect"] == "viscous_friction" and "port_lift" in c["joints"]
+    ]
+    first, second = (f["gap"]["rollout"]["per_joint"]["port_lift"]["position"] for f in (found, again))
+    assert second["before"] < 0.05 * first["before"]
+
+
+def test_a_number_that_a_patch_replaces_is_what_the_cause_is_counted_from(
+    tmp_path: Path, robot: Path
+) -> None:
+    """Told that a rotor weighs nothing, the diagnosis names its inertia, not the robot file's on top of it."""
+    nothing = patch_text("reflected_inertia", "actuator", "port_bend", Ia=(0.0, "kg.m^2"))
+    (tmp_path / "told.yaml").write_text(nothing)
+    found = diagnosed(
+        tmp_path, robot, record(tmp_path, robot, None), "--effects", str(tmp_path / "told.yaml")
+    )
+    (cause,) = [c for c in found["causes"] if c["effect"] == "reflected_inertia"]
+    assert cause["joints"] == ["port_bend"]
+    assert cause["parameters"]["port_bend"]["Ia"]["value"] == pytest.approx(0.3, rel=0.1)
+
+
+def test_a_cause_is_judged_by_ratios_and_only_when_clear() -> None:
+    random = np.random.default_rng(3)
+    noise = np.exp(0.3 * random.normal(size=20))
+    size = 10.0 ** random.uniform(-2.0, 2.0, 20)
+    assert judge(size * noise, size).verdict == "no difference"
+    assert judge(3.0 * size * noise, size).verdict == "helps"
+    assert judge(size, 3.0 * size * noise).verdict == "worsens"
+    assert judge(3.0 * size[:1], size[:1]).verdict == "no difference"
+
+
+def test_the_floor_is_what_repeats_do_not_share() -> None:
+    random = np.random.default_rng(4)
+    shared = np.repeat(random.normal(size=(200, 5, 3)), 2, axis=0)
+    errors = shared + 0.1 * random.normal(size=shared.shape)
+    pairs = [(i, i + 1) for i in range(0, 400, 2)]
+    np.testing.assert_allclose(floor_of_repeats(errors, pairs), 0.1, rtol=0.1)
+    floor = np.array([0.1, 0.1, 0.1])
+    assert shrink([5.0 * floor], [floor], [floor]) == 1.0
+    assert shrink([5.0 * floor], [5.0 * floor], [floor]) == 0.0
+    assert shrink([0.5 * floor], [floor], [floor]) is None
+
+
+def test_links_are_adjusted_only_as_far_as_they_stay_bodies(robot: Path) -> None:
+    tree = read_tree(robot / "six_joint_pair.urdf", MOVING)
+    mild = 0.03 * tree.inertia
+    assert [c.parameters for c in body_changes(tree.bodies, mild)] == [
+        pytest.approx(tuple(0.03 * body.inertia)) for body in tree.bodies
+    ]
+    for change, body in zip(body_changes(tree.bodies, -3.0 * tree.inertia), tree.bodies, strict=True):
+        assert 0.0 < change.parameters[0] / -body.inertia[0] < 1.0
+
+
+def test_recordings_without_any_torque_say_why_nothing_was_rolled_out(viscous: tuple, tmp_path: Path) -> None:
+    """What schema and user get when there is nothing to drive a plant with."""
+    from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
+    from impedance_modules.diagnosis.rollout.to_json import rollout_object
+
+    found = {**viscous[2]}
+    found["gap"] = {
+        **found["gap"],
+        "rollout": rollout_object(nothing_rolled_out(LeftOut("all", "no torque"))),
+    }
+    jsonschema.validate(found, load_schema("diagnosis"))
+    assert found["gap"]["rollout"] == {"windows": 0, "left_out": [{"what": "all", "why": "no torque"}]}
+
+
+def test_endless_joints_roll_too(tmp_path: Path) -> None:
+    """A URDF with a continuous joint, rigid drives, effort at the link alone."""
+    from tests.diagnosis import test_diagnosis as pendulum
+
+    logs = pendulum.record(tmp_path, "viscous_friction", seconds=8.0)
+    (tmp_path / "robot.urdf").write_text(
+        pendulum.URDF.replace('"elbow" type="revolute"', '"elbow" type="continuous"')
+    )
+    out = tmp_path / "answer.json"
+    arguments = [*map(str, logs), "--urdf", str(tmp_path / "robot.urdf"), "--json", str(out)]
+    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
+    rollout = json.loads(out.read_text())["gap"]["rollout"]
+    assert rollout["driven_by"] == "effort"
+    elbow = rollout["per_joint"]["elbow"]["position"]
+    assert elbow["before"] > 20.0 * elbow["noise_floor"] and elbow["shrink"] > 0.95
+
+
+def test_a_seeded_plant_lives_the_same_life(robot: Path) -> None:
+    """Started amid a run, from its true state and with its torques, the plant goes on as the run did."""
+    spec = two_joints(robot)
+    options = PlantOptions(rate=1000.0, seed=0, noise=False, step=1e-3)
+    model = RobotModel(replace(spec, gravity_compensation="none"))
+    ran, seeded = (kind(model, [], None, options) for kind in (Plant, SeededPlant))
+    for plant in (ran, seeded):
+        plant.reset(START)
+    t = np.arange(400) / 1000.0
+    commands = ran.start_command + np.column_stack([3.0 * np.sin(9.0 * t), 2.0 * np.sin(14.0 * t)])
+    states = []
+    for k, torque in enumerate(commands):
+        states.append((ran.position, ran.velocity, ran.load, ran.motor_position, ran.motor_velocity))
+        ran.advance(torque if k >= ran.delay else ran.start_command)
+    begin = 100
+    q, v, load, theta, w = states[begin]
+    stiffness = 1.0 / model.spring_compliance()
+    acting = commands[begin - ran.delay]
+    now = JointMotion(0.1, q, v, theta, w, acting, load, acting, q, v)
+    seeded.seed(Seed(0.1, q, v, load, stiffness * (w - v), acting, [now]))
+    late = np.concatenate([commands[begin - ran.delay : -ran.delay]])
+    positions, velocities = seeded.roll(late, None)
+    expected = np.array([state[:2] for state in states])
+    np.testing.assert_allclose(positions[:-1], expected[begin + 1 :, 0], atol=1e-9)
+    np.testing.assert_allclose(velocities[:-1], expected[begin + 1 :, 1], atol=1e-7)
+
+
+SLIDE = """<robot name="slide"><link name="base"/>
+<link name="cart"><inertial><mass value="5"/>
+<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+<joint name="rail" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-3" upper="3" velocity="9" effort="50"/></joint></robot>"""
+
+
+def test_a_sliding_joint_wears_friction_in_its_own_units(tmp_path: Path) -> None:
+    (tmp_path / "slide.urdf").write_text(SLIDE)
+    model = model_of_urdf(tmp_path / "slide.urdf", ["rail"])
+    robot = robot_of_model(model, tmp_path / "slide.urdf", "effort", "none")
+
+    def friction(unit: str) -> EffectSpec:
+        return EffectSpec(
+            "viscous_friction", ("rail",), "link", {"rail": {"fv": Quantity(4.0, unit, None)}}, {}
+        )
+
+    dressed = dress(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)
+    still, rest = np.zeros(1), np.ones(1)
+    now = JointMotion(0.0, still, rest, still, rest, still, still, still, still, still)
+    dressed.plant.seed(Seed(0.0, still, rest, still, still, still, [now]))
+    _, velocity = dressed.plant.roll(np.zeros((500, 1)), None)
+    assert velocity[-1, 0] == pytest.approx(np.exp(-4.0 / 5.0 * 0.5), rel=1e-6)
+    with pytest.raises(BadInput, match=r"fv is in N\.s/m, not in 'N\.m\.s/rad'"):
+        dress(robot, [friction("N.m.s/rad")], no_nuisance(model.tree), model.tree)
+
+
+def test_the_weak_floor_is_what_noise_of_starts_and_torque_gives(tmp_path: Path) -> None:
+    """Recordings that match the model but for noise: rollouts stray by about the floor, without any repeat."""
+    from tests.diagnosis import test_diagnosis as pendulum
+
+    logs = [pendulum.record(tmp_path, "nothing", seconds=12.0)[index] for index in (2, 3, 4)]
+    (tmp_path / "robot.urdf").write_text(pendulum.URDF)
+    out = tmp_path / "answer.json"
+    arguments = [*map(str, logs), "--urdf", str(tmp_path / "robot.urdf"), "--json", str(out)]
+    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
+    rollout = json.loads(out.read_text())["gap"]["rollout"]
+    assert rollout["noise_floor_from"] == "weak"
+    for joint in rollout["per_joint"].values():
+        for found in joint.values():
+            assert 0.3 < found["after"] / found["noise_floor"] < 3.0

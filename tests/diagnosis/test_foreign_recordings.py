@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What recordings of strangers bring along: planar arms, stamps that jitter, encoders' grids, one short motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.diagnosis.admit import admit
+from impedance_modules.diagnosis.arrange import arrange
+from impedance_modules.diagnosis.long_recordings import read_recordings
+from impedance_modules.diagnosis.model import model_of_urdf
+from impedance_modules.diagnosis.resolution import grid_of
+from impedance_modules.diagnosis.stamps import steady_stamps
+from impedance_modules.episode.metadata import episode_metadata
+from impedance_modules.episode.save import write_episode
+from tests.diagnosis.test_diagnosis import JOINTS, URDF, answer, motion, torque
+from tests.diagnosis.test_diagnosis_data import columns, diagnose, save
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(URDF)
+    return path
+
+
+def point(q, v, a, mass, reach, length=0.4, g=9.81):
+    """Torque that a point mass on the second link needs, by Lagrange: (N, 2)."""
+    cosine, sine, both = np.cos(q[:, 1]), np.sin(q[:, 1]), np.sin(q.sum(axis=1))
+    M12 = reach**2 + length * reach * cosine
+    M11 = length**2 + M12 + length * reach * cosine
+    turn = length * reach * sine
+    first = M11 * a[:, 0] + M12 * a[:, 1] - turn * (2 * v[:, 0] * v[:, 1] + v[:, 1] ** 2)
+    second = M12 * a[:, 0] + reach**2 * a[:, 1] + turn * v[:, 0] ** 2
+    weight = np.column_stack([length * np.sin(q[:, 0]) + reach * both, reach * both])
+    return mass * (np.column_stack([first, second]) + g * weight)
+
+
+def test_a_payload_of_a_planar_arm_is_named_though_its_width_is_unseen(tmp_path):
+    paths = []
+    for index, kind in enumerate((0, 1, 2, 0)):
+        dice = np.random.default_rng(index)
+        t, q, v, a = motion(kind, 15.0)
+        tau = torque(q, v, a, mass=1.0) + point(q, v, a, 0.3, 0.3)
+        tau = tau + dice.normal(scale=0.02, size=q.shape)
+        q = q + dice.normal(scale=1e-5, size=q.shape)
+        data = {"time": t, **{f"position.{j}": q[:, i] for i, j in enumerate(JOINTS)}}
+        data |= {f"effort.{j}": tau[:, i] for i, j in enumerate(JOINTS)}
+        about = {
+            "effort_source": "joint_sensor",
+            "gravity_compensation": "none",
+            "repeat_of": None,
+            "task": None,
+        }
+        metadata = episode_metadata(robot="pendulum", episode=f"run{index}", **about)
+        paths.append(write_episode(tmp_path / f"run{index}.parquet", data, metadata))
+    code, found = answer(tmp_path, paths)
+    first = found["causes"][0]
+    body = first["parameters"]["fore"]
+    assert (first["effect"], code) == ("payload", 0)
+    assert body["m"]["value"] == pytest.approx(0.3, rel=0.1)
+    assert body["cz"]["value"] == pytest.approx(-0.3, rel=0.1)
+    assert body["cy"]["std"] > 0.3  # nothing was seen of it
+
+
+@settings(max_examples=25, deadline=None)
+@given(step=st.floats(1e-5, 5e-3), seed=st.integers(0, 99))
+def test_a_grid_is_found_and_none_is_made_up(step, seed):
+    dice = np.random.default_rng(seed)
+    smooth = 0.7 * np.sin(np.linspace(0.0, 20.0, 4000)) + 1e-5 * dice.standard_normal(4000)
+    assert grid_of(step * np.round(smooth / step)) == pytest.approx(step, rel=1e-3)
+    assert grid_of(smooth) < 1e-8
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 99), size=st.floats(0.02, 0.08))
+def test_stamps_are_believed_only_if_the_motion_is_smooth_by_them(seed, size):
+    dice = np.random.default_rng(seed)
+    true = 0.01 * np.arange(800) + 0.01 * size * dice.standard_normal(800)
+    even = 0.01 * np.arange(800)
+    jittered = steady_stamps(true, np.sin(3.0 * even)[:, None])  # sampled evenly, stamped unevenly
+    assert np.abs(jittered - even).max() < 5e-4
+    np.testing.assert_array_equal(steady_stamps(true, np.sin(3.0 * true)[:, None]), true)
+
+
+def test_the_held_out_motion_does_not_depend_on_the_order_and_nothing_is_tested_outside_what_was_fitted(
+    tmp_path, urdf
+):
+    kinds = {"a": 0, "b": 1, "c": 2, "narrow": 3}
+    paths = [save(tmp_path, name, columns(kind)) for name, kind in kinds.items()]
+    episodes = [e for found in read_recordings(paths) for e in found]
+    logs = list(admit(episodes, model_of_urdf(urdf, JOINTS))[0])
+    wide = [replace(log, position=0.4 * log.position) if log.name == "narrow" else log for log in logs]
+    dice = np.random.default_rng(1)
+    chosen = set()
+    for _ in range(6):
+        found = arrange([wide[i] for i in dice.permutation(len(wide))], ())
+        chosen.add(tuple(found.logs[i].name for i in found.heldout))
+    assert len(chosen) == 1
+    largest = max(wide, key=lambda log: float(np.ptp(log.position, axis=0).sum()))
+    assert (largest.name,) not in chosen
+
+
+def test_one_recording_of_ten_seconds_is_enough(tmp_path, urdf):
+    path = save(tmp_path, "short", columns(0, seconds=10.0))
+    code, said = diagnose(urdf, path)
+    assert code == 0 and "no_gap" in said
+    path = save(tmp_path, "shorter", columns(0, seconds=3.0))
+    code, said = diagnose(urdf, path)
+    assert code == 7 and "too short to fit one part and test on another" in said and "valid:" in said

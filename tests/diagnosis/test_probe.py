@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The proposed motion answers what a diagnosis left open, keeps every limit, and is a task that passes `check`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from impedance_modules.cli.probe import _write, command
+from impedance_modules.control.assembly import assemble
+from impedance_modules.diagnosis.model import model_of_spec
+from impedance_modules.diagnosis.probe.choose import CHI_SQUARE, SHARE_PERHAPS, Chooser
+from impedance_modules.diagnosis.probe.clearance import Clearance
+from impedance_modules.diagnosis.probe.follow import Follower, spring_stiffness
+from impedance_modules.diagnosis.probe.library import motions
+from impedance_modules.diagnosis.probe.propose import Probe, propose_probe
+from impedance_modules.diagnosis.probe.question import brief_of, general_brief
+from impedance_modules.diagnosis.probe.room import room_of_robot
+from impedance_modules.diagnosis.probe.separation import Predictor
+from impedance_modules.diagnosis.probe.start import choose_start
+from impedance_modules.diagnosis.probe.strokes import Motion, Stroke
+from impedance_modules.diagnosis.rigid import BatchedRigidModel
+from impedance_modules.errors import BadInput
+from impedance_modules.prediction.check import refuse_unfit
+from impedance_modules.spec.robot_reader import read_robot
+from tests.support.paths import TESTS
+
+ROBOT = TESTS / "robots" / "six_joint_pair"
+JOINT = "port_lift"
+PAIRS = [
+    ("coulomb_friction", "link", {"fc": (1.5, "N.m")}, "viscous_friction"),
+    ("torque_offset", "link", {"c": (3.0, "N.m")}, "parallel_spring"),
+    ("reflected_inertia", "actuator", {"Ia": (0.3, "kg.m^2")}, "parallel_spring"),
+]
+
+
+def answer(effect: str, port: str, numbers: dict[str, tuple[float, str]], rival: str) -> dict[str, object]:
+    """An ambiguous diagnosis as `diagnose --json` writes it, reduced to what must be there."""
+    spec = read_robot(ROBOT)
+    gaps = [
+        {
+            "joint": joint,
+            "residual": residual,
+            "before": 1.0,
+            "after": 0.1,
+            "noise_floor": 0.1,
+            "unit": "N.m",
+            "shrink": None,
+        }
+        for joint in spec.joints
+        for residual in (("whole",) if port == "actuator" else ("actuator", "link"))
+    ]
+    parameters = {symbol: {"value": v, "std": 0.1, "unit": unit} for symbol, (v, unit) in numbers.items()}
+    return {
+        "gap": {"per_port": gaps},
+        "data": {"episodes": [], "heldout": []},
+        "causes": [
+            {
+                "effect": effect,
+                "joints": [JOINT],
+                "port": port,
+                "weight": 0.9,
+                "parameters": {JOINT: parameters},
+                "equivalent": [{"effect": rival, "joints": [JOINT]}],
+            }
+        ],
+        "next_motion": {"purpose": "", "joints": [JOINT], "excitation": "", "start": {JOINT: 0.3}},
+    }
+
+
+def proposed(pair: int) -> Probe:
+    spec = read_robot(ROBOT)
+    return propose_probe(answer(*PAIRS[pair]), model_of_spec(spec, list(spec.joints)), spec.urdf, spec)
+
+
+@pytest.mark.parametrize("pair", range(len(PAIRS)))
+def test_the_proposal_answers_and_is_safe(pair: int) -> None:
+    probe = proposed(pair)
+    (expected,) = probe.proposal.expected
+    assert expected.separation.chi_square >= CHI_SQUARE
+    assert expected.separation.share >= SHARE_PERHAPS
+    assert probe.proposal.motion.duration < 80.0
+    spec = read_robot(ROBOT)
+    joints = probe.follower.model.joints
+    signals = probe.follower.record(probe.proposal.motion)
+    drives = [spec.joints[name] for name in joints]
+    assert np.all(signals.position < [drive.position_max for drive in drives])
+    assert np.all(signals.position > [drive.position_min for drive in drives])
+    assert np.all(np.abs(signals.velocity) < [drive.velocity_max for drive in drives])
+    assert np.all(np.abs(signals.drive) < [drive.effort_max for drive in drives])
+    assert Clearance(spec, joints).nearest(signals.position[::5])[0] > spec.collision.margin
+    assert np.allclose(signals.position[-1], probe.follower.start, atol=0.02)
+
+
+def test_one_pose_cannot_tell_an_offset_from_a_spring() -> None:
+    spec = read_robot(ROBOT)
+    model = model_of_spec(spec, list(spec.joints))
+    brief = brief_of(answer(*PAIRS[1]), model.tree)
+    room = room_of_robot(spec, model.joints)
+    start = 0.5 * (room.lower + room.upper)
+    rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
+    follower = Follower(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
+    index, shares = model.joints.index(JOINT), []
+    for way in (0.01, 0.5):
+        there, back = start[index] + way, start[index] - way
+        strokes = tuple(Stroke({index: float(place)}, 1.5) for place in (there, back, there, back))
+        found = Predictor(brief, model).separate(follower.record(Motion(start, strokes, ())), brief.questions)
+        shares.append(found[0].chi_square)
+    assert shares[0] < CHI_SQUARE < shares[1]
+
+
+def test_the_joints_follow_as_predicted_by_their_own_equation() -> None:
+    probe = proposed(0)
+    follower, motion = probe.follower, probe.proposal.motion
+    time, q = follower.position(motion)
+    v = np.gradient(q, time, axis=0)
+    a = np.gradient(v, time, axis=0)
+    # At rest at the end of long waits, and pushed towards the rest posture in between.
+    joint = motion.moved[0]
+    pull = motion.rest(time)[:, joint] - q[:, joint]
+    moving = np.abs(a[:, joint]) > 0.5 * np.abs(a[:, joint]).max()
+    damped = a[:, joint] + 2.0 * 0.8 * 2.0 * np.pi * 1.2 * v[:, joint]
+    assert np.corrcoef(damped[moving], pull[moving])[0, 1] > 0.9
+
+
+def test_the_task_passes_check(tmp_path: Path) -> None:
+    _write(proposed(0), read_robot(ROBOT), tmp_path)
+    assembly = assemble(str(tmp_path / "probe.yaml"), effects=None, rate=None, scale=1.0, arm=None)
+    refuse_unfit(assembly)
+    assert json.loads((tmp_path / "probe.json").read_text())["questions"][0]["answered"]
+
+
+def test_a_wrong_diagnosis_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "d.json"
+    path.write_text(json.dumps({"format": 1}))
+    result = CliRunner().invoke(command, [str(path), "--robot", str(ROBOT), "--out", str(tmp_path / "out")])
+    assert isinstance(result.exception, BadInput)
+    assert "required" in str(result.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
+    """Weights alone ask for more than half of what the shoulders may use: a start must leave room for moving."""
+    spec = read_robot("baxter")
+    model = model_of_spec(spec, list(spec.joints))
+    room, clearance = room_of_robot(spec, model.joints), Clearance(spec, model.joints)
+    rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
+    start = choose_start(room, {}, clearance, rigid.weight)
+    follower = Follower(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
+    chooser = Chooser(general_brief(model.joints, {}), follower, room, clearance)
+    heaviest = int(np.argmax(np.abs(rigid.weight(start[None])[0]) / room.effort))
+    safe = [
+        motion.kinds[0].split()[0]
+        for motion in motions(room, start, heaviest, 0.5, rigid.weight)
+        if chooser.objection(follower.record(motion)) is None
+    ]
+    assert {"ladder", "reversals", "chirp"} <= set(safe)
+
+
+def test_a_rival_of_bodies_is_asked_for_by_its_link_and_slight_causes_are_not() -> None:
+    spec = read_robot(ROBOT)
+    tree = model_of_spec(spec, list(spec.joints)).tree
+    open_one = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
+    slight = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
+    slight["causes"][0]["weight"] = 0.001  # type: ignore[index]
+    assert [question.second.key for question in brief_of(open_one, tree).questions] == ["port_upper_arm"]
+    assert all(question.second.effect != "payload" for question in brief_of(slight, tree).questions)

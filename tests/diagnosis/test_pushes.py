@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A hand that is pushed in one recording, with no repeat to compare: one force explains six joints, chance does not.
+
+The recordings are made by pinocchio's inverse dynamics and Jacobian, which the diagnosis does not use.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+from click.testing import CliRunner
+
+from impedance_modules.cli.diagnose import command
+from impedance_modules.episode.metadata import episode_metadata
+from impedance_modules.episode.save import write_episode
+from tests.support.paths import TESTS
+
+URDF = TESTS / "robots" / "six_joint_pair" / "six_joint_pair.urdf"
+JOINTS = ("turn", "lift", "bend", "roll", "tilt", "spin")
+MIDDLE = np.array([0.3, 0.4, -1.0, 0.2, 0.6, -0.3])
+RATE, SECONDS = 100.0, 14.0
+PUSH = np.array([6.0, -4.0, 9.0])
+"""On the palm, world axes [N]."""
+BUMP = np.array([2.0, -1.5, 1.8, 0.0, 0.0, 0.0])
+"""On three shoulders' joints [N.m]: as strong, and a force on the third link would explain it."""
+
+
+def arm() -> tuple[pinocchio.Model, list[int]]:
+    """The model, and the six joints' places in its vectors."""
+    model = pinocchio.buildModelFromUrdf(str(URDF))
+    return model, [model.joints[model.getJointId(f"port_{name}")].idx_v for name in JOINTS]
+
+
+def tones(kind: int, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (N, 6), velocities and accelerations."""
+    random = np.random.default_rng(40 + kind)
+    w = 2 * np.pi * random.uniform(0.1, 0.8, (3, 6))
+    size, phase = random.uniform(0.05, 0.25, (2, 3, 6)) * np.array([1.0, 20.0])[:, None, None]
+    angle = w * time[:, None, None] + phase
+    return (
+        MIDDLE + np.sum(size * np.sin(angle), axis=1),
+        np.sum(size * w * np.cos(angle), axis=1),
+        -np.sum(size * w**2 * np.sin(angle), axis=1),
+    )
+
+
+def record(folder: Path, kind: int, happens: str) -> Path:
+    """One recording, in the first of which something happens for a second."""
+    model, places = arm()
+    data, palm = model.createData(), model.getFrameId("port_palm")
+    random = np.random.default_rng(kind)
+    time = np.arange(int(SECONDS * RATE)) / RATE
+    q, v, a = tones(kind, time)
+    effort = np.zeros_like(q)
+    whole = np.zeros((3, model.nv))
+    for row, now in enumerate(time):
+        whole[:, places] = q[row], v[row], a[row]
+        effort[row] = pinocchio.rnea(model, data, *whole)[places]
+        strength = np.sin(np.pi * (now - 6.0)) if kind == 0 and 6.0 < now < 7.0 else 0.0
+        if happens == "push" and strength > 0.0:
+            J = pinocchio.computeFrameJacobian(model, data, whole[0], palm, pinocchio.LOCAL_WORLD_ALIGNED)
+            effort[row] -= strength * (J[:3, places].T @ PUSH)
+        if happens == "bump":
+            effort[row] += strength * BUMP
+    effort += random.normal(scale=0.05, size=effort.shape)
+    q += random.normal(scale=1e-5, size=q.shape)
+    columns = {"time": time}
+    columns |= {f"position.port_{name}": q[:, i] for i, name in enumerate(JOINTS)}
+    columns |= {f"effort.port_{name}": effort[:, i] for i, name in enumerate(JOINTS)}
+    metadata = episode_metadata(
+        robot="six_joint_pair",
+        episode=f"run{kind}",
+        effort_source="joint_sensor",
+        gravity_compensation="none",
+        repeat_of=None,
+        task=None,
+    )
+    return write_episode(folder / f"run{kind}.parquet", columns, metadata)
+
+
+@pytest.mark.parametrize("happens", ["push", "bump"])
+def test_a_push_is_named_and_three_torques_that_any_force_would_explain_are_none(tmp_path, happens):
+    paths = [record(tmp_path, kind, happens) for kind in range(3)]
+    answer = tmp_path / "answer.json"
+    words = [*map(str, paths[:2]), "--holdout", str(paths[2]), "--urdf", str(URDF), "--json", str(answer)]
+    CliRunner().invoke(command, words, standalone_mode=False, catch_exceptions=False)
+    found = json.loads(answer.read_text())
+    pushes = [cause for cause in found["causes"] if cause["effect"] == "external_contact"]
+    if happens == "bump":
+        assert not pushes and found["verdict"] in ("unexplained", "partly_explained")
+        return
+    (push,) = pushes
+    ((link, numbers),) = push["parameters"].items()
+    assert link in ("port_wrist", "port_flange", "port_forearm", "port_palm")
+    assert 5.2 < numbers["start"]["value"] < 6.5 < numbers["end"]["value"] < 7.8
+    mean = np.array([numbers[axis]["value"] for axis in ("fx", "fy", "fz")])
+    assert float(mean @ PUSH) > 0.95 * float(np.linalg.norm(mean) * np.linalg.norm(PUSH))
+    lasted = numbers["end"]["value"] - numbers["start"]["value"]
+    impulse = 1.2 * float(np.linalg.norm(PUSH)) * 2.0 / np.pi  # felt seven centimetres short of the palm
+    assert float(np.linalg.norm(mean)) * lasted == pytest.approx(
+        1.2 * impulse, rel=0.25
+    )  # seven centimetres short of the palm
+    assert [cause["effect"] for cause in found["causes"]] == ["external_contact"]

@@ -1,0 +1,497 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The catalogue as the contract has it: ids, symbols, patches that teach, what the model knows, the verb."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.cli.main import impedance
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.description import Parameter, same_unit
+from impedance_modules.effects.effect import PAIR
+from impedance_modules.effects.residuals import RESIDUALS
+from impedance_modules.effects.rigid import RigidModel
+from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.wear import wear_patch, wear_plant, wear_surfaces
+from impedance_modules.errors import BadFile, BadInput
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.patch import read_patch
+from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.task import SurfaceSpec
+from tests.support.paths import CHECKOUT
+
+ROOT = CHECKOUT
+SIX_JOINTS = ROOT / "tests" / "robots" / "six_joint_pair"
+CONTRACT = [
+    "coulomb_friction",
+    "viscous_friction",
+    "stribeck_friction",
+    "quadratic_drag",
+    "asymmetric_friction",
+    "load_dependent_friction",
+    "friction_drift",
+    "torque_offset",
+    "reflected_inertia",
+    "torque_gain",
+    "encoder_offset",
+    "backlash",
+    "hysteresis",
+    "joint_elasticity",
+    "payload",
+    "link_inertia",
+    "base_tilt",
+    "parallel_spring",
+    "torque_ripple",
+    "command_delay",
+    "actuator_lag",
+    "torque_saturation",
+    "crosstalk",
+    "velocity_filter_lag",
+    "clock_drift",
+    "external_contact",
+    "controller_gain",
+    "transmission_coupling",
+    "surface_height",
+    "surface_stiffness",
+    "surface_friction",
+    "buoyancy",
+    "added_mass",
+    "fluid_drag",
+    "bench_spring",
+]
+SYMBOLS = {
+    "coulomb_friction": {"fc"},
+    "viscous_friction": {"fv"},
+    "stribeck_friction": {"fc", "fs", "vs"},
+    "quadratic_drag": {"c"},
+    "torque_offset": {"c"},
+    "crosstalk": {"c"},
+    "asymmetric_friction": {"fc", "da", "dv"},
+    "load_dependent_friction": {"kl"},
+    "friction_drift": {"fv", "k", "T"},
+    "reflected_inertia": {"Ia"},
+    "torque_gain": {"s"},
+    "encoder_offset": {"dq0"},
+    "backlash": {"b"},
+    "hysteresis": {"s0", "fc"},
+    "joint_elasticity": {"K"},
+    "payload": {"m", "cx", "cy", "cz"},
+    "link_inertia": {"dm"},
+    "base_tilt": {"rx", "ry"},
+    "parallel_spring": {"k", "q0", "preload"},
+    "torque_ripple": {"A", "N"},
+    "command_delay": {"T"},
+    "actuator_lag": {"T"},
+    "velocity_filter_lag": {"T"},
+    "torque_saturation": {"limit"},
+    "clock_drift": {"ppm"},
+}
+"""Fixed by design 3.3."""
+
+EXAMPLES = {
+    "stribeck_friction": {"fc": 0.5, "fs": 0.8, "vs": 0.1},
+    "asymmetric_friction": {"fc": 0.5, "da": 0.2},
+    "parallel_spring": {"k": 12.0, "q0": -0.4},
+    "link_inertia": {"dm": 0.3},
+    "bench_spring": {"k": 12.0, "q0": -0.4},
+    "transmission_coupling": {"Ia": 0.01},
+    "external_contact": {"fx": 1.0, "fy": 0.0, "fz": -2.0, "start": 0.5, "end": 1.0},
+    "load_dependent_friction": {"kl": 0.1},
+    "added_mass": {"mx": 0.5, "mz": 0.1, "cx": 0.0, "cy": 0.0, "cz": 0.1},
+    "fluid_drag": {"dy": 8.0, "cx": 0.0, "cy": 0.0, "cz": 0.1},
+}
+
+
+@cache
+def robot() -> RobotSpec:
+    return read_robot(SIX_JOINTS)
+
+
+def key_of(effect: str) -> str:
+    kind = CATALOGUE[effect].description.keys[0]
+    keys = {
+        "joint": "port_lift",
+        "pair": "port_roll<-port_spin",
+        "body": "port_palm",
+        "base": "base",
+        "log": "log",
+        "surface": "surface0",
+    }
+    return keys[kind]
+
+
+def numbers_of(effect: str) -> dict[str, float]:
+    if effect in EXAMPLES:
+        return EXAMPLES[effect]
+    return {p.symbol: 0.25 for p in CATALOGUE[effect].description.parameters if p.left_out is None}
+
+
+def entry(effect: str, port: str, numbers: dict[str, float] | None = None) -> dict[str, object]:
+    description, key = CATALOGUE[effect].description, key_of(effect)
+    values = numbers_of(effect) if numbers is None else numbers
+    given = {s: {"value": v, "unit": description.parameter(s).unit} for s, v in values.items()}
+    joints = [key.partition(PAIR)[0]] if {"joint", "pair"} & set(description.keys) else []
+    return {"effect": effect, "joints": joints, "port": port, "parameters": {key: given}}
+
+
+def written(folder: Path, *entries: dict[str, object], name: str = "six_joint_pair") -> Path:
+    head = {"format": 1, "robot": name, "provenance": {"origin": "hand", "date": "2026-11-21"}}
+    path = folder / "patch.yaml"
+    path.write_text(yaml.safe_dump({**head, "effects": list(entries)}, sort_keys=False))
+    return path
+
+
+def test_the_catalogue_is_the_contract() -> None:
+    assert list(CATALOGUE) == CONTRACT
+    for effect, symbols in SYMBOLS.items():
+        assert symbols <= set(CATALOGUE[effect].description.symbols), effect
+    schema = json.loads((ROOT / "schemas" / "patch.schema.json").read_text())
+    allowed = schema["$defs"]["effect"]["properties"]
+    assert set(CATALOGUE) == set(allowed["effect"]["enum"])
+    for effect in CATALOGUE.values():
+        assert set(effect.description.ports) <= set(allowed["port"]["enum"])
+
+
+@pytest.mark.parametrize("effect", CONTRACT)
+def test_a_description_leaves_nothing_out(effect: str) -> None:
+    described = CATALOGUE[effect].description
+    texts = (described.sentence, described.equation, described.signature, described.excitation)
+    assert all(len(text) >= 10 for text in (*texts, described.worn)) and described.reference
+    assert described.sentence.endswith(".") and described.ports and described.keys and described.parameters
+    assert set(described.confusable_with) <= set(CATALOGUE) - {effect} and described.confusable_with
+    assert all(p.unit and p.meaning for p in described.parameters)
+
+
+@pytest.mark.parametrize(
+    ("effect", "port"), [(e, port) for e in CONTRACT for port in CATALOGUE[e].description.ports]
+)
+def test_a_patch_is_read_worn_and_described(tmp_path: Path, effect: str, port: str) -> None:
+    patch = read_patch(written(tmp_path, entry(effect, port)))
+    worn = wear_patch(robot(), patch)
+    assert wear_plant(RobotModel(worn), patch).command_delay >= 0.0
+    only = patch.effects[0]
+    found = {symbol: quantity.value for symbol, quantity in only.parameters[key_of(effect)].items()}
+    assert (only.effect, only.port, found) == (effect, port, numbers_of(effect))
+    shown = CliRunner().invoke(impedance, ["effects", effect], standalone_mode=False)
+    assert shown.exception is None
+    assert effect in shown.output and all(symbol in shown.output for symbol in found)
+
+
+@given(seed=st.integers(0, 2**32 - 1), effect=st.sampled_from(CONTRACT))
+@settings(max_examples=80, deadline=None)
+def test_coefficients_and_parameters_are_two_names_of_one_thing(seed: int, effect: str) -> None:
+    random, s, entry_of = np.random.default_rng(seed), recording(), CATALOGUE[effect]
+    described = entry_of.description
+    for port in described.ports:
+        given = [p for p in described.parameters if p.left_out is None or p.symbol not in ("q0", "D")]
+        values = {p.symbol: drawn(p, random) for p in given}
+        coefficients, shape = entry_of.coefficients(values, s, key_of(effect), port)
+        again = entry_of.values(coefficients, shape, s, key_of(effect), port)
+        for symbol, value in again.items():
+            assert value == pytest.approx(values[symbol], rel=1e-9, abs=1e-12), (port, symbol)
+
+
+def drawn(parameter: Parameter, random: np.random.Generator) -> float:
+    """A random value within a parameter's physical bounds."""
+    low = max(parameter.lower, -0.5) if math.isfinite(parameter.lower) else -0.5
+    high = min(parameter.upper, 2.0)
+    return float(random.uniform(low + 1e-3, high))
+
+
+@cache
+def recording() -> Signals:
+    """Any motion at all."""
+    model = RobotModel(robot())
+    random = np.random.default_rng(5)
+    time = np.arange(80) / 100.0
+    shape = (time.size, model.n)
+    motion = [random.normal(size=shape) for _ in range(6)]
+    return Signals(
+        RigidModel.of_robot(model),
+        time,
+        *motion,
+        reflected_inertia=model.reflected_inertia,
+        motor_damping=model.column("motor_damping"),
+        spring_compliance=model.spring_compliance(),
+        effort_source="joint_sensor",
+        surfaces=(SurfaceSpec("plane", 0.3, None, (0.1, 0.0, 0.0), None, 900.0, 5.0, 0.4),),
+        hands=("port_palm",),
+    )
+
+
+@pytest.mark.parametrize("effect", CONTRACT)
+def test_every_shape_gives_columns_within_its_bounds_somewhere(effect: str) -> None:
+    one, s, seen = CATALOGUE[effect], recording(), False
+    for port in one.description.ports:
+        for shape in one.shapes(s, key_of(effect), port)[:3]:
+            for residual in RESIDUALS:
+                found = one.regressor(s, key_of(effect), port, residual, shape)
+                if found is None:
+                    continue
+                seen = True
+                assert found.columns.shape == (s.samples, len(found.rows), found.lower.size)
+                assert found.fixed.shape == found.columns.shape[:2]
+                assert np.all(found.lower <= found.upper)
+                assert np.isfinite(found.columns).all() and np.isfinite(found.fixed).all()
+    assert seen
+
+
+def test_a_link_side_sensor_sees_no_rotor_and_a_motor_sees_both_frictions() -> None:
+    s = recording()
+    rotor, rub = CATALOGUE["reflected_inertia"], CATALOGUE["coulomb_friction"]
+    assert rotor.regressor(s, "port_lift", "actuator", "link", {}) is None
+    assert rub.regressor(s, "port_lift", "actuator", "link", {}) is None
+    assert rub.regressor(s, "port_lift", "link", "actuator", {}) is None
+    for port in ("actuator", "link"):
+        assert rub.regressor(s, "port_lift", port, "motor", {}) is not None
+
+
+BROKEN = {
+    "water on a joint": (
+        {**entry("buoyancy", "link"), "parameters": {"port_lift": {"m": {"value": 1, "unit": "kg"}}}},
+        "takes its numbers for a link that moves",
+    ),
+    "water that sinks": (
+        entry("buoyancy", "link", {"m": -1.0, "cx": 0.0, "cy": 0.0, "cz": 0.0}),
+        "not physical (valid: at least 0)",
+    ),
+    "no water taken along": (
+        entry("added_mass", "link", {"cx": 0.0, "cy": 0.0, "cz": 0.0}),
+        "takes no water along",
+    ),
+    "no drag": (entry("fluid_drag", "link", {"cx": 0.0, "cy": 0.0, "cz": 0.0}), "in no direction"),
+    "no surface": (
+        {**entry("surface_height", "contact"), "parameters": {"table": {"dh": {"value": 0.1, "unit": "m"}}}},
+        "(valid: surface0, surface1)",
+    ),
+    "wrong port": (entry("viscous_friction", "sensor"), "(valid: actuator, link)"),
+    "wrong symbol": (
+        {**entry("viscous_friction", "link"), "parameters": {"port_lift": {"fx": {"value": 1, "unit": "1"}}}},
+        "did you mean 'fv'?",
+    ),
+    "missing symbol": (
+        entry("stribeck_friction", "link", {"fc": 0.1, "fs": 0.2}),
+        "lacks 'vs' [rad/s]",
+    ),
+    "wrong unit": (
+        {**entry("viscous_friction", "link"), "parameters": {"port_lift": {"fv": {"value": 1, "unit": "N"}}}},
+        "fv is in N.m.s/rad, not in 'N'",
+    ),
+    "negative friction": (
+        entry("coulomb_friction", "link", {"fc": -0.1}),
+        "not physical (valid: at least 0)",
+    ),
+    "negative inertia": (entry("reflected_inertia", "actuator", {"Ia": -0.1}), "not physical"),
+    "negative spring": (entry("parallel_spring", "link", {"k": -1.0, "q0": 0.0}), "not physical"),
+    "no spring's rest": (
+        entry("parallel_spring", "link", {"k": 1.0}),
+        "exactly one of q0 and preload",
+    ),
+    "friction that falls to rest": (
+        entry("stribeck_friction", "link", {"fc": 2.0, "fs": 1.0, "vs": 0.1}),
+        "fs 1 is below fc 2",
+    ),
+    "friction that pushes": (
+        entry("asymmetric_friction", "link", {"fc": 1.0, "da": 2.0}),
+        "above fc",
+    ),
+    "viscous friction that pushes": (
+        entry("asymmetric_friction", "link", {"fc": 1.0, "da": 0.0, "dv": 0.5}),
+        "above the joint's viscous friction",
+    ),
+    "unknown joint": (
+        {**entry("viscous_friction", "link"), "joints": ["port_lift", "port_lif"]},
+        "did you mean 'port_lift'?",
+    ),
+    "joint without numbers": (
+        {**entry("viscous_friction", "link"), "joints": ["port_lift", "port_bend"]},
+        "has no parameters",
+    ),
+    "numbers of an unlisted joint": (
+        {**entry("viscous_friction", "link"), "joints": []},
+        "not listed",
+    ),
+    "a joint for a pair": (
+        {**entry("crosstalk", "sensor"), "parameters": {"port_lift": {"c": {"value": 0.1, "unit": "1"}}}},
+        "JOINT<-OTHER",
+    ),
+    "unknown link": (
+        {
+            **entry("payload", "link"),
+            "parameters": {"port_pal": entry("payload", "link")["parameters"]["port_palm"]},
+        },
+        "did you mean 'port_palm'?",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_wrong_patch_is_told_where_and_what(tmp_path: Path, name: str) -> None:
+    broken, words = BROKEN[name]
+    path = written(tmp_path, broken)
+    with pytest.raises(BadFile) as caught:
+        wear_patch(robot(), read_patch(path))
+    assert words in str(caught.value)
+    place = next(i for i, line in enumerate(path.read_text().splitlines(), 1) if "effects:" in line)
+    assert all(problem.line > place and problem.column > 1 for problem in caught.value.problems)
+
+
+def test_all_problems_come_at_once_with_their_lines(tmp_path: Path) -> None:
+    path = written(tmp_path, BROKEN["wrong port"][0], BROKEN["negative friction"][0], BROKEN["wrong unit"][0])
+    with pytest.raises(BadFile) as caught:
+        wear_patch(robot(), read_patch(path))
+    lines = path.read_text().splitlines()
+    pointed = [lines[p.line - 1][p.column - 1 :] for p in caught.value.problems]
+    assert pointed == ["sensor", "-0.1", "N"]
+
+
+def test_a_patch_for_another_robot_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match="is for robot 'other'"):
+        wear_patch(robot(), read_patch(written(tmp_path, entry("payload", "link"), name="other")))
+
+
+def test_a_replaced_number_is_replaced_once(tmp_path: Path) -> None:
+    twice = entry("reflected_inertia", "actuator")
+    with pytest.raises(BadFile, match="already"):
+        wear_patch(robot(), read_patch(written(tmp_path, twice, twice)))
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (entry("link_inertia", "link", {"dm": -50.0}), "no physical body"),
+        (entry("transmission_coupling", "actuator", {"Ia": 3.0}), "more than the two rotors can couple"),
+        ({**entry("backlash", "actuator"), "joints": ["port_turn"]}, "nothing between motor and link"),
+    ],
+)
+def test_what_no_robot_can_be_is_refused(tmp_path: Path, bad: dict[str, object], words: str) -> None:
+    if bad["joints"] == ["port_turn"]:
+        bad = {**bad, "parameters": {"port_turn": {"b": {"value": 0.01, "unit": "rad"}}}}
+    patch = read_patch(written(tmp_path, bad))
+    with pytest.raises(BadInput, match=words):
+        wear_plant(RobotModel(wear_patch(robot(), patch)), patch)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_the_model_weighs_what_it_wears(seed: int) -> None:
+    """Weight of payload, springs and lean, by three formulas that share nothing with the catalogue."""
+    random = np.random.default_rng(seed)
+    model = RobotModel(robot())
+    q = random.uniform(model.column("position_min"), model.column("position_max"))
+    m, place = float(random.uniform(0.1, 2.0)), random.uniform(-0.1, 0.1, 3)
+    text = [
+        entry("payload", "link", {"m": m, **dict(zip(("cx", "cy", "cz"), map(float, place), strict=True))}),
+        entry("parallel_spring", "link", {"k": 7.0, "q0": 0.3}),
+    ]
+    worn = RobotModel(wear_patch(robot(), patch_at(*text)))
+    pose = model.pose(q, "port_palm")
+    at = pose.translation + pose.rotation @ place
+    slope = np.array(
+        [_height(model, q + d, place) - _height(model, q - d, place) for d in 1e-6 * np.eye(model.n)]
+    )
+    expected = m * 9.81 * slope / 2e-6
+    lift = model.joint_names.index("port_lift")
+    expected[lift] += 7.0 * (q[lift] - 0.3)
+    assert np.allclose(worn.gravity(q) - model.gravity(q), expected, atol=1e-6), at
+    added = worn.mass_matrix(q) - model.mass_matrix(q)
+    assert np.linalg.eigvalsh(added)[-1] > 0.0 and np.linalg.eigvalsh(added)[0] > -1e-9
+
+
+def test_a_leaning_model_feels_gravity_from_aside() -> None:
+    worn = wear_patch(robot(), patch_at(entry("base_tilt", "link", {"rx": 0.1, "ry": 0.0})))
+    assert np.allclose(worn.gravity, (0.0, -9.81 * math.sin(0.1), -9.81 * math.cos(0.1)))
+
+
+def test_predictions_reckon_with_the_delay_that_the_plant_makes_joint_by_joint() -> None:
+    patch = patch_at(entry("command_delay", "timing", {"T": 0.004}))
+    worn = wear_patch(robot(), patch)
+    assert worn.timing.command_delay == pytest.approx(robot().timing.command_delay + 0.004)
+    assert wear_plant(RobotModel(worn), patch).command_delay == pytest.approx(robot().timing.command_delay)
+
+
+def patch_at(*entries: dict[str, object]):
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        return read_patch(written(Path(folder), *entries))
+
+
+def _height(model: RobotModel, q: np.ndarray, place: np.ndarray) -> float:
+    pose = model.pose(q, "port_palm")
+    return float((pose.translation + pose.rotation @ place)[2])
+
+
+def test_units_may_be_written_as_people_write_them() -> None:
+    for text in ("N.m.s/rad", "N·m·s/rad", "N*m*s/rad", "N m s/rad".replace(" ", ".")):
+        assert same_unit(text, ("N.m.s/rad",))
+    assert same_unit("kg.m2", ("kg.m^2",)) and not same_unit("kg.m", ("kg.m^2",))
+
+
+def test_the_range_of_a_fit_is_kept() -> None:
+    spring = {**entry("parallel_spring", "link"), "range": {"position": {"port_lift": [-1.5, -0.05]}}}
+    assert patch_at(spring).effects[0].range == {"position": {"port_lift": (-1.5, -0.05)}}
+
+
+def test_the_verb_lists_all_and_refuses_others() -> None:
+    listed = CliRunner().invoke(impedance, ["effects"], standalone_mode=False)
+    assert listed.exception is None and all(effect in listed.output for effect in CONTRACT)
+    unknown = CliRunner().invoke(impedance, ["effects", "coulomb"], standalone_mode=False)
+    assert isinstance(unknown.exception, BadInput) and "coulomb_friction" in str(unknown.exception)
+
+
+def test_the_robots_own_numbers_stay_as_they_were() -> None:
+    before = replace(robot())
+    wear_patch(robot(), patch_at(entry("payload", "link"), entry("reflected_inertia", "actuator")))
+    assert robot() == before
+
+
+def test_a_map_is_worn_as_the_patch_says_and_a_surface_too_many_is_refused() -> None:
+    plane = SurfaceSpec("plane", 0.3, None, (0.1, 0.0, 0.0), None, 900.0, 5.0, 0.4)
+    block = SurfaceSpec("box", None, (0.1, 0.2, 0.3), (0.0, 0.0, 0.0), (1.0, 1.0, 0.2), 900.0, 5.0, 0.4)
+    wrong = [
+        entry("surface_height", "contact", {"dh": 0.02}),
+        entry("surface_stiffness", "contact", {"k": 400.0}),
+        entry("surface_friction", "contact", {"mu": 0.9}),
+    ]
+    found = wear_surfaces((plane, block), patch_at(*wrong))
+    assert found[0] == replace(plane, height=0.32, stiffness=400.0, friction=0.9) and found[1] == block
+    moved = wear_surfaces((block,), patch_at(wrong[0]))
+    assert moved[0].position == pytest.approx((0.1, 0.2, 0.32))
+    with pytest.raises(BadFile, match=r"no surface 'surface0'.*no environment"):
+        wear_surfaces((), patch_at(wrong[0]))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_readings_that_run_away_from_commands_give_their_clock_back(seed: int) -> None:
+    """Readings at t show what was at t / (1 + c); what the motors gave is what was asked for then."""
+    random, clock = np.random.default_rng(seed), CATALOGUE["clock_drift"]
+    drift = float(random.uniform(-4e-3, 4e-3))
+    s = recording()
+    time = np.arange(1200) / 100.0
+    tones, phases = random.uniform(0.3, 2.0, (2, s.n)), random.uniform(0.0, 6.0, (2, s.n))
+
+    def asked(t: np.ndarray) -> np.ndarray:
+        return np.asarray(np.sin(2.0 * np.pi * tones * t[:, None, None] + phases).sum(axis=1))
+
+    still = np.zeros((time.size, s.n))
+    late = replace(s, time=time, position=still, velocity=still, acceleration=still, drive=asked(time))
+    found = clock.regressor(late, "log", "timing", "actuator", {"apart": 1.0})
+    assert found is not None
+    column = found.columns[50:-50, :, 0].ravel()
+    consumed = (asked(time) - asked(time / (1.0 + drift)))[50:-50].ravel()
+    assert 1e-6 * (column @ consumed) / (column @ column) == pytest.approx(drift, rel=0.03)
+    assert clock.regressor(late, "log", "timing", "actuator", {"apart": 0.0}) is not None

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The rerun recording and the picture show what the run was, and never cost the run anything."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from rerun.chunk import RrdReader
+
+from impedance_modules.episode import display, entities, viewer
+from impedance_modules.episode import view as view_module
+from impedance_modules.episode.background import Background
+from impedance_modules.episode.columns import joint_columns, pose_columns, target_columns, wrench_columns
+from impedance_modules.episode.metadata import episode_metadata
+from impedance_modules.episode.picture import write_picture
+from impedance_modules.episode.reader import read_episode
+from impedance_modules.episode.recording import METRES_PER_NEWTON, METRES_PER_NEWTON_METRE, new_stream
+from impedance_modules.episode.save import write_episode
+from impedance_modules.episode.scene import Body, BodyShape, EllipsoidStyle, Scene, ViewSample
+from impedance_modules.episode.view import RATE, RecordingView, write_recording
+from impedance_modules.errors import BadInput
+from tests.support.paths import CHECKOUT, TESTS
+
+SCENE = Scene(
+    bodies=(
+        Body(
+            "upper arm",
+            (BodyShape("shell", "capsule", (0.05, 0.2)), BodyShape("cap", "sphere", (0.06,))),
+            "robot",
+        ),
+        Body("crate", (BodyShape("crate", "box", (0.3, 0.2, 0.2)),), "object"),
+    ),
+    surfaces=(Body("table", (BodyShape("top", "cylinder", (0.5, 0.04)),), "surface"),),
+    springs=("left/hand",),
+    wrenches=("left", "right"),
+    ellipsoids=(EllipsoidStyle("left/inertia", 0.1), EllipsoidStyle("left/stiffness", 1e-4)),
+    limbs={"left": ("l0", "l1"), "right": ("r0",)},
+    tracked=("left",),
+    constraints=("torque", "power"),
+    tank_floor=0.5,
+    tank_max=10.0,
+)
+
+
+def sample(index, rng):
+    arrays = {name: rng.normal(size=shape) for name, shape in SCENE.shapes_of_sample().items()}
+    arrays["half_axes"] = np.abs(arrays["half_axes"])
+    if index == 3:
+        arrays["half_axes"][1] = np.nan
+    messages = ("contact lost",) if index == 5 else ()
+    return ViewSample(
+        index * 0.02, tank=5.0, phase="lower" if index < 4 else "slide", messages=messages, **arrays
+    )
+
+
+def samples(count, seed=0):
+    rng = np.random.default_rng(seed)
+    return [sample(index, rng) for index in range(count)]
+
+
+def column(path, entity, component):
+    """Returns one component of one entity over time, as the file has it: times [s], lists of numbers."""
+    times, values = [], []
+    for chunk in RrdReader(str(path)).stream():
+        if chunk.entity_path == entity and not chunk.is_static:
+            batch = chunk.to_record_batch()
+            if component in batch.schema.names:
+                times += (batch["time"].cast(pa.int64()).to_numpy() * 1e-9).tolist()
+                values += batch[component].to_pylist()
+    return np.array(times), values
+
+
+def paths_in(path):
+    return set(RrdReader(str(path)).store().schema().entity_paths())
+
+
+def test_the_file_holds_every_thing_of_the_scene(tmp_path):
+    path = write_recording(tmp_path / "run.rrd", SCENE, samples(8), "press")
+    found = paths_in(path)
+    expected = {
+        entities.entity("world", "robot", "upper arm", "shell"),
+        entities.entity("world", "object", "crate", "crate"),
+        entities.entity("world", "surface", "table", "top"),
+        entities.spring_path("left/hand"),
+        entities.wrench_path("right"),
+        entities.ellipsoid_path("left/stiffness"),
+        entities.torque_path("left"),
+        entities.force_path("left"),
+        entities.TANK,
+        entities.ACTIVE_ROWS,
+        entities.POSITION_ERROR,
+        entities.ANGLE_ERROR,
+        entities.PHASE,
+        entities.LOG,
+    }
+    assert expected <= found
+    (blueprint,) = RrdReader(str(path)).blueprints()
+    assert blueprint.application_id == entities.APPLICATION
+    verified = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, check=False
+    )
+    assert verified.returncode == 0, verified.stderr
+
+
+def test_the_numbers_in_the_file_are_the_sample_s(tmp_path):
+    given = samples(8, seed=1)
+    path = write_recording(tmp_path / "run.rrd", SCENE, given, "press")
+
+    times, vectors = column(path, entities.wrench_path("right"), "Arrows3D:vectors")
+    assert np.allclose(times, [one.time for one in given], atol=1e-9)
+    scale = np.repeat([METRES_PER_NEWTON, METRES_PER_NEWTON_METRE], 3)
+    assert np.allclose(np.reshape(vectors, (8, 6)), [one.wrenches[1] * scale for one in given], rtol=1e-6)
+
+    _, strips = column(path, entities.spring_path("left/hand"), "LineStrips3D:strips")
+    assert np.allclose(np.reshape(strips, (8, 2, 3)), [one.springs[0] for one in given], rtol=1e-6)
+
+    _, moved = column(path, entities.body_path("object", "crate"), "Transform3D:translation")
+    assert np.allclose(np.reshape(moved, (8, 3)), [one.poses[1, :3] for one in given], rtol=1e-6)
+
+    _, sizes = column(path, entities.ellipsoid_path("left/stiffness"), "Ellipsoids3D:half_sizes")
+    drawn = np.reshape(sizes, (8, 3))
+    assert (drawn[3] == 0).all()  # what does not exist is not drawn
+    assert np.allclose(drawn[4], given[4].half_axes[1] * 1e-4, rtol=1e-6)
+
+    _, ratio = column(path, entities.torque_path("right"), "Scalars:scalars")
+    assert np.array_equal(np.ravel(ratio), [one.torque_ratio[2] for one in given])
+    _, angle = column(path, entities.ANGLE_ERROR, "Scalars:scalars")
+    assert np.allclose(np.ravel(angle), [np.degrees(one.tracking_error[0, 1]) for one in given])
+    _, tank = column(path, entities.TANK, "Scalars:scalars")
+    assert np.array_equal(tank, [[5.0, 0.5, 10.0]] * 8)
+
+    starts, names = column(path, entities.PHASE, "StateChange:state")
+    assert np.allclose(starts, [0.0, 0.08])
+    assert names == [["lower"], ["slide"]]
+    _, texts = column(path, entities.LOG, "TextLog:text")
+    assert texts == [["phase lower"], ["phase slide"], ["contact lost"]]
+
+
+def test_a_sample_that_does_not_fit_is_refused(tmp_path):
+    wrong = replace(samples(1)[0], wrenches=np.zeros((1, 6)))
+    background = Background(0.1)
+    view = RecordingView(tmp_path, SCENE, background, name="press", live=False)
+    with pytest.raises(BadInput, match=r"'wrenches' has shape \(1, 6\) \(valid: \(2, 6\)"):
+        view.add(wrong)
+    background.stop()
+    view.close()
+
+
+@pytest.mark.parametrize("period", [0.001, 0.0025, 0.01])
+def test_the_view_takes_a_films_samples_and_loses_none(tmp_path, period):
+    background = Background(0.05)
+    view = RecordingView(tmp_path, SCENE, background, name="press", live=False)
+    base, wanted = samples(1)[0], []
+    for index in range(round(4.0 / period)):
+        now = index * period
+        if view.due(now):
+            view.add(replace(base, time=now))
+            wanted.append(now)
+    background.stop()
+    view.close()
+    assert len(wanted) == pytest.approx(4.0 * RATE, abs=3)
+    times, _ = column(tmp_path / "recording.rrd", entities.TANK, "Scalars:scalars")
+    assert np.allclose(np.sort(times), wanted, atol=1e-6)
+    assert view.dropped == 0
+    assert view.failure is None
+
+
+def test_adding_a_sample_never_waits_for_rerun(tmp_path, monkeypatch):
+    background = Background(0.01)
+    view = RecordingView(tmp_path, SCENE, background, name="press", live=False)
+    write = view._file.write
+    monkeypatch.setattr(view._file, "write", lambda batch: (time.sleep(0.3), write(batch)))
+    base = samples(1)[0]
+    start = time.perf_counter()
+    for index in range(3000):
+        view.add(replace(base, time=index * 0.02))
+    assert time.perf_counter() - start < 0.5
+    assert view.dropped > 0  # memory is bounded, and what was thrown away is counted
+    background.stop()
+    view.close()
+    times, _ = column(tmp_path / "recording.rrd", entities.TANK, "Scalars:scalars")
+    assert len(times) + view.dropped == 3000
+
+
+def start_server(home):
+    """Returns a process that receives streams like a viewer's window, and its address."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "rerun", "--serve-grpc", "--port", str(port)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    environment = {**os.environ, "HOME": str(home)}
+    server = subprocess.Popen(command, env=environment, start_new_session=True, **quiet)
+    deadline = time.monotonic() + 15
+    while time.monotonic() < deadline:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return server, f"rerun+http://127.0.0.1:{port}/proxy"
+        time.sleep(0.05)
+    raise AssertionError("the server did not start")
+
+
+def test_a_window_that_is_closed_harms_neither_run_nor_file(tmp_path, monkeypatch):
+    server, address = start_server(tmp_path)
+
+    def stream_to_server(name):
+        stream = new_stream(name)
+        stream.connect_grpc(address)
+        return stream
+
+    monkeypatch.setattr(view_module, "open_live_stream", stream_to_server)
+    background = Background(0.02)
+    view = RecordingView(tmp_path, SCENE, background, name="press", live=True)
+    for one in samples(120):
+        view.add(one)
+        if one.time == 1.0:
+            os.killpg(server.pid, signal.SIGKILL)  # rerun's command starts another process
+            server.wait()
+    start = time.perf_counter()
+    background.stop()
+    view.close()
+    assert server.poll() is not None
+    assert time.perf_counter() - start < 5.0
+    assert view.failure is None
+    times, _ = column(tmp_path / "recording.rrd", entities.TANK, "Scalars:scalars")
+    assert len(times) == 120
+
+
+KILLED = """
+import sys, time
+import numpy as np
+sys.path[:0] = sys.argv[2:]
+from tests.episode.test_recording_view import SCENE, samples
+from dataclasses import replace
+from pathlib import Path
+from impedance_modules.episode.background import Background
+from impedance_modules.episode.view import RecordingView
+background = Background(0.05)
+view = RecordingView(Path(sys.argv[1]), SCENE, background, name="press", live=False)
+base = samples(1)[0]
+for index in range(500):
+    view.add(replace(base, time=index * 0.02))
+time.sleep(1.0)
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_killed_run_leaves_a_recording_that_opens(tmp_path):
+    here = TESTS
+    command = [sys.executable, "-c", KILLED, str(tmp_path), str(here), str(here.parent)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": ""})
+    assert process.stdout.readline() == b"ready\n"
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    times, _ = column(tmp_path / "recording.rrd", entities.TANK, "Scalars:scalars")
+    assert len(times) >= 400
+
+
+def log_columns(count=500):
+    time_axis = np.arange(count) * 0.01
+    wave = np.sin(time_axis)
+    columns = {"time": time_axis, "phase": ["a"] * 200 + ["b"] * (count - 200), "tank": 5 + wave}
+    for name in (*joint_columns("position", "xyz"), *joint_columns("effort", "xyz"), "odd"):
+        columns[name] = wave
+    for name in (*pose_columns("tip"), *target_columns("tip"), *wrench_columns("tip")):
+        columns[name] = wave
+    return columns
+
+
+def log_metadata(**more):
+    return episode_metadata(
+        robot="planar",
+        episode="log",
+        effort_source="motor",
+        gravity_compensation="none",
+        repeat_of=None,
+        task=None,
+        **more,
+    )
+
+
+def test_a_foreign_log_becomes_curves(tmp_path):
+    path = write_episode(tmp_path / "log.parquet", log_columns(), log_metadata())
+    made = viewer.recording_from_episode(read_episode(path), tmp_path / "log.rrd")
+    found = paths_in(made)
+    assert {entities.column_path("joints", kind) for kind in ("position", "effort")} <= found
+    assert entities.column_path("joints", "velocity") not in found
+    assert entities.column_path("wrench", "tip") in found
+    _, values = column(made, entities.column_path("joints", "effort"), "Scalars:scalars")
+    assert np.array_equal(values, np.tile(np.sin(np.arange(500) * 0.01)[:, None], 3))
+
+
+def test_what_is_opened(tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr(viewer, "open_viewer", opened.append)
+    log = write_episode(tmp_path / "log.parquet", log_columns(), log_metadata())
+    assert viewer.view_episode(log) == tmp_path / "log.rrd"
+    run = tmp_path / "run"
+    run.mkdir()
+    write_episode(run / "episode.parquet", log_columns(), log_metadata())
+    write_recording(run / "recording.rrd", SCENE, samples(3), "press")
+    before = (run / "recording.rrd").read_bytes()
+    assert viewer.view_episode(run) == viewer.view_episode(run / "episode.parquet") == run / "recording.rrd"
+    assert (run / "recording.rrd").read_bytes() == before
+    with pytest.raises(BadInput, match="no such recording"):
+        viewer.view_episode(tmp_path / "missing.rrd")
+    assert opened == [tmp_path / "log.rrd", run / "recording.rrd", run / "recording.rrd"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="how a missing display shows itself differs")
+def test_without_a_display_the_viewer_says_so(tmp_path, monkeypatch):
+    for name in display.DISPLAYS:
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(BadInput, match="no display"):
+        display.open_viewer(tmp_path / "any.rrd")
+    with pytest.raises(BadInput, match="no display"):
+        display.open_live_stream("press")
+
+
+@pytest.mark.parametrize("keep", ["time position", "time position effort phase", "all", "known limits"])
+def test_every_episode_has_a_picture(tmp_path, keep):
+    columns = log_columns()
+    more = {}
+    if keep == "known limits":
+        more = {
+            "limbs": {"arm": list("xyz")},
+            "effort_max": dict.fromkeys("xyz", 2.0),
+            "tank": {"floor": 1, "max": 8},
+        }
+    elif keep != "all":
+        columns = {name: values for name, values in columns.items() if name.partition(".")[0] in keep.split()}
+    episode = read_episode(write_episode(tmp_path / "log.parquet", columns, log_metadata(**more)))
+    picture = write_picture(episode, tmp_path / "picture.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert len(picture) > 20_000
+
+
+def test_reading_an_episode_imports_neither_rerun_nor_matplotlib():
+    code = (
+        "import sys, impedance_modules.episode.writer, impedance_modules.episode.reader\n"
+        "print(sorted({'rerun', 'matplotlib'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, cwd=CHECKOUT)
+    assert done.stdout == b"[]\n"
+
+
+def test_a_long_recording_is_written_in_larger_pieces(tmp_path, monkeypatch):
+    background = Background(100.0)
+    view = RecordingView(tmp_path, SCENE, background, name="press", live=False, rate=5.0)
+    written = []
+    monkeypatch.setattr(view._file, "write", lambda batch: written.append(batch[-1].time - batch[0].time))
+    base = samples(1)[0]
+    for index in range(round(400.0 * 5.0)):
+        view.add(replace(base, time=index / 5.0))
+        view._drain(False)
+    assert written[0] == pytest.approx(1.0)
+    assert np.diff(written).min() > -0.25
+    assert written[-1] == pytest.approx(5.0, abs=0.25)
+    assert len(written) < 200  # 400 pieces of one second would be
+    background.stop()
+    view.close()

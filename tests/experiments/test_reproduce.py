@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``impedance reproduce``: the list, the pages it writes, and what it refuses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from impedance_experiments.catalogue import EXPERIMENTS, find_experiment
+from impedance_modules.cli.reproduce import command
+from impedance_modules.errors import BadInput
+from tests.support.paths import CHECKOUT
+
+
+def test_the_list_has_one_experiment_per_line() -> None:
+    lines = CliRunner().invoke(command, ["--list"]).output.splitlines()
+    assert [line.split()[0] for line in lines] == list(EXPERIMENTS)
+
+
+def test_every_experiment_has_a_module_of_its_own() -> None:
+    package = CHECKOUT / "impedance_experiments"
+    for experiment in EXPERIMENTS.values():
+        path = package.joinpath(*experiment.module.split("."))
+        assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file(), experiment
+
+
+def test_a_page_has_its_table_its_plots_and_its_command(tmp_path: Path) -> None:
+    result = CliRunner().invoke(command, ["planar-arms", "--out", str(tmp_path)], catch_exceptions=False)
+    assert result.exit_code == 0
+    text = (tmp_path / "planar-arms.md").read_text()
+    assert "impedance reproduce planar-arms" in text and "eq. 4.30" in text and "18.36" in text
+    pictures = re.findall(r"\]\((.*?\.png)\)", text)
+    assert pictures and all((tmp_path / picture).stat().st_size > 1000 for picture in pictures)
+
+
+def test_the_index_keeps_the_rows_of_pages_made_before(tmp_path: Path) -> None:
+    made = "Made by `impedance reproduce terrain --full` in 812 s of processor time."
+    rows = "|---|---|---|---|---|---|\n| keeps contact | throughout | 99.5 % |  | 1 | springs |\n"
+    other = f"# Older\n\n{made}\n\n## Thesis against ours\n\n| quantity | thesis | ours | spread | unit | why |\n{rows}"
+    other += "\n| a | table | of | six | more | columns |\n"
+    (tmp_path / "terrain.md").write_text(other)
+    options = ["planar-arms", "--seed", "3", "--out", str(tmp_path)]
+    assert CliRunner().invoke(command, options, catch_exceptions=False).exit_code == 0
+    index = (tmp_path / "README.md").read_text()
+    full = "[terrain](terrain.md) | `impedance reproduce terrain --full` |"
+    assert f"| 5.1 | keeps contact | throughout | 99.5 % |  | 1 | {full}" in index and "| 812 |" in index
+    assert "columns" not in index
+    assert index.count("[terrain]") == 2 and index.count("`impedance reproduce planar-arms --seed 3`") == 13
+    assert index.index("eq. 4.30, both, Lambda_x,x") < index.index("keeps contact |")
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_one(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="did you mean 'planar-arms'"):
+        find_experiment("planar-arm")
+    result = CliRunner().invoke(command, ["nonsense", "--out", str(tmp_path / "none")])
+    assert isinstance(result.exception, BadInput) and not (tmp_path / "none").exists()

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Task 1 of the thesis in short form: who keeps contact, and what the hand learns of the sheet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impedance_experiments.catalogue import find_experiment
+from impedance_experiments.settings import Settings, Size
+from impedance_experiments.terrain.robustness import (
+    CLEARANCE,
+    MIDDLE,
+    draw_errors,
+    draw_maps,
+    wrong_table,
+)
+from impedance_experiments.terrain.runs import Slide, deviation_along_y
+from impedance_experiments.terrain.thresholds import stopped_at
+from impedance_modules.prediction.contact import place_surface, surface_distance
+from impedance_modules.spec.task import SurfaceSpec
+
+
+def short(tmp_path: Path) -> Settings:
+    return Settings(size=Size.SHORT, seed=0, work=tmp_path, on_progress=lambda _share, _doing: None)
+
+
+def test_springs_keep_contact_and_position_playback_gives_up_at_the_bar(tmp_path: Path) -> None:
+    facts = find_experiment("terrain").run(short(tmp_path)).facts
+    assert facts["contact, impedance"] == 1.0 and facts["stopped, impedance"] == 0.0
+    assert facts["deviation, impedance"] < 0.024
+    # The bar's flank begins at y = -0.35 m, its top at -0.233 m.
+    assert facts["stopped, position"] == 1.0 and -0.35 < facts["stopped at y, position"] < -0.23
+    assert facts["peak, position"] > 1.5 * facts["peak, impedance"]
+
+
+def test_strokes_at_two_forces_tell_shape_and_stiffness(tmp_path: Path) -> None:
+    facts = find_experiment("surface-map").run(short(tmp_path)).facts
+    assert facts["shape"] < 0.0006 and facts["shape"] < 0.5 * facts["pressed"]
+    assert facts["stiffness"] < 0.12 and facts["cells"] >= 10
+
+
+def test_a_wrong_table_is_off_by_what_was_drawn() -> None:
+    table = SurfaceSpec("plane", -0.3, None, (0.0, 0.0, 0.0), None, 2e4, 100.0, 0.2)
+    for row in draw_errors(np.random.default_rng(0), 20):
+        wrong = wrong_table(table, row)
+        over_middle = np.array([*MIDDLE, -0.3 + row[0]])
+        distance, normal = surface_distance(place_surface(wrong), over_middle)
+        assert distance == pytest.approx(0.0, abs=1e-12)
+        assert np.arccos(normal[2]) == pytest.approx(np.hypot(row[1], row[2]), abs=1e-9)
+        assert wrong.stiffness == row[3]
+
+
+def test_no_hand_starts_inside_a_table() -> None:
+    table = SurfaceSpec("plane", -0.3, None, (0.0, 0.0, 0.0), None, 2e4, 100.0, 0.2)
+    hand = np.array([0.634, -0.38, -0.285])
+    maps, redrawn = draw_maps(np.random.default_rng(1), 60, table, hand)
+    heights = [surface_distance(place_surface(wrong_table(table, row)), hand)[0] for row in maps]
+    assert maps.shape == (60, 4) and redrawn > 5 and min(heights) >= CLEARANCE
+    assert np.ptp(maps[:, 0]) > 0.04
+
+
+def test_deviation_and_thresholds_are_read_from_the_slides() -> None:
+    time = np.arange(0.0, 12.0, 0.01)
+    place = np.column_stack([np.zeros((time.size, 2)), np.zeros(time.size)])
+    still = Slide(time, place, np.zeros((time.size, 3)), 0.02 * time, np.zeros((time.size, 1)), "", ())
+    moved = place + np.array([0.0, 0.03, 0.0])
+    other = Slide(time[:900], moved[:900], still.force[:900], still.away[:900], still.path[:900], "", ())
+    assert deviation_along_y(still, other) == pytest.approx(0.03)
+    assert stopped_at(still, 0.1) == 500 and stopped_at(still, 0.5) is None
+    assert still.contact == 0.0

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An installed wheel, outside the checkout, knows its tasks, robots and schemas."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import CHECKOUT
+
+ROOT = CHECKOUT
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the unpacked wheel and nothing of the checkout."""
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=120)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "site")
+    return folder / "site"
+
+
+def python(installed: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(installed)}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=installed.parent,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+def test_the_wheel_is_what_runs(installed: Path) -> None:
+    found = python(installed, "-c", "import impedance_modules; print(impedance_modules.__file__)")
+    assert Path(found.stdout.strip()).is_relative_to(installed)
+
+
+def test_a_shipped_task_is_checked_by_name(installed: Path) -> None:
+    found = python(installed, "-m", "impedance_modules", "check", "soft-hold")
+    assert found.returncode == 0, found.stderr
+
+
+def test_every_task_robot_and_schema_travels(installed: Path) -> None:
+    for kind, pattern in (("tasks", "*.yaml"), ("robots", "*"), ("schemas", "*.json")):
+        here = {path.name for path in (ROOT / kind).glob(pattern)}
+        there = {path.name for path in (installed / "impedance_modules" / "data" / kind).glob(pattern)}
+        assert here == there != set()

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Springs are exact gradients of their energy, for random stiffness, axes, frames and deflections."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from impedance_modules.modules.arms import ArmModule, TaskModules
+from impedance_modules.modules.damping import phase_damping
+from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.joint_bias import JointBias
+from impedance_modules.modules.total import desired_effort
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.rotation import exp3
+from impedance_modules.spec.task import HybridAxis
+from impedance_modules.superposition.spring_stiffness import (
+    spring_stiffness,
+    spring_stiffness_without_preload,
+)
+from tests.support.arm_samples import (
+    TYPICAL_STIFFNESS,
+    Array,
+    baxter,
+    displaced,
+    make_spring,
+    random_pose,
+    random_position,
+    random_psd,
+    six_joint_pair,
+    split_spring,
+)
+
+STEPS = np.eye(6)
+
+
+def central(function, step: float) -> Array:
+    """Fourth-order central difference of ``function(h)`` at 0, h along the six unit motions."""
+    columns = []
+    for unit in STEPS:
+        near = function(step * unit) - function(-step * unit)
+        far = function(2 * step * unit) - function(-2 * step * unit)
+        columns.append((8.0 * near - far) / (12.0 * step))
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_wrench_is_minus_the_gradient_of_the_energy(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    spring = make_spring(random_psd(random, TYPICAL_STIFFNESS), reference=random_pose(random))
+    pose, target = random_pose(random, angle=1.5), random_pose(random, angle=1.5)
+    slope = central(lambda step: spring.energy(displaced(pose, step), target), 1e-3)
+    wrench = spring.wrench(pose, target)
+    np.testing.assert_allclose(wrench, -slope, atol=1e-8 * max(1.0, np.abs(wrench).max()))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-5, 1e-4, 0.1, 0.29, 0.31, 1.0, 3.0, 3.1415])
+def test_stiffness_is_minus_the_derivative_of_the_wrench(angle: float) -> None:
+    random = np.random.default_rng(7)
+    for _ in range(20):
+        spring = make_spring(random_psd(random, TYPICAL_STIFFNESS), reference=random_pose(random))
+        target = random_pose(random)
+        axis = random.normal(size=3)
+        turned = exp3(angle * axis / np.linalg.norm(axis)) @ target.rotation
+        pose = Pose(turned, target.translation + 0.3 * random.normal(size=3))
+        step = 2e-4 if angle < 3.0 else 1e-6
+        slope = -central(lambda h, at=pose, to=target, k=spring: k.wrench(displaced(at, h), to), step)
+        K = spring_stiffness(spring, pose, target)
+        np.testing.assert_allclose(K, slope, atol=(1e-8 if angle < 3.0 else 1e-5) * np.abs(K).max())
+
+
+def test_relaxed_spring_shows_its_declared_stiffness() -> None:
+    random = np.random.default_rng(3)
+    spring = make_spring(random_psd(random, TYPICAL_STIFFNESS), reference=random_pose(random))
+    pose = random_pose(random)
+    declared = spring.in_world(spring.stiffness)
+    np.testing.assert_allclose(spring_stiffness(spring, pose, pose), declared, rtol=1e-12, atol=1e-10)
+    np.testing.assert_allclose(
+        spring_stiffness_without_preload(spring, pose, pose), declared, rtol=1e-12, atol=1e-10
+    )
+
+
+def test_wrench_is_continuous_up_to_the_cut() -> None:
+    """A turn of almost half a revolution gives nearly the wrench of half a revolution, and no blow-up."""
+    random = np.random.default_rng(5)
+    for _ in range(50):
+        spring = make_spring(random_psd(random, TYPICAL_STIFFNESS))
+        axis = random.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        gap, previous = 1e-2, spring.wrench(Pose(exp3((np.pi - 1e-2) * axis), np.zeros(3)), Pose.identity())
+        for short in (1e-3, 1e-4, 1e-6, 1e-9):
+            wrench = spring.wrench(Pose(exp3((np.pi - short) * axis), np.zeros(3)), Pose.identity())
+            assert np.linalg.norm(wrench - previous) < 5e3 * gap
+            gap, previous = short, wrench
+
+
+def test_splitting_a_spring_changes_neither_energy_nor_wrench_nor_stiffness() -> None:
+    random = np.random.default_rng(11)
+    for _ in range(50):
+        spring = make_spring(random_psd(random, TYPICAL_STIFFNESS), reference=random_pose(random))
+        pose, target = random_pose(random, angle=1.5), random_pose(random, angle=1.5)
+        first, second = split_spring(spring, random.random())
+        whole, both = spring.wrench(pose, target), first.wrench(pose, target) + second.wrench(pose, target)
+        np.testing.assert_allclose(both, whole, rtol=1e-12, atol=1e-11)
+        energy = first.energy(pose, target) + second.energy(pose, target)
+        assert energy == pytest.approx(spring.energy(pose, target), rel=1e-12)
+        K = spring_stiffness(first, pose, target) + spring_stiffness(second, pose, target)
+        np.testing.assert_allclose(K, spring_stiffness(spring, pose, target), rtol=1e-11, atol=1e-9)
+
+
+def test_hybrid_axis_pushes_along_its_own_axis_and_limits_the_speed() -> None:
+    random = np.random.default_rng(2)
+    reference = random_pose(random)
+    axes = {"z": HybridAxis(force=-12.0, speed_limit=0.1), "rx": HybridAxis(force=0.5, speed_limit=None)}
+    spring = make_spring(np.zeros((6, 6)), reference=reference, axes=axes)
+    wrench = spring.axis_force()
+    np.testing.assert_allclose(wrench[:3], -12.0 * reference.rotation[:, 2], atol=1e-12)
+    np.testing.assert_allclose(wrench[3:], 0.5 * reference.rotation[:, 0], atol=1e-12)
+    np.testing.assert_allclose(np.diag(spring.damping), [0, 0, 120.0, 0, 0, 0])
+    assert spring.hybrid and not make_spring(np.eye(6)).hybrid
+
+
+def _random_modules(random: np.random.Generator, model: RobotModel) -> TaskModules:
+    """Every limb with springs on its hand and on another of its frames, in random axes, and a bias."""
+    arms = []
+    posture = random_position(random, model)
+    for limb in model.limbs.values():
+        own = [frame for frame in model.frames if _moved_by(model, frame, limb.name)]
+        springs = tuple(
+            make_spring(
+                random_psd(random, TYPICAL_STIFFNESS),
+                frame=frame,
+                limb=limb.name,
+                name=f"spring{index}",
+                reference=model.pose(posture, str(random.choice(list(model.frames)))),
+                start=model.pose(posture, frame),
+            )
+            for index, frame in enumerate((limb.hand, limb.hand, str(random.choice(own))))
+        )
+        k = len(limb.joints)
+        bias = JointBias(
+            limb.name, limb.joints, 20 * random.random(k), random.normal(size=k), np.zeros(k), None
+        )
+        arms.append(ArmModule(limb, springs, bias))
+    return TaskModules(tuple(arms), None, posture)
+
+
+def _moved_by(model: RobotModel, frame: str, limb: str) -> bool:
+    from impedance_modules.errors import BadInput
+
+    try:
+        return model.limb_of(frame).name == limb
+    except BadInput:
+        return False
+
+
+@pytest.mark.parametrize("robot", [baxter, six_joint_pair], ids=["baxter", "six_joint_pair"])
+@pytest.mark.parametrize("seed", range(10))
+def test_torque_is_minus_the_gradient_by_the_joints(robot, seed: int) -> None:
+    """tau = -dU/dq of everything together, springs on any frame, in any axes, with joint bias."""
+    random = np.random.default_rng(seed)
+    model = robot()
+    modules = _random_modules(random, model)
+    kinematics = Kinematics(model, modules.frames)
+    rest = {arm.limb.name: arm.bias.rest for arm in modules.arms}
+    targets = Equilibrium(
+        {s.name: s.start @ random_pose(random, 0.2, 1.0) for a in modules.arms for s in a.springs}, None, rest
+    )
+    q = modules.posture + 0.2 * random.normal(size=model.n)
+
+    def terms(q: Array):
+        kinematics.update(q, np.zeros(model.n))
+        return desired_effort(modules, kinematics, targets, q, np.zeros(model.n), damping)
+
+    kinematics.update(q, np.zeros(model.n))
+    damping = phase_damping(modules, kinematics)
+    step = 1e-3 * np.eye(model.n)
+    slope = [
+        (8 * (terms(q + h).energy - terms(q - h).energy) - terms(q + 2 * h).energy + terms(q - 2 * h).energy)
+        / (12 * 1e-3)
+        for h in step
+    ]
+    found = terms(q)
+    np.testing.assert_allclose(found.effort, -np.array(slope), atol=2e-8 * np.abs(found.effort).max())
+    np.testing.assert_allclose(sum(part.effort for part in found.parts), found.effort, atol=1e-12)

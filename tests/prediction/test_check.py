@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What ``check`` predicts against what the plant does, and what it refuses."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from impedance_modules.cli.main import impedance
+from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.errors import BadFile
+from impedance_modules.modules.equilibrium import OBJECT
+from impedance_modules.prediction.check import Outlook, refuse_unfit
+from impedance_modules.prediction.energy import TankForecast, forecast_tank
+from impedance_modules.prediction.forecast import Forecast, forecast_task
+from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.quasi_static import BLENDING
+from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, wipe, write_task
+from tests.support.paths import CHECKOUT
+
+ROOT = CHECKOUT
+SLOW = ("numba", "rerun", "pyarrow", "matplotlib", "scipy.signal", "daqp", "proxsuite")
+
+
+def prepared(path: Path, rate: float | None = None, arm: str | None = None) -> tuple[Assembly, Outlook]:
+    assembly = assemble(str(path), effects=None, rate=rate, scale=1.0, arm=arm)
+    return assembly, refuse_unfit(assembly)
+
+
+def forecast(path: Path) -> tuple[Assembly, Forecast]:
+    assembly, outlook = prepared(path)
+    return assembly, forecast_task(assembly, outlook.rehearsal, outlook.rests)
+
+
+class Measured:
+    """A task on the noisy plant: the least tank that would have done, and when its phases ended."""
+
+    def __init__(self, assembly: Assembly) -> None:
+        from impedance_modules.control.loop import Interrupt, run_loop
+        from impedance_modules.control.supervisor import Supervisor
+        from impedance_modules.runs.prepare import sim_backend
+
+        supervisor, backend = Supervisor(assembly), sim_backend(assembly, seed=1)
+        first = backend.start()
+        supervisor.start(first)
+        controller = supervisor.controller
+        self.need, self.effort = 0.0, np.zeros(assembly.model.n)
+
+        def on_cycle(_state: object, effort: np.ndarray, _late: bool, _asked: bool) -> None:
+            tank = controller.tank
+            self.need = max(self.need, assembly.tank.initial - tank.level + assembly.tank.floor + tank.need)
+            self.effort = effort.copy() if np.any(effort) else self.effort
+
+        run_loop(
+            supervisor,
+            backend,
+            first.state,
+            on_cycle,
+            Interrupt(),
+            duration=None,
+            paced=False,
+            read_only=False,
+        )
+        self.ending = supervisor.ending
+        self.charged = controller.tank.charged
+        self.seconds = [seconds for _, seconds, _ in supervisor.sequence.ended]
+        self.object_height = (
+            None if backend.plant.object_pose is None else backend.plant.object_pose.translation[2]
+        )
+
+
+def tank_of(assembly: Assembly, outlook: Outlook) -> TankForecast:
+    return forecast_tank(assembly, Mechanism(assembly), outlook.rehearsal)
+
+
+@pytest.mark.parametrize("name", ["hold-and-lift", "wipe", "box"])
+def test_the_predicted_tank_is_what_the_run_needs(tmp_path: Path, name: str) -> None:
+    """Need within 10 %, phases within 0.1 s, sensing within 30 %, torque at rest within 5 % of the largest."""
+    texts = {"hold-and-lift": HOLD_AND_LIFT, "box": BOX}
+    path = wipe(tmp_path) if name == "wipe" else write_task(tmp_path, texts[name])
+    assembly, outlook = prepared(path)
+    predicted, run = tank_of(assembly, outlook), Measured(assembly)
+    assert run.ending.value == "done"
+    assert predicted.need == pytest.approx(run.need, rel=0.1)
+    expected = [phase.ended - phase.began for phase in outlook.rehearsal.phases]
+    assert run.seconds == pytest.approx(expected, abs=0.1)
+    end_term = float(np.abs(outlook.rehearsal.samples[-1].effort) @ assembly.tank.sensing_error)
+    assert predicted.sensing - end_term == pytest.approx(run.charged, rel=0.3)
+    last = outlook.rehearsal.samples[-1].effort
+    assert np.max(np.abs(run.effort - last)) < 0.05 * np.max(np.abs(last)) + 1.0
+    # The parts are the whole.
+    parts = sum(predicted.costs.values())
+    assert parts == pytest.approx(predicted.need, abs=1e-6)
+
+
+def test_a_tank_that_holds_the_need_does_not_slow_and_half_of_it_does(tmp_path: Path) -> None:
+    assembly, outlook = prepared(write_task(tmp_path, HOLD_AND_LIFT))
+    need = tank_of(assembly, outlook).need
+    spare = need - assembly.tank.floor
+    enough = write_task(tmp_path, HOLD_AND_LIFT, ("initial: 5", f"initial: {need + 0.15 * spare:.3f}"))
+    short = tmp_path / "short"
+    short.mkdir()
+    starved = write_task(
+        short, HOLD_AND_LIFT, ("initial: 5", f"initial: {assembly.tank.floor + 0.5 * spare:.3f}")
+    )
+    full = Measured(assemble(str(enough), effects=None, rate=None, scale=1.0, arm=None))
+    slow = Measured(assemble(str(starved), effects=None, rate=None, scale=1.0, arm=None))
+    assert sum(full.seconds) == pytest.approx(2.0, abs=0.01)
+    assert slow.ending.value != "done" or sum(slow.seconds) > 2.05
+
+
+@pytest.mark.parametrize("seed", [0, 2, 7, 10])
+def test_rest_is_where_the_potential_energy_is_stationary(tmp_path: Path, seed: int) -> None:
+    """Sum of springs, biases, forces, weight and surfaces, differentiated along motions that keep the grasps."""
+    random = np.random.default_rng(seed)
+    height, turn = -0.02 - 0.04 * random.random(), 0.1 * random.normal()
+    path = write_task(
+        tmp_path,
+        BOX,
+        ("{z: -0.05}", f"{{z: {height:.4f}, ry: {turn:.4f}, x: {0.62 + 0.05 * random.random():.4f}}}"),
+    )
+    assembly, outlook = prepared(path)
+    phase, rest = outlook.rehearsal.phases[1], outlook.rests[1]
+    assert rest is not None
+    mechanism = Mechanism(assembly)
+
+    def potential(q: np.ndarray) -> float:
+        """Weight and its carrying cancel here; the squeeze does no work on the welded box."""
+        mechanism.update(q, np.zeros_like(q))
+        total = 0.0
+        for arm in phase.modules.arms:
+            total += arm.bias.energy(q, phase.equilibrium.rests[arm.limb.name])
+            for spring in arm.springs:
+                total += spring.energy(
+                    mechanism.kinematics.pose(spring.frame), phase.equilibrium.springs[spring.name]
+                )
+        for contact, _ in mechanism.contacts(0.0):
+            total += 0.5 * contact.surface.stiffness * contact.depth**2
+        return total
+
+    mechanism.update(rest.q, np.zeros_like(rest.q))
+    rows, gap = mechanism.grasp_rows()
+    assert np.max(np.abs(gap)) < 1e-10
+    assert rest.pressure[OBJECT][2] > 0.1
+    _, values, right = np.linalg.svd(rows)
+    for direction in right[np.sum(values > 1e-9 * values[0]) :]:
+        step = np.zeros(assembly.model.n)
+        step[mechanism.joints] = 1e-5 * direction
+        assert abs(potential(rest.q + step) - potential(rest.q - step)) / 2e-5 < 2e-5
+
+
+def test_the_hand_yields_by_force_over_stiffness(tmp_path: Path) -> None:
+    """One stiff axis against a table: the table's force is K times the stretch, less what the joints take."""
+    _, found = forecast(wipe(tmp_path))
+    press = next(phase for phase in found.phases if phase.rehearsed.name == "press")
+    arm = press.arms[0]
+    assert arm.pressed == pytest.approx(200.0 * arm.yielding.distance, rel=0.15)
+    assert arm.commanded.torque < arm.total.torque
+    assert press.rehearsed.met is None and found.phases[0].rehearsed.met is True
+
+
+def test_an_unstable_loop_is_announced(tmp_path: Path) -> None:
+    """Two hands damped at 0.7 from the box's inertia shake Baxter's elastic joints (seen on the plant)."""
+    _, calm = forecast(write_task(tmp_path, BOX))
+    _, shaky = forecast(write_task(tmp_path, BOX, ("damping_ratio: 0.3", "damping_ratio: 0.9")))
+    assert all(loop.growth < 1.0 for loop in calm.phases[0].loops) and not calm.notes
+    (loop,) = shaky.phases[0].loops
+    assert loop.growth > 1.0 and loop.damping_ratio < 0.0 and loop.scale < 1.0
+    assert any("unstable" in note for note in shaky.notes)
+
+
+def test_a_condition_that_will_not_come_is_announced(tmp_path: Path) -> None:
+    path = write_task(tmp_path, HOLD_AND_LIFT, ("duration: 1.5}", "duration: 1.5, until: {contact: true}}"))
+    assert any("has not come" in note for note in forecast(path)[1].notes)
+
+
+def refusal(path: Path, *options: str) -> str:
+    result = CliRunner().invoke(impedance, ["check", str(path), *options])
+    assert isinstance(result.exception, BadFile) and result.exception.exit_code == 2
+    assert not result.stdout
+    return str(result.exception)
+
+
+def test_a_tank_below_the_need_is_refused_with_need_and_costs(tmp_path: Path) -> None:
+    path = write_task(tmp_path, HOLD_AND_LIFT, ("initial: 5", "initial: 0.8"))
+    text = refusal(path)
+    line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "tank" in text)
+    assert re.match(
+        rf"{re.escape(str(path))}:{line}:\d+: safety\.tank\.initial: the task needs \d\.\d\d J", text
+    )
+    assert "springs wound" in text and "phase 'lift'" in text
+    with pytest.raises(BadFile):
+        prepared(path)
+
+
+def test_a_torque_beyond_a_limit_is_refused_with_joint_and_phase(tmp_path: Path) -> None:
+    changes = ("z: 200", "z: 5000"), ("initial: 8, max: 12", "initial: 900, max: 1000")
+    text = refusal(wipe(tmp_path, *changes))
+    assert re.search(
+        r"phases\[1\]: phase 'press' asks \d+\.\d N\.m of \w+, whose limit is (15|50) N\.m", text
+    )
+
+
+def test_a_sine_beyond_half_the_used_rate_is_refused(tmp_path: Path) -> None:
+    path = write_task(
+        tmp_path,
+        HOLD_AND_LIFT,
+        ("right.hand: {z: 0.15}", "right.hand: {z: {sine: {amplitude: 0.001, frequency: 60}}}"),
+    )
+    text = refusal(path, "--rate", "100")
+    assert (
+        "phases[1].equilibrium.right.hand.z.sine.frequency: 60 Hz is not below half the control rate, 50 Hz"
+        in text
+    )
+    assert re.match(rf"{re.escape(str(path))}:\d+:\d+: ", text)
+
+
+def run_command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "impedance_modules", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=False,
+    )
+
+
+def test_the_command_prints_and_exits(tmp_path: Path) -> None:
+    good = run_command("check", str(write_task(tmp_path, HOLD_AND_LIFT)))
+    assert good.returncode == 0 and not good.stderr
+    for word in (
+        "torque",
+        "yields at rest",
+        "least damped",
+        "highest stable",
+        "energy the tank must cover",
+        "sensing",
+    ):
+        assert word in good.stdout
+    bad = run_command("check", str(write_task(tmp_path, HOLD_AND_LIFT, ("initial: 5", "initial: 0.8"))))
+    assert bad.returncode == 2 and not bad.stdout
+    assert bad.stderr.startswith(f"{tmp_path / 'task.yaml'}:")
+
+
+@pytest.mark.parametrize("verb", ["check", "analyze"])
+def test_nothing_slow_is_imported(tmp_path: Path, verb: str) -> None:
+    path = write_task(tmp_path, BOX)
+    code = (
+        "import sys\nfrom impedance_modules.cli.main import main\n"
+        f"sys.argv = ['impedance', '{verb}', {str(path)!r}]\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    print('exit', end.code)\n"
+        f"print('slow', [m for m in {SLOW} if m in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert found.stdout.rstrip().endswith("exit 0\nslow []")
+
+
+def test_one_arm_scale_and_patch_are_taken_into_account(tmp_path: Path) -> None:
+    path = write_task(tmp_path, HOLD_AND_LIFT)
+    both = tank_of(*prepared(path)).need
+    assembly, outlook = prepared(path, arm="left")
+    assert tank_of(assembly, outlook).need < 0.8 * both
+    soft = assemble(str(path), effects=None, rate=None, scale=0.3, arm=None)
+    assert tank_of(soft, refuse_unfit(soft)).need < 0.9 * both
+    patch = ROOT / "robots" / "baxter" / "patches" / "without-reflected-inertia.yaml"
+    light = assemble(str(path), effects=patch, rate=None, scale=1.0, arm=None)
+    moving = tank_of(light, refuse_unfit(light)).costs["arms moving"]
+    assert moving < 0.8 * tank_of(*prepared(path)).costs["arms moving"]
+
+
+def test_gains_come_in_as_in_the_run() -> None:
+    from impedance_modules.control import gains
+
+    assert BLENDING == gains.BLENDING
+
+
+def test_distances_from_a_box_turn_with_it() -> None:
+    """A tilted box, seen from its own axes, is at the same distance; the normal is the distance's gradient."""
+    from impedance_modules.prediction.contact import place_surface, surface_distance
+    from impedance_modules.robot.rotation import exp3
+    from impedance_modules.spec.task import SurfaceSpec
+
+    random = np.random.default_rng(0)
+    for _ in range(200):
+        size, turn, centre = 0.1 + random.random(3), random.normal(size=3), random.normal(size=3)
+        straight = SurfaceSpec("box", None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), tuple(size), 1e4, 0.0, 0.0)
+        tilted = SurfaceSpec("box", None, tuple(centre), tuple(turn), tuple(size), 1e4, 0.0, 0.0)
+        point = random.normal(size=3)
+        distance, normal = surface_distance(place_surface(straight), point)
+        moved, turned = surface_distance(place_surface(tilted), exp3(turn) @ point + centre)
+        assert moved == pytest.approx(distance, abs=1e-12)
+        np.testing.assert_allclose(turned, exp3(turn) @ normal, atol=1e-12)
+        nudge = 1e-6 * normal
+        assert surface_distance(place_surface(straight), point + nudge)[0] == pytest.approx(
+            distance + 1e-6, abs=1e-9
+        )

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Each step of the ledger by itself, and how a run feels when the tank is full, low or empty."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from impedance_modules.errors import BadInput, SafetyStop
+from impedance_modules.safety.ledger import grant, measure, missed, pay, settle
+from impedance_modules.safety.motor_port import motor_positions, sensing_error, spring_compliances
+from impedance_modules.safety.tank import filled_tank, power_budget
+from impedance_modules.spec.robot import JointSpec, SensorSpec
+from tests.support.tank_worlds import Springs, Wire, settings_of
+
+EPS = 1e-9
+
+
+def steps_to_target(initial: float) -> int:
+    """Cycles until a damped one-joint arm's equilibrium has moved 1 rad; a low tank waits for refunds."""
+    s = settings_of(1, initial=initial, max=10.0, floor=0.1, compliance=np.zeros(1))
+    springs = Springs(np.array([[20.0]]), np.zeros(1), 6.0, np.zeros(1))
+    q, v = np.zeros(1), np.zeros(1)
+    tank, progress = filled_tank(s, q, np.zeros(1), 0.0), 0.0
+    for k in range(20_000):
+        if k:
+            tank = measure(tank, s, q, np.zeros(1), springs.potential(q))
+        wish = min(1.0, progress + 0.004) - progress
+        tank, part = grant(
+            tank, s, lambda a, p=progress, w=wish, x=q: springs.potential(x, np.array([p + a * w]))
+        )
+        progress += part * wish
+        springs.x0 = np.array([progress])
+        tank = settle(tank, s)
+        tank, tau = pay(tank, s, springs.effort(q, v, tank.spring_scale), stopping=False)
+        if progress >= 1.0:
+            return k
+        for _ in range(4):
+            v = v + tau / 0.3 * s.period / 4
+            q = q + v * s.period / 4
+    raise AssertionError(f"stuck at {progress}, {tank}")
+
+
+def test_a_starved_tank_slows_the_task_and_does_not_strand_it() -> None:
+    rich, poor = steps_to_target(9.0), steps_to_target(0.6)
+    assert rich == 249
+    assert rich * 1.3 < poor < 20_000
+
+
+def test_a_push_that_meets_nothing_fades_out_at_the_floor() -> None:
+    s = settings_of(1, delay=2, compliance=np.zeros(1), max=4.0, initial=4.0)
+    q, work, wire = np.zeros(1), 0.0, Wire(2, 1)
+    tank = filled_tank(s, q, np.zeros(1), 0.0)
+    for k in range(3000):
+        if k:
+            tank = measure(tank, s, q, np.zeros(1), 0.0)
+        tank = settle(tank, s)
+        tank, tau = pay(tank, s, np.array([12.0]), stopping=False)
+        applied = wire.applied(tau)
+        q = q + 1.5 * s.period
+        work += float(applied[0] * 1.5 * s.period)
+    assert tau[0] < 0.1
+    assert tank.starved_time > 1.0
+    assert 0.9 * (4.0 - s.floor) < work <= 4.0 - s.floor
+
+
+def test_a_full_tank_does_not_touch_a_gentle_torque() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        n = int(rng.integers(1, 4))
+        s = settings_of(n, delay=int(rng.integers(0, 5)), sensing_error=np.full(n, 2e-4))
+        q = rng.normal(size=n)
+        tank = filled_tank(s, q, np.zeros(n), 0.3)
+        for _ in range(8):
+            tank = measure(tank, s, q, np.zeros(n), 0.3)
+            tank, part = grant(tank, s, lambda a: 0.3 + 0.01 * a)
+            tank = settle(replace(tank, potential=0.3), s)
+            wanted = rng.uniform(-5, 5, n)
+            tank, sent = pay(tank, s, wanted, stopping=False)
+            assert part == 1.0
+            assert sent is wanted
+            assert tank.spring_scale == 1.0
+            assert tank.starved_time == 0.0
+
+
+def test_grant_spends_at_most_the_budget_and_nearly_all_of_it() -> None:
+    rng = np.random.default_rng(8)
+    s = settings_of(1)
+    for _ in range(300):
+        tank = replace(
+            filled_tank(s, np.zeros(1), np.zeros(1), float(rng.uniform(0, 5))),
+            level=float(rng.uniform(-1, 4)),
+            need=float(rng.uniform(0, 2)),
+            spring_scale=float(rng.uniform(0, 1)),
+        )
+        rise = float(rng.uniform(0, 20))
+        budget = max(0.0, tank.level - s.floor - tank.need)
+        after, part = grant(tank, s, lambda a, t=tank, r=rise: t.potential + r * a * a)
+        cost = tank.level - after.level
+        assert -EPS <= cost <= budget + EPS
+        if part < 1:
+            assert tank.spring_scale * rise * (part + 1 / 4096) ** 2 >= budget - EPS
+        assert after.short == (part == 0.0)
+        refund, whole = grant(tank, s, lambda a, t=tank: t.potential * (1 - a))
+        assert whole == 1.0
+        assert refund.level + refund.spilled == pytest.approx(tank.level + tank.declared)
+
+
+def test_relaxing_always_reaches_the_floor_and_moves_no_energy_out() -> None:
+    rng = np.random.default_rng(9)
+    s = settings_of(2, sensing_error=np.full(2, 1e-3))
+    for _ in range(500):
+        applied = rng.normal(size=2) * 10
+        base = s.floor + float(np.abs(applied) @ s.sensing_error)
+        potential, scale = float(rng.uniform(0.01, 30)), float(rng.uniform(0.01, 1))
+        excess = float(rng.uniform(0, 1)) * scale * potential
+        tank = replace(
+            filled_tank(s, np.zeros(2), np.zeros(2), potential),
+            level=base - scale * potential + excess,
+            spring_scale=scale,
+            applied=applied,
+            need=float(rng.uniform(0, 3)),
+        )
+        after = settle(tank, s)
+        assert after.level >= base - EPS
+        assert 0 <= after.spring_scale <= scale
+        kept_need = after.spring_scale / scale * min(tank.need, s.max - base)
+        assert after.level == pytest.approx(base + kept_need), "what is kept can be paid"
+        assert after.level + after.declared == pytest.approx(tank.level + tank.declared)
+        assert after.short
+
+
+def test_relaxed_springs_tighten_again_only_as_the_tank_pays() -> None:
+    s = settings_of(1)
+    tank = replace(filled_tank(s, np.zeros(1), np.zeros(1), 6.0), spring_scale=0.1, level=3.9, need=0.4)
+    total = tank.level + tank.declared
+    for _ in range(2000):
+        last, tank = tank, settle(tank, s)
+        assert tank.spring_scale >= last.spring_scale
+        assert tank.level >= s.floor + tank.need - EPS
+        assert tank.level + tank.declared == pytest.approx(total)
+    assert tank.spring_scale == pytest.approx(0.6, abs=1e-3)
+    rich = replace(tank, level=s.max, potential=0.1)
+    for _ in range(2000):
+        rich = settle(rich, s)
+    assert rich.spring_scale == 1.0
+
+
+def test_the_floor_is_there_for_the_stop() -> None:
+    s = settings_of(2)
+    tank = replace(filled_tank(s, np.zeros(2), np.zeros(2), 0.0), level=s.floor)
+    brake = np.array([3.0, -4.0])
+    assert np.all(pay(tank, s, brake, stopping=False)[1] == 0)
+    assert pay(tank, s, brake, stopping=True)[1] is brake
+
+
+def test_a_rotor_faster_than_declared_is_reported() -> None:
+    s = settings_of(3, compliance=np.zeros(3), sensing_error=np.full(3, 1e-4))
+    tank = filled_tank(s, np.zeros(3), np.zeros(3), 0.0)
+    limit = s.speed_bound[0] * s.period + 2e-4
+    assert not measure(tank, s, np.full(3, limit), np.zeros(3), 0.0).overspeed
+    seen = measure(tank, s, np.array([0, 1.01 * limit, -1.01 * limit]), np.zeros(3), 0.0)
+    assert seen.overspeed == (1, 2)
+    late = missed(tank, s)
+    assert not measure(late, s, np.full(3, 1.9 * limit), np.zeros(3), 0.0).overspeed
+
+
+def test_power_budget_is_what_the_guarantee_allows() -> None:
+    s = settings_of(1, delay=3)
+    tank = filled_tank(s, np.zeros(1), np.zeros(1), 0.0)
+    assert power_budget(tank, s) == pytest.approx((2.0 - 0.5) / 0.008)
+    assert power_budget(replace(tank, level=0.2), s) == 0.0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_is_never_booked_or_sent(value: float) -> None:
+    s = settings_of(1)
+    tank = filled_tank(s, np.zeros(1), np.zeros(1), 0.0)
+    with pytest.raises(SafetyStop, match="finite"):
+        pay(tank, s, np.array([value]), stopping=False)
+    with pytest.raises(SafetyStop, match="finite"):
+        measure(tank, s, np.array([value]), np.zeros(1), 0.0)
+    for potential in (value, -0.1):
+        with pytest.raises(SafetyStop, match="potential"):
+            measure(tank, s, np.zeros(1), np.zeros(1), potential)
+    same, part = grant(tank, s, lambda a: value)
+    assert part == 0.0
+    assert same.level == tank.level
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"floor": -0.1},
+        {"floor": 2.0},
+        {"initial": 5.0},
+        {"period": 0.0},
+        {"delay": -1},
+        {"hold": 0.001},
+        {"recovery_time": 0.0},
+        {"speed_bound": np.array([np.inf])},
+        {"compliance": np.array([-1.0])},
+        {"sensing_error": np.array([np.nan])},
+    ],
+)
+def test_settings_that_would_void_the_proof_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(BadInput, match="energy tank"):
+        settings_of(1, **wrong)
+
+
+def test_the_sensing_bound_covers_quantised_readings() -> None:
+    joint = JointSpec("a", -1, 1, 2, 50, 100, 843.0, 0.6, 0, 0)
+    compliance = spring_compliances((joint, replace(joint, spring_stiffness=None)))
+    assert compliance.tolist() == [1 / 843, 0.0]
+    sensors = SensorSpec(4e-4, 0.2, 0.0, 0.0, 0.0)
+    bound = sensing_error(sensors, compliance, np.full(2, 2.0), latency=0.0)
+    rng = np.random.default_rng(1)
+    worst = np.zeros(2)
+    for _ in range(3000):
+        q, effort = rng.normal(size=2), rng.normal(size=2) * 20
+        seen = motor_positions(np.round(q / 4e-4) * 4e-4, np.round(effort / 0.2) * 0.2, compliance)
+        worst = np.maximum(worst, np.abs(seen - motor_positions(q, effort, compliance)))
+    assert np.all(worst <= bound + 1e-15)
+    assert np.all(worst >= 0.9 * bound)
+    late = sensing_error(sensors, compliance, np.full(2, 2.0), latency=0.01)
+    assert np.allclose(late - bound, 0.02)

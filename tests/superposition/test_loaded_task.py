@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whole modules under load: what the analysis prints equals what the summed torque does when pushed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from impedance_modules.modules.arms import ArmModule, TaskModules
+from impedance_modules.modules.damping import Damping, phase_damping
+from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.held_object import HeldObject
+from impedance_modules.modules.joint_bias import JointBias
+from impedance_modules.modules.total import desired_effort
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.pose import Pose, carry
+from impedance_modules.robot.rotation import log3
+from impedance_modules.spec.task import HybridAxis, ObjectSpec
+from impedance_modules.superposition.arm import ArmImpedance, arm_impedance
+from impedance_modules.superposition.held import HeldImpedance, held_impedance
+from impedance_modules.superposition.modes import hold_together
+from tests.support.arm_samples import (
+    TYPICAL_STIFFNESS,
+    Array,
+    baxter,
+    make_spring,
+    random_pose,
+    random_position,
+    random_psd,
+    relative,
+    six_joint_pair,
+)
+
+ROBOTS = pytest.mark.parametrize("robot", [baxter, six_joint_pair], ids=["baxter", "six_joint_pair"])
+
+
+class LoadedTask:
+    """Arms with springs on hand and forearm, hybrid force and bias, their targets moved away: loaded."""
+
+    def __init__(self, model: RobotModel, random: np.random.Generator) -> None:
+        self.model = model
+        q = random_position(random, model)
+        arms = []
+        for limb in model.limbs.values():
+            k, inner = len(limb.joints), self._inner_frame(limb.name, limb.hand)
+            springs = tuple(
+                make_spring(
+                    random_psd(random, share * TYPICAL_STIFFNESS) + 0.3 * np.diag(share * TYPICAL_STIFFNESS),
+                    frame,
+                    limb.name,
+                    name,
+                    random_pose(random),
+                    model.pose(q, frame),
+                    damping_ratio=0.7,
+                    axes={"z": HybridAxis(4.0, None)},
+                )
+                for name, frame, share in (("hand", limb.hand, 1.0), ("inner", inner, 0.2))
+            )
+            bias = JointBias(
+                limb.name, limb.joints, 30.0 + 20.0 * random.random(k), q[limb.joints], np.ones(k), 0.7
+            )
+            arms.append(ArmModule(limb, springs, bias))
+        self.modules = TaskModules(tuple(arms), None, q)
+        self.kinematics = Kinematics(model, self.modules.frames)
+        self.targets = Equilibrium(
+            {s.name: s.start @ random_pose(random, 0.01, 0.1) for arm in arms for s in arm.springs},
+            None,
+            {arm.limb.name: arm.bias.rest for arm in arms},
+        )
+        self.place(q)
+        self.damping: Damping = phase_damping(self.modules, self.kinematics)
+
+    def _inner_frame(self, limb: str, hand: str) -> str:
+        """A frame two joints before the hand."""
+        frames = [f for f in self.model.frames if f.split("_")[0] == hand.split("_", maxsplit=1)[0]]
+        joints = self.model.limbs[limb].joints
+        self.kinematics = Kinematics(self.model, frames)
+        self.place(np.zeros(self.model.n))
+        moved = [
+            int(np.count_nonzero(np.any(self.kinematics.jacobian_of(f)[:, joints], axis=0))) for f in frames
+        ]
+        return frames[moved.index(len(joints) - 2)]
+
+    def place(self, q: Array) -> None:
+        self.kinematics.update(q, np.zeros(self.model.n))
+
+    def effort(self, q: Array) -> Array:
+        self.place(q)
+        zero = np.zeros(self.model.n)
+        return desired_effort(self.modules, self.kinematics, self.targets, q, zero, self.damping).effort
+
+    def arms(self, q: Array) -> dict[str, ArmImpedance]:
+        self.place(q)
+        return {
+            arm.limb.name: arm_impedance(arm, self.kinematics, self.targets, q, self.damping)
+            for arm in self.modules.arms
+        }
+
+    def settle(self, q: Array, pushes: dict[str, Array]) -> Array:
+        """Finds rest under constant wrenches on the hands, by the analysis's own joint-space stiffness."""
+        for _ in range(80):
+            balance = self.effort(q)
+            for limb, push in pushes.items():
+                balance = balance + self.kinematics.jacobian_of(self.model.limbs[limb].hand).T @ push
+            if np.max(np.abs(balance)) < 1e-11:
+                break
+            for name, arm in self.arms(q).items():
+                joints = self.model.limbs[name].joints
+                q = q.copy()
+                q[joints] += np.linalg.solve(arm.system.stiffness, balance[joints])
+        return q
+
+
+@ROBOTS
+@pytest.mark.parametrize("seed", range(6))
+def test_a_loaded_arm_moves_as_its_printed_compliance_says(robot, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    task = LoadedTask(robot(), random)
+    load = {
+        limb: np.append(5.0 * random.normal(size=3), 0.3 * random.normal(size=3)) for limb in task.model.limbs
+    }
+    q = task.settle(task.modules.posture, load)
+    found = task.arms(q)
+    for limb, arm in found.items():
+        assert arm.unbalanced < 1e-8 and not arm.stiffness.folds
+        assert np.max(np.abs(arm.preload)) > 1.0
+        np.testing.assert_allclose(arm.preload, arm.wrench + load[limb], atol=1e-7)
+        columns = []
+        for unit in np.eye(6):
+            poses = []
+            for sign in (1.0, -1.0):
+                task.place(task.settle(q, {**load, limb: load[limb] + sign * 1e-3 * unit}))
+                poses.append(task.kinematics.pose(task.model.limbs[limb].hand))
+            turn = log3(poses[0].rotation @ poses[1].rotation.T)
+            columns.append(np.append(poses[0].translation - poses[1].translation, turn) / 2e-3)
+        assert relative(arm.stiffness.compliance, np.array(columns).T) < 1e-5
+        assert relative(arm.stiffness.stiffness, np.linalg.inv(np.array(columns).T)) < 1e-4
+        assert relative(arm.stiffness_without_preload.stiffness, arm.stiffness.stiffness) > 1e-4
+
+
+@ROBOTS
+def test_scaled_and_fixed_gains_make_up_the_arm(robot) -> None:
+    random = np.random.default_rng(0)
+    task = LoadedTask(robot(), random)
+    for arm in task.arms(task.modules.posture).values():
+        np.testing.assert_allclose(
+            arm.fixed.stiffness + arm.scaled.stiffness, arm.system.stiffness, atol=1e-10
+        )
+        np.testing.assert_allclose(arm.fixed.damping + arm.scaled.damping, arm.system.damping, atol=1e-10)
+        assert np.linalg.eigvalsh(arm.system.damping)[0] > 0.0
+        difference = arm.inertia.inertia - arm.inertia_without_reflected.inertia
+        assert np.linalg.eigvalsh(0.5 * (difference + difference.T))[0] > 0.0
+
+
+class HeldTask(LoadedTask):
+    """The same arms with a box welded between the hands; rest of the closed chain by Newton steps."""
+
+    def __init__(self, model: RobotModel, random: np.random.Generator) -> None:
+        super().__init__(model, random)
+        q = self.modules.posture
+        limbs = tuple(model.limbs)
+        hands = tuple(model.limbs[limb].hand for limb in limbs)
+        poses = [model.pose(q, hand) for hand in hands]
+        middle = np.mean([pose.translation for pose in poses], axis=0)
+        start = Pose(np.eye(3), middle + 0.05 * random.normal(size=3))
+        spec = ObjectSpec(limbs, "box", 1.2, (0.3, 0.2, 0.2), None, "weld", None, 12.0, True)
+        springs = tuple(f"{limb}.hand" for limb in limbs)
+        grasps = tuple(start.inverse() @ pose for pose in poses)
+        self.modules = replace(self.modules, held=HeldObject(spec, start, limbs, hands, grasps, springs))
+        self.place(q)
+        self.damping = phase_damping(self.modules, self.kinematics)
+
+    def held(self, q: Array) -> HeldImpedance:
+        return held_impedance(self.modules.held, self.arms(q))
+
+    def settle_held(self, q: Array, push: Array) -> tuple[Array, Pose]:
+        """Finds rest of arms and object under a wrench on the object, grasps kept to rounding."""
+        held = self.modules.held
+        for _ in range(200):
+            effort = self.effort(q)
+            poses = [self.kinematics.pose(hand) for hand in held.hands]
+            where = [pose @ grasp.inverse() for pose, grasp in zip(poses, held.grasps, strict=True)]
+            gap = np.append(
+                where[0].translation - where[1].translation, log3(where[0].rotation @ where[1].rotation.T)
+            )
+            origin = 0.5 * (where[0].translation + where[1].translation)
+            joints = [self.model.limbs[limb].joints for limb in held.limbs]
+            jacobians = [
+                self.kinematics.jacobian_of(hand)[:, j] for hand, j in zip(held.hands, joints, strict=True)
+            ]
+            offsets = [pose.translation - origin for pose in poses]
+            chain = hold_together(jacobians, offsets)
+            pull = chain.motion.T @ np.concatenate([effort[j] for j in joints]) + chain.twist.T @ push
+            if np.max(np.abs(gap)) < 1e-13 and np.max(np.abs(pull)) < 1e-10:
+                break
+            closing = np.hstack([carry(-offsets[0]) @ jacobians[0], -carry(-offsets[1]) @ jacobians[1]])
+            step = chain.motion @ np.linalg.solve(self.held(q).system.stiffness, pull)
+            step = step - np.linalg.pinv(closing) @ gap
+            q = q.copy()
+            for j, part in zip(joints, np.split(step, [len(joints[0])]), strict=True):
+                q[j] += part
+        return q, where[0]
+
+
+@ROBOTS
+@pytest.mark.parametrize("seed", range(4))
+def test_a_held_loaded_object_moves_as_the_sum_says(robot, seed: int) -> None:
+    """Both arms loaded and squeezing; the closed chain is only solved here, never in the sum."""
+    random = np.random.default_rng(20 + seed)
+    task = HeldTask(robot(), random)
+    load = np.append(4.0 * random.normal(size=3), 0.2 * random.normal(size=3))
+    q, _ = task.settle_held(task.modules.posture, load)
+    found = task.held(q)
+    assert not found.folds and not found.joints_singular
+    np.testing.assert_allclose(found.impedance.wrench, -load, atol=1e-6)
+    columns = []
+    for unit in np.eye(6):
+        ahead, behind = (task.settle_held(q, load + sign * 1e-3 * unit)[1] for sign in (1.0, -1.0))
+        turn = log3(ahead.rotation @ behind.rotation.T)
+        columns.append(np.append(ahead.translation - behind.translation, turn) / 2e-3)
+    assert relative(np.linalg.inv(found.impedance.stiffness), np.array(columns).T) < 1e-5
+    slow = found.motion.twist @ np.linalg.solve(found.system.stiffness, found.motion.twist.T)
+    assert relative(slow, np.array(columns).T) < 1e-5
+    summed = sum(
+        carry(hand.offset).T @ wrench
+        for hand, wrench in zip(found.hands, found.impedance.internal, strict=True)
+    )
+    np.testing.assert_allclose(summed, 0.0, atol=1e-8)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The double without a network and without a wall clock: a backend whose states are the double's own messages.
+
+Every ``read`` lets the double live for one control period and merges what it says, as the real backend does. So
+a run is the same every time, as fast as the machine allows; what it cannot show is everything about time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.baxter import messages
+from impedance_modules.backends.baxter.fake.build import build_fake
+from impedance_modules.backends.baxter.fake.limb import CommandMode
+from impedance_modules.backends.baxter.fake.numbers import SPRINGS, TICK
+from impedance_modules.backends.baxter.fake.options import FakeOptions
+from impedance_modules.backends.baxter.fake.readout import Readout
+from impedance_modules.backends.baxter.joint_states import JointStateMerge
+from impedance_modules.backends.baxter.sea_columns import SeaColumns
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.robot.state import RobotState
+from impedance_modules.runs.run import RunOptions, RunResult, carry_out
+from impedance_modules.spec.patch import read_patch
+
+
+class LockstepDouble:
+    """One double, and a backend that drives it."""
+
+    def __init__(
+        self,
+        task: str,
+        rate: float,
+        effects: Path | None,
+        seed: int,
+        springs: Mapping[str, tuple[float, float]],
+    ) -> None:
+        patch = None if effects is None else read_patch(effects)
+        options = FakeOptions(enabled=True, springs=springs, seed=seed)
+        self.robot = build_fake("baxter", task, patch, options).robot
+        self._ticks = round(1.0 / (rate * TICK))
+        self._readout = Readout(self.robot)
+        self._merge = JointStateMerge(self.robot.model.joint_names)
+        self._sea: dict[str, messages.SEAJointState] = {}
+        self._hear_sea()
+        self._extra = SeaColumns(self._sea)
+        self._zero = 0.0
+        self._plans: list[tuple[float, Callable[[], None]]] = []
+
+    def when(self, seconds: float, act: Callable[[], None]) -> None:
+        """Lets something happen at a time of the double's."""
+        self._plans.append((seconds, act))
+
+    def rehearse_by(self, cycle: Callable[[], None]) -> None:
+        """Nobody waits here, so nothing grows cold."""
+
+    def start(self) -> FirstState:
+        self.write(np.zeros(self.robot.model.n))
+        return self.newest()
+
+    def newest(self) -> FirstState:
+        state = self._live()
+        self._zero = state.time
+        return FirstState(self._shifted(state), np.zeros(self.robot.model.n))
+
+    def read(self) -> RobotState:
+        return self._shifted(self._live())
+
+    def write(self, effort: np.ndarray) -> None:
+        for name, drive in self.robot.limbs.items():
+            values = effort[drive.limb.joints].tolist()
+            self.robot.command(name, CommandMode.TORQUE, drive.limb.joint_names, values)
+
+    def finish(self, how: str) -> None:
+        for name, drive in self.robot.limbs.items():
+            here = self.robot.position(drive).tolist()
+            self.robot.command(name, CommandMode.POSITION, drive.limb.joint_names, here)
+
+    def extra_columns(self) -> tuple[str, ...]:
+        return self._extra.names
+
+    def extra_values(self) -> np.ndarray:
+        return self._extra.values()
+
+    def _live(self) -> RobotState:
+        for _ in range(self._ticks):
+            for plan in [plan for plan in self._plans if plan[0] <= self.robot.now]:
+                self._plans.remove(plan)
+                plan[1]()
+            self.robot.tick()
+        now = round((1.0 + self.robot.now) * 1e9)
+        self._hear_sea()
+        sample = self._merge.take(self._readout.joint_states(now), self.robot.now)
+        assert sample is not None
+        return sample.state
+
+    def _hear_sea(self) -> None:
+        for limb in self.robot.model.limbs.values():
+            self._sea[limb.name] = self._readout.sea_joints(limb, 0)
+
+    def _shifted(self, state: RobotState) -> RobotState:
+        return RobotState(state.time - self._zero, state.position, state.velocity, state.effort)
+
+
+def run_on_the_double(
+    assembly: Assembly,
+    out: Path,
+    *,
+    effects: Path | None = None,
+    seed: int = 0,
+    springs: Mapping[str, tuple[float, float]] = SPRINGS,
+    prepare: Callable[[LockstepDouble], None] = lambda double: None,
+) -> tuple[RunResult, LockstepDouble]:
+    """Carries a task out on a double that wears a patch of which neither task nor model know."""
+    double = LockstepDouble(str(assembly.task.path), assembly.rate, effects, seed, springs)
+    prepare(double)
+    # "sim": time is the double's, nobody waits for it.
+    options = RunOptions(out=out, seed=seed, duration=None, live=False, read_only=False, backend="sim")
+    return carry_out(assembly, double, options, lambda time, phase: None), double
