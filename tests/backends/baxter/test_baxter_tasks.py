@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The same YAML on the simulated robot and, over ROS, on the double: the same motion, the same phases.
 
-Three tasks here; ``EVERY_TASK=1 pytest -s`` on this file compares and prints all
-that need nothing but the robot. The tanks are made ample: what lost samples cost is tests/laws' matter, and this machine's.
+Three tasks here; ``EVERY_TASK=1 pytest -s`` on this file compares and prints all that need nothing but the robot.
+The tanks are made ample: what lost samples cost is the matter of tests/control, and of this machine.
 """
 
 from __future__ import annotations
