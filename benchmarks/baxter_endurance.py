@@ -27,7 +27,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from benchmarks.machine_pauses import PauseWatch, describe
-from impedance_modules.runs.record import MISSED
+from impedance_modules.runs.recorder import MISSED
 
 TASK = Path(__file__).parents[1] / "tasks" / "mirrored-arms.yaml"
 IMPEDANCE = [sys.executable, "-m", "impedance_modules"]

@@ -18,9 +18,9 @@ from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
 from impedance_modules.tools.tune.folding import folding_share, unloading
-from impedance_modules.tools.tune.overlay import WINDING, trial_task
+from impedance_modules.tools.tuned_task import WINDING, trial_task
 from impedance_modules.tools.tune.self_motion import Posture
-from impedance_modules.tools.tune.tune import Question, Tuned, Tuning, tune, unloaded_arm
+from impedance_modules.tools.spring_tuning import Question, Tuned, Tuning, tune, unloaded_arm
 
 Array = NDArray[np.float64]
 

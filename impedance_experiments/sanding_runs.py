@@ -18,7 +18,7 @@ from impedance_modules.plant.contact.wood import WoodState
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import SurfaceSpec
-from impedance_modules.tools.roughness import Touched
+from impedance_modules.tools.recorded_roughness import Touched
 
 Array = NDArray[np.float64]
 

@@ -14,12 +14,12 @@ from impedance_modules.backends.sim import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.runs.prepare import sim_backend
-from impedance_modules.runs.run import RunOptions, carry_out
+from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.tools.surface_map.picture import draw_map
-from impedance_modules.tools.surface_map.surface import SurfaceMap, map_surface
+from impedance_modules.tools.surface_fit import SurfaceMap, map_surface
 from impedance_modules.tools.surface_map.touches import touches_of
-from impedance_modules.tools.surface_map.truth import MapErrors, Truth, map_errors, true_surface
+from impedance_modules.tools.surface_truth import MapErrors, Truth, map_errors, true_surface
 
 TASK = "map-sheet"
 CELL, LEAST_FORCE = 0.01, 2.0

@@ -16,8 +16,8 @@ from impedance_modules.episode.reader import read_episode
 from impedance_modules.plant.plant import Plant
 from impedance_modules.prediction.check import refuse_unfit
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.prepare import sim_backend
-from impedance_modules.runs.run import RunOptions, RunResult, carry_out
+from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
 
 Look = Callable[[RobotState, Plant, Supervisor], None]
 

@@ -10,8 +10,8 @@ import click
 
 if TYPE_CHECKING:
     from impedance_modules.episode.data import Episode
-    from impedance_modules.tools.surface_map.surface import SurfaceMap
-    from impedance_modules.tools.surface_map.truth import MapErrors, Truth
+    from impedance_modules.tools.surface_fit import SurfaceMap
+    from impedance_modules.tools.surface_truth import MapErrors, Truth
 
 
 @click.command("map")
@@ -36,9 +36,9 @@ def command(episode: Path, out: Path, hand: str | None, force: float, cell: floa
     from impedance_modules.episode.folder import the_episode
     from impedance_modules.episode.reader import read_episode
     from impedance_modules.errors import BadInput
-    from impedance_modules.tools.surface_map.surface import map_surface
+    from impedance_modules.tools.surface_fit import map_surface
     from impedance_modules.tools.surface_map.touches import touches_of
-    from impedance_modules.tools.surface_map.write import write_map
+    from impedance_modules.tools.surface_report import write_map
 
     for name, value in (("--force", force), ("--cell", cell)):
         if not value > 0.0:
@@ -55,7 +55,7 @@ def _compared(episode: Episode, found: SurfaceMap) -> tuple[Truth, MapErrors]:
     """Builds the surfaces of the episode's task as the plant wore them."""
     from impedance_modules.errors import BadInput
     from impedance_modules.runs.verify import reassemble
-    from impedance_modules.tools.surface_map.truth import map_errors, true_surface
+    from impedance_modules.tools.surface_truth import map_errors, true_surface
 
     if episode.metadata.get("backend") != "sim":
         raise BadInput(

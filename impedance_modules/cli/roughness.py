@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from impedance_modules.tools.roughness import Roughness
+    from impedance_modules.tools.recorded_roughness import Roughness
 
 WAY = "x|-x|y|-y|z|-z"
 
@@ -48,7 +48,7 @@ def command(
     from impedance_modules.episode.folder import the_episode
     from impedance_modules.episode.reader import read_episode
     from impedance_modules.errors import BadInput
-    from impedance_modules.tools.roughness import judge_roughness, touched_by
+    from impedance_modules.tools.recorded_roughness import judge_roughness, touched_by
 
     if not since < until:
         raise BadInput(f"--from {since:g} --to {until:g}: no time lies between (valid: --from before --to)")

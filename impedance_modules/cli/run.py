@@ -17,7 +17,7 @@ from impedance_modules.cli.options import arm_option, effects_option, rate_optio
 if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import Visit
     from impedance_modules.control.assembly import Assembly
-    from impedance_modules.runs.run import RunResult
+    from impedance_modules.runs.execution import RunResult
 
 
 BACKENDS = ("sim", "replay", "baxter")
@@ -96,8 +96,8 @@ def command(
             raise BadInput("--backend replay and --log DIR go together: the log is the robot")
         refuse_unfit(assembly)
         # Only now: everything below wakes the compiler.
-        from impedance_modules.runs.prepare import baxter_backend, make_backend
-        from impedance_modules.runs.run import RunOptions, carry_out
+        from impedance_modules.runs.run_backends import baxter_backend, make_backend
+        from impedance_modules.runs.execution import RunOptions, carry_out
 
         robot = (
             make_backend(assembly, backend=backend, log=log, seed=seed)

@@ -40,8 +40,8 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
     from impedance_modules.prediction.check import refuse_unfit
 
     refuse_unfit(replace(assembly, task=as_taught(assembly.task)))
-    from impedance_modules.runs.playback import TAUGHT, make_playback, play_back, recorded_path, teach
-    from impedance_modules.runs.run import RunOptions
+    from impedance_modules.runs.playback_run import TAUGHT, make_playback, play_back, recorded_path, teach
+    from impedance_modules.runs.execution import RunOptions
 
     console = Console()
     seconds = sum(phase.duration for phase in assembly.task.phases)

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from impedance_modules.tools.sweep.one_run import Row
-    from impedance_modules.tools.sweep.plan import Job
+    from impedance_modules.tools.sweep_runs import Row
+    from impedance_modules.tools.sweep_plan import Job
 
 TABLE = "sweep.csv"
 
@@ -72,7 +72,7 @@ def command(
     """
     from rich.console import Console
 
-    from impedance_modules.tools.sweep.plan import Plan, make_jobs, read_range
+    from impedance_modules.tools.sweep_plan import Plan, make_jobs, read_range
 
     _refuse_counts(draws=draws, seeds=seeds, jobs=jobs, duration=duration)
     if jobs is not None and scheduler is not None:
@@ -117,7 +117,7 @@ def _collect(
     """Takes the rows as they come, then writes them in order with the plots."""
     from rich.progress import Progress
 
-    from impedance_modules.tools.sweep.report import TableFile, draw
+    from impedance_modules.tools.sweep_report import TableFile, draw
 
     table = TableFile(folder / TABLE, paths)
     rows: list[Row] = []
@@ -139,7 +139,7 @@ def _print(rows: Sequence[Row], console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from impedance_modules.tools.sweep.report import spread
+    from impedance_modules.tools.sweep_report import spread
 
     endings = Counter(row.ending for row in rows)
     console.print(", ".join(f"{count} {ending}" for ending, count in endings.most_common()), highlight=False)

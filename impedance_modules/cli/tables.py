@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from impedance_modules.runs.run import RunResult
+from impedance_modules.runs.execution import RunResult
 
 
 @contextmanager

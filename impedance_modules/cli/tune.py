@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from impedance_modules.control.assembly import Assembly
     from impedance_modules.robot.model import RobotModel
-    from impedance_modules.tools.tune.tune import Question, Tuned, Tuning
+    from impedance_modules.tools.spring_tuning import Question, Tuned, Tuning
 
 PATH = click.Path(path_type=Path)
 AXES = {
@@ -98,8 +98,8 @@ def command(
     from rich.console import Console
 
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.tools.tune.overlay import trial_task, tuned_task
-    from impedance_modules.tools.tune.tune import tune
+    from impedance_modules.tools.tuned_task import trial_task, tuned_task
+    from impedance_modules.tools.spring_tuning import tune
 
     if not 0.0 < share <= 10.0:
         raise BadInput(f"--share {share:g}: not a share of the springs (valid: above 0, up to 10)")
@@ -135,7 +135,7 @@ def _question(
     """Reads the options, or says what would be valid."""
     import numpy as np
 
-    from impedance_modules.tools.tune.tune import Question
+    from impedance_modules.tools.spring_tuning import Question
 
     arms = tuple(assembly.task.arms)
     if arm is None and len(arms) > 1:

@@ -18,7 +18,7 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.plant.playback import JointPath, Playback, PlaybackMode
-from impedance_modules.runs.playback import make_playback
+from impedance_modules.runs.playback_run import make_playback
 from impedance_modules.spec.task import SurfaceSpec
 from tests.support.paths import CHECKOUT
 

@@ -44,7 +44,7 @@ class Measured:
     def __init__(self, assembly: Assembly) -> None:
         from impedance_modules.control.loop import Interrupt, run_loop
         from impedance_modules.control.supervisor import Supervisor
-        from impedance_modules.runs.prepare import sim_backend
+        from impedance_modules.runs.run_backends import sim_backend
 
         supervisor, backend = Supervisor(assembly), sim_backend(assembly, seed=1)
         first = backend.start()

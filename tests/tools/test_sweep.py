@@ -12,8 +12,8 @@ from click.testing import CliRunner, Result
 
 from impedance_modules.cli.main import impedance
 from impedance_modules.errors import BadInput, ImpedanceError
-from impedance_modules.tools.sweep.one_run import run_one
-from impedance_modules.tools.sweep.plan import Plan, make_jobs, read_range
+from impedance_modules.tools.sweep_runs import run_one
+from impedance_modules.tools.sweep_plan import Plan, make_jobs, read_range
 from impedance_modules.tools.sweep.workers import run_on_cluster
 from tests.support.paths import CHECKOUT
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impedance_modules.tools.surface_map.surface import SurfaceMap
-from impedance_modules.tools.surface_map.truth import Truth
+from impedance_modules.tools.surface_fit import SurfaceMap
+from impedance_modules.tools.surface_truth import Truth
 
 MILLIMETRES = 1000.0
 TWO_SIGMA = 2.0

@@ -10,8 +10,8 @@ from importlib import import_module
 from typing import Any
 
 from impedance_modules.errors import BadInput
-from impedance_modules.tools.sweep.one_run import Row, run_one
-from impedance_modules.tools.sweep.plan import Job
+from impedance_modules.tools.sweep_runs import Row, run_one
+from impedance_modules.tools.sweep_plan import Job
 
 CONNECTING = 10.0
 """For how long a cluster may take to answer [s]."""

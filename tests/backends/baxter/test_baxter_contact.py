@@ -14,7 +14,7 @@ from impedance_modules.backends.baxter.gates import refuse_closed
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.contact_gate import contact_gates
 from impedance_modules.errors import RobotRefused
-from impedance_modules.runs.run import RunResult
+from impedance_modules.runs.execution import RunResult
 from impedance_modules.spec.locate import find_task
 from tests.support.baxter_lockstep import LockstepDouble, run_on_the_double
 

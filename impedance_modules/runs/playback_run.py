@@ -35,8 +35,8 @@ from impedance_modules.plant.playback import TICK, JointPath, Playback, Playback
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.compiled_row import write_poses
-from impedance_modules.runs.prepare import sim_backend
-from impedance_modules.runs.run import RunOptions, carry_out
+from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.spec.task import TaskPlayback
 
 Array = NDArray[np.float64]

@@ -15,10 +15,10 @@ from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import ImpedanceError
 from impedance_modules.prediction.check import refuse_unfit
-from impedance_modules.runs.prepare import sim_backend
-from impedance_modules.runs.record import Recorder
-from impedance_modules.runs.summary import Summary
-from impedance_modules.tools.sweep.plan import Job
+from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.recorder import Recorder
+from impedance_modules.runs.run_summary import Summary
+from impedance_modules.tools.sweep_plan import Job
 
 REFUSED = "refused"
 """Ending of a run that ``check`` does not allow."""

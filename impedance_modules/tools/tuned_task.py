@@ -19,7 +19,7 @@ from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.change import Steps, changed, task_document
 from impedance_modules.spec.source import Document
-from impedance_modules.tools.tune.tune import Question, Tuned, named
+from impedance_modules.tools.spring_tuning import Question, Tuned, named
 
 AMPLE = 50.0
 """Tank with which a task is rehearsed to find what it needs [J]."""

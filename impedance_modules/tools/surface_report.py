@@ -16,9 +16,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from impedance_modules.errors import BadInput
 from impedance_modules.tools.surface_map.picture import draw_map
-from impedance_modules.tools.surface_map.surface import SurfaceMap
+from impedance_modules.tools.surface_fit import SurfaceMap
 from impedance_modules.tools.surface_map.touches import Touches
-from impedance_modules.tools.surface_map.truth import MapErrors, Truth
+from impedance_modules.tools.surface_truth import MapErrors, Truth
 
 COLUMNS = (
     "along",

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_modules.tools.sweep.one_run import Row
+from impedance_modules.tools.sweep_runs import Row
 
 Array = NDArray[np.float64]
 

@@ -21,9 +21,9 @@ from impedance_modules.episode.picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import SafetyStop
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.record import Recorder
-from impedance_modules.runs.scene import SceneView
-from impedance_modules.runs.summary import Summary
+from impedance_modules.runs.recorder import Recorder
+from impedance_modules.runs.scene_view import SceneView
+from impedance_modules.runs.run_summary import Summary
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from impedance_modules.errors import BadInput
 from impedance_modules.prediction.contact import PlacedSurface, place_surface
 from impedance_modules.spec.task import SurfaceSpec
-from impedance_modules.tools.surface_map.surface import SurfaceMap
+from impedance_modules.tools.surface_fit import SurfaceMap
 
 Array = NDArray[np.float64]
 
