@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.plant.grasp.held_object import HeldObject

@@ -18,7 +18,7 @@ from impedance_experiments.settings import Settings, Size
 from impedance_experiments.struck_joint import swinging_joint
 from impedance_experiments.task_run import TaskRun, record_task
 from impedance_experiments.variants import task_with
-from impedance_modules.effects.sample import sign
+from impedance_modules.effects.joint_motion import sign
 from impedance_modules.spec.change import task_document
 from impedance_modules.spec.patch import EffectSpec
 

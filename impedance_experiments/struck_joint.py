@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.task_run import TaskRun, record_task
 from impedance_experiments.variants import task_with
-from impedance_modules.effects.rigid import RigidModel
+from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.spec.task_reader import read_task
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from impedance_experiments.variants import patch_with, task_with
 from impedance_modules.diagnosis.diagnose import diagnose
 from impedance_modules.diagnosis.model import model_of_spec
 from impedance_modules.diagnosis.result import Diagnosis
-from impedance_modules.effects.sample import sign
+from impedance_modules.effects.joint_motion import sign
 from impedance_modules.spec.change import task_document
 from impedance_modules.spec.task_reader import read_task
 

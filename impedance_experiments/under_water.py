@@ -14,7 +14,7 @@ from impedance_experiments.pushing import Trace, first_pushes, only_arm, patch_o
 from impedance_experiments.settings import Settings
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.effects.water_torque import Buoyancy
-from impedance_modules.effects.wear import wear_plant
+from impedance_modules.effects.apply import wear_plant
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.plant.links import link_model, link_table, water_inertia

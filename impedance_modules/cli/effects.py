@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from impedance_modules.effects.description import Description, Parameter
+    from impedance_modules.effects.effect_description import Description, Parameter
 
 KEY_WORDS = {
     "joint": "joint",

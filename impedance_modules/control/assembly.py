@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.control.adjust import scaled, single_arm
-from impedance_modules.effects.wear import wear_patch, wear_surfaces
+from impedance_modules.effects.apply import wear_patch, wear_surfaces
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.build import build_modules

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.prepare import Prepared
-from impedance_modules.diagnosis.selection.candidates import Group
-from impedance_modules.effects.residuals import uses_motion
+from impedance_modules.diagnosis.regression.candidates import Group
+from impedance_modules.effects.residual_kinds import uses_motion
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.contact_phases import contact_phases
 

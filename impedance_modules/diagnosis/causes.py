@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.contact_cause import contact_cause
 from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.result import Cause
-from impedance_modules.diagnosis.selection.candidates import Candidate
-from impedance_modules.diagnosis.selection.estimate import estimates
-from impedance_modules.diagnosis.selection.rivals import judge_rivals
-from impedance_modules.diagnosis.selection.term import Term
+from impedance_modules.diagnosis.regression.candidates import Candidate
+from impedance_modules.diagnosis.regression.estimate import estimates
+from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
+from impedance_modules.diagnosis.regression.term import Term
 
 Array = NDArray[np.float64]
 

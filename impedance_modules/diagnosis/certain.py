@@ -8,10 +8,10 @@ A law that filters the command fits its noise too, and gains by that what its nu
 
 from __future__ import annotations
 
-from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.diagnosis.selection.estimate import estimates
-from impedance_modules.diagnosis.selection.refine import Refiner
-from impedance_modules.diagnosis.selection.term import Term
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.estimate import estimates
+from impedance_modules.diagnosis.regression.parameter_estimates import Refiner
+from impedance_modules.diagnosis.regression.term import Term
 
 SIGMA = 1.5
 """Standard deviations, inflated as those in the answer are."""

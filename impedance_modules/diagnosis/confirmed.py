@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.diagnosis.selection.term import Term
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.term import Term
 
 
 def confirmed(bench: Bench, refit: Callable[[Sequence[Term]], Bench], heldout: Sequence[int]) -> list[Term]:

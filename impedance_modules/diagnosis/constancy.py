@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.selection.term import Term
+from impedance_modules.diagnosis.regression.term import Term
 
 Array = NDArray[np.float64]
 

@@ -28,8 +28,8 @@ from impedance_modules.diagnosis.contact_forces import (
     strength_of,
 )
 from impedance_modules.diagnosis.prepare import Prepared
-from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.effects.residuals import uses_motion
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.effects.residual_kinds import uses_motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.prepare import Prepared
-from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.effects.residuals import uses_motion
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.effects.residual_kinds import uses_motion
 
 Array = NDArray[np.float64]
 

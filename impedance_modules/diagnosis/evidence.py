@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.contact import Push
 from impedance_modules.diagnosis.negligible import negligible
 from impedance_modules.diagnosis.prepare import Prepared
-from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.diagnosis.selection.design import Design
-from impedance_modules.diagnosis.selection.plain import PlainRows
-from impedance_modules.diagnosis.selection.select import Refusal, Selector
-from impedance_modules.diagnosis.selection.whiten import Whitening
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.design_matrix import Design
+from impedance_modules.diagnosis.regression.plain import PlainRows
+from impedance_modules.diagnosis.model_selection.forward_selection import Refusal, Selector
+from impedance_modules.diagnosis.regression.whitening import Whitening
 
 Array = NDArray[np.float64]
 

@@ -21,19 +21,19 @@ from impedance_modules.diagnosis.evidence import Evidence
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.negligible import felt, negligible
 from impedance_modules.diagnosis.prepare import Prepared
-from impedance_modules.diagnosis.selection.candidates import list_candidates, shapes_of
-from impedance_modules.diagnosis.selection.design import build_design
-from impedance_modules.diagnosis.selection.drafts import Draft, draft_candidates
-from impedance_modules.diagnosis.selection.floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
-from impedance_modules.diagnosis.selection.generic import draft_stand_ins
-from impedance_modules.diagnosis.selection.instrument import instrument, noise_of_repeats
-from impedance_modules.diagnosis.selection.nuisance import Nuisance, build_nuisance
-from impedance_modules.diagnosis.selection.plain import PlainRows
-from impedance_modules.diagnosis.selection.refine import Refiner
-from impedance_modules.diagnosis.selection.select import Selector
-from impedance_modules.diagnosis.selection.still import quieted
-from impedance_modules.diagnosis.selection.term import Term
-from impedance_modules.diagnosis.selection.whiten import Whitening
+from impedance_modules.diagnosis.regression.candidates import list_candidates, shapes_of
+from impedance_modules.diagnosis.regression.design_matrix import build_design
+from impedance_modules.diagnosis.regression.drafts import Draft, draft_candidates
+from impedance_modules.diagnosis.regression.noise_floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
+from impedance_modules.diagnosis.regression.generic_basis import draft_stand_ins
+from impedance_modules.diagnosis.regression.cleaned_signals import instrument, noise_of_repeats
+from impedance_modules.diagnosis.regression.nuisance_columns import Nuisance, build_nuisance
+from impedance_modules.diagnosis.regression.plain import PlainRows
+from impedance_modules.diagnosis.regression.parameter_estimates import Refiner
+from impedance_modules.diagnosis.model_selection.forward_selection import Selector
+from impedance_modules.diagnosis.regression.still import quieted
+from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.effects.catalogue import CATALOGUE
 
 CONTACT = "external_contact"

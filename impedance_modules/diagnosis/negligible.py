@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.prepare import Prepared
-from impedance_modules.diagnosis.selection.bench import Bench
-from impedance_modules.diagnosis.selection.candidates import Group
-from impedance_modules.diagnosis.selection.plain import PlainRows
-from impedance_modules.diagnosis.selection.term import Term
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.candidates import Group
+from impedance_modules.diagnosis.regression.plain import PlainRows
+from impedance_modules.diagnosis.regression.term import Term
 
 Array = NDArray[np.float64]
 

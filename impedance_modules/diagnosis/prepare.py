@@ -24,11 +24,11 @@ from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.diagnosis.tree import RigidTree
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.description import Port
-from impedance_modules.effects.drive import lagged
+from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import predicted
-from impedance_modules.effects.residuals import Residual
-from impedance_modules.effects.signals import Signals, differentiate
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.spec.patch import EffectSpec
 
 Array = NDArray[np.float64]

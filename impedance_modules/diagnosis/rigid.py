@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.dynamics import inertial_regressor, inverse_dynamics
 from impedance_modules.diagnosis.tree import RigidTree
-from impedance_modules.effects.rigid import RigidModel
+from impedance_modules.effects.rigid_model import RigidModel
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.constancy import uneven
 from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.selection.rules import price
-from impedance_modules.diagnosis.selection.still import at_rest
-from impedance_modules.diagnosis.selection.trial import Trial
+from impedance_modules.diagnosis.model_selection.acceptance import price
+from impedance_modules.diagnosis.regression.still import at_rest
+from impedance_modules.diagnosis.model_selection.candidate_trial import Trial
 
 Array = NDArray[np.float64]
 

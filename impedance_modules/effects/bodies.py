@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values, unbounded
-from impedance_modules.effects.residuals import Residual, uses_motion
-from impedance_modules.effects.sample import Shape
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.residual_kinds import Residual, uses_motion
+from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.stepped import Stepped
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot import BodyChange, RobotSpec

@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row, unbounded
 from impedance_modules.effects.motion import JointMotion
-from impedance_modules.effects.residuals import Residual, Stage
-from impedance_modules.effects.sample import Shape
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.residual_kinds import Residual, Stage
+from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
 

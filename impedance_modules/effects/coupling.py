@@ -9,14 +9,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values
 from impedance_modules.effects.motion import JointMotion
 from impedance_modules.effects.readings import ends
-from impedance_modules.effects.residuals import Residual
-from impedance_modules.effects.sample import Shape, sign
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.joint_motion import Shape, sign
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]

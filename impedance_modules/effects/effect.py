@@ -19,11 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.description import Description, Port
-from impedance_modules.effects.residuals import COVERS, STAGE_OF_PORT, Residual, Stage
-from impedance_modules.effects.sample import Sample, Shape, smoothing
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Port
+from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
+from impedance_modules.effects.joint_motion import Sample, Shape, smoothing
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.spec.robot import RobotSpec
 
 Array = NDArray[np.float64]

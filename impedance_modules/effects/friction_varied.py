@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import JointLaw, Values
-from impedance_modules.effects.friction import BOTH_SIDES, COULOMB, VISCOUS, WORN
-from impedance_modules.effects.sample import Sample, Shape
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.joint_friction import BOTH_SIDES, COULOMB, VISCOUS, WORN
+from impedance_modules.effects.joint_motion import Sample, Shape
+from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
 

@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.bristles import bent, follow
-from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
-from impedance_modules.effects.friction import BOTH_SIDES, WORN
+from impedance_modules.effects.joint_friction import BOTH_SIDES, WORN
 from impedance_modules.effects.motion import JointMotion
-from impedance_modules.effects.residuals import Residual
-from impedance_modules.effects.sample import Shape
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.motion import JointMotion
-from impedance_modules.effects.sample import Sample, Shape, smoothing
+from impedance_modules.effects.joint_motion import Sample, Shape, smoothing
 
 Array = NDArray[np.float64]
 Side = Literal["motor", "link"]

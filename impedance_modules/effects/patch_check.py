@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.description import Description, KeyKind, Parameter, same_unit
+from impedance_modules.effects.effect_description import Description, KeyKind, Parameter, same_unit
 from impedance_modules.effects.effect import PAIR, Effect
-from impedance_modules.effects.rigid import RigidModel
-from impedance_modules.effects.surfaces import surface_index
+from impedance_modules.effects.rigid_model import RigidModel
+from impedance_modules.effects.surface_effects import surface_index
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity

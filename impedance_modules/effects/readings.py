@@ -8,12 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import PAIR, Effect, Regressor, Values, one_row, unbounded
-from impedance_modules.effects.residuals import EFFORT_SIGN, Residual, uses_motion
-from impedance_modules.effects.sample import Shape
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.residual_kinds import EFFORT_SIGN, Residual, uses_motion
+from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.stepped import Stepped
 
 Array = NDArray[np.float64]

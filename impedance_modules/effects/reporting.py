@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.bodies import all_rows
-from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.description import Description, Parameter, Port
-from impedance_modules.effects.drive import lagged
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
-from impedance_modules.effects.residuals import COVERS, Residual, uses_motion
-from impedance_modules.effects.sample import Shape
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.residual_kinds import COVERS, Residual, uses_motion
+from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.stepped import Stepped
 from impedance_modules.errors import BadInput
 

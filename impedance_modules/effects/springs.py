@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.description import Description, Parameter, Port
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import JointLaw, Regressor, Values, one_row, unbounded
-from impedance_modules.effects.friction import BOTH_SIDES, WORN
-from impedance_modules.effects.residuals import COVERS, Residual
-from impedance_modules.effects.sample import Sample, Shape
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.joint_friction import BOTH_SIDES, WORN
+from impedance_modules.effects.residual_kinds import COVERS, Residual
+from impedance_modules.effects.joint_motion import Sample, Shape
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.spec.robot import ParallelSpringSpec, RobotSpec
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.description import Port
+from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.effect import Effect, Values
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ else that a patch changes comes as one ``WornPlant``.
 
 from __future__ import annotations
 
-from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.motion import JointMotion, JointTorque
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.robot.model import RobotModel

@@ -21,7 +21,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.conditions import Touch
 from impedance_modules.control.loop import Interrupt
 from impedance_modules.control.supervisor import Ending
-from impedance_modules.effects.wear import wear_plant
+from impedance_modules.effects.apply import wear_plant
 from impedance_modules.episode.columns import joint_columns, pose_columns, wrench_columns
 from impedance_modules.episode.metadata import episode_metadata, library_versions
 from impedance_modules.episode.picture import PICTURE_KINDS, write_picture

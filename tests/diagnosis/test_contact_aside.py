@@ -13,7 +13,7 @@ import pytest
 from impedance_modules.diagnosis.aside import on_links, touching, without_touched_links
 from impedance_modules.diagnosis.rollout.drive import RUN_IN
 from impedance_modules.diagnosis.rollout.windows import WINDOW, spread
-from impedance_modules.effects.residuals import RESIDUALS, uses_motion
+from impedance_modules.effects.residual_kinds import RESIDUALS, uses_motion
 from impedance_modules.spec.contact_phases import contact_phases
 from tests.support.paths import CHECKOUT
 

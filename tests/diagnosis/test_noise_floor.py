@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis.selection import floor as judged
-from impedance_modules.diagnosis.selection.drafts import Draft
-from impedance_modules.diagnosis.selection.grid import read_noise
-from impedance_modules.diagnosis.selection.nuisance import Nuisance
+from impedance_modules.diagnosis.regression import noise_floor as judged
+from impedance_modules.diagnosis.regression.drafts import Draft
+from impedance_modules.diagnosis.regression.sensor_noise import read_noise
+from impedance_modules.diagnosis.regression.nuisance_columns import Nuisance
 
 GROUP = ("link", 0)
 SIZE = 0.3

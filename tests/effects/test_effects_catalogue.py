@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 
 from impedance_modules.cli.main import impedance
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.description import Parameter, same_unit
+from impedance_modules.effects.effect_description import Parameter, same_unit
 from impedance_modules.effects.effect import PAIR
-from impedance_modules.effects.residuals import RESIDUALS
-from impedance_modules.effects.rigid import RigidModel
-from impedance_modules.effects.signals import Signals
-from impedance_modules.effects.wear import wear_patch, wear_plant, wear_surfaces
+from impedance_modules.effects.residual_kinds import RESIDUALS
+from impedance_modules.effects.rigid_model import RigidModel
+from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.apply import wear_patch, wear_plant, wear_surfaces
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import read_patch

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.rigid import RigidModel
-from impedance_modules.effects.signals import Signals
-from impedance_modules.effects.surfaces import touches
-from impedance_modules.effects.wear import wear_surfaces
+from impedance_modules.effects.rigid_model import RigidModel
+from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.surface_effects import touches
+from impedance_modules.effects.apply import wear_surfaces
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
 from tests.support.plant_parts import SIX_JOINTS, exact, plane, spec_of
-from tests.support.worn_recordings import patch_of, start, worn
+from tests.support.effect_recordings import patch_of, start, worn
 
 HAND, SECONDS, C = "port_palm", 2.0, "contact"
 RATE = 1000.0

@@ -11,7 +11,7 @@ from impedance_modules.plant.links import link_table
 from impedance_modules.robot.model import RobotModel
 from tests.plant.test_plant_reference import random_tree
 from tests.support.plant_parts import SIX_JOINTS, spec_of, undamped
-from tests.support.worn_recordings import dressed, start, worn
+from tests.support.effect_recordings import dressed, start, worn
 
 L = "link"
 LIFT = worn("buoyancy", L, "port_palm", m=1.1, cx=0.02, cy=-0.03, cz=0.05)

@@ -16,7 +16,7 @@ from impedance_modules.diagnosis.probe.question import Brief, Question
 from impedance_modules.diagnosis.probe.room import Room
 from impedance_modules.diagnosis.probe.separation import Predictor, Separation
 from impedance_modules.diagnosis.probe.strokes import Motion
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]

@@ -21,8 +21,8 @@ from scipy.signal import bilinear, lfilter
 from impedance_modules.diagnosis.dynamics import mass_matrix
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.probe.strokes import Motion
-from impedance_modules.effects.rigid import RigidModel
-from impedance_modules.effects.signals import Signals, differentiate
+from impedance_modules.effects.rigid_model import RigidModel
+from impedance_modules.effects.recorded_signals import Signals, differentiate
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from impedance_modules.diagnosis.probe.question import Brief, brief_of, general_
 from impedance_modules.diagnosis.probe.room import EFFORT_SHARE, Room, room_of_model, room_of_robot
 from impedance_modules.diagnosis.probe.start import choose_start
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
-from impedance_modules.effects.residuals import Residual
+from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.spec.robot import RobotSpec
 
 NOISE_SHARE = 0.002

@@ -9,9 +9,9 @@ from typing import Any, cast
 
 from impedance_modules.diagnosis.tree import RigidTree
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.description import Port
+from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.effect import PAIR
-from impedance_modules.effects.residuals import RESIDUALS, Residual
+from impedance_modules.effects.residual_kinds import RESIDUALS, Residual
 from impedance_modules.errors import BadInput
 
 GENERAL = ("coulomb_friction", "viscous_friction", "reflected_inertia", "parallel_spring", "torque_offset")

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.dynamics import inertial_regressor
 from impedance_modules.diagnosis.model import NominalModel
 from impedance_modules.diagnosis.probe.question import Brief, Question, Suspect
-from impedance_modules.diagnosis.selection.candidates import Candidate, columns_of
-from impedance_modules.diagnosis.selection.nuisance import inertia_prior
+from impedance_modules.diagnosis.regression.candidates import Candidate, columns_of
+from impedance_modules.diagnosis.regression.nuisance_columns import inertia_prior
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import predicted
-from impedance_modules.effects.residuals import Residual
-from impedance_modules.effects.signals import Signals
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
 

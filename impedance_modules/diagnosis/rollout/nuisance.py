@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.selection.nuisance import (
+from impedance_modules.diagnosis.regression.nuisance_columns import (
     INERTIA_PRIOR,
     TIMING_PRIOR,
     WEIGHT_PRIOR,

@@ -16,9 +16,9 @@ from impedance_modules.diagnosis.rollout.outcome import LeftOut
 from impedance_modules.diagnosis.rollout.robot import RATE
 from impedance_modules.diagnosis.tree import RigidTree
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.description import Port
-from impedance_modules.effects.residuals import Residual
-from impedance_modules.effects.wear import wear_patch, wear_plant
+from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.apply import wear_patch, wear_plant
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.options import PlantOptions

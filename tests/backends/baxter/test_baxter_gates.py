@@ -19,7 +19,7 @@ from impedance_modules.backends.baxter.gates import before_power, refuse_closed
 from impedance_modules.backends.baxter.messages import Float64, JointCommand
 from impedance_modules.backends.baxter.transport.in_process import InProcessTransport
 from impedance_modules.backends.baxter.transport.protocol import Offer
-from impedance_modules.effects.wear import wear_patch
+from impedance_modules.effects.apply import wear_patch
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import read_patch

@@ -11,7 +11,7 @@ from impedance_modules.backends.baxter.fake.options import FakeOptions
 from impedance_modules.backends.baxter.fake.robot import FakeBaxter
 from impedance_modules.backends.baxter.fake.served import served_description, write_description
 from impedance_modules.backends.baxter.postures import named_posture
-from impedance_modules.effects.wear import wear_patch, wear_plant
+from impedance_modules.effects.apply import wear_patch, wear_plant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import PatchSpec
 from impedance_modules.spec.robot_reader import read_robot

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""By which candidates are compared, and what a trial must show before its cause is named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from impedance_modules.diagnosis.model_selection.screening import Look
+from impedance_modules.diagnosis.regression.slots import Slot
+from impedance_modules.diagnosis.model_selection.candidate_trial import Trial
+
+SAME_REACH = 0.95
+"""Candidates that explain this part of what the best one does are as good; the cheaper one is taken."""
+
+IN_PROPORTION = 0.99
+"""A body that is heavier in proportion, one number, is taken before a thing at a place of its own, if it explains this
+part of what that explains: near its own centre a link's errors lend the place more than its price."""
+
+RICHER = 4.0
+"""Log-likelihood, its price paid, by which a law must beat a simpler one that it contains [nats]."""
+
+BIC_MIN = 15.0
+"""Least improvement of the Bayesian information criterion."""
+
+TRIMMED = 0.05
+"""Part of the blocks of time, those that gain most, without which a cause must still gain ..."""
+
+TRIMMED_MIN = 3.0
+"""... so much [nats], or half of all it gains: what happens in a few moments only can be confirmed by nothing else."""
+
+SPECIFIC = 8.0
+"""Log-likelihood by which a cause must beat the best generic stand-in [nats]."""
+
+SPREAD, NARROW = 0.3, 0.95
+"""An effect of which more than this part falls on other joints must not gain more than that part on one."""
+
+DISCORD_MAX = 0.3
+"""What separate numbers for the joints may gain over one for all, as a part of what that one gains."""
+
+HARM_MAX = 0.15
+"""Part of what it gains on some recordings that a cause may lose on others."""
+
+REDUCTION_MIN = 0.05
+"""Least part of a group's held-out squares that a cause removes."""
+
+
+def best_of_each(looks: Sequence[Look], most: int) -> list[Look]:
+    """The physical shape of each candidate that is worth most, the best candidates first."""
+    found: dict[tuple[str, str, str], Look] = {}
+    for look in looks:
+        if look.physical and look.slot.shaped.candidate is not None:
+            best = found.setdefault(look.slot.shaped.key, look)
+            if look.worth > best.worth:
+                found[look.slot.shaped.key] = look
+    return list(found.values())[:most]
+
+
+def promising(looks: Sequence[Look], most: int) -> list[Slot]:
+    """The best candidates by likelihood, and the best by the power they would explain."""
+    by_gain = best_of_each(looks, most)
+    by_power = best_of_each(sorted(looks, key=lambda look: -look.power), most)
+    return list({look.slot.shaped.key: look.slot for look in [*by_gain, *by_power]}.values())
+
+
+def by_merit(trials: Sequence[Trial]) -> list[Trial]:
+    """Sorts trials by what they explain; of those that explain the same, the one whose parameters cost least.
+
+    A law that contains a simpler one on the same joint comes before it only where it is better for certain.
+    """
+    left = sorted(trials, key=lambda item: -item.reach)
+    out: list[Trial] = []
+    while left:
+        near = [item for item in left if item.reach >= SAME_REACH * left[0].reach]
+        chosen = max(near, key=adjusted, default=left[0])
+        simpler = [
+            item for item in near if _within(item, chosen) and adjusted(item) > adjusted(chosen) - RICHER
+        ]
+        chosen = max(simpler, key=adjusted, default=chosen)
+        heavier = [item for item in near if _in_proportion(item, chosen)]
+        chosen = max(heavier, key=adjusted, default=chosen)
+        out.append(chosen)
+        left.remove(chosen)
+    return out
+
+
+def _within(one: Trial, other: Trial) -> bool:
+    """Whether a law is a special case of another one on the same joint."""
+    if one.term.generic or other.term.generic or one.term.key[1:] != other.term.key[1:]:
+        return False
+    less, more = (set(trial.term.candidate.effect.description.symbols) for trial in (one, other))
+    return less < more
+
+
+def _in_proportion(one: Trial, other: Trial) -> bool:
+    """Whether one is a body's weight in proportion, and does as well as another change of that body."""
+    if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
+        return False
+    keys = [trial.term.candidate.effect.description.keys for trial in (one, other)]
+    if not all("body" in key for key in keys) or one.term.slot.free > 1 or other.term.slot.free <= 1:
+        return False
+    return one.reach >= IN_PROPORTION * other.reach
+
+
+LATE = {"command_delay", "actuator_lag"}
+"""Effects of one joint that differ in the second order of their time alone: compared at their own best times only, and
+told apart by a clear difference only."""
+
+
+def twins(one: Trial, other: Trial) -> bool:
+    """Whether both say that one joint's torque is late, by two different laws."""
+    keys = one.term.key, other.term.key
+    return keys[0][1] == keys[1][1] and {key[0] for key in keys} == LATE
+
+
+def adjusted(trial: Trial) -> float:
+    """Held-out gain less the price of its parameters [nats]: a simpler law is worth as much as it says."""
+    return trial.gain - price(trial)
+
+
+def price(trial: Trial) -> float:
+    """Price of a candidate's parameters by the Bayesian information criterion, and of its choice of shapes [nats]."""
+    shaped = trial.term.shaped
+    samples = float(np.max(trial.bench.counts[list(trial.term.groups)]))
+    searched = np.log(max(trial.bench.design.shapes[shaped.key], 1))
+    return float(0.5 * trial.term.slot.free * np.log(max(samples, 2.0)) + searched)
+
+
+def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
+    """Why a candidate does not earn its place; None if it does."""
+    gain = 2.0 * (trial.gain - price(trial))
+    lost, won = -float(np.minimum(trial.folds, 0.0).sum()), float(np.maximum(trial.folds, 0.0).sum())
+    checks: tuple[tuple[bool, str], ...] = (
+        (
+            gain < BIC_MIN,
+            f"gains too little for its parameters on unseen recordings (BIC {gain:.1f}, needs {BIC_MIN:g})",
+        ),
+        (
+            trial.reduction < REDUCTION_MIN,
+            f"removes only {100 * trial.reduction:.1f} % of the residual on unseen recordings",
+        ),
+        (lost > HARM_MAX * won, "helps on some recordings and harms on others"),
+        (
+            not _brief(trial) and trial.momentary(TRIMMED, TRIMMED_MIN),
+            "its gain comes from a few moments only",
+        ),
+        (trial.outside, "its parameters are at the end of what is physical, or beyond"),
+        (
+            trial.seen.displaced is not None,
+            "beside it another cause would leave what is physical",
+        ),
+        (
+            trial.spread > SPREAD and trial.narrow > NARROW,
+            "it should show on several joints and helps on one alone",
+        ),
+        (
+            disagreed(trial),
+            "the joints do not agree on it, and it is one number for all",
+        ),
+        (
+            any(_as_good(rival, trial) for rival in stand_ins),
+            "no better than a generic smooth function of the same signals: not specific",
+        ),
+    )
+    return next((reason for holds, reason in checks if holds), None)
+
+
+def _brief(trial: Trial) -> bool:
+    """Whether a candidate shows in a few moments by its nature: what a drive cuts off, it cuts off at the peaks."""
+    return not trial.term.generic and trial.term.candidate.effect.brief
+
+
+def disagreed(trial: Trial) -> bool:
+    """Whether the joints' own numbers differ where one number is to hold for all."""
+    return trial.term.candidate.key == "log" and trial.discord > DISCORD_MAX
+
+
+def _as_good(rival: Trial, trial: Trial) -> bool:
+    """Whether a stand-in with no more coefficients does about as well where a candidate acts."""
+    own = trial.term.groups
+    if not set(own) & set(rival.term.groups) or rival.term.slot.free > trial.term.slot.free:
+        return False
+    return rival.reach_on(own) > trial.reach_on(own) or trial.gain < rival.gain + SPECIFIC

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""What a candidate gains on recordings that its fit has not seen.
+
+    gain = \sum_g (n_g / 2) \log(SSE_g^{without} / SSE_g^{with})       [nats]
+
+over held-out folds: the log predictive likelihood of white rows with each group's level profiled out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.model_selection.extended import Seen, extended, seen_by_all, with_term
+from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.effects.residual_kinds import uses_motion
+
+Array = NDArray[np.float64]
+
+BLOCK = 1.0
+"""Length of the blocks over which a gain is averaged and its error judged [s]."""
+
+Unseen = Mapping[int, Sequence[Array]]
+"""Recording -> group -> (M,) residual by a fit that has not seen the recording's fold."""
+
+
+def significance(better: Array, worse: Array) -> float:
+    """Mean difference of two models' block losses over its standard error."""
+    difference = worse - better
+    spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0
+    if spread == 0.0:
+        return 0.0
+    return float(difference.mean() / (spread / np.sqrt(len(difference))))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate, tried beside a model.
+
+    Attributes:
+        bench: The model.
+        term: The candidate.
+        coefficients: (folds, p) without each fold, scaled.
+        unseen: What model and candidate leave.
+        seen: Gain on the fitted recordings themselves, and what the effect's essence weighs there.
+    """
+
+    bench: Bench
+    term: Term
+    coefficients: Array
+    unseen: Unseen
+    seen: Seen
+
+    @cached_property
+    def _sums(self) -> tuple[Array, Array]:
+        """(folds, groups) squares without and with the candidate."""
+        pairs = (self.bench.unseen, self.unseen)
+        first, second = (
+            np.array(
+                [np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in self.bench.folds]
+            )
+            for left in pairs
+        )
+        return first, second
+
+    @property
+    def gain(self) -> float:
+        """What it gains for certain [nats].
+
+        A candidate can gain on unseen recordings by luck, where it happens to mend what the nuisance extrapolates
+        badly; it then gains nothing once all are fitted. What is there gains both ways.
+        """
+        return min(self.unseen_gain, self.seen.gain)
+
+    @cached_property
+    def unseen_gain(self) -> float:
+        """Held-out gain [nats]."""
+        without, with_it = self._sums
+        ratio = np.log(np.maximum(without.sum(axis=0), 1e-9) / np.maximum(with_it.sum(axis=0), 1e-9))
+        return float(0.5 * np.sum(self.bench.counts * ratio))
+
+    @cached_property
+    def powers(self) -> Array:
+        """(groups,) held-out residual power that it explains, in units of the noise."""
+        without, with_it = self._sums
+        return np.asarray((without - with_it).sum(axis=0))
+
+    @cached_property
+    def folds(self) -> Array:
+        """(folds,) weighted gain on each fold."""
+        without, with_it = self._sums
+        return np.asarray(0.5 * ((without - with_it) * self.bench.weights).sum(axis=1))
+
+    @cached_property
+    def reduction(self) -> float:
+        """Largest part of a touched group's held-out squares that it removes."""
+        without, with_it = (part.sum(axis=0)[list(self.term.groups)] for part in self._sums)
+        return float(np.max(1.0 - with_it / np.maximum(without, 1e-9)))
+
+    @cached_property
+    def narrow(self) -> float:
+        """Part of its weighted gain that comes from the one group where it gains most."""
+        without, with_it = self._sums
+        gains = ((without - with_it) * self.bench.weights).sum(axis=0)
+        total = float(gains.sum())
+        return float(gains.max()) / total if total > 0.0 else 1.0
+
+    @cached_property
+    def spread(self) -> float:
+        """Part of what it predicts that falls on other groups than the one where it predicts most."""
+        power = np.zeros(len(self.bench.design.groups))
+        for fold, own in zip(self.bench.folds, self.coefficients, strict=True):
+            for r in fold:
+                for g, block in self.term.columns[r].items():
+                    steady = self.term.fixed[r].get(g)
+                    torque = block @ own if steady is None else block @ own + steady
+                    power[g] += self.bench.weights[g] * float(torque @ torque)
+        total = float(power.sum())
+        return 1.0 - float(power.max()) / total if total > 0.0 else 0.0
+
+    @cached_property
+    def discord(self) -> float:
+        """By how much more it would gain if every group had its own number, over what it gains with one for all.
+
+        Where it shows without the links' inertias these groups alone are asked: there each link's own error of a few
+        percent would want a number of its own.
+        """
+        if self.term.shaped.size != 1:
+            return 0.0
+        groups = self.bench.design.groups
+        free = [g for g in self.term.groups if not uses_motion(groups[g][0])] or self.term.groups
+        right, own = np.zeros(len(groups)), np.zeros(len(groups))
+        for r in self.bench.fitted:
+            left = self.bench.residuals(self.bench.whole.coefficients, r)
+            for g in free:
+                block = self.term.columns[r][g]
+                right[g] += self.bench.weights[g] * float(block[:, 0] @ left[g])
+                own[g] += self.bench.weights[g] * float(block[:, 0] @ block[:, 0])
+        shown = own > 1e-9
+        common = float(right[shown].sum() ** 2 / max(own[shown].sum(), 1e-9))
+        apart = float(np.sum(right[shown] ** 2 / own[shown])) - float(shown.sum())
+        return (apart - common) / max(common, 1e-9)
+
+    @property
+    def outside(self) -> bool:
+        """Whether its mean coefficients leave their physical bounds."""
+        mean = self.coefficients.mean(axis=0) / self.term.slot.scale
+        return bool(np.any(mean <= self.term.shaped.lower) or np.any(mean >= self.term.shaped.upper))
+
+    @property
+    def reach(self) -> float:
+        """Residual power that it explains over all groups."""
+        return float(self.powers.sum())
+
+    def reach_on(self, groups: Sequence[int]) -> float:
+        """Residual power that it explains in some groups."""
+        return float(self.powers[list(groups)].sum())
+
+    def momentary(self, part: float, least: float) -> bool:
+        """Whether its gain comes from a few moments: what the other blocks gain is little, and less than half.
+
+        Args:
+            part: Of all blocks, those that gain most, which are left out.
+            least: What the others must gain to be enough in any case [nats].
+        """
+        groups = self.term.groups
+        gains = losses(self.bench, self.bench.unseen, groups) - losses(self.bench, self.unseen, groups)
+        most = max(2, int(np.ceil(part * len(gains))))
+        rest = 0.5 * float(np.sum(np.sort(gains)[: len(gains) - most]))
+        return rest < least and rest < 0.25 * float(np.sum(gains))
+
+    def advantage(self, rival: Trial | None) -> float:
+        """Standard errors by which its held-out losses lie below a rival's, or below the model's own.
+
+        Both are judged where this candidate acts.
+        """
+        other = self.bench.unseen if rival is None else rival.unseen
+        groups = self.term.groups
+        return significance(losses(self.bench, self.unseen, groups), losses(self.bench, other, groups))
+
+
+def losses(bench: Bench, unseen: Unseen, groups: Sequence[int]) -> Array:
+    """Weighted held-out squares of some groups, in blocks of time, (blocks,)."""
+    size = max(2, round(BLOCK * bench.design.rate))
+    out = []
+    for left in unseen.values():
+        total = np.sum([left[g] ** 2 * bench.weights[g] for g in groups], axis=0)
+        starts = np.arange(0, max(len(total) - size + 1, 1), size)
+        out.append(np.add.reduceat(total, starts))
+    return np.concatenate(out)
+
+
+def try_term(bench: Bench, term: Term) -> Trial:
+    """Tries one candidate beside a model, without each fold in turn."""
+    unseen: dict[int, Sequence[Array]] = {}
+    coefficients = []
+    for fold, base in enumerate(bench.without):
+        found, more, _ = extended(bench, bench.train(fold), base, term)
+        coefficients.append(more)
+        for r in bench.folds[fold]:
+            unseen[r] = with_term(bench.residuals(found, r), term, r, more)
+    return Trial(bench, term, np.array(coefficients), unseen, seen_by_all(bench, term))

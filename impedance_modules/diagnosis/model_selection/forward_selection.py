@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 5: which causes there are. One is accepted at a time; each must earn its place on unseen recordings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.design_matrix import Design
+from impedance_modules.diagnosis.model_selection.geared_start import geared
+from impedance_modules.diagnosis.model_selection.pairs import find_pair
+from impedance_modules.diagnosis.model_selection.plausibility import Possible
+from impedance_modules.diagnosis.model_selection.backward_elimination import pruned
+from impedance_modules.diagnosis.regression.parameter_estimates import Refiner
+from impedance_modules.diagnosis.model_selection.acceptance import (
+    BIC_MIN,
+    adjusted,
+    best_of_each,
+    by_merit,
+    objection,
+    promising,
+    twins,
+)
+from impedance_modules.diagnosis.model_selection.screening import Look, Screen
+from impedance_modules.diagnosis.regression.slots import Slot
+from impedance_modules.diagnosis.regression.term import Term, term_of
+from impedance_modules.diagnosis.model_selection.candidate_trial import Trial, try_term
+from impedance_modules.diagnosis.model_selection.united import united
+
+CAUSES_MAX = 30
+"""More are not looked for."""
+
+ROUNDS = 3
+"""How often the search goes on after causes were removed."""
+
+FALLS = 2
+"""What was removed so often is not accepted again: the search would end as it did before."""
+
+TRIED = 10
+"""Candidates that are tried on held-out folds in each round."""
+
+REFINED = 4
+"""Of these, so many of the best are moved off the grid of their shapes before they are compared."""
+
+STAND_INS = 6
+"""Generic stand-ins that are tried beside them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refusal:
+    """Why a candidate that fitted best was not named."""
+
+    trial: Trial
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What was found.
+
+    Attributes:
+        causes: Accepted candidates, in the order they were found.
+        refusal: Why the next best was not accepted; None where nothing was left to try.
+    """
+
+    causes: tuple[Term, ...]
+    refusal: Refusal | None
+
+
+class Selector:
+    """Searches one design.
+
+    Attributes:
+        design: All candidates.
+        folds: Fitted recordings by fold.
+        screen: First looks.
+        refiner: Moves shapes off their grid.
+        resolution: Grid of the position sensors [rad]; zero where nothing is stated.
+    """
+
+    def __init__(
+        self, design: Design, folds: Sequence[Sequence[int]], refiner: Refiner, resolution: float
+    ) -> None:
+        """Prepares the first look."""
+        self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
+        fitted = [index for fold in folds for index in fold]
+        self.possible = Possible.of(refiner.prepared, fitted, resolution)
+        self.screen = Screen(design, fitted)
+        self._falls: Counter[tuple[str, str, str]] = Counter()
+        self._stood: tuple[Bench | None, list[Trial]] = (None, [])
+        self._tried: tuple[Bench | None, list[Trial]] = (None, [])
+        self._looks: tuple[Bench | None, list[Look]] = (None, [])
+
+    def on(self, design: Design) -> Selector:
+        """The same search on a design with other rows."""
+        refiner = Refiner(design, self.refiner.prepared, self.refiner.signals)
+        return Selector(design, self.folds, refiner, self.resolution)
+
+    def bench(self, model: Sequence[Term]) -> Bench:
+        """Fits a model."""
+        return Bench(self.design, self.folds, model)
+
+    def run(self, progress: Callable[[str], None]) -> Selection:
+        """Accepts causes until the next one does not earn its place, then removes those that no longer do.
+
+        What is removed makes room: the search goes on from what remains, a few times at most.
+        """
+        model = list(geared(self.bench([]), self.bench, self.trials, self.objection))
+        for term in model:
+            progress(f"found {term.key[0]} on {term.key[1]}")
+        refusal: Refusal | None = None
+        for _ in range(ROUNDS):
+            model, refusal = self._grown(model, progress)
+            grown = united(model, self.bench, self.refiner)
+            model = pruned(grown, self.bench, self.objection)
+            if len(model) == len(grown):
+                break
+            self._falls.update(term.key for term in grown if term not in model)
+        return Selection(tuple(model), refusal)
+
+    def _grown(self, model: list[Term], progress: Callable[[str], None]) -> tuple[list[Term], Refusal | None]:
+        """Accepts one cause, or a pair, at a time; each new one may exchange those beside it."""
+        refusal: Refusal | None = None
+        while len(model) < CAUSES_MAX:
+            bench = self.bench(model)
+            found, refusal = self._next(bench)
+            more = (
+                (found,) if found else find_pair(self.screen, bench, self.bench, best_of_each, self.objection)
+            )
+            if more is None:
+                break
+            model = [*model, *more]
+            progress(f"found {' and '.join(f'{term.key[0]} on {term.key[1]}' for term in more)}")
+            if len(model) > 1:
+                model = self._exchanged(model)
+        return model, refusal
+
+    def trial(self, bench: Bench, slot: Slot) -> Trial:
+        """Tries a candidate of the grid."""
+        return try_term(bench, term_of(self.design, slot))
+
+    def objection(self, trial: Trial) -> str | None:
+        """Why a candidate does not earn its place; None if it does. Stand-ins are tried last, they cost most."""
+        return self._refused(trial, []) or objection(
+            trial, self.stand_ins(trial.bench, self.screen.look(trial.bench))
+        )
+
+    def _refused(self, trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
+        """Why a candidate is not accepted beside some stand-ins; None if it is."""
+        if self._falls[trial.term.key] >= FALLS:
+            return "does not last beside the others: it was accepted and removed again twice"
+        return objection(trial, stand_ins) or self.possible.impossible(trial)
+
+    def stand_ins(self, bench: Bench, looks: Sequence[Look]) -> list[Trial]:
+        """The best stand-ins beside a model, tried once."""
+        if self._stood[0] is not bench:
+            generic = [look.slot for look in looks if look.slot.shaped.candidate is None][:STAND_INS]
+            self._stood = (bench, [self.trial(bench, slot) for slot in generic])
+        return self._stood[1]
+
+    def _next(self, bench: Bench) -> tuple[Term | None, Refusal | None]:
+        """The best candidate that earns its place, or why there is none."""
+        trials = self.trials(bench)
+        stand_ins = self.stand_ins(bench, self._looked(bench))
+        refusal: Refusal | None = None
+        for trial in by_merit(trials):
+            reason = self._refused(trial, stand_ins)
+            if reason is None:
+                return self._settled(bench, trial, trials), None
+            refusal = refusal or Refusal(trial, reason)
+        return None, refusal
+
+    def _settled(self, bench: Bench, trial: Trial, trials: Sequence[Trial]) -> Term:
+        """An accepted candidate off its grid; of a delay and a lag on one joint the better one at its own best time."""
+        if not trial.term.candidate.effect.nearly_linear:
+            return trial.term
+        alike = [other for other in trials if twins(trial, other) and self.objection(other) is None]
+        return max((self.moved(bench, one) for one in [trial, *alike]), key=adjusted).term
+
+    def moved(self, bench: Bench, trial: Trial) -> Trial:
+        """A trial of the same candidate, off its grid."""
+        return try_term(bench, self.refiner.refine(bench, trial.term))
+
+    def trials(self, bench: Bench) -> list[Trial]:
+        """Tries the most promising candidates beside a model, in their best shapes; done once for each model."""
+        if self._tried[0] is not bench:
+            own = [self.trial(bench, slot) for slot in promising(self._looked(bench), TRIED)]
+            self._tried = (bench, self.refined(bench, own))
+        return self._tried[1]
+
+    def _looked(self, bench: Bench) -> list[Look]:
+        """First looks beside a model, taken once."""
+        if self._looks[0] is not bench:
+            self._looks = (bench, self.screen.look(bench))
+        return self._looks[1]
+
+    def refined(self, bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
+        """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
+        shaped = [trial for trial in trials if not trial.term.generic and _moves(trial.term)]
+        out = [trial for trial in trials if trial not in shaped]
+        ranked = sorted(shaped, key=lambda trial: -trial.seen.gain)
+        for old in ranked[:REFINED]:
+            new = try_term(bench, self.refiner.refine(bench, old.term))
+            out.append(new if new.gain > old.gain else old)
+        return [*out, *ranked[REFINED:]]
+
+    def _exchanged(self, model: list[Term]) -> list[Term]:
+        """Replaces an accepted cause by another that does better now that the last one is known, and then the last."""
+        last = model[-1]
+        for index, term in enumerate(model[:-1]):
+            if set(term.groups) & set(last.groups):
+                model = self._better(model, index)
+        if any(set(term.groups) & set(last.groups) for term in model[:-1]):
+            model = self._better(model, len(model) - 1)
+        return model
+
+    def _better(self, model: list[Term], index: int) -> list[Term]:
+        """Exchanges one cause for a better one beside the others, or moves its shape."""
+        term, rest = model[index], [*model[:index], *model[index + 1 :]]
+        bench = self.bench(rest)
+        own = try_term(bench, term)
+        rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
+        better = max(self.refined(bench, rivals), key=adjusted, default=own)
+        ahead = adjusted(better) - adjusted(own)
+        simpler = self.possible.of_body(own) and better.term.slot.free < own.term.slot.free
+        exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None
+        chosen = better.term if exchanged else self.refiner.refine(bench, term)
+        return [*model[:index], chosen, *model[index + 1 :]]
+
+
+def _moves(term: Term) -> bool:
+    """Whether a shape is worth moving before a candidate is compared."""
+    return bool(term.candidate.effect.shape) and not term.candidate.effect.nearly_linear

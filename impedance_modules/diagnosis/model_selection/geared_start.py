@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where a drive's plain losses and its rotor all lack at once: no single law of them is right before the others are.
+
+A model that knows links alone meets a geared robot: every joint lacks friction, damping and a rotor together. Taken one
+at a time, a richer law of one kind (bristles, directions) imitates two plain ones, and blocks the place of both.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from itertools import product
+
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.slots import Slot
+from impedance_modules.diagnosis.regression.term import Term, term_of
+from impedance_modules.diagnosis.model_selection.candidate_trial import Trial, Unseen, try_term
+from impedance_modules.effects.effect import TURN
+
+PLAIN = ("coulomb_friction", "viscous_friction", "reflected_inertia")
+"""One number each, and together what every gear and motor has."""
+
+LESS = 0.3
+"""Part of what the best single law of the joint leaves that all of them together may leave at most."""
+
+HOPELESS = 3.0
+"""Multiple of what is allowed beyond which other shapes of the same laws are not looked at."""
+
+Objection = Callable[[Trial], str | None]
+
+
+def geared(
+    bench: Bench,
+    make: Callable[[Sequence[Term]], Bench],
+    single: Callable[[Bench], Sequence[Trial]],
+    objection: Objection,
+) -> tuple[Term, ...]:
+    """Finds the plain laws of joints that lack all of them.
+
+    Args:
+        bench: The model so far.
+        make: Fits a model.
+        single: Tries the best candidates beside a model, one by one.
+        objection: Why a trial does not earn its place; None if it does.
+
+    Returns:
+        For each such joint its laws, each of which earns its place beside the others.
+    """
+    found: list[Term] = []
+    for joint, slots in _plain(bench).items():
+        groups = slots[0][0].groups
+        most = LESS * _left(bench.unseen, groups)
+        left, terms = _best(bench, make, slots, most)
+        if left > most or not _all_earn(bench, make, terms, objection):
+            continue
+        alone = [trial for trial in single(bench) if joint in trial.term.candidate.joints]
+        if all(left < LESS * _left(trial.unseen, groups) for trial in alone):
+            found += terms
+    return tuple(found)
+
+
+def _best(
+    bench: Bench, make: Callable[[Sequence[Term]], Bench], slots: Sequence[Sequence[Slot]], most: float
+) -> tuple[float, list[Term]]:
+    """The shapes of a joint's laws that together leave least, and what they leave; one look where that is hopeless."""
+    best: tuple[float, list[Term]] = (float("inf"), [])
+    for choice in product(*slots):
+        terms = [term_of(bench.design, slot) for slot in choice]
+        left = _left(make([*bench.model, *terms]).unseen, terms[0].groups)
+        best = min(best, (left, terms), key=lambda found: found[0])
+        if left > HOPELESS * most:
+            break
+    return best
+
+
+def _all_earn(
+    bench: Bench, make: Callable[[Sequence[Term]], Bench], terms: Sequence[Term], objection: Objection
+) -> bool:
+    """Whether each of some terms earns its place beside the others."""
+    rests = ([other for other in terms if other is not term] for term in terms)
+    return all(
+        objection(try_term(make([*bench.model, *rest]), term)) is None
+        for rest, term in zip(rests, terms, strict=True)
+    )
+
+
+def _plain(bench: Bench) -> dict[str, list[list[Slot]]]:
+    """Joint -> shapes of each plain law next to the motor, where all of them show in the same residuals."""
+    slots: dict[str, dict[str, list[Slot]]] = defaultdict(lambda: defaultdict(list))
+    for slot in bench.design.slots:
+        effect, key, port = slot.shaped.key
+        # Dry friction that creeps shares its part with viscous friction; together they would hide a rotor.
+        if effect in PLAIN and port == "actuator" and TURN not in slot.shaped.shape:
+            slots[key][effect].append(slot)
+    full = {key: list(own.values()) for key, own in slots.items() if len(own) == len(PLAIN)}
+    return {
+        key: own for key, own in full.items() if len({slot.groups for shapes in own for slot in shapes}) == 1
+    }
+
+
+def _left(unseen: Unseen, groups: Sequence[int]) -> float:
+    """Squares that a model leaves of some groups on recordings that its fits have not seen."""
+    return float(sum(left[g] @ left[g] for left in unseen.values() for g in groups))

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Why a candidate's own numbers speak against it, however well it fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.physical import can_exist
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
+from impedance_modules.diagnosis.model_selection.repeated import repeats
+from impedance_modules.diagnosis.model_selection.acceptance import disagreed
+from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.model_selection.candidate_trial import Trial
+from impedance_modules.effects.effect import JointLaw
+from impedance_modules.effects.residual_kinds import EFFORT_SIGN
+from impedance_modules.effects.recorded_signals import Signals
+
+Array = NDArray[np.float64]
+
+ESSENCE_MIN = 12.0
+"""Least chi-square of what makes an effect this effect: three and a half standard deviations of one number."""
+
+
+FAR = 1.5
+"""Farthest place of a load on a link, over the robot's longest link."""
+
+ASYMMETRIC, OFFSET = "asymmetric_friction", "torque_offset"
+"""Wherever a joint moves, an asymmetry is an offset."""
+
+TAKEN_BACK = 0.5
+"""Part of one that the other may take back."""
+
+
+@dataclass(frozen=True, eq=False)
+class Possible:
+    """What the robot and its recordings allow a candidate to be.
+
+    Attributes:
+        signals: Of one recording, for the model behind them.
+        bodies: Link -> (10,) its inertial parameters.
+        reach: Farthest place of a load on a link [m].
+        pairs: Recordings that repeat each other.
+        resolution: Grid of the position sensors [rad]; zero where nothing is stated.
+    """
+
+    signals: Signals
+    bodies: Mapping[str, Array]
+    reach: float
+    pairs: Sequence[tuple[int, int]]
+    resolution: float
+
+    @classmethod
+    def of(cls, prepared: Sequence[Prepared], fitted: Sequence[int], resolution: float) -> Possible:
+        """Reads it off recordings, of which some are fitted."""
+        bodies = prepared[0].tree.bodies
+        longest = max(float(np.linalg.norm(body.translation)) for body in bodies)
+        return cls(
+            signals=prepared[0].signals,
+            bodies={body.link: body.inertia for body in bodies},
+            reach=FAR * longest or float("inf"),
+            pairs=repeat_pairs(prepared, fitted),
+            resolution=resolution,
+        )
+
+    def impossible(self, trial: Trial) -> str | None:
+        """Why a trial's own numbers speak against it."""
+        if trial.seen.essence < ESSENCE_MIN:
+            return "what makes it this effect rather than a simpler one is not there for certain"
+        return self.unphysical(trial)
+
+    def unphysical(self, trial: Trial) -> str | None:
+        """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
+        if any(_holds(other, trial.term) for other in trial.bench.model):
+            return "another cause on the same joint contains it"
+        if not repeats(trial, self.pairs):
+            return (
+                "what it rests on does not come back when the motion does: noise, and the arm's answer to it"
+            )
+        if _taken_back(trial, self.signals):
+            return "an offset and an asymmetry on one joint take each other back wherever it moves"
+        if trial.outside or disagreed(trial):
+            return "its parameters are at the end of what is physical, or beyond"
+        term, effect = trial.term, trial.term.candidate.effect
+        body = self.bodies.get(term.candidate.key)
+        change = trial.coefficients.mean(axis=0) / term.slot.scale
+        if body is not None and len(change) == len(body) and not can_exist(body, change):
+            return "no body has such an inertia: its mass would be negative somewhere"
+        spread = trial.seen.spread / term.slot.scale
+        reason = effect.unresolved(term.shaped.shape, self.resolution) or effect.out_of_reach(
+            change, spread, self.reach
+        )
+        values = effect.values(
+            change, term.shaped.shape, self.signals, term.candidate.key, term.candidate.port
+        )
+        return reason or next(iter(effect.relations(values)), None)
+
+    def of_body(self, trial: Trial) -> bool:
+        """Whether a trial is about a body: several numbers, of which one may be a rotor's or an offset's."""
+        return trial.term.candidate.key in self.bodies
+
+
+def _holds(one: Term, other: Term) -> bool:
+    """Whether one law of friction has the other's numbers among its own: they would share them out at will."""
+    laws = [term.candidate.effect for term in (one, other)]
+    if one.key[1:] != other.key[1:] or not all(isinstance(law, JointLaw) and law.dry for law in laws):
+        return False
+    more, less = (set(law.description.symbols) for law in laws)
+    return more > less
+
+
+def _taken_back(trial: Trial, signals: Signals) -> bool:
+    """Whether an offset and an asymmetry of friction on one joint cancel but where the joint stands still."""
+    term, bench = trial.term, trial.bench
+    for other, start in zip(bench.model, bench.starts, strict=False):
+        shared = set(term.groups) & set(other.groups)
+        if {term.key[0], other.key[0]} != {ASYMMETRIC, OFFSET} or not shared:
+            continue
+        sizes: dict[str, float] = {}
+        for one, coefficients in ((term, trial.seen.own), (other, trial.seen.beside[start:])):
+            own = coefficients[: one.shaped.size] / one.slot.scale
+            candidate = one.candidate
+            found = candidate.effect.values(own, one.shaped.shape, signals, candidate.key, candidate.port)
+            read = EFFORT_SIGN[bench.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
+            sizes |= {symbol: read * value for symbol, value in found.items()}
+        if abs(sizes["c"] + sizes["da"]) < TAKEN_BACK * max(abs(sizes["c"]), abs(sizes["da"])):
+            return True
+    return False

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 6: for each cause, what else could be it, and why the others lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from impedance_modules.diagnosis.result import Rival
+from impedance_modules.diagnosis.regression.candidates import Candidate
+from impedance_modules.diagnosis.model_selection.plausibility import ESSENCE_MIN
+from impedance_modules.diagnosis.model_selection.acceptance import price, promising, twins
+from impedance_modules.diagnosis.model_selection.forward_selection import Selector
+from impedance_modules.diagnosis.regression.term import Term, part_of
+from impedance_modules.diagnosis.model_selection.candidate_trial import Trial, try_term
+
+ASKED = 8
+"""Rivals that are tried beside each cause."""
+
+EQUAL_SIGMA = 3.0
+"""Fewer standard errors than this between two candidates: the recordings cannot tell them apart ..."""
+
+EQUAL_LOSS = 0.01
+"""... if also no more than this part of the explained power lies between them."""
+
+DECIDED = 15.0
+"""Log-likelihood by which a cause must lie ahead [nats], standard errors too, where hardly any power does."""
+
+DECISIVE = 150.0
+"""Log-likelihood [nats] beyond which a few moments may make the difference: they are enough, where more than
+`EQUAL_LOSS` of the power lies between."""
+
+TWIN_DECIDED = 7.5
+"""Log-likelihood by which a delay must lie ahead of a lag, or a lag of a delay, and by `EQUAL_SIGMA` too [nats]."""
+
+
+def judge_rivals(
+    selector: Selector, causes: Sequence[Term], term: Term
+) -> tuple[tuple[Rival, ...], tuple[Rival, ...]]:
+    """Tries every promising candidate in a cause's place, the other causes kept.
+
+    Returns:
+        Those that cannot be told from it, and the others with the reason why they lost.
+    """
+    bench = selector.bench([other for other in causes if other is not term])
+    own = try_term(bench, term)
+    held = {other.key for other in causes}
+    equal: list[Rival] = []
+    lost: list[Rival] = []
+    asked = [slot for slot in promising(selector.screen.look(bench), ASKED) if slot.shaped.key not in held]
+    for found in selector.refined(bench, [selector.trial(bench, slot) for slot in asked]):
+        rival = selector.moved(bench, found) if twins(own, found) else found
+        candidate = rival.term.candidate
+        other = not same_name(candidate, term.candidate)
+        if (
+            other
+            and _equal(own, rival)
+            and (selector.possible.unphysical(rival) is None or _open(rival, own))
+        ):
+            equal.append(_named(candidate, "fits unseen recordings as well"))
+        else:
+            lost.append(_named(candidate, _reason(own, rival)))
+    return tuple(dict.fromkeys(equal)), tuple(dict.fromkeys(lost))
+
+
+def same_name(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates are one answer: one effect on the same joints."""
+    return one.effect.id == other.effect.id and one.key == other.key
+
+
+def _named(candidate: Candidate, reason: str) -> Rival:
+    return Rival(candidate.effect.id, candidate.joints, reason)
+
+
+def _equal(own: Trial, rival: Trial) -> bool:
+    groups = own.term.groups
+    mine, its = own.reach_on(groups), rival.reach_on(groups)
+    if mine <= 0.0 or (contains(rival, own) and not _alone(rival, own)):
+        return False
+    loss = (mine - its) / mine
+    ahead = own.advantage(rival) >= EQUAL_SIGMA
+    if twins(own, rival):
+        return not (ahead and own.gain - rival.gain > TWIN_DECIDED)
+    if loss < EQUAL_LOSS:
+        return not (ahead and own.gain - rival.gain > DECIDED)
+    return loss < 5.0 * EQUAL_LOSS and not ahead and own.gain - rival.gain < DECISIVE
+
+
+def contains(rival: Trial, own: Trial) -> bool:
+    """Whether the rival is the cause with more parameters: then it lost by being no better.
+
+    Either its symbols say so, or that what makes it more than a simpler law is not there for certain.
+    """
+    more, less = rival.term.candidate, own.term.candidate
+    larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
+    if "body" in more.effect.description.keys and "body" in less.effect.description.keys:
+        larger = rival.term.slot.free > own.term.slot.free
+    empty = bool(more.effect.essence) and rival.seen.essence < ESSENCE_MIN and not less.effect.essence
+    return more.key == less.key and (larger or empty)
+
+
+def _alone(rival: Trial, own: Trial) -> bool:
+    """Whether what makes the rival more than the cause does as well by itself: then neither can be told apart."""
+    rows = np.array(rival.term.candidate.effect.essence)
+    if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
+        return False
+    kept = np.flatnonzero(rows.any(axis=0))
+    part = try_term(rival.bench, part_of(rival.term, kept))
+    mine, its = own.reach_on(own.term.groups), part.reach_on(own.term.groups)
+    return mine - its < EQUAL_LOSS * mine
+
+
+def _open(rival: Trial, own: Trial) -> bool:
+    """Whether what makes the rival more than the cause could be as large as the cause, for all that is seen.
+
+    A joint that stands still at one place tells nothing about a stiffness beside an offset, not even its sign. Columns
+    are scaled to one.
+    """
+    rows = np.array(rival.term.candidate.effect.essence)
+    if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
+        return False
+    kept = np.flatnonzero(rows.any(axis=0))
+    return bool(np.all(rival.seen.spread[kept] > np.abs(own.seen.own).max()))
+
+
+def _reason(own: Trial, rival: Trial) -> str:
+    mine, its = own.reach_on(own.term.groups), rival.reach_on(own.term.groups)
+    if its <= 0.0:
+        return "explains nothing on unseen recordings"
+    if contains(rival, own):
+        return "contains the cause, and its further parameters gain nothing on unseen recordings"
+    share = 100.0 * its / mine if mine > 0.0 else 0.0
+    if its > mine and price(rival) > price(own):
+        return "does no better than its further parameters cost"
+    return f"explains {share:.0f} % of what the cause explains on unseen recordings"

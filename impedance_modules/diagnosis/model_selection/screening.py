@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""A first look at all candidates at once: what each would gain in the sample, nuisance and model refitted.
+
+With r and S the candidate's part of the normal equations after everything else is eliminated (a Schur
+complement), its coefficients are S^{-1} r and its gain is r^T S^{-1} r / 2. What a candidate has in common with
+the nuisance does not depend on the model and is summed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.design_matrix import Design, Indices
+from impedance_modules.diagnosis.regression.slots import Slot
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+COLLINEAR = 1e-4
+"""A candidate of which less than this is left after elimination says nothing new."""
+
+RIDGE = 1e-7
+"""Part of a column's power that is added to keep a candidate's own columns apart."""
+
+SLACK = 1.0
+"""Standard deviations by which a coefficient may lie outside its physical bounds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A candidate's first look.
+
+    Attributes:
+        slot: The candidate.
+        gain: About the log-likelihood it would add [nats].
+        power: About the residual power it would explain, in units of the noise.
+        physical: Whether its coefficients keep the physical bounds.
+        worth: The gain less the Bayesian price of its coefficients, by which shapes of one candidate are compared.
+    """
+
+    slot: Slot
+    gain: float
+    power: float
+    physical: bool
+    worth: float
+
+
+class Screen:
+    """Sums over the fitted recordings that every look needs.
+
+    Attributes:
+        design: All candidates.
+        first: (slots,) index of each slot's first column among all columns.
+    """
+
+    def __init__(self, design: Design, recordings: Sequence[int]) -> None:
+        """Sums once what no model changes."""
+        self.design, self._recordings = design, tuple(recordings)
+        widths = np.array([slot.shaped.width for slot in design.slots], dtype=np.intp)
+        self.first = np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
+        self._widths = widths
+        self._lags = int(widths.max(initial=1))
+        self._ids = tuple(self._columns(g) for g in range(len(design.groups)))
+        self._nuisance = tuple(
+            sum(
+                np.asarray(design.X[r][g].T @ design.Z[r][g].astype(np.float32), float)
+                for r in self._recordings
+            )
+            for g in range(len(design.groups))
+        )
+        self._own = tuple(self._bands(g) for g in range(len(design.groups)))
+        self.classes = [(int(width), np.flatnonzero(widths == width)) for width in np.unique(widths)]
+
+    def _columns(self, group: int) -> Indices:
+        """Which of all columns stand in a group, in its order."""
+        found = [
+            np.arange(self.first[i], self.first[i + 1])
+            for i, slot in enumerate(self.design.slots)
+            if group in slot.places
+        ]
+        return np.concatenate(found).astype(np.intp) if found else np.zeros(0, np.intp)
+
+    def _bands(self, group: int) -> Array:
+        """(lags, C) sums of products of each column with itself and those behind it."""
+        count = len(self._ids[group])
+        out = np.zeros((self._lags, count))
+        for r in self._recordings:
+            X = self.design.X[r][group]
+            for lag in range(min(self._lags, count)):
+                out[lag, : count - lag] += np.einsum("mc,mc->c", X[:, : count - lag], X[:, lag:])
+        return out
+
+    def look(self, bench: Bench) -> list[Look]:
+        """Looks at all candidates that the model does not hold yet, best first."""
+        cross, own, right = self._against(bench)
+        pulled = cross @ bench.whole.inverse
+        left = np.zeros_like(own)
+        for lag in range(self._lags):
+            rows = len(own[lag]) - lag
+            left[lag, :rows] = own[lag, :rows] - np.einsum("ca,ca->c", pulled[:rows], cross[lag:])
+        held = {term.key for term in bench.model}
+        looks: list[Look] = []
+        for width, members in self.classes:
+            looks += self._judge(bench, width, members, (own, left, right), held)
+        return sorted(looks, key=lambda look: -look.gain)
+
+    def _against(self, bench: Bench) -> tuple[Array, Array, Array]:
+        """All columns against the model (C, A), against themselves (lags, C), and against what is left (C,)."""
+        total = int(self.first[-1])
+        cross, own, right = np.zeros((total, bench.size)), np.zeros((self._lags, total)), np.zeros(total)
+        coefficients = bench.whole.coefficients
+        left = {r: bench.residuals(coefficients, r) for r in self._recordings}
+        for g, ids in enumerate(self._ids):
+            weight, nuisance = bench.weights[g], bench.design.nuisance.ids[g]
+            k = len(nuisance)
+            more = np.zeros((len(ids), len(bench.ids[g]) - k + 1))
+            for r in self._recordings:
+                block = np.column_stack([bench.rows[r][g][:, k:], left[r][g]]).astype(np.float32)
+                more += self.design.X[r][g].T @ block
+            cross[np.ix_(ids, nuisance)] += weight * self._nuisance[g]
+            cross[np.ix_(ids, bench.ids[g][k:])] += weight * more[:, :-1]
+            own[:, ids] += weight * self._own[g]
+            right[ids] += weight * more[:, -1]
+        return cross, own, right
+
+    def _judge(
+        self,
+        bench: Bench,
+        width: int,
+        members: Indices,
+        sums: tuple[Array, Array, Array],
+        held: set[tuple[str, str, str]],
+    ) -> list[Look]:
+        """Looks at the candidates of one width together."""
+        own, left, right = sums
+        columns = self.first[members][:, None] + np.arange(width)
+        S = np.empty((len(members), width, width))
+        for i in range(width):
+            for j in range(i, width):
+                S[:, i, j] = S[:, j, i] = left[j - i][columns[:, i]]
+        power = own[0][columns]
+        slots = [self.design.slots[i] for i in members]
+        out: list[Look] = []
+        for fixed in (False, True):
+            chosen = np.array(
+                [i for i, slot in enumerate(slots) if slot.shaped.fixed == fixed], dtype=np.intp
+            )
+            size = width - fixed
+            if not len(chosen) or size == 0:
+                continue
+            part, b = S[chosen], right[columns[chosen]]
+            some = [slots[i] for i in chosen]
+            precision = np.array([slot.precision for slot in some])
+            matrix = part[:, :size, :size] + np.einsum(
+                "np,pq->npq", precision + RIDGE * power[chosen][:, :size], np.eye(size)
+            )
+            pull = b[:, :size] - (part[:, :size, size] if fixed else 0.0)
+            inverse = np.linalg.pinv(matrix, hermitian=True)
+            found = np.einsum("npq,nq->np", inverse, pull)
+            gain = 0.5 * np.einsum("np,np->n", found, pull)
+            if fixed:
+                gain = gain + b[:, size] - 0.5 * part[:, size, size]
+            spread = SLACK * np.sqrt(np.clip(np.einsum("npp->np", inverse), 0.0, None))
+            shown = np.einsum("npp->np", part)[:, :size] > COLLINEAR * power[chosen][:, :size]
+            seen = np.all(shown | np.array([slot.unseen for slot in some]), axis=1)
+            out += _looks(bench, some, (found, spread, gain), seen, held)
+        return out
+
+
+def _looks(
+    bench: Bench,
+    slots: Sequence[Slot],
+    found: tuple[Array, Array, Array],
+    seen: Mask,
+    held: set[tuple[str, str, str]],
+) -> list[Look]:
+    coefficients, spread, gains = found
+    lower = np.array([slot.shaped.lower * slot.scale for slot in slots])
+    upper = np.array([slot.shaped.upper * slot.scale for slot in slots])
+    physical = np.all((coefficients > lower - spread) & (coefficients < upper + spread), axis=1)
+    out = []
+    for i in np.flatnonzero(seen & (gains > 0.0)):
+        slot = slots[int(i)]
+        if slot.shaped.key in held:
+            continue
+        touched = list(slot.groups)
+        samples = float(np.sum(bench.counts[touched]))
+        gain = -0.5 * samples * float(np.log(max(1.0 - 2.0 * gains[i] / samples, 1e-6)))
+        power = float(2.0 * gains[i] / np.min(bench.weights[touched]))
+        worth = gain - 0.5 * slot.free * float(np.log(max(samples, 2.0)))
+        out.append(Look(slot, gain, power, bool(physical[i]), worth))
+    return out

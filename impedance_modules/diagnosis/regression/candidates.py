@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 3: every effect of the catalogue at every place where it could be, on equal terms.
+
+A candidate is one effect at one port on one carrier (joint, pair of joints, body, base, log). Where a parameter
+enters nonlinearly it comes in several shapes, one regression each. Nothing is preferred here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.effects.effect_description import KeyKind, Port
+from impedance_modules.effects.effect import PAIR, Effect
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.recorded_signals import Signals
+
+Array = NDArray[np.float64]
+Group = tuple[Residual, int]
+"""One residual of one joint: the rows that share a noise level."""
+
+SENSOR_SHARE_MAX = 0.5
+"""Largest share of a torque by which a sensor is believed to be wrong."""
+
+PERIODS_MIN = 2.0
+"""Fewest periods that a periodic effect must run through in the recordings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One possible cause.
+
+    Attributes:
+        effect: From the catalogue.
+        port: Where it acts.
+        key: What carries its numbers.
+        joints: Names of the joints it belongs to in a report.
+    """
+
+    effect: Effect
+    port: Port
+    key: str
+    joints: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return f"{self.effect.id} on {self.key}"
+
+
+@dataclass(frozen=True, eq=False)
+class Shaped:
+    """A candidate with its nonlinear parameters fixed; its columns stand in the design.
+
+    Attributes:
+        candidate: Which; None for a generic stand-in.
+        shape: Values of what enters nonlinearly.
+        size: Number of coefficients.
+        fixed: Whether it has a part without a coefficient, which stands behind its columns.
+        lower, upper: (p,) physical bounds of the coefficients.
+        key: Effect, carrier and port; stand-ins are told apart by the last two.
+    """
+
+    candidate: Candidate | None
+    shape: Mapping[str, float]
+    size: int
+    fixed: bool
+    lower: Array
+    upper: Array
+    key: tuple[str, str, str]
+
+    @property
+    def width(self) -> int:
+        """Number of columns, the one without a coefficient included."""
+        return self.size + self.fixed
+
+
+def list_candidates(
+    catalogue: Mapping[str, Effect], prepared: Sequence[Prepared], without: Collection[str]
+) -> tuple[Candidate, ...]:
+    """Lists all candidates of a catalogue, less the effects left out."""
+    joints = prepared[0].signals.model.joint_names
+    bodies = tuple((body.link, body.joint) for body in prepared[0].tree.bodies)
+    found: list[Candidate] = []
+    for effect in catalogue.values():
+        if effect.id in without:
+            continue
+        for kind in effect.description.keys:
+            for key, carried in _keys(kind, joints, bodies, effect.symmetric):
+                found.extend(Candidate(effect, port, key, carried) for port in effect.description.ports)
+    return tuple(found)
+
+
+def _keys(
+    kind: KeyKind, joints: Sequence[str], bodies: Sequence[tuple[str, str]], symmetric: bool
+) -> Iterator[tuple[str, tuple[str, ...]]]:
+    if kind == "joint":
+        yield from ((joint, (joint,)) for joint in joints)
+    elif kind == "pair":
+        for index, joint in enumerate(joints):
+            others = joints[index + 1 :] if symmetric else [other for other in joints if other != joint]
+            yield from ((f"{joint}{PAIR}{other}", (joint,)) for other in others)
+    elif kind == "body":
+        yield from ((link, (joint,)) for link, joint in bodies)
+    else:
+        yield kind, ()
+
+
+def shapes_of(candidate: Candidate, recordings: Sequence[Signals]) -> list[dict[str, float]]:
+    """Lists the shapes of a candidate that are worth trying on some recordings: those of the widest motion."""
+    signals = recordings[0]
+    if candidate.key in signals.model.joint_names:
+        joint = signals.joint(candidate.key)
+        signals = max(recordings, key=lambda one: float(np.ptp(one.position[:, joint])))
+    shapes = candidate.effect.shapes(signals, candidate.key, candidate.port)
+    return [dict(shape) for shape in shapes if _seen(candidate, shape, signals)]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A shaped candidate on one recording at its full rate.
+
+    Attributes:
+        blocks: Group -> (N, p), or (N, p + 1) with the part without a coefficient last.
+        fixed: Whether that part is anywhere other than zero.
+        lower, upper: (p,) physical bounds of the coefficients.
+    """
+
+    blocks: Mapping[Group, Array]
+    fixed: bool
+    lower: Array
+    upper: Array
+
+
+def columns_of(
+    candidate: Candidate, shape: Mapping[str, float], signals: Signals, residuals: Sequence[Residual]
+) -> Columns | None:
+    """Evaluates a shape on a recording; None where it shows in no residual."""
+    blocks: dict[Group, Array] = {}
+    fixed, bounds = False, None
+    for residual in residuals:
+        found = candidate.effect.regressor(signals, candidate.key, candidate.port, residual, shape)
+        if found is None:
+            continue
+        bounds = _plausible(candidate, found.lower, found.upper)
+        fixed = fixed or bool(np.any(found.fixed))
+        for place, row in enumerate(found.rows):
+            blocks[residual, row] = np.column_stack([found.columns[:, place], found.fixed[:, place]])
+    if bounds is None:
+        return None
+    if not fixed:
+        blocks = {group: block[:, :-1] for group, block in blocks.items()}
+    return Columns(blocks, fixed, *bounds)
+
+
+def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Narrows the physical bounds of pure numbers at a sensor: nobody ships one that is wrong by half."""
+    if candidate.port != "sensor" or any(
+        parameter.unit != "1" for parameter in candidate.effect.description.parameters
+    ):
+        return lower, upper
+    return np.maximum(lower, -SENSOR_SHARE_MAX), np.minimum(upper, SENSOR_SHARE_MAX)
+
+
+def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) -> bool:
+    """Whether a periodic shape runs through enough of its periods to be one, not merely a bend."""
+    if "N" not in shape or candidate.key not in signals.model.joint_names:
+        return True
+    swept = float(np.ptp(signals.position[:, signals.joint(candidate.key)]))
+    return shape["N"] * swept / (2.0 * np.pi) >= PERIODS_MIN

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Recordings as columns may see them: what carries a reading's noise or a controller's answer is cleaned first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.effects.joint_motion import smoothing
+from impedance_modules.effects.recorded_signals import Signals
+
+Array = NDArray[np.float64]
+
+ALONE = 1.5
+"""Times a command's noise that motion and model may leave of it, for the rest to count as noise."""
+
+CLEAR = 4.0
+"""Times its noise beyond which the sign of a measured effort is the load's."""
+
+
+def instrument(signals: Signals, noise: Array | None = None, flicker: Array | None = None) -> Signals:
+    """Replaces the measured effort by its regression on the model's torque and the motion, and cleans the command.
+
+    A column that is computed from the reading carries the reading's noise, and so does the residual: the two
+    would agree where nothing is. A gain could then explain anything by scaling all away, an elasticity clean data.
+
+    Args:
+        signals: One recording.
+        noise: (n,) rms of the commands' noise as repeats show it; without it commands stay as they are.
+        flicker: (n,) likewise of the measured effort; without it no law sees the effort's own sign.
+    """
+    effort = signals.effort
+    reading = None
+    if effort is not None and flicker is not None:
+        reading = np.where(np.abs(effort) > CLEAR * flicker, effort, 0.0)
+    if effort is not None:
+        effort = np.column_stack(
+            [
+                _onto(_basis(signals, joint, signals.rigid[:, [joint]]), effort[:, joint])
+                for joint in range(signals.n)
+            ]
+        )
+    return replace(
+        signals,
+        effort=effort,
+        reading=reading,
+        clean_drive=_clean_drive(signals, noise),
+        position_command=_aimed(signals),
+    )
+
+
+def _aimed(signals: Signals) -> Array | None:
+    """The commanded positions (N, n) of a controller that meets nothing unexpected, as far as motion and model tell.
+
+    A controller answers any disturbance with a tracking error that looks like it: the error as recorded would
+    explain whatever there is. Only the part that follows from the commanded motion is evidence of wrong gains.
+    """
+    aim = signals.position_command
+    if aim is None:
+        return None
+    v = signals.rate_of(aim)
+    a = signals.rate_of(v)
+    weight = signals.weight
+    out = np.empty_like(aim)
+    for joint in range(signals.n):
+        basis = np.column_stack(
+            [
+                np.ones(len(aim)),
+                aim[:, joint],
+                v[:, joint],
+                a[:, joint],
+                np.tanh(v[:, joint] / 0.05),
+                weight[:, joint],
+                signals.rigid[:, joint] - weight[:, joint],
+            ]
+        )
+        error = aim[:, joint] - signals.position[:, joint]
+        out[:, joint] = signals.position[:, joint] + _onto(basis, error)
+    return out
+
+
+def _clean_drive(signals: Signals, noise: Array | None) -> Array | None:
+    """The torque asked for, without noise on every joint where motion and model leave no more than noise of it."""
+    if signals.drive is None or noise is None:
+        return None
+    assistance = np.zeros_like(signals.drive) if signals.assistance is None else signals.assistance
+    out = signals.drive.copy()
+    for joint in range(signals.n):
+        asked, weight = signals.drive[:, joint] - assistance[:, joint], signals.weight[:, joint]
+        q = signals.position[:, joint]
+        own = np.column_stack([signals.rigid[:, joint] - weight, weight, np.cos(q), np.sin(q)])
+        smooth = _onto(_basis(signals, joint, own), asked)
+        if float(np.std(asked - smooth)) < ALONE * noise[joint]:
+            out[:, joint] = smooth + assistance[:, joint]
+    return out
+
+
+def noise_of_repeats(
+    prepared: Sequence[Prepared],
+    pairs: Sequence[tuple[int, int]],
+    channel: Callable[[Signals], Array | None],
+) -> Array | None:
+    """Rms (n,) of what differs in a channel of repeats; None without any."""
+    found = []
+    for i, j in pairs:
+        first, second = channel(prepared[i].signals), channel(prepared[j].signals)
+        if first is not None and second is not None:
+            size = min(len(first), len(second))
+            found.append(np.mean((first[:size] - second[:size]) ** 2, axis=0) / 2.0)
+    return np.sqrt(np.mean(found, axis=0)) if found else None
+
+
+def _basis(signals: Signals, joint: int, own: Array) -> Array:
+    q, v, a = (x[:, joint] for x in (signals.position, signals.velocity, signals.acceleration))
+    # With the turnover of dry friction itself: a wider one would lend the reading a friction curve of its own.
+    turnover = float(smoothing(signals.model.sliding)[joint])
+    return np.column_stack([own, np.ones_like(q), q, v, a, np.tanh(v / turnover)])
+
+
+def _onto(basis: Array, values: Array) -> Array:
+    return np.asarray(basis @ np.linalg.lstsq(basis, values, rcond=None)[0])

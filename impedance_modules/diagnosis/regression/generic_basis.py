@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Generic stand-ins: what functions of a joint's motion without physics could explain.
+
+    smooth   r = \sum_k c_k \tanh(w_k \cdot (q, v, a, \tau) + b_k)         random w, b of a fixed seed
+    local    r = c \max(0, \pm (q - q_k)),   r = c \exp(-((q - q_k) / h)^2)   somewhere along the way
+
+with \tau the model's torque: a stand-in must never see the reading that it is to explain. A cause is named only if
+it does better than the best of these with as many coefficients, and explains a gap only if none of them finds more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.regression.drafts import Draft, Filler
+from impedance_modules.diagnosis.regression.still import quieted
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.recorded_signals import Signals
+
+Array = NDArray[np.float64]
+
+DRAWS: Mapping[int, int] = {1: 10, 2: 6, 4: 4}
+"""Number of coefficients -> number of random stand-ins per joint and residual."""
+
+KNOTS = (0.15, 0.3, 0.5, 0.7, 0.85)
+"""Places along the way, as quantiles of the position, where local stand-ins begin or stand."""
+
+GENERIC = "generic"
+
+
+def draft_stand_ins(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -> list[Draft]:
+    """Draws the stand-ins of every joint in every residual."""
+    drafts: list[Draft] = []
+    fillers = [Filler(item) for item in prepared]
+    signals = [quieted(item.signals) for item in prepared]
+    for joint in range(prepared[0].signals.n):
+        inputs = [_inputs(own, joint) for own in signals]
+        stacked = np.concatenate(inputs)
+        scaled = [(x - stacked.mean(axis=0)) / (stacked.std(axis=0) + 1e-9) for x in inputs]
+        for name, columns in _functions(scaled):
+            for residual in residuals:
+                draft = Draft(None, {}, (GENERIC, f"{residual}.{joint}", name))
+                size = columns[0].shape[1]
+                draft.lower, draft.upper = np.full(size, -np.inf), np.full(size, np.inf)
+                for filler, values in zip(fillers, columns, strict=True):
+                    draft.blocks.append({})
+                    filler.add(draft.blocks[-1], (residual, joint), values)
+                drafts.append(draft)
+    for filler in fillers:
+        filler.flush()
+    return drafts
+
+
+def _inputs(s: Signals, joint: int) -> Array:
+    """(N, 4) position, velocity, acceleration and the model's torque of a joint."""
+    return np.column_stack(
+        [s.position[:, joint], s.velocity[:, joint], s.acceleration[:, joint], s.rigid[:, joint]]
+    )
+
+
+def _functions(inputs: Sequence[Array]) -> Iterator[tuple[str, list[Array]]]:
+    """Names and values (N, size) per recording."""
+    random = np.random.default_rng(20260101)
+    for size, draws in DRAWS.items():
+        for draw in range(draws):
+            weights, offset = random.normal(size=(4, size)), random.normal(size=size)
+            yield f"smooth.{size}.{draw}", [np.tanh(x @ weights + offset) for x in inputs]
+    position = np.concatenate([x[:, 0] for x in inputs])
+    knots = np.quantile(position, KNOTS)
+    width = max(float(np.ptp(position)) / len(KNOTS), 1e-6)
+    for index, knot in enumerate(knots):
+        yield f"above.{index}", [np.maximum(x[:, :1] - knot, 0.0) for x in inputs]
+        yield f"below.{index}", [np.maximum(knot - x[:, :1], 0.0) for x in inputs]
+        yield f"at.{index}", [np.exp(-(((x[:, :1] - knot) / width) ** 2)) for x in inputs]

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Fits of one model, on all recordings and without each fold: causes by least squares, nuisance held by its prior.
+
+    \min_{\nu, \beta} \sum_g w_g |y_g - Z_g \nu - X_g \beta|^2 + |\nu|^2,      w_g = 1 / max(1, s_g^2)
+
+Rows are white and of unit noise; s_g^2 is what is left of a group over its noise, so that a group that is not
+understood yet does not pull the nuisance that it shares with others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.regression.design_matrix import Design, Indices
+from impedance_modules.diagnosis.regression.term import Term
+
+Array = NDArray[np.float64]
+
+FLAT = 1e-9
+"""Precision that keeps a direction the data do not see finite, in scaled coefficients."""
+
+PRIOR_MAX = 3.0
+"""A nuisance further out than so many standard deviations of its prior is none: the rows are trusted less until
+it is back, because what pulls it there is something that the model lacks."""
+
+SOFTENED = 12
+"""How often they are trusted half as much at most."""
+
+ROUNDS = 3
+"""How often fit and weights follow each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Coefficients in scaled columns, nuisance first, then term by term.
+
+    Attributes:
+        coefficients: (K + P,).
+        inverse: (K + P, K + P) of the normal matrix: their covariance where the model is right.
+    """
+
+    coefficients: Array
+    inverse: Array
+
+
+class Bench:
+    """One model and all its fits.
+
+    Attributes:
+        design: The rows.
+        folds: Recordings by fold.
+        model: Terms that take part.
+        fitted: Recordings that are fitted.
+        whole: The fit on all of them.
+        weights: (groups,) w_g.
+        starts: Index of each term's first coefficient.
+    """
+
+    def __init__(self, design: Design, folds: Sequence[Sequence[int]], model: Sequence[Term]) -> None:
+        """Fits a model on all folds."""
+        self.design, self.model = design, tuple(model)
+        self.folds = tuple(tuple(fold) for fold in folds)
+        self.fitted = tuple(index for fold in self.folds for index in fold)
+        sizes = [term.shaped.size for term in self.model]
+        self.starts = design.nuisance.size + np.cumsum([0, *sizes], dtype=np.intp)
+        self.size = int(self.starts[-1])
+        self.ids: tuple[Indices, ...] = tuple(self._ids(g) for g in range(len(design.groups)))
+        self.rows = tuple(
+            tuple(self._rows(r, g) for g in range(len(design.groups))) for r in range(len(design.y))
+        )
+        self.target = tuple(
+            tuple(self._target(r, g) for g in range(len(design.groups))) for r in range(len(design.y))
+        )
+        self.counts = design.count(self.fitted)
+        self.weights = np.ones(len(design.groups))
+        self.whole = self.fit(self.fitted)
+        for _ in range(ROUNDS - 1):
+            self.weights = 1.0 / np.maximum(self.left / self.counts, 1.0)
+            self.whole = self.fit(self.fitted)
+        for _ in range(SOFTENED):
+            if np.abs(self.whole.coefficients[: design.nuisance.size]).max(initial=0.0) <= PRIOR_MAX:
+                break
+            self.weights = 0.5 * self.weights
+            self.whole = self.fit(self.fitted)
+
+    def _ids(self, group: int) -> Indices:
+        own = [
+            np.arange(start, start + term.shaped.size)
+            for term, start in zip(self.model, self.starts, strict=False)
+            if group in term.slot.places
+        ]
+        return np.concatenate([self.design.nuisance.ids[group], *own]).astype(np.intp)
+
+    def _rows(self, recording: int, group: int) -> Array:
+        own = [term.columns[recording][group] for term in self.model if group in term.slot.places]
+        nuisance = self.design.Z[recording][group]
+        return np.concatenate([nuisance, *own], axis=1) if own else nuisance
+
+    def _target(self, recording: int, group: int) -> Array:
+        steady = [term.fixed[recording][group] for term in self.model if group in term.fixed[recording]]
+        return (
+            np.asarray(self.design.y[recording][group] - sum(steady))
+            if steady
+            else self.design.y[recording][group]
+        )
+
+    @cached_property
+    def _sums(self) -> tuple[tuple[tuple[Array, Array], ...], ...]:
+        """Recording -> group -> normal matrix and right side; only recordings that are fitted count."""
+        out = []
+        for r in range(len(self.rows)):
+            row = []
+            for g, T in enumerate(self.rows[r]):
+                k = self.design.Z[r][g].shape[1]
+                gram = np.empty((T.shape[1], T.shape[1]))
+                gram[:k, :k] = self.design.nuisance_gram[r][g]
+                gram[k:] = T[:, k:].T @ T
+                gram[:k, k:] = gram[k:, :k].T
+                row.append((gram, T.T @ self.target[r][g]))
+            out.append(tuple(row))
+        return tuple(out)
+
+    @cached_property
+    def prior(self) -> Array:
+        """(K + P,) precision of each coefficient's prior."""
+        own = [term.slot.precision + FLAT for term in self.model]
+        return np.concatenate([np.ones(self.design.nuisance.size), *own])
+
+    def fit(self, recordings: Sequence[int]) -> Fit:
+        """Fits the model to some recordings."""
+        A, b = np.diag(self.prior), np.zeros(self.size)
+        for g, ids in enumerate(self.ids):
+            gram = sum(self._sums[r][g][0] for r in recordings)
+            A[np.ix_(ids, ids)] += self.weights[g] * gram
+            b[ids] += self.weights[g] * sum(self._sums[r][g][1] for r in recordings)
+        inverse = np.linalg.inv(A)
+        return Fit(np.asarray(inverse @ b), np.asarray(inverse))
+
+    def residuals(self, coefficients: Array, recording: int) -> list[Array]:
+        """What coefficients leave of a recording: group -> (M,) whitened."""
+        return [
+            self.target[recording][g] - self.rows[recording][g] @ coefficients[ids]
+            for g, ids in enumerate(self.ids)
+        ]
+
+    @property
+    def left(self) -> Array:
+        """(groups,) sum of squares that the whole fit leaves on the fitted recordings."""
+        return self.squares(self.whole.coefficients, self.fitted)
+
+    def squares(self, coefficients: Array, recordings: Sequence[int]) -> Array:
+        """(groups,) sums of squares that coefficients leave."""
+        parts = [[float(x @ x) for x in self.residuals(coefficients, r)] for r in recordings]
+        return np.asarray(np.sum(parts, axis=0))
+
+    def train(self, fold: int) -> tuple[int, ...]:
+        """Recordings of all folds but one."""
+        return tuple(index for other, found in enumerate(self.folds) if other != fold for index in found)
+
+    @cached_property
+    def without(self) -> tuple[Fit, ...]:
+        """The fits without each fold."""
+        return tuple(self.fit(self.train(fold)) for fold in range(len(self.folds)))
+
+    @cached_property
+    def unseen(self) -> dict[int, list[Array]]:
+        """Recording -> group -> (M,) residual by the fit that has not seen its fold."""
+        return {
+            r: self.residuals(found.coefficients, r)
+            for fold, found in zip(self.folds, self.without, strict=True)
+            for r in fold
+        }
+
+    def of(self, index: int, found: Fit | None = None) -> Array:
+        """Coefficients of one term in its own units, by the whole fit unless another is given."""
+        start, term = self.starts[index], self.model[index]
+        values = (found or self.whole).coefficients[start : start + term.shaped.size]
+        return np.asarray(values / term.slot.scale)

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 4: where the noise is seen: in the difference of repeats, or in what a flexible model leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.regression.candidates import Group
+from impedance_modules.diagnosis.regression.drafts import Draft
+from impedance_modules.diagnosis.regression.sensor_noise import Rounding, differentiated, read_noise, unseen_rounding
+from impedance_modules.diagnosis.regression.moments import Heard, listen
+from impedance_modules.diagnosis.regression.noise_motion import acceleration_noise, shares
+from impedance_modules.diagnosis.regression.nuisance_columns import Nuisance
+from impedance_modules.diagnosis.regression.whitening import Whitening, whitening_of
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RIDGE = 1e-4
+"""Of the flexible model, over its columns' power; more where it would use up too many samples."""
+
+USED_MAX = 0.5
+"""Part of all samples that a flexible model may use up: what is left of fewer says little about the noise."""
+
+STIFFER = 2.0
+"""Factor by which the ridge grows until then."""
+
+LEAST = 1e-24
+"""Power that stands for none at all."""
+
+LEFT_MIN = 0.1
+"""Least part of all samples that is taken to be left of a flexible model."""
+
+
+def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> list[tuple[int, int]]:
+    """Pairs of recordings of one motion."""
+    return [
+        (i, j)
+        for place, i in enumerate(recordings)
+        for j in recordings[:place]
+        if prepared[i].log.group == prepared[j].log.group
+    ]
+
+
+def noise_by_repeats(
+    left: Sequence[Sequence[Array]],
+    prepared: Sequence[Prepared],
+    nuisance: Nuisance,
+    pairs: Sequence[tuple[int, int]],
+    clear: Mapping[tuple[int, int], Mask] | None = None,
+) -> Whitening:
+    """Judges the noise by recordings that repeat each other.
+
+    Args:
+        left: Recording -> group -> (M,) residual, or what causes that are known by now leave of it.
+        prepared: The recordings.
+        nuisance: For its groups.
+        pairs: Repeats.
+        clear: Recording and group -> (M,) rows that count; all of them where it is missing.
+    """
+    shown = [
+        [_both_clear(pair, g, prepared, clear or {}) for pair in pairs] for g in range(len(nuisance.groups))
+    ]
+    moved = np.mean([acceleration_noise(prepared[i], prepared[j]) for i, j in pairs], axis=0)
+    rounding = [unseen_rounding(prepared[i], moved, seed) for seed, (i, _) in enumerate(pairs)]
+    unseen = [
+        [_rounded(part, group, mask) for mask, part in zip(masks, rounding, strict=True)]
+        for masks, group in zip(shown, nuisance.groups, strict=True)
+    ]
+    noise = [
+        [
+            _difference(left[i][g], left[j][g], mask) + part
+            for (i, j), mask, part in zip(pairs, shown[g], parts, strict=True)
+        ]
+        for g, parts in enumerate(unseen)
+    ]
+    moved = moved + np.mean([0.0 * moved if x is None else x.power for x in rounding], axis=0)
+    power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
+    assumed = [float(np.mean(np.concatenate(x) ** 2)) for x in unseen]
+    share = shares(nuisance.groups, prepared, pairs, power, moved)
+    return whitening_of(
+        noise,
+        share,
+        edge=_edge(prepared),
+        lost=np.zeros(len(nuisance.groups)),
+        assumed=np.clip(np.array(assumed) / np.maximum(power, LEAST), 0.0, 1.0),
+        weak=False,
+    )
+
+
+def _rounded(rounding: Rounding | None, group: Group, shown: Mask) -> Array:
+    """What a grid adds to the difference of two repeats that were rounded alike."""
+    return np.zeros(int(shown.sum())) if rounding is None else rounding.of(group)[: len(shown)][shown]
+
+
+def _edge(prepared: Sequence[Prepared]) -> float:
+    """End of the band in cycles per kept sample."""
+    band = prepared[0].band
+    return band.cutoff * band.step / band.rate
+
+
+def _both_clear(
+    pair: tuple[int, int],
+    group: int,
+    prepared: Sequence[Prepared],
+    clear: Mapping[tuple[int, int], Mask],
+) -> Mask:
+    """Rows of a group that count in both of two repeats."""
+    masks = [clear.get((r, group), np.ones(prepared[r].samples, dtype=bool)) for r in pair]
+    size = min(map(len, masks))
+    return np.asarray(masks[0][:size] & masks[1][:size])
+
+
+def _difference(one: Array, other: Array, shown: Mask) -> Array:
+    size = len(shown)
+    difference = (one[:size] - other[:size])[shown]
+    return np.asarray((difference - difference.mean()) / np.sqrt(2.0))
+
+
+def noise_by_smoothness(
+    left: Sequence[Sequence[Array]],
+    prepared: Sequence[Prepared],
+    nuisance: Nuisance,
+    flexible: Sequence[Draft],
+    recordings: Sequence[int],
+) -> Whitening:
+    """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
+
+    It is at least what the positions' own noise makes: functions of the acceleration hold that noise and hide it. Where
+    one joint was struck, moments that are too loud for noise are no part of it on any joint.
+
+    Args:
+        left: Recording -> group -> (M,) residual.
+        prepared: The recordings.
+        nuisance: The links' columns.
+        flexible: Stand-ins and single-joint candidates.
+        recordings: Those that are fitted.
+    """
+    made = [differentiated(prepared[r], read_noise(prepared[r]), r) for r in recordings]
+    rate = prepared[0].band.rate / prepared[0].band.step
+    heard = []
+    for index, group in enumerate(nuisance.groups):
+        members = [draft for draft in flexible if all(group in blocks for blocks in draft.blocks)]
+        heard.append(_left_by(members, group, index, left, nuisance, recordings, rate))
+    struck = any(one.struck for one in heard)
+    noise, lost = [], []
+    for group, one_heard in zip(nuisance.groups, heard, strict=True):
+        pieces, used = one_heard.quiet if struck else one_heard.plain
+        noise.append(_no_quieter(pieces, used, [one.of(group) for one in made]))
+        lost.append(used)
+    share = np.ones((len(left), len(nuisance.groups)))
+    return whitening_of(
+        noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
+    )
+
+
+def _no_quieter(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> list[Array]:
+    """Adds to pieces of noise what they lack of the positions' own."""
+    count = sum(map(len, pieces))
+    grow = count / max(count - used, LEFT_MIN * count)
+    seen = grow * sum(float(piece @ piece) for piece in pieces)
+    own = max(sum(float(piece @ piece) for piece in made), LEAST)
+    share = np.sqrt(max(0.0, 1.0 - seen / own) / grow)
+    return [piece + share * more for piece, more in zip(pieces, made, strict=True)]
+
+
+def _left_by(  # noqa: PLR0917 - all of them belong together
+    members: Sequence[Draft],
+    group: Group,
+    index: int,
+    left: Sequence[Sequence[Array]],
+    nuisance: Nuisance,
+    recordings: Sequence[int],
+    rate: float,
+) -> Heard:
+    """What functions of a group's motion leave of it, and the samples that they use up."""
+    blocks = []
+    for recording in recordings:
+        own = [draft.blocks[recording][group] for draft in members]
+        blocks.append(np.concatenate([nuisance.columns[recording][index], *own], axis=1).astype(float))
+    X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
+    X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
+    ends = np.cumsum([len(block) for block in blocks])[:-1]
+
+    def fit(weights: Array | None) -> tuple[list[Array], float]:
+        weighted = X if weights is None else X * weights[:, None]
+        power, axes = np.linalg.eigh(weighted.T @ X)
+        power = np.maximum(power, 0.0)
+        ridge = _ridge(power, len(y))
+        rest = y - X @ (axes @ ((axes.T @ (weighted.T @ y)) / (power + ridge)))
+        return list(np.split(rest, ends)), _used(power, ridge)
+
+    return listen(fit, rate)
+
+
+def _ridge(power: Array, samples: int) -> float:
+    """Ridge of a regression with some eigenvalues of its normal matrix: the least that uses up no more than allowed."""
+    ridge = RIDGE * samples
+    while _used(power, ridge) > USED_MAX * samples:
+        ridge *= STIFFER
+    return ridge
+
+
+def _used(power: Array, ridge: float) -> float:
+    """Samples of white noise that such a regression takes away: tr(2 H - H^2), H what turns readings into its fit."""
+    share = power / (power + ridge)
+    return float(np.sum(share * (2.0 - share)))

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""What every recording may be wrong by without that being a finding: small errors with a prior.
+
+- each link's ten inertial parameters (\pm 3 %), and, of the weights that the robot compensates, \pm 3 %;
+- the instant in a period at which commands, efforts and velocities are stamped (\pm a fifth, a tenth, a quarter of a
+  sample: a driver that differentiates backwards is half a sample late, an engine's half step is a part of it).
+
+Every column is scaled to one standard deviation of its prior, so that the prior is a unit circle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.regression.candidates import Group
+from impedance_modules.diagnosis.regression.still import at_rest
+from impedance_modules.effects.residual_kinds import EFFORT_SIGN
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+INERTIA_PRIOR = 0.03
+"""Standard deviation of a link's inertial parameters over their size."""
+
+WIDE_PRIOR = 0.5
+"""Likewise of a link whose inertia is a candidate: wrong by half, not by several times."""
+
+TIMING_PRIOR = 0.2
+"""Standard deviation of the delay that all joints' commands share, in samples."""
+
+READING_PRIOR = 0.1
+"""Likewise of the readings of effort, against those of position."""
+
+SPEED_PRIOR = 0.25
+"""Likewise of the reported velocities."""
+
+WEIGHT_PRIOR = 0.03
+"""Standard deviation of the weights that the robot compensates by itself, over their size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """Columns with a prior.
+
+    Attributes:
+        groups: The groups.
+        size: Number of all nuisance columns, K.
+        ids: Group -> (k,) which of them it sees.
+        columns: Recording -> group -> (M, k).
+        links: Link -> (10,) wide prior of its inertia, for the candidates that change it.
+    """
+
+    groups: tuple[Group, ...]
+    size: int
+    ids: tuple[Indices, ...]
+    columns: tuple[tuple[Array, ...], ...]
+    links: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """One kind of error: the groups that see it, and its columns (M, k) there."""
+
+    size: int
+    sees: Callable[[Group], bool]
+    columns: Callable[[Prepared, Group], Array]
+
+
+def build_nuisance(prepared: Sequence[Prepared], parameters: Array) -> Nuisance:
+    """Collects the nuisance of all recordings.
+
+    Args:
+        prepared: The recordings.
+        parameters: (10 n,) nominal inertial parameters.
+    """
+    groups = _groups(prepared)
+    prior = inertia_prior(parameters)
+    kinds = _kinds(prepared[0], prior)
+    ids: list[list[int]] = [[] for _ in groups]
+    columns: list[list[list[Array]]] = [[[] for _ in groups] for _ in prepared]
+    first = 0
+    for kind in kinds:
+        for index, group in enumerate(groups):
+            if not kind.sees(group):
+                continue
+            blocks = [kind.columns(item, group) for item in prepared]
+            seen = np.flatnonzero(np.max([np.abs(block).max(axis=0) for block in blocks], axis=0) > 1e-9)
+            ids[index].extend((first + seen).tolist())
+            for recording, block in zip(columns, blocks, strict=True):
+                recording[index].append(block[:, seen])
+        first += kind.size
+    wide = WIDE_PRIOR / INERTIA_PRIOR * prior.reshape(-1, 10)
+    return Nuisance(
+        groups=groups,
+        size=first,
+        ids=tuple(np.array(found, dtype=np.intp) for found in ids),
+        columns=tuple(
+            tuple(_beside(parts, item.samples) for parts in recording)
+            for recording, item in zip(columns, prepared, strict=True)
+        ),
+        links={body.link: wide[index] for index, body in enumerate(prepared[0].tree.bodies)},
+    )
+
+
+def _beside(parts: Sequence[Array], samples: int) -> Array:
+    return np.concatenate(parts, axis=1) if parts else np.zeros((samples, 0))
+
+
+def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
+    period = 1.0 / first.log.rate
+    drive = ("actuator", "whole", "drive")
+    compensated = first.log.gravity_compensation == "robot" and first.log.command is not None
+    late = np.full(1, TIMING_PRIOR * period)
+    weight = WEIGHT_PRIOR / INERTIA_PRIOR * prior
+    return (
+        _Kind(
+            len(prior),
+            lambda group: group[0] in ("link", "motor", "whole"),
+            lambda item, group: item.link_nuisance[:, group[1]] * prior,
+        ),
+        _Kind(
+            len(prior),
+            lambda group: compensated and group[0] in drive,
+            lambda item, group: item.weight_nuisance[:, group[1]] * weight,
+        ),
+        _Kind(
+            1, lambda group: group[0] in drive, lambda item, group: item.timing_nuisance[:, [group[1]]] * late
+        ),
+        _Kind(
+            1,
+            lambda group: EFFORT_SIGN[group[0]] != 0.0 and first.signals.effort is not None,
+            lambda item, group: (
+                EFFORT_SIGN[group[0]] * READING_PRIOR * period * item.reading_nuisance[:, [group[1]]]
+            ),
+        ),
+        _Kind(
+            1,
+            lambda group: group[0] == "velocity",
+            lambda item, group: (
+                SPEED_PRIOR * period * item.band.condense(item.signals.acceleration[:, [group[1]]])
+            ),
+        ),
+    )
+
+
+def _groups(prepared: Sequence[Prepared]) -> tuple[Group, ...]:
+    """All residuals of all joints, but no velocity of a joint that stands still.
+
+    It is noise there, and the velocities' own filters colour it.
+    """
+    first = prepared[0]
+    common = [name for name in first.residuals if all(name in item.residuals for item in prepared)]
+    resting = np.all([at_rest(item.signals.position) for item in prepared], axis=0)
+    return tuple(
+        (name, joint)
+        for name in common
+        for joint in range(first.signals.n)
+        if name != "velocity" or not resting[joint]
+    )
+
+
+def inertia_prior(parameters: Array) -> Array:
+    """Standard deviations of the bodies' ten parameters, (10 n,): a part of mass, moments and inertia.
+
+    A first moment may err by a part of the body's own reach, so that a centre of mass on an axis is free too.
+    """
+    out = []
+    for body in parameters.reshape(-1, 10):
+        mass, reach = body[0], np.sqrt(max(np.trace(_tensor(body)) / 2.0, 0.0) / max(body[0], 1e-9))
+        second = max(float(np.abs(body[4:]).max()), 1e-6)
+        out.append(np.concatenate([[mass], np.full(3, mass * reach), np.full(6, second)]))
+    return INERTIA_PRIOR * np.concatenate(out) + 1e-9
+
+
+def _tensor(body: Array) -> Array:
+    xx, xy, yy, xz, yz, zz = body[4:]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Position noise in the residuals that nothing else shows: an encoder's grid under repeats, any noise without them.
+
+Two runs that agree to less than a count are rounded alike: their difference does not hold the rounding, the
+residual does. A grid of step g, crossed often, is white noise of variance g^2 / 12 per sample; differentiated twice
+it moves the links. What the grid alone would make of the accelerations, less what the repeats show of it, is added
+to the repeats' difference; without repeats the noise beyond the motion's frequencies bounds the floor from below:
+
+    \delta r_link = -M(q) \delta a,      \delta r_actuator = -I_r \delta a,      \delta r_velocity = -\delta v
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.dynamics import mass_matrix
+from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.regression.candidates import Group
+from impedance_modules.effects.residual_kinds import COVERS, uses_motion
+from impedance_modules.effects.recorded_signals import differentiate
+
+Array = NDArray[np.float64]
+
+LACKING = 0.5
+"""Repeats that show less than this part of a grid's noise are taken to have repeated its rounding."""
+
+ABOVE, BELOW = 0.25, 0.38
+"""Frequencies [cycles per sample] between which a position holds nothing but noise: beyond motion, before what thinning
+filtered away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rounding:
+    """Rounding that the repeats do not show, made up for one recording.
+
+    Attributes:
+        acceleration: (M, n) in the band [rad/s^2].
+        velocity: (M, n) in the band [rad/s].
+        torque: (M, n) what the links would need for that acceleration [N.m].
+        rotor: (M, n) what the rotors would [N.m].
+    """
+
+    acceleration: Array
+    velocity: Array
+    torque: Array
+    rotor: Array
+
+    @property
+    def power(self) -> Array:
+        """(n,) of the accelerations' noise [rad^2/s^4]."""
+        return np.asarray(np.mean(self.acceleration**2, axis=0))
+
+    def of(self, group: Group) -> Array:
+        """(M,) what it adds to a residual."""
+        residual, joint = group
+        if residual == "velocity":
+            return np.asarray(-self.velocity[:, joint])
+        drive = self.rotor[:, joint] if "actuator" in COVERS[residual] else 0.0
+        links = self.torque[:, joint] if uses_motion(residual) else 0.0
+        return np.asarray(-(links + drive) * np.ones(len(self.velocity)))
+
+
+def unseen_rounding(item: Prepared, seen: Array, seed: int) -> Rounding | None:
+    """Makes up the rounding that repeats lack; None where they show as much as there is.
+
+    Args:
+        item: One of the repeats.
+        seen: (n,) power of the accelerations' noise that the repeats show [rad^2/s^4].
+        seed: Of the made-up noise.
+    """
+    log = item.log
+    if log.grid is None or not log.grid.any():
+        return None
+    made = differentiated(item, log.grid * np.sqrt(log.rate / 12.0), seed)
+    whole = made.power
+    lacking = np.where(seen < LACKING * whole, 1.0 - seen / np.maximum(whole, 1e-300), 0.0)
+    if not lacking.any():
+        return None
+    return _torques(item, made.velocity * np.sqrt(lacking), made.acceleration * np.sqrt(lacking))
+
+
+def read_noise(item: Prepared) -> Array:
+    """Rms of white noise in a recording's positions, (n,) [rad per sample], by their spectrum beyond the motion."""
+    return white_noise(item.log.position)
+
+
+def white_noise(values: Array) -> Array:
+    """Rms of white noise in readings (N, n), (n,), by the median of their spectrum beyond the motion."""
+    window = np.hanning(len(values))[:, None]
+    power = np.abs(np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(values))
+    beyond = power[(frequency > ABOVE) & (frequency < BELOW)]
+    level = np.min([np.median(half, axis=0) for half in np.array_split(beyond, 2)], axis=0)
+    return np.asarray(np.sqrt(level / np.log(2.0) / np.sum(window**2)))
+
+
+def differentiated(item: Prepared, size: Array, seed: int) -> Rounding:
+    """Makes up what white position noise of a size (n,) [rad per sample] does to the residuals of a recording."""
+    log = item.log
+    time = np.arange(log.samples) / log.rate
+    noise = size * np.random.default_rng(seed).standard_normal(log.position.shape)
+    v = differentiate(item.band.smooth(noise), time)
+    return _torques(item, item.band.condense(v), item.band.condense(differentiate(v, time)))
+
+
+def _torques(item: Prepared, speed: Array, acceleration: Array) -> Rounding:
+    torque = np.einsum("mij,mj->mi", mass_matrix(item.tree, item.position), acceleration)
+    return Rounding(acceleration, speed, torque, item.signals.reflected_inertia * acceleration)

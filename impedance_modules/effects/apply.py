@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a robot wears a patch: what its model knows, and what only the plant does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.effect import Effect, Values
+from impedance_modules.effects.patch_check import numbers, patch_problems
+from impedance_modules.effects.surface_effects import SurfaceEffect, surface_index
+from impedance_modules.effects.worn import WornPlant
+from impedance_modules.errors import BadFile, BadInput
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.patch import PatchSpec
+from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.task import SurfaceSpec
+
+
+def wear_patch(robot: RobotSpec, patch: PatchSpec) -> RobotSpec:
+    """Returns the robot as the patch describes it: the numbers that both model and plant use.
+
+    Inertia (rotors, links, payload), springs (series and parallel), gravity's direction, and the largest
+    command delay.
+
+    Raises:
+        BadFile: The patch does not fit the robot or the catalogue; every problem with its place.
+        BadInput: What results is no physical robot.
+    """
+    problems = patch_problems(patch, robot)
+    if problems:
+        raise BadFile(problems)
+    for effect, port, parameters in worn_effects(patch):
+        robot = effect.wear_robot(robot, port, parameters)
+    try:
+        RobotModel(robot)
+    except BadInput as error:
+        raise BadInput(f"{patch.path}: {error}") from None
+    return robot
+
+
+def wear_plant(model: RobotModel, patch: PatchSpec) -> WornPlant:
+    """Returns what the plant of a robot does beyond its model.
+
+    Args:
+        model: Of the robot that ``wear_patch`` returned for the same patch.
+        patch: Checked by ``wear_patch``.
+
+    Raises:
+        BadInput: An effect needs something that the robot lacks, e.g. a gap in a joint without a spring.
+    """
+    builder = PlantBuilder(model)
+    for effect, port, parameters in worn_effects(patch):
+        try:
+            effect.wear_plant(builder, port, parameters)
+        except BadInput as error:
+            raise BadInput(f"{patch.path}: {error}") from None
+    return builder.finish()
+
+
+def wear_surfaces(surfaces: Sequence[SurfaceSpec], patch: PatchSpec) -> tuple[SurfaceSpec, ...]:
+    """Returns a task's surfaces as they really are.
+
+    Raises:
+        BadFile: The patch has a surface that the task lacks; every problem with its place.
+    """
+    found, problems = list(surfaces), []
+    for place, spec in enumerate(patch.effects):
+        effect = CATALOGUE[spec.effect]
+        if not isinstance(effect, SurfaceEffect):
+            continue
+        for key, quantities in spec.parameters.items():
+            index = surface_index(key)
+            if index is None or index >= len(found):
+                has = (
+                    ", ".join(f"surface{i}" for i in range(len(found))) or "none: the task has no environment"
+                )
+                where = ("effects", place, "parameters", key)
+                problems.append(
+                    patch.document.problem(where, f"the task has no surface '{key}'", (has,), "key")
+                )
+                continue
+            found[index] = effect.wear_surface(found[index], numbers(quantities))
+    if problems:
+        raise BadFile(problems)
+    return tuple(found)
+
+
+def worn_effects(patch: PatchSpec) -> Iterator[tuple[Effect, Port, Mapping[str, Values]]]:
+    """Walks through a checked patch: effect, port, and key -> symbol -> value."""
+    for spec in patch.effects:
+        effect = CATALOGUE[spec.effect]
+        port = next(port for port in effect.description.ports if port == spec.port)
+        yield effect, port, {key: numbers(quantities) for key, quantities in spec.parameters.items()}

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The way from the torque asked for to the motor: late, slow, limited.
+
+With u asked for and y(u) given, the joint consumes u - y(u) in the drive. Near a guess p of the parameter the
+regression is fixed = u - y(u; p), column = -dy/dp: its coefficient is the step of a Gauss-Newton iteration.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.effect import Regressor, Values, one_row
+from impedance_modules.effects.residual_kinds import Residual, Stage
+from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.recorded_signals import Signals, differentiate
+from impedance_modules.effects.stepped import Stepped
+from impedance_modules.spec.robot import RobotSpec
+
+Array = NDArray[np.float64]
+
+
+class DriveLaw(Stepped):
+    """A drive that gives something else than asked, by one parameter.
+
+    Attributes:
+        symbol: The parameter's.
+        peaks: What happens at single peaks of the torque counts, which no cleaned signal shows.
+    """
+
+    symbol: str
+    peaks: bool = False
+
+    @abstractmethod
+    def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
+        """Computes the torque given (N,) and its derivative by the parameter (N,)."""
+
+    def asked(self, signals: Signals, drive: Array) -> Array:
+        """Gives the torque (N, n) on which the effect acts; all of it unless said otherwise."""
+        return drive
+
+    def stage(self, port: Port) -> Stage | None:
+        """The drive."""
+        return "drive"
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Linearises at the shape."""
+        if not self.shows(port, residual) or signals.drive is None:
+            return None
+        joint, value = signals.joint(key), float(shape[self.symbol])
+        known = signals.drive if signals.clean_drive is None or self.peaks else signals.clean_drive
+        asked = self.asked(signals, known)[:, joint]
+        given, slope = self.given(asked, signals.time, value)
+        lowest = self.description.parameter(self.symbol).lower - value
+        return one_row(joint, -slope[:, None], asked - given, np.array([lowest]), np.full(1, np.inf))
+
+
+class CommandDelay(DriveLaw):
+    """u(t - T)."""
+
+    symbol = "T"
+    shape = ("T",)
+    description = Description(
+        id="command_delay",
+        sentence="The command arrives late: the motor gives what was asked for a time T ago.",
+        equation="motor torque = u(t - T), T beyond the robot file's command_delay",
+        parameters=(Parameter("T", "s", "delay beyond the robot file's", lower=0.0, upper=1.0),),
+        ports=("timing",),
+        keys=("joint",),
+        signature="follows the rate of the commanded torque; common to all joints, or one joint's own",
+        confusable_with=("actuator_lag", "viscous_friction", "joint_elasticity", "clock_drift"),
+        excitation="several tones over two or more octaves",
+        reference="PACE 2025; Isaac Sim system identification (common and per-joint delay)",
+        worn="The plant: each joint's command; what the robot adds by itself is not late. The model's delay"
+        " grows by the largest T.",
+    )
+
+    def asked(self, signals: Signals, drive: Array) -> Array:
+        """Leaves out what the robot adds by itself."""
+        return drive if signals.assistance is None else drive - signals.assistance
+
+    def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
+        """Shifts by interpolation; before the recording began the first value acted."""
+        late = np.interp(time - value, time, asked)
+        return late, -differentiate(late, time)
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts without a delay and at some that one step of Newton might miss."""
+        return tuple({"T": T} for T in (0.0, 0.005, 0.015, 0.04, 0.1))
+
+    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """Lets predictions of stability reckon with the largest delay."""
+        late = robot.timing.command_delay + max(values["T"] for values in parameters.values())
+        return replace(robot, timing=replace(robot.timing, command_delay=late))
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Delays commands."""
+        builder.drive_delay[builder.joints(parameters)] += [values["T"] for values in parameters.values()]
+        builder.modelled_delay += max(values["T"] for values in parameters.values())
+
+
+class ActuatorLag(DriveLaw):
+    """T dtau/dt = u - tau."""
+
+    symbol = "T"
+    shape = ("T",)
+    description = Description(
+        id="actuator_lag",
+        sentence="The motor's current loop takes time: its torque follows the torque asked for as a first-order lag.",
+        equation="T d(tau_m)/dt = u - tau_m",
+        parameters=(Parameter("T", "s", "time constant", lower=0.0, upper=10.0),),
+        ports=("actuator",),
+        keys=("joint",),
+        signature="like a delay at low frequency, smaller amplitude at high frequency",
+        confusable_with=("command_delay", "viscous_friction", "reflected_inertia"),
+        excitation="a chirp up to 3 / T",
+        reference="Franklin, Powell & Emami-Naeini, first-order lag",
+        worn="The plant: all torque of the joint's motor.",
+    )
+
+    def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
+        """Follows straight pieces between samples, exactly; the slope by a small change of T."""
+        slow = lagged(asked, time, value)
+        change = 0.02 * value + 1e-5
+        return slow, (lagged(asked, time, value + change) - slow) / change
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts between an instant and a quarter of a second."""
+        return tuple({"T": T} for T in (0.0, 0.01, 0.04, 0.15))
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Slows motors down; two lags on one joint add."""
+        builder.drive_lag[builder.joints(parameters)] += [values["T"] for values in parameters.values()]
+
+
+class TorqueSaturation(DriveLaw):
+    """clip(u, -limit, limit)."""
+
+    symbol = "limit"
+    peaks = True
+    shape = ("limit",)
+    brief = True
+    description = Description(
+        id="torque_saturation",
+        sentence="The motor gives no more than a limit, however much is asked for.",
+        equation="motor torque = min(max(u, -limit), limit)",
+        parameters=(Parameter("limit", "N.m", "largest torque", lower=0.0, linear_unit="N"),),
+        ports=("actuator",),
+        keys=("joint",),
+        signature="only where the torque asked for is beyond the limit",
+        confusable_with=("torque_gain",),
+        excitation="moves that reach the limit",
+        reference="PACE 2025 (motor envelope)",
+        worn="The plant: all torque of the joint's motor.",
+    )
+
+    def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
+        """Clips."""
+        beyond = np.abs(asked) > value
+        return np.clip(asked, -value, value), np.where(beyond, np.sign(asked), 0.0)
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts from shares of the largest torque asked for."""
+        if signals.drive is None:
+            return ()
+        asked = np.abs(signals.drive[:, signals.joint(key)])
+        limits = np.unique(np.quantile(asked, (0.5, 0.7, 0.85, 0.95, 0.99)))
+        return tuple({"limit": float(limit)} for limit in limits)
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Limits motors; the smaller of two limits counts."""
+        joints = builder.joints(parameters)
+        limits = np.array([values["limit"] for values in parameters.values()])
+        builder.drive_limit[joints] = np.minimum(builder.drive_limit[joints], limits)
+
+
+def lagged(values: Array, time: Array, constant: float) -> Array:
+    """Follows values (N,) with a first-order lag, settled at the start; exact for straight pieces between samples."""
+    if constant < 1e-9:
+        return values.copy()
+    steps = np.diff(time)
+    keep = np.exp(-steps / constant)
+    # Over a straight piece u(s) = u_0 + r s the lag's particular solution is u(s) - r T.
+    behind = np.diff(values) / steps * constant
+    # state' = keep state + push, one first-order filter where the steps are even.
+    push = values[1:] - behind - keep * (values[:-1] - behind)
+    if np.ptp(steps) < 1e-6 * steps[0]:
+        from scipy.signal import lfilter  # noqa: PLC0415 - a slow import that a run does without
+
+        start = np.array([keep[0] * values[0]])
+        return np.concatenate([values[:1], lfilter([1.0], [1.0, -keep[0]], push, zi=start)[0]])
+    out = np.empty_like(values)
+    out[0] = state = values[0]
+    for i in range(steps.size):
+        out[i + 1] = state = keep[i] * state + push[i]
+    return out

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""What lies between motor and link: rotor inertia, springs that give, teeth with play.
+
+With the link's position recorded, the motor stands at \theta = q + \delta; a deflection \delta that the
+nominal model does not know costs the motor I_r \ddot\delta + D \dot\delta. With the motor's position recorded
+it is the link that moves differently: the joint then consumes -M_ii \ddot\delta.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.errors import BadInput
+from impedance_modules.robot.model import with_reflected_inertia
+from impedance_modules.spec.robot import RobotSpec
+
+Array = NDArray[np.float64]
+
+READ = "read"
+"""Shape of play: 1 where the flanks' sides are taken from the load as it was read."""
+
+UNLOADED = 0.1
+"""Share of a joint's typical load below which its teeth are taken to be apart."""
+
+
+def cost_of_deflection(signals: Signals, joint: int, deflection: Array, residual: Residual) -> Array | None:
+    """Computes the torque that an unknown deflection (N,) costs; None where a residual cannot see it."""
+    rate = signals.rate_of(deflection)
+    second = signals.rate_of(rate)
+    if signals.encoder == "motor":
+        seen = residual in {"motor", "whole"}
+        return -signals.inertia_diagonal[:, joint] * second if seen else None
+    if residual not in {"actuator", "motor", "whole"}:
+        return None
+    return np.asarray(signals.reflected_inertia[joint] * second + signals.motor_damping[joint] * rate)
+
+
+class ReflectedInertia(Effect):
+    """The rotor's inertia seen through the gear."""
+
+    description = Description(
+        id="reflected_inertia",
+        sentence="The rotor turns N times faster than the joint and weighs N^2 times its inertia there.",
+        equation="tau = (Ia - I_r) a, I_r the robot file's; Ia is the joint's whole reflected inertia",
+        parameters=(
+            Parameter(
+                "Ia", "kg.m^2", "rotor inertia at the joint; replaces I_r", lower=0.0, linear_unit="kg"
+            ),
+        ),
+        ports=("actuator",),
+        keys=("joint",),
+        signature="in proportion to the acceleration, on one joint only",
+        confusable_with=("parallel_spring", "payload", "link_inertia", "controller_gain"),
+        excitation="two or more frequencies; a single tone cannot tell it from a spring",
+        reference="thesis eq. 3.2, 3.12; Gautier & Khalil 1990",
+        worn="Plant and model: the robot's I_r. Zero makes an ideal torque source (thesis 3.3).",
+    )
+    replaces = True
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """The motor's acceleration; the coefficient is what I_r lacks."""
+        if not self.shows(port, residual):
+            return None
+        joint = signals.joint(key)
+        column = signals.motor_acceleration[:, joint, None]
+        return one_row(joint, column, None, -signals.reflected_inertia[[joint]], np.full(1, np.inf))
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """Coefficient Ia - I_r."""
+        return np.array([values["Ia"] - signals.reflected_inertia[signals.joint(key)]]), {}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """Ia = I_r + coefficient."""
+        return {"Ia": float(signals.reflected_inertia[signals.joint(key)] + coefficients[0])}
+
+    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """Replaces I_r."""
+        return with_reflected_inertia(robot, {joint: values["Ia"] for joint, values in parameters.items()})
+
+
+class JointElasticity(Effect):
+    """A spring between motor and link."""
+
+    description = Description(
+        id="joint_elasticity",
+        sentence="The gear, or the spring built in behind it, gives: the motor turns ahead of the link by tau / K.",
+        equation="theta = q + effort / K; K replaces the robot file's stiffness; D likewise",
+        parameters=(
+            Parameter("K", "N.m/rad", "stiffness", lower=0.0, positive=True, linear_unit="N/m"),
+            Parameter(
+                "D",
+                "N.m.s/rad",
+                "structural damping beside the spring",
+                lower=0.0,
+                left_out="the robot file's",
+                linear_unit="N.s/m",
+            ),
+        ),
+        ports=("actuator",),
+        keys=("joint",),
+        signature="a resonance; grows with the square of the frequency below it",
+        confusable_with=("command_delay", "actuator_lag", "backlash", "reflected_inertia"),
+        excitation="a chirp through the resonance, or steps",
+        reference="Spong 1987; thesis eq. 3.1 to 3.3",
+        worn="Plant and model: the robot's series spring. A rigid joint gets one.",
+    )
+    replaces = True
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """What a compliance of one more rad per N.m costs."""
+        joint = signals.joint(key)
+        column = cost_of_deflection(signals, joint, signals.load[:, joint], residual)
+        if column is None:
+            return None
+        return one_row(joint, column[:, None], None, -signals.spring_compliance[[joint]], np.full(1, np.inf))
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """Coefficient 1/K - 1/K_nominal."""
+        return np.array([1.0 / values["K"] - signals.spring_compliance[signals.joint(key)]]), {}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """K = 1 / (1/K_nominal + coefficient); infinite for a joint found to be rigid."""
+        compliance = float(signals.spring_compliance[signals.joint(key)] + coefficients[0])
+        return {"K": 1.0 / compliance if compliance > 0.0 else float("inf")}
+
+    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """Replaces the series spring."""
+        joints = dict(robot.joints)
+        for name, values in parameters.items():
+            damping = values.get("D", joints[name].spring_damping)
+            joints[name] = replace(joints[name], spring_stiffness=values["K"], spring_damping=damping)
+        return replace(robot, joints=joints)
+
+
+class Backlash(Effect):
+    """Play between motor and link."""
+
+    description = Description(
+        id="backlash",
+        sentence="Teeth have play: when the torque changes sign the motor first crosses a gap and drives nothing.",
+        equation="effort = K (theta - q - clamp(theta - q, -b/2, b/2)); delta = (b/2) sgn(effort)",
+        parameters=(Parameter("b", "rad", "full gap", lower=0.0, linear_unit="m"),),
+        ports=("actuator",),
+        keys=("joint",),
+        signature="a loop where the torque, not the speed, changes sign",
+        confusable_with=("stribeck_friction", "hysteresis", "joint_elasticity", "command_delay"),
+        excitation="slow reversals of the torque around zero load",
+        reference="Nordin & Gutman 2002",
+        worn="The plant: a dead zone in series with the joint's spring; the joint needs one.",
+    )
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """What crossing a gap of one radian costs."""
+        joint = signals.joint(key)
+        load = signals.touch if shape.get(READ) else signals.load
+        place = place_in_play(load[:, joint])
+        if np.ptp(place) == 0.0:
+            return None
+        column = cost_of_deflection(signals, joint, place, residual)
+        if column is None:
+            return None
+        return one_row(joint, column[:, None], None, np.zeros(1), np.full(1, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Flanks touch by the load that motion and model make, and by the one that was read where noise allows."""
+        return ({READ: 0.0},) if signals.reading is None else ({READ: 0.0}, {READ: 1.0})
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """The gap."""
+        return np.array([values["b"]]), {READ: 0.0}
+
+    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Opens gaps in series with springs."""
+        for name, values in parameters.items():
+            joint = builder.joint(name)
+            if builder.model.joints[joint].spring_stiffness is None:
+                raise BadInput(
+                    f"backlash on '{name}': a rigid joint has nothing between motor and link that could have play"
+                    " (valid: a joint with spring_stiffness in robot.yaml, or joint_elasticity in the same patch)"
+                )
+            builder.gap[joint] += values["b"]
+
+
+def place_in_play(load: Array) -> Array:
+    """Says where in a gap of one the motor stands (N,), from which side its teeth are loaded.
+
+    Between two loads of opposite sign it crosses under a nearly constant torque, from rest: along a parabola.
+    Where a joint is never loaded nothing is known, and it is taken to stand in the middle.
+    """
+    touching = np.flatnonzero(np.abs(load) > UNLOADED * np.sqrt(np.mean(load**2)))
+    if touching.size == 0:
+        return np.zeros(load.size)
+    side = 0.5 * np.sign(load[touching])
+    every = np.arange(load.size)
+    after = np.searchsorted(touching, every, side="left").clip(0, touching.size - 1)
+    before = (np.searchsorted(touching, every, side="right") - 1).clip(0)
+    begin, end = touching[before], touching[after]
+    share = np.where(end > begin, (every - begin) / np.maximum(end - begin, 1), 0.0)
+    return np.asarray(side[before] + (side[after] - side[before]) * np.clip(share, 0.0, 1.0) ** 2)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""A recording as the effects' columns need it: sampled motion and torques of all joints, and the model.
+
+Whoever filters the residual filters the columns alike; nothing is filtered here. Derivatives are central
+differences of the eighth order, which bend nothing below a quarter of the sampling rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.bristles import follow
+from impedance_modules.effects.rigid_model import RigidModel
+from impedance_modules.effects.joint_motion import Sample, smoothing
+from impedance_modules.errors import BadInput
+from impedance_modules.spec.task import SurfaceSpec
+
+Array = NDArray[np.float64]
+
+
+STENCIL = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
+"""Weights of the differences over two, four, six and eight steps (Fornberg 1988)."""
+
+
+def differentiate(values: Array, time: Array) -> Array:
+    """Differentiates samples (N, ...) by time (N,), the last four at either end by their neighbours alone."""
+    plain = np.asarray(np.gradient(values, time, axis=0, edge_order=1))
+    steps, reach = np.diff(time), len(STENCIL)
+    if len(time) <= 2 * reach or np.ptp(steps) > 1e-3 * steps[0]:
+        return plain
+    last, total = len(time), np.zeros_like(plain[reach:-reach])
+    for lag, weight in enumerate(STENCIL, start=1):
+        total += weight * (
+            values[reach + lag : last - reach + lag] - values[reach - lag : last - reach - lag]
+        )
+    plain[reach:-reach] = total / float(np.mean(steps))
+    return plain
+
+
+@dataclass(frozen=True)
+class Signals:
+    r"""One recording, all (N, n) in the rigid model's joint order.
+
+    Attributes:
+        model: Nominal links.
+        time: (N,) [s].
+        position, velocity, acceleration: As measured, [rad], [rad/s], [rad/s^2].
+        effort: As measured [N.m]; None if not recorded.
+        drive: Torque asked of the motor: the command plus what the robot adds by itself [N.m], or None.
+        position_command: [rad], or None.
+        reflected_inertia, motor_damping: (n,) nominal I_r [kg.m^2] and D [N.m.s/rad].
+        spring_compliance: (n,) nominal 1 / K_sea [rad/(N.m)], 0 for a rigid joint.
+        effort_source: ``joint_sensor``: between gear and link; ``motor``: before rotor inertia and friction.
+        encoder: Side of the gear whose position is recorded.
+        assistance: Part of ``drive`` that the robot adds by itself, which no delay of the command touches;
+            None where it adds nothing.
+        surfaces: What the hands could press on, as the task has it; empty where nobody says.
+        hands: Links whose origins touch them.
+        clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
+            otherwise gain by smoothing the noise that the residual carries too.
+        reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that ask for no more than its sign.
+    """
+
+    model: RigidModel
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    effort: Array | None
+    drive: Array | None
+    position_command: Array | None
+    reflected_inertia: Array
+    motor_damping: Array
+    spring_compliance: Array
+    effort_source: Literal["joint_sensor", "motor"]
+    encoder: Literal["link", "motor"] = "link"
+    assistance: Array | None = None
+    clean_drive: Array | None = None
+    surfaces: tuple[SurfaceSpec, ...] = ()
+    hands: tuple[str, ...] = ()
+    reading: Array | None = None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.time.size)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.position.shape[1])
+
+    def joint(self, name: str) -> int:
+        """Finds a joint's column.
+
+        Raises:
+            BadInput: The recording has no such joint.
+        """
+        if name not in self.model.joint_names:
+            raise BadInput(f"no joint '{name}' (valid: {', '.join(self.model.joint_names)})")
+        return self.model.joint_names.index(name)
+
+    def rate_of(self, values: Array) -> Array:
+        """Differentiates samples by time along the first axis."""
+        return differentiate(values, self.time)
+
+    @cached_property
+    def rigid(self) -> Array:
+        """ID(q, v, a) of the nominal links (N, n) [N.m]."""
+        return self.model.torque(self.position, self.velocity, self.acceleration)
+
+    @cached_property
+    def weight(self) -> Array:
+        """g(q) of the nominal links (N, n) [N.m]."""
+        return self.model.weight(self.position)
+
+    @cached_property
+    def load(self) -> Array:
+        """Torque between gear and link (N, n) [N.m]: measured by a joint sensor, else the model's."""
+        if self.effort is not None and self.effort_source == "joint_sensor":
+            return self.effort
+        return self.rigid
+
+    @property
+    def touch(self) -> Array:
+        """The load (N, n) [N.m] as it was read: which flanks of the teeth carry it."""
+        if self.reading is not None and self.effort_source == "joint_sensor":
+            return self.reading
+        return self.load
+
+    @cached_property
+    def _winding(self) -> Array:
+        """Theta - q by the nominal springs (N, n) [rad]; zero where the encoder sits at the motor."""
+        return self.load * self.spring_compliance * (self.encoder == "link")
+
+    @cached_property
+    def motor_velocity(self) -> Array:
+        r"""Speed of the motors \dot\theta = v + d(load)/dt / K, (N, n) [rad/s]."""
+        if not self.spring_compliance.any():
+            return self.velocity
+        return self.velocity + self.rate_of(self._winding)
+
+    @cached_property
+    def motor_acceleration(self) -> Array:
+        """Acceleration of the motors (N, n) [rad/s^2]."""
+        if not self.spring_compliance.any():
+            return self.acceleration
+        return self.acceleration + self.rate_of(self.motor_velocity - self.velocity)
+
+    @cached_property
+    def inertia_diagonal(self) -> Array:
+        """Diagonal of M(q) (N, n) [kg.m^2]."""
+        return self.model.inertia_diagonal(self.position)
+
+    @cached_property
+    def position_derivative(self) -> Array:
+        """D ID / dq (N, n, n)."""
+        return self.model.position_derivative(self.position, self.velocity, self.acceleration)
+
+    @cached_property
+    def weight_columns(self) -> Array:
+        """Dg / d(gravity) (N, n, 3)."""
+        return self.model.weight_columns(self.position)
+
+    def body_columns(self, body: str) -> Array:
+        r"""D ID / d\pi of a link (N, n, 10), computed once."""
+        kept: dict[str, Array] = self.__dict__.setdefault("_body_columns", {})
+        if body not in kept:
+            kept[body] = self.model.body_columns(body, self.position, self.velocity, self.acceleration)
+        return kept[body]
+
+    def bristles(self, joint: int, way: float, *, motor_side: bool) -> Array:
+        """Bend of bristles along a joint's path (N,), computed once."""
+        kept: dict[tuple[int, float, bool], Array] = self.__dict__.setdefault("_bristles", {})
+        key = (joint, way, motor_side)
+        if key not in kept:
+            kept[key] = follow(self.sample(joint, motor_side=motor_side).position, way)
+        return kept[key]
+
+    def sample(self, joint: int, *, motor_side: bool) -> Sample:
+        """Gives one joint's motion on one side of its gear."""
+        side = (
+            (self.motor_velocity, self.motor_acceleration)
+            if motor_side
+            else (self.velocity, self.acceleration)
+        )
+        position = self.position[:, joint]
+        if motor_side and self.spring_compliance[joint]:
+            position = position + self._winding[:, joint]
+        return Sample(
+            self.time,
+            position,
+            side[0][:, joint],
+            side[1][:, joint],
+            self.load[:, joint],
+            turnover=float(smoothing(self.model.sliding)[joint]),
+        )

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A surface that is not where, not as stiff or not as rough as the task says: a poorly mapped environment.
+
+    N = max(0, k d - c n . v) while the depth d of the hand's origin is above 0,   |f_t| = mu N against sliding
+
+A key names a surface by its place in the task's ``environment``: ``surface0`` is the first. All kinds can be worn.
+Columns can be computed for planes and boxes where a recording says on which its hands could press
+(``Signals.surfaces``, ``hands``); they are what the hand feels beyond the surfaces as the task has them.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.effects.bodies import all_rows
+from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.effect import Effect, Regressor, Values, unbounded
+from impedance_modules.effects.residual_kinds import Residual, uses_motion
+from impedance_modules.effects.joint_motion import SLIDING_SMOOTHING, Shape
+from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.stepped import Stepped
+from impedance_modules.robot.rotation import exp3
+from impedance_modules.spec.task import SurfaceSpec
+
+Array = NDArray[np.float64]
+
+NAME = re.compile(r"surface(\d+)")
+"""How a patch names a surface."""
+
+PORTS: tuple[Port, ...] = ("contact",)
+
+
+def surface_index(key: str) -> int | None:
+    """Reads the place in the environment from a key; None if it names no surface."""
+    match = NAME.fullmatch(key)
+    return int(match[1]) if match else None
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One hand over one surface, along a recording.
+
+    Attributes:
+        jacobian: (N, 3, n) of the hand's origin, base axes.
+        normal: (3,) out of the surface.
+        depth: (N,) below the nominal surface [m], negative above it; minus infinity beside a box.
+        closing: (N,) speed into the surface [m/s].
+        sliding: (N, 3) velocity along it [m/s].
+    """
+
+    jacobian: Array
+    normal: Array
+    depth: Array
+    closing: Array
+    sliding: Array
+
+    def pressure(self, surface: SurfaceSpec, raised: float = 0.0) -> Array:
+        """Gives N (N,) [N] on a surface that lies higher by some metres."""
+        depth = self.depth + self.normal[2] * raised
+        force = surface.stiffness * np.maximum(depth, 0.0) + surface.damping * self.closing
+        return np.where(depth > 0.0, np.maximum(force, 0.0), 0.0)
+
+    def consumed(self, force: Array) -> Array:
+        """Turns a force (N, 3) of the surface on the hand into the torque that the joints consume (N, n)."""
+        return np.asarray(-np.einsum("ijk,ij->ik", self.jacobian, force))
+
+
+def touches(signals: Signals, surface: SurfaceSpec) -> Iterator[Touch]:
+    """Follows each hand over a surface: a plane, or the top of a box."""
+    turn = exp3(np.array(surface.rotation))
+    origin, half = np.array([0.0, 0.0, surface.height or 0.0]), np.full(3, np.inf)
+    if surface.position is not None and surface.size is not None:
+        half = 0.5 * np.array(surface.size)
+        origin = np.array(surface.position) + half[2] * turn[:, 2]
+    for hand in signals.hands:
+        J = signals.model.jacobian(hand, signals.position)[:, :3]
+        v = np.einsum("ijk,ik->ij", J, signals.velocity)
+        local = (signals.model.place(hand, signals.position) - origin) @ turn
+        above = np.all(np.abs(local[:, :2]) <= half[:2], axis=1)
+        depth = np.where(above & (-local[:, 2] < 2.0 * half[2]), -local[:, 2], -np.inf)
+        along = v @ turn[:, 2]
+        yield Touch(J, turn[:, 2], depth, -along, v - along[:, None] * turn[:, 2])
+
+
+class SurfaceEffect(Effect):
+    """An error of the map: what the plant's surface has instead of the task's number."""
+
+    @abstractmethod
+    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
+        """Returns the surface as it really is."""
+
+    def nominal(self, signals: Signals, key: str) -> SurfaceSpec | None:
+        """Finds the plane or box as the task has it; None where the recording does not say, and for others."""
+        index = surface_index(key)
+        if index is None or index >= len(signals.surfaces):
+            return None
+        surface = signals.surfaces[index]
+        return surface if surface.sheet is None and surface.wood is None else None
+
+    def one_column(
+        self, signals: Signals, column: Array, fixed: Array, bounds: tuple[Array, Array]
+    ) -> Regressor | None:
+        """Makes a regressor of all joints from a column (N, n) and a fixed part; None if nothing was touched."""
+        if not column.any():
+            return None
+        return replace(all_rows(signals, column[:, :, None], *bounds), fixed=fixed)
+
+
+class SurfaceHeight(Stepped, SurfaceEffect):
+    """A surface that lies higher or lower than the task says."""
+
+    description = Description(
+        id="surface_height",
+        sentence="A surface lies higher or lower than the task says, so the hand meets it earlier or later.",
+        equation="d = d_nominal + n_z dh, d the depth below the surface, n its normal, dh upwards in world",
+        parameters=(Parameter("dh", "m", "how much higher it lies", lower=-20.0, upper=20.0),),
+        ports=PORTS,
+        keys=("surface",),
+        signature="a push along the normal wherever the hand is on the surface, and nowhere else",
+        confusable_with=("surface_stiffness", "external_contact", "encoder_offset"),
+        excitation="the same surface with at least two forces; coming down on it and leaving it",
+        reference="Hosford 2016, 5.1: a poorly mapped environment",
+        worn="The plant's surface is moved; so are the predictions of `check`. The controller knows no surface.",
+    )
+    shape = ("dh",)
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """The push's change at the guessed height, and its slope by the height."""
+        surface = self.nominal(signals, key)
+        if surface is None or not uses_motion(residual):
+            return None
+        raised = float(shape["dh"])
+        column, fixed = np.zeros((2, signals.samples, signals.n))
+        for touch in touches(signals, surface):
+            pressure = touch.pressure(surface, raised)
+            slope = surface.stiffness * touch.normal[2] * (pressure > 0.0)
+            column += touch.consumed(slope[:, None] * touch.normal)
+            fixed += touch.consumed((pressure - touch.pressure(surface))[:, None] * touch.normal)
+        return self.one_column(signals, column, fixed, unbounded(1))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts where the map has it, and some centimetres above: a hand that never reaches it tells nothing."""
+        return tuple({"dh": raised} for raised in (0.0, 0.01, 0.03, 0.1))
+
+    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
+        """Moves it upwards."""
+        if surface.position is not None:
+            x, y, z = surface.position
+            return replace(surface, position=(x, y, z + values["dh"]))
+        return replace(surface, height=(surface.height or 0.0) + values["dh"])
+
+
+class SurfaceNumber(SurfaceEffect):
+    """One number of a surface that is not as the task says; fitted as what is beyond the nominal one.
+
+    Attributes:
+        symbol: Of the effect's parameter.
+        attribute: Of `SurfaceSpec`.
+    """
+
+    symbol: str
+    attribute: str
+    replaces = True
+
+    def coefficients(
+        self, values: Values, signals: Signals, key: str, port: Port
+    ) -> tuple[Array, dict[str, float]]:
+        """What is beyond the nominal number."""
+        return np.array([values[self.symbol] - self._nominal_number(signals, key)]), {}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The nominal number and what is beyond it."""
+        return {self.symbol: float(coefficients[0]) + self._nominal_number(signals, key)}
+
+    def _nominal_number(self, signals: Signals, key: str) -> float:
+        surface = self.nominal(signals, key)
+        return 0.0 if surface is None else float(getattr(surface, self.attribute))
+
+    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
+        """Replaces the number."""
+        change: dict[str, Any] = {self.attribute: values[self.symbol]}
+        return replace(surface, **change)
+
+
+class SurfaceStiffness(SurfaceNumber):
+    """A surface that is harder or softer than the task says."""
+
+    description = Description(
+        id="surface_stiffness",
+        sentence="A surface is harder or softer than the task says.",
+        equation="N = k d - c n . v while d > 0; tau = -J^T n (N - N_nominal)",
+        parameters=(Parameter("k", "N/m", "its normal stiffness", lower=0.0, positive=True, upper=1.0e7),),
+        ports=PORTS,
+        keys=("surface",),
+        signature="a push along the normal that grows with the depth, only on the surface",
+        confusable_with=("surface_height", "external_contact"),
+        excitation="the same place with at least two forces",
+        reference="Hosford 2016, 5.1 and 6.2.3; Mills & Lokhorst 1993",
+        worn="The plant's surface, tangential stiffness included, and the predictions of `check`.",
+    )
+    symbol, attribute = "k", "stiffness"
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Depth along the normal, wherever there is any."""
+        surface = self.nominal(signals, key)
+        if surface is None or not uses_motion(residual):
+            return None
+        column = np.zeros((signals.samples, signals.n))
+        for touch in touches(signals, surface):
+            deep = np.where(touch.pressure(surface) > 0.0, touch.depth, 0.0)
+            column += touch.consumed(deep[:, None] * touch.normal)
+        bounds = np.array([-surface.stiffness]), np.array([np.inf])
+        return self.one_column(signals, column, np.zeros_like(column), bounds)
+
+
+class SurfaceFriction(SurfaceNumber):
+    """A surface that is rougher or smoother than the task says."""
+
+    description = Description(
+        id="surface_friction",
+        sentence="A surface is rougher or smoother than the task says.",
+        equation="f_t = -mu N v_t/|v_t| while sliding; tau = J^T (mu - mu_nominal) N v_t/|v_t|",
+        parameters=(Parameter("mu", "1", "its coefficient of friction", lower=0.0, upper=5.0),),
+        ports=PORTS,
+        keys=("surface",),
+        signature="a drag against sliding that grows with the pressure, only on the surface",
+        confusable_with=("coulomb_friction", "load_dependent_friction", "external_contact"),
+        excitation="sliding to and fro with at least two forces, and free motion beside it",
+        reference="Coulomb's law; Hosford 2016, 5.2",
+        worn="The plant's surface and the predictions of `check`.",
+    )
+    symbol, attribute = "mu", "friction"
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Pressure against the sliding; nothing is known of a hand that sticks."""
+        surface = self.nominal(signals, key)
+        if surface is None or not uses_motion(residual):
+            return None
+        column = np.zeros((signals.samples, signals.n))
+        for touch in touches(signals, surface):
+            speed = np.linalg.norm(touch.sliding, axis=1)
+            share = np.tanh(speed / SLIDING_SMOOTHING) / np.maximum(speed, 1e-12)
+            column += touch.consumed(-(touch.pressure(surface) * share)[:, None] * touch.sliding)
+        bounds = np.array([-surface.friction]), np.array([np.inf])
+        return self.one_column(signals, column, np.zeros_like(column), bounds)

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Short recordings of a six-joint robot that wears effects, driven through its plant; sensors without noise."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect import PAIR
+from impedance_modules.effects.rigid_model import RigidModel
+from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.apply import wear_patch, wear_plant
+from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.plant import Plant
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.patch import PatchSpec, read_patch
+from impedance_modules.spec.robot import RobotSpec
+from tests.support.plant_parts import SIX_JOINTS, exact, spec_of
+
+RATE = 1000.0
+SECONDS = 2.2
+STILL = 0.4
+"""What is cut from the start, where the motion fades in [s]."""
+
+
+@dataclass(frozen=True)
+class Worn:
+    """One effect in a patch, with the numbers that a recording must give back."""
+
+    effect: str
+    port: str
+    key: str
+    values: tuple[tuple[str, float], ...]
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        return dict(self.values)
+
+    def entry(self) -> dict[str, object]:
+        """As a patch file writes it."""
+        description = CATALOGUE[self.effect].description
+        joints = [self.key.partition(PAIR)[0]] if {"joint", "pair"} & set(description.keys) else []
+        numbers = {s: {"value": float(v), "unit": description.parameter(s).unit} for s, v in self.values}
+        return {"effect": self.effect, "joints": joints, "port": self.port, "parameters": {self.key: numbers}}
+
+
+def worn(effect: str, port: str, key: str, **values: float) -> Worn:
+    return Worn(effect, port, key, tuple(values.items()))
+
+
+def patch_of(robot: str, entries: Sequence[Worn]) -> PatchSpec:
+    text = yaml.safe_dump(
+        {
+            "format": 1,
+            "robot": robot,
+            "provenance": {"origin": "hand", "date": "2026-11-21"},
+            "effects": [entry.entry() for entry in entries],
+        },
+        sort_keys=False,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "patch.yaml"
+        path.write_text(text)
+        return read_patch(path)
+
+
+def nominal(spring_damping: float) -> RobotSpec:
+    """Perfect sensors, no delay, and springs whose damping the effort sensor does not miss."""
+    spec = exact(spec_of(SIX_JOINTS))
+    joints = {
+        name: replace(j, spring_damping=spring_damping if j.spring_stiffness else 0.0)
+        for name, j in spec.joints.items()
+    }
+    return replace(spec, joints=joints)
+
+
+def start(model: RobotModel) -> np.ndarray:
+    angles = {"turn": 0.13, "lift": 0.5, "bend": -1.2, "roll": -1.0, "tilt": 1.0, "spin": 0.3}
+    mirrored = {**angles, "roll": 1.0, "tilt": -1.0}
+    return model.position({"port": angles, "starboard": mirrored})
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was logged, and the nominal robot it is compared with."""
+
+    robot: RobotSpec
+    signals: Signals
+    reported_velocity: np.ndarray
+
+    def residual(self, kind: str) -> np.ndarray:
+        s = self.signals
+        if kind == "link":
+            return s.effort - s.rigid
+        if kind == "velocity":
+            return self.reported_velocity - s.velocity
+        rotor = s.reflected_inertia * s.motor_acceleration + s.motor_damping * s.motor_velocity
+        return s.drive - s.effort - rotor
+
+
+@cache
+def record(entries: tuple[Worn, ...], spring_damping: float = 0.0, seconds: float = SECONDS) -> Recording:
+    """Tracks a motion of several tones on all joints at once; drive torque is that of the sample's middle."""
+    robot = nominal(spring_damping)
+    plant = dressed(robot, entries)
+    n, q0 = plant.model.n, start(plant.model)
+    plant.reset(q0)
+    random = np.random.default_rng(7)
+    tones, phase = random.uniform(0.3, 1.6, (3, n)), random.uniform(0.0, 2.0 * np.pi, (3, n))
+    swing = random.uniform(0.25, 0.5, (3, n)) * np.array([0.25, 0.25, 0.3, 0.4, 0.3, 0.5] * 2)
+    inertia = np.diag(plant.model.mass_matrix(q0))
+    wound = plant.motor_position - q0
+    known = RigidModel.of_robot(RobotModel(robot))
+    rows = []
+    for k in range(round(seconds * RATE)):
+        state = plant.sense()
+        aim, speed = _aim(k / RATE, tones, phase, swing)
+        plant.aim(q0 + aim, speed)
+        ahead = plant.motor_position - wound - q0
+        command = plant.start_command + inertia * (
+            64.0 * (aim - ahead) + 10.0 * (speed - plant.motor_velocity)
+        )
+        rows.append((np.full(n, state.time), state.position, state.velocity, state.effort, command, q0 + aim))
+        plant.advance(command)
+    time, position, velocity, effort, command, aims = (np.array(column) for column in zip(*rows, strict=True))
+    # A command acts from its sample to the next: what acts at a sample, on average, is the mean of two.
+    command[1:] = 0.5 * (command[1:] + command[:-1])
+    assistance = known.weight(position)
+    for worn_spring, spring in _springs(entries, plant.model):
+        assistance[:, worn_spring] += spring["k"] * position[:, worn_spring] - spring["preload"]
+    model = RobotModel(robot)
+    moving = np.gradient(position, time[:, 0], axis=0)
+    signals = Signals(
+        model=known,
+        time=time[:, 0],
+        position=position,
+        velocity=moving,
+        acceleration=np.gradient(moving, time[:, 0], axis=0),
+        effort=effort,
+        drive=command + assistance,
+        position_command=aims,
+        reflected_inertia=model.reflected_inertia,
+        motor_damping=model.column("motor_damping"),
+        spring_compliance=model.spring_compliance(),
+        effort_source="joint_sensor",
+        assistance=assistance,
+    )
+    return Recording(robot, signals, velocity)
+
+
+def dressed(robot: RobotSpec, entries: tuple[Worn, ...]) -> Plant:
+    """The plant of a robot that wears effects."""
+    options = PlantOptions(rate=RATE, seed=0, noise=False, step=0.5e-3)
+    if not entries:
+        return Plant(RobotModel(robot), [], None, options)
+    patch = patch_of(robot.name, entries)
+    model = RobotModel(wear_patch(robot, patch))
+    return Plant(model, [], None, options, wear_plant(model, patch))
+
+
+def _springs(entries: tuple[Worn, ...], model: RobotModel) -> list[tuple[int, dict[str, float]]]:
+    return [(model.joint_names.index(e.key), e.numbers) for e in entries if e.effect == "parallel_spring"]
+
+
+def _aim(t: float, tones: np.ndarray, phase: np.ndarray, swing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x = min(1.0, t / STILL)
+    ramp, rate = x**3 * (10 - 15 * x + 6 * x * x), 30.0 * x * x * (1 - x) ** 2 / STILL
+    angle = 2 * np.pi * tones * t + phase
+    along = np.sum(swing * (np.sin(angle) - np.sin(phase)), axis=0)
+    speed = np.sum(swing * 2 * np.pi * tones * np.cos(angle), axis=0)
+    return ramp * along, ramp * speed + rate * along
