@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_experiments.task_run import TaskRun
-from impedance_modules.diagnosis.admit import admit
-from impedance_modules.diagnosis.band import choose_cutoff
-from impedance_modules.diagnosis.model import model_of_spec
-from impedance_modules.diagnosis.prepare import Prepared, prepare
+from impedance_modules.diagnosis.data.admission import admit
+from impedance_modules.diagnosis.residuals.band import choose_cutoff
+from impedance_modules.diagnosis.data.nominal_model import model_of_spec
+from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.effects.catalogue import BENCH, CATALOGUE
 from impedance_modules.spec.patch import EffectSpec

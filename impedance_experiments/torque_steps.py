@@ -16,7 +16,7 @@ from impedance_experiments.struck_joint import links_inertia
 from impedance_experiments.task_run import TaskRun, record_task
 from impedance_experiments.variants import patch_with, task_with
 from impedance_modules.diagnosis.diagnose import diagnose
-from impedance_modules.diagnosis.model import model_of_spec
+from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.result import Diagnosis
 from impedance_modules.effects.joint_motion import sign
 from impedance_modules.spec.change import task_document

@@ -12,7 +12,7 @@ import click
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
-    from impedance_modules.diagnosis.model import NominalModel
+    from impedance_modules.diagnosis.data.nominal_model import NominalModel
     from impedance_modules.diagnosis.result import Diagnosis
     from impedance_modules.episode.data import Episode
     from impedance_modules.spec.patch import EffectSpec
@@ -61,8 +61,8 @@ def command(
 
     from impedance_modules.cli.diagnosis_tables import print_diagnosis
     from impedance_modules.diagnosis.diagnose import diagnose, insufficient
-    from impedance_modules.diagnosis.log import InsufficientData
-    from impedance_modules.diagnosis.long_recordings import read_recordings
+    from impedance_modules.diagnosis.data.log import InsufficientData
+    from impedance_modules.diagnosis.data.long_recordings import read_recordings
     from impedance_modules.episode.folder import episode_paths
 
     if (robot is None) == (urdf is None):
@@ -108,7 +108,7 @@ def _refuse_unknown(without: tuple[str, ...]) -> None:
 
 def _model(robot: str | None, urdf: Path | None, episodes: list[Episode]) -> tuple[NominalModel, Path]:
     """Builds the model of the recorded joints."""
-    from impedance_modules.diagnosis.model import model_of_spec, model_of_urdf
+    from impedance_modules.diagnosis.data.nominal_model import model_of_spec, model_of_urdf
     from impedance_modules.spec.robot_reader import read_robot
 
     joints = [joint for joint in episodes[0].joints if all(joint in episode.position for episode in episodes)]
@@ -133,7 +133,7 @@ def _worn(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...]:
 
 
 def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch: Path | None) -> None:
-    from impedance_modules.diagnosis.to_json import diagnosis_object
+    from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
 
     if json_path is None and report is None and patch is None:
         return
@@ -141,7 +141,7 @@ def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch:
     if json_path is not None:
         _save(json_path, json.dumps(answer, indent=2, allow_nan=False) + "\n")
     if report is not None:
-        from impedance_modules.diagnosis.report.page import html_report
+        from impedance_modules.diagnosis.report.html_report import html_report
 
         _save(report, html_report(found, answer))
     if patch is not None:

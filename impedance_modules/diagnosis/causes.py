@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.contact_cause import contact_cause
-from impedance_modules.diagnosis.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.result import Cause
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.estimate import estimates

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause
 
 SPRING, IMITATION = "parallel_spring", "crosstalk"

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.term import Term
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from impedance_modules.diagnosis.contact_forces import SPACING
-from impedance_modules.diagnosis.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.result import Cause, Estimate, Rival
 from impedance_modules.effects.external_contact import FORCE
 

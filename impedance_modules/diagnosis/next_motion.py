@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from impedance_modules.diagnosis.log import DataReport
-from impedance_modules.diagnosis.model import NominalModel
+from impedance_modules.diagnosis.data.log import DataReport
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.result import Cause
 from impedance_modules.effects.catalogue import CATALOGUE
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from impedance_modules.diagnosis.log import Log
+from impedance_modules.diagnosis.data.log import Log
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.log import DataReport
+from impedance_modules.diagnosis.data.log import DataReport
 from impedance_modules.diagnosis.rollout.outcome import CauseRollout, Rollout, shrink
 
 Array = NDArray[np.float64]

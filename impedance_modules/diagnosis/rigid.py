@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.dynamics import inertial_regressor, inverse_dynamics
-from impedance_modules.diagnosis.tree import RigidTree
+from impedance_modules.diagnosis.data.rigid_dynamics import inertial_regressor, inverse_dynamics
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.effects.rigid_model import RigidModel
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.log import Log
+from impedance_modules.diagnosis.data.log import Log
 
 Array = NDArray[np.float64]
 

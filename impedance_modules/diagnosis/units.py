@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.log import Log
-from impedance_modules.diagnosis.model import NominalModel
+from impedance_modules.diagnosis.data.log import Log
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.rough import rough, without
-from impedance_modules.diagnosis.tree import Body
+from impedance_modules.diagnosis.data.rigid_tree import Body
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]

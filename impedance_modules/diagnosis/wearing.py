@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from impedance_modules.diagnosis.log import Log
-from impedance_modules.diagnosis.model import NominalModel
+from impedance_modules.diagnosis.data.log import Log
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.spec.patch import EffectSpec
 
 ROTOR, SPRING = "reflected_inertia", "joint_elasticity"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis.aside import on_links, touching, without_touched_links
+from impedance_modules.diagnosis.residuals.contact_mask import on_links, touching, without_touched_links
 from impedance_modules.diagnosis.rollout.drive import RUN_IN
 from impedance_modules.diagnosis.rollout.windows import WINDOW, spread
 from impedance_modules.effects.residual_kinds import RESIDUALS, uses_motion

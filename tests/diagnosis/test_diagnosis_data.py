@@ -18,12 +18,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.cli.main import impedance
-from impedance_modules.diagnosis.admit import admit
-from impedance_modules.diagnosis.arrange import arrange
-from impedance_modules.diagnosis.dynamics import inverse_dynamics
-from impedance_modules.diagnosis.log import InsufficientData
-from impedance_modules.diagnosis.long_recordings import read_recordings
-from impedance_modules.diagnosis.model import model_of_robot, model_of_urdf
+from impedance_modules.diagnosis.data.admission import admit
+from impedance_modules.diagnosis.data.folds import arrange
+from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
+from impedance_modules.diagnosis.data.log import InsufficientData
+from impedance_modules.diagnosis.data.long_recordings import read_recordings
+from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
 from impedance_modules.diagnosis.stretch import RUN_IN
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.save import write_episode

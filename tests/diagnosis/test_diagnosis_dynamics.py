@@ -9,14 +9,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from impedance_modules.diagnosis.dynamics import (
+from impedance_modules.diagnosis.data.rigid_dynamics import (
     gravity_regressor,
     inertial_regressor,
     inverse_dynamics,
     mass_matrix,
 )
 from impedance_modules.diagnosis.physical import can_exist
-from impedance_modules.diagnosis.tree import RigidTree, read_tree
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
 from tests.support.paths import CHECKOUT
 
 URDF = CHECKOUT / "robots" / "baxter" / "baxter.urdf"

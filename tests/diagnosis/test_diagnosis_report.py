@@ -19,8 +19,8 @@ from rerun.chunk import RrdReader
 
 from impedance_modules.cli.diagnose import command
 from impedance_modules.cli.replay import command as replay
-from impedance_modules.diagnosis.report.markup import number, percent, table
-from impedance_modules.diagnosis.report.residuals import thinned
+from impedance_modules.diagnosis.report.html_elements import number, percent, table
+from impedance_modules.diagnosis.report.report_plots import thinned
 from impedance_modules.diagnosis.result import Series
 from impedance_modules.diagnosis.spectrum import spectrum_object
 from impedance_modules.episode.comparison import Comparison

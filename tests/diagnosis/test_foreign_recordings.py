@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.admit import admit
-from impedance_modules.diagnosis.arrange import arrange
-from impedance_modules.diagnosis.long_recordings import read_recordings
-from impedance_modules.diagnosis.model import model_of_urdf
+from impedance_modules.diagnosis.data.admission import admit
+from impedance_modules.diagnosis.data.folds import arrange
+from impedance_modules.diagnosis.data.long_recordings import read_recordings
+from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.resolution import grid_of
 from impedance_modules.diagnosis.stamps import steady_stamps
 from impedance_modules.episode.metadata import episode_metadata

@@ -13,7 +13,7 @@ import yaml
 from click.testing import CliRunner
 
 from impedance_modules.cli.main import impedance
-from impedance_modules.diagnosis.model import model_of_robot, model_of_urdf
+from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
 from impedance_modules.diagnosis.physical import can_exist
 from tests.support.paths import CHECKOUT, TESTS
 

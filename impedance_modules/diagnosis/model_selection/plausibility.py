@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.physical import can_exist
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
 from impedance_modules.diagnosis.model_selection.repeated import repeats
 from impedance_modules.diagnosis.model_selection.acceptance import disagreed

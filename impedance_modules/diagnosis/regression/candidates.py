@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.effect_description import KeyKind, Port
 from impedance_modules.effects.effect import PAIR, Effect
 from impedance_modules.effects.residual_kinds import Residual

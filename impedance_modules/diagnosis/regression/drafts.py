@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.candidates import Candidate, Group, columns_of
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.recorded_signals import Signals

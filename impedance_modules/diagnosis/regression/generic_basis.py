@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.drafts import Draft, Filler
 from impedance_modules.diagnosis.regression.still import quieted
 from impedance_modules.effects.residual_kinds import Residual

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.drafts import Draft
 from impedance_modules.diagnosis.regression.sensor_noise import Rounding, differentiated, read_noise, unseen_rounding

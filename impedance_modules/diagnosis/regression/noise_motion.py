@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.dynamics import mass_matrix
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.data.rigid_dynamics import mass_matrix
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.sensor_noise import white_noise
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN, uses_motion

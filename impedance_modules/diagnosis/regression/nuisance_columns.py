@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.still import at_rest
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.model_fit import Bench
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.design_matrix import Design

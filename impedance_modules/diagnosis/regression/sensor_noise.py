@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.dynamics import mass_matrix
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.data.rigid_dynamics import mass_matrix
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.effects.residual_kinds import COVERS, uses_motion
 from impedance_modules.effects.recorded_signals import differentiate

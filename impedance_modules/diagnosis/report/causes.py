@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from impedance_modules.diagnosis.report.markup import (
+from impedance_modules.diagnosis.report.html_elements import (
     bullets,
     drawing,
     new_figure,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from impedance_modules.diagnosis.report.markup import (
+from impedance_modules.diagnosis.report.html_elements import (
     bullets,
     drawing,
     gallery,

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.nuisance_columns import (
     INERTIA_PRIOR,
     TIMING_PRIOR,
     WEIGHT_PRIOR,
     inertia_prior,
 )
-from impedance_modules.diagnosis.tree import Body, RigidTree
+from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree
 from impedance_modules.spec.robot import BodyChange
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.diagnosis.model import NominalModel
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.spec.robot import (
     CollisionSpec,
     ContactDetectionSpec,

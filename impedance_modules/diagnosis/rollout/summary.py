@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.evidence import Evidence
-from impedance_modules.diagnosis.rollout.compare import judge, power, rms, shrink, yardsticks
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.rollout.rollout_error import judge, power, rms, shrink, yardsticks
 from impedance_modules.diagnosis.rollout.outcome import CauseRollout, Drift, Growth, LeftOut, Rollout, Trace
-from impedance_modules.diagnosis.rollout.simulate import Lived
+from impedance_modules.diagnosis.rollout.simulated_windows import Lived
 from impedance_modules.diagnosis.rollout.windows import WINDOW, Window
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_modules.diagnosis.prepare import Prepared
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.drive import RUN_IN
 
 MARGIN = 0.4

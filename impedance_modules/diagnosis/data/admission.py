@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 1: turns recordings into logs that can be compared, or says why they cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.residuals.contact_mask import touching
+from impedance_modules.diagnosis.data.dataset_consistency import refuse_company, refuse_copies
+from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
+from impedance_modules.diagnosis.data.long_recordings import stretch_note, stretch_origin
+from impedance_modules.diagnosis.data.channel_checks import refuse_mistakes, unwrapped
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.residuals.preparation import shifted
+from impedance_modules.diagnosis.rates import one_rate
+from impedance_modules.diagnosis.repeats import group_repeats
+from impedance_modules.diagnosis.resolution import grid_of
+from impedance_modules.diagnosis.stamps import steady_stamps
+from impedance_modules.diagnosis.data.time_base import common_delay, even_time, resampled
+from impedance_modules.episode.data import Episode
+from impedance_modules.errors import BadInput
+
+Array = NDArray[np.float64]
+
+RATE_MIN = 25.0
+"""Below it joint-level causes blur into each other [Hz]."""
+
+SAMPLES_MIN = 100
+"""Fewer say nothing about a joint with a dozen possible causes."""
+
+MOTION_MIN, SLIDE_MIN = 0.02, 0.002
+"""A joint that moves less than this about its mean is called weak: turning [rad rms], sliding [m rms]."""
+
+
+def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, ...], DataReport]:
+    """Checks and resamples recordings.
+
+    Raises:
+        BadInput: A recording that contradicts itself, its robot or the others.
+        InsufficientData: Nothing is wrong, but there is too little to tell a cause.
+    """
+    warnings = [*_cut_short(episodes), *_stranger(episodes, model), *_standing(model)]
+    refuse_company(episodes)
+    found = [_log(episode, model, warnings) for episode in episodes]
+    logs = [unwrapped(log, model, warnings) for log, _ in found]
+    refuse_copies(logs)
+    for log in logs:
+        refuse_mistakes(log, model)
+    if len({log.effort_source for log in logs} - {None}) > 1:
+        raise BadInput("the recordings measure torque in different places (valid: one effort_source for all)")
+    _say_what_some_lack(logs, warnings)
+    logs = one_rate(logs, warnings)
+    grouped = group_repeats(logs, [episode.repeat_of for episode in episodes], warnings)
+    weak = _weak_joints(grouped, model)
+    if len(weak) == model.n:
+        raise InsufficientData(
+            f"no joint moves more than {MOTION_MIN} rad ({SLIDE_MIN} m) rms in any recording: constant data"
+            " (valid: motions that reverse, at several speeds)"
+        )
+    groups: dict[str, list[str]] = {}
+    for log in grouped:
+        groups.setdefault(log.group, []).append(log.name)
+    report = DataReport(
+        rates={log.name: log.rate for log, _ in found},
+        jitter={log.name: jitter for log, jitter in found},
+        weak_joints=weak,
+        repeats=tuple(tuple(names) for names in groups.values() if len(names) > 1),
+        torque=_torque_semantics(grouped),
+        delay=common_delay(grouped, model.tree),
+        warnings=tuple(warnings),
+    )
+    return grouped, report
+
+
+def _cut_short(episodes: Sequence[Episode]) -> list[str]:
+    """Says which recordings are too long to be used whole, and which were not ended cleanly."""
+    said = list(dict.fromkeys(note for episode in episodes if (note := stretch_note(episode))))
+    return said + [f"{e.name}: the run was killed; what it left is used" for e in episodes if not e.complete]
+
+
+def _stranger(episodes: Sequence[Episode], model: NominalModel) -> list[str]:
+    robot = episodes[0].robot
+    if robot in model.robot or model.robot in robot:
+        return []
+    return [
+        f"the recordings say that the robot is '{robot}'; they are compared with the model '{model.robot}'"
+    ]
+
+
+def _standing(model: NominalModel) -> list[str]:
+    """Joints of the model that carry, or are carried by, recorded ones, and are taken as standing."""
+    still = model.tree.standing
+    return [f"not recorded, taken as standing at 0: {', '.join(still)}"] if still else []
+
+
+def _say_what_some_lack(logs: Sequence[Log], warnings: list[str]) -> None:
+    for what, name in (("effort", "effort"), ("command", "effort_command"), ("velocity", "velocity")):
+        lacking = [log.name for log in logs if getattr(log, what) is None]
+        if 0 < len(lacking) < len(logs):
+            warnings.append(
+                f"{name} is missing in {', '.join(lacking[:3])}: it is compared in no recording, because only what"
+                " all have in common is"
+            )
+
+
+def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Log, float]:
+    place = episode.source
+    if len(episode) < SAMPLES_MIN:
+        count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
+        raise InsufficientData(f"{place}: {count} (valid: {SAMPLES_MIN} or more)")
+    time, rate, jitter = even_time(episode.time, str(place), warnings)
+    stamps = _stamps(episode, model, warnings)
+    if stamps is not episode.time:
+        time, rate, _ = even_time(stamps, str(place), [])
+    if rate < RATE_MIN:
+        hint = (
+            " (or is time in milliseconds? valid: seconds)" if 1e3 * rate >= RATE_MIN and rate < 1.0 else ""
+        )
+        raise InsufficientData(
+            f"{place}: {rate:.3g} Hz is too slow for joint-level causes (valid: {RATE_MIN:g} Hz or more){hint}"
+        )
+
+    def take(kind: str) -> Array | None:
+        recorded = getattr(episode, kind)
+        missing = [joint for joint in model.joints if joint not in recorded]
+        if missing:
+            if recorded and kind != "velocity":
+                warnings.append(f"{episode.name}: {kind} lacks {', '.join(missing)} and is left aside")
+            return None
+        return resampled(np.column_stack([recorded[j] for j in model.joints]), stamps, time, kind)
+
+    position = take("position")
+    if position is None:
+        raise BadInput(f"{place}: position is missing for a joint (valid: {', '.join(model.joints)})")
+    effort, command = take("effort"), take("effort_command")
+    if command is not None:
+        command = shifted(command, time - time[0], 0.5 * _held_for(episode))
+    if effort is None and command is None:
+        raise InsufficientData(
+            f"{place}: no torque was recorded for all joints, measured or commanded: causes cannot be told"
+            " (valid: effort.<joint> or effort_command.<joint> of every joint)"
+        )
+    log = Log(
+        name=episode.name,
+        group=episode.name,
+        rate=rate,
+        position=position,
+        velocity=_speaking(take("velocity"), position, episode.name, warnings),
+        effort=effort,
+        command=command,
+        position_command=take("position_command"),
+        effort_source=episode.effort_source if effort is not None else None,
+        gravity_compensation=episode.gravity_compensation,
+        start=float(time[0] - stretch_origin(episode)),
+        touching=touching(episode, time),
+        grid=np.array([grid_of(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
+    )
+    return log, jitter
+
+
+def _stamps(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:
+    """When samples were taken; says so where that is not when they were stamped."""
+    joints = [joint for joint in model.joints if joint in episode.position]
+    stamps = steady_stamps(episode.time, np.column_stack([episode.position[joint] for joint in joints]))
+    if stamps is not episode.time:
+        off = 1e3 * float(np.sqrt(np.mean((stamps - episode.time) ** 2)))
+        warnings.append(
+            f"{episode.name}: stamps are off by {off:.2g} ms rms, the samples are not: taken as evenly sampled"
+        )
+    return stamps
+
+
+def _held_for(episode: Episode) -> float:
+    """Time for which the robot held each command [s]; 0 where the recording does not say.
+
+    A command acts from ``command_delay`` after its row until as long after the next one: half of that later on average.
+    """
+    rate = episode.metadata.get("rate")
+    return 1.0 / rate if isinstance(rate, int | float) and rate > 0.0 else 0.0
+
+
+def _speaking(velocity: Array | None, position: Array, name: str, warnings: list[str]) -> Array | None:
+    """Leaves velocities aside of which one stands still although its joint moves."""
+    if velocity is None:
+        return None
+    if np.any((np.ptp(velocity, axis=0) == 0.0) & (np.ptp(position, axis=0) > 0.0)):
+        warnings.append(f"{name}: a velocity is constant while its joint moves; velocities are left aside")
+        return None
+    return velocity
+
+
+def _weak_joints(logs: Sequence[Log], model: NominalModel) -> tuple[str, ...]:
+    motion = np.max([log.position.std(axis=0) for log in logs], axis=0)
+    least = [SLIDE_MIN if body.prismatic else MOTION_MIN for body in model.tree.bodies]
+    return tuple(joint for joint, size, low in zip(model.joints, motion, least, strict=True) if size < low)
+
+
+def _torque_semantics(logs: Sequence[Log]) -> str:
+    log = logs[0]
+    words = {
+        "joint_sensor": "effort is the torque between gearbox and link",
+        "motor": "effort is the motor's torque, before rotor inertia and friction",
+    }
+    parts = [words[log.effort_source]] if log.effort_source is not None else ["no effort was measured"]
+    if log.command is not None:
+        by = {
+            "robot": "the robot adds gravity to it",
+            "command": "gravity is part of it",
+            "none": "nothing adds gravity",
+        }
+        parts.append(f"effort_command was recorded; {by[log.gravity_compensation]}")
+    return "; ".join(parts)

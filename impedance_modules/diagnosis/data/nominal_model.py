@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The model that was supposed to predict the recordings: rigid links, drives, and what the robot adds itself.
+
+link port      \tau_s = M(q) a + C(q, v) v + g(q)                              (thesis eq. 3.1)
+actuator port  \tau_m = \tau_s + I_r \ddot\theta + D \dot\theta,  \theta = q + \tau_s / K   (thesis eq. 3.2-3.3)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
+from impedance_modules.errors import BadInput
+from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_reader import read_robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class NominalModel:
+    """What is believed about the robot before the recordings are asked.
+
+    Attributes:
+        robot: Its name.
+        tree: Rigid bodies of the recorded joints, n of them.
+        reflected_inertia: (n,) I_r [kg.m^2]; 0 where nothing is stated.
+        motor_damping: (n,) D [N.m.s/rad].
+        compliance: (n,) 1 / K_sea [rad/(N.m)]; 0 for a rigid joint.
+        command_delay: From a command to the torque acting [s].
+        velocity_filter: Time constant of the reported velocity [s].
+        position_resolution, effort_resolution: Grids of the sensors; 0 where nothing is stated.
+        effort_max: (n,) [N.m]; infinite where nothing is stated.
+        spring_damping: (n,) beside the joint's spring [N.m.s/rad].
+    """
+
+    robot: str
+    tree: RigidTree
+    reflected_inertia: Array
+    motor_damping: Array
+    compliance: Array
+    command_delay: float
+    velocity_filter: float
+    position_resolution: float
+    effort_resolution: float
+    effort_max: Array
+    spring_damping: Array
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, in the order of every array."""
+        return self.tree.joints
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+
+def model_of_urdf(urdf: Path, joints: Sequence[str]) -> NominalModel:
+    """Builds the model of a bare URDF: rigid links, ideal drives, no delay.
+
+    Raises:
+        BadInput: The URDF cannot be read or lacks a joint.
+    """
+    if not urdf.is_file():
+        raise BadInput(f"--urdf {urdf}: no such file (valid: a URDF of the recorded robot)")
+    tree = read_tree(urdf, joints)
+    zero = np.zeros(len(tree.joints))
+    limits = [body.limits for body in tree.bodies]
+    effort = [limit.effort if limit is not None and limit.effort > 0.0 else np.inf for limit in limits]
+    return NominalModel(urdf.stem, tree, zero, zero, zero, 0.0, 0.0, 0.0, 0.0, np.array(effort), zero)
+
+
+def model_of_robot(name: str | Path, joints: Sequence[str]) -> NominalModel:
+    """Builds the model of a robot folder.
+
+    Raises:
+        BadInput: There is no such robot, or it lacks a joint.
+    """
+    return model_of_spec(read_robot(name), joints)
+
+
+def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
+    """Builds the model of a robot file that was read already, worn patches included."""
+    tree = read_tree(spec.urdf, joints)
+    missing = [joint for joint in tree.joints if joint not in spec.joints]
+    if missing:
+        raise BadInput(
+            f"robot '{spec.name}': joint '{missing[0]}' belongs to no limb (valid: {', '.join(spec.joints)})"
+        )
+    drives = [spec.joints[joint] for joint in tree.joints]
+    stiffness = (drive.spring_stiffness for drive in drives)
+    return NominalModel(
+        robot=spec.name,
+        tree=tree,
+        reflected_inertia=np.array([drive.reflected_inertia for drive in drives]),
+        motor_damping=np.array([drive.motor_damping for drive in drives]),
+        compliance=np.array([0.0 if k is None else 1.0 / k for k in stiffness]),
+        command_delay=spec.timing.command_delay,
+        velocity_filter=spec.sensors.velocity_filter,
+        position_resolution=spec.sensors.position_resolution,
+        effort_resolution=spec.sensors.effort_resolution,
+        effort_max=np.array([drive.effort_max for drive in drives]),
+        spring_damping=np.array([drive.spring_damping for drive in drives]),
+    )

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Time stamps and delays of recordings: an even time base, and the lag of effort behind command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
+from impedance_modules.diagnosis.data.log import Log
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree
+from impedance_modules.errors import BadInput
+
+Array = NDArray[np.float64]
+
+JITTER_WARNING = 0.1
+"""Rms deviation of the steps, as a part of the step, that is worth a sentence."""
+
+GAP_STEPS = 20
+"""A hole longer than this many steps cannot be bridged."""
+
+STILL_STEPS = 1e-3
+"""Stamps that are even to this part of a step need no resampling."""
+
+LAG_MAX = 0.6
+"""Longest delay that is looked for [s]."""
+
+
+def even_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, float, float]:
+    """Gives an even time base for recorded stamps.
+
+    Returns:
+        Even times [s], their rate [Hz], and the jitter: rms deviation of the steps over the median step.
+
+    Raises:
+        BadInput: Time stands still, runs backwards, changes its rate, or has a long hole.
+    """
+    steps = np.diff(time)
+    bad = np.flatnonzero(steps <= 0.0)
+    if bad.size:
+        row = int(bad[0]) + 1
+        what = "repeats itself" if steps[bad[0]] == 0.0 else "runs backwards"
+        raise BadInput(f"{place}: time {what} in row {row}, {bad.size} times in all (valid: increasing time)")
+    step = float(np.median(steps))
+    half = len(steps) // 2
+    first, second = float(np.median(steps[:half])), float(np.median(steps[half:]))
+    if max(first, second) > 1.5 * min(first, second):
+        raise BadInput(
+            f"{place}: the rate changes from {1 / first:.4g} to {1 / second:.4g} Hz on the way"
+            " (valid: one rate per recording; split it)"
+        )
+    if steps.max() > GAP_STEPS * step:
+        row = int(np.argmax(steps))
+        raise BadInput(
+            f"{place}: a hole of {steps.max():.3g} s after row {row} (valid: split the recording there)"
+        )
+    typical = steps[steps < 3.0 * step]
+    jitter = float(np.sqrt(np.mean((typical - step) ** 2)) / step)
+    if jitter > JITTER_WARNING:
+        warnings.append(f"{place}: time stamps jitter by {100 * jitter:.0f} % of the step; resampled")
+    if steps.max() > 1.8 * step:
+        warnings.append(f"{place}: {int((steps > 1.8 * step).sum())} samples were dropped; interpolated")
+    count = round((time[-1] - time[0]) / step) + 1
+    even = np.linspace(time[0], time[-1], count)
+    return even, float((count - 1) / (even[-1] - even[0])), jitter
+
+
+def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
+    """Brings (N, n) samples to even times: what was measured by a cubic spline, what was asked for by holding.
+
+    A straight line between samples would lose a twentieth of a tenth of the rate's frequency.
+    """
+    if len(time) == len(even) and np.allclose(
+        time, even, rtol=0.0, atol=STILL_STEPS * float(even[1] - even[0])
+    ):
+        return values
+    if kind == "effort_command":
+        return np.asarray(values[np.searchsorted(time, even + 1e-9, side="right") - 1])
+    return np.asarray(CubicSpline(time, values, axis=0)(even))
+
+
+def common_delay(logs: Sequence[Log], tree: RigidTree) -> float | None:
+    """Estimates the lag of measured effort behind the torque asked for that all joints share [s].
+
+    The peak of the cross-correlation of the two rates of change, refined by a parabola, as the median over
+    joints and recordings; None where command or effort is missing or their shapes do not agree, and where the
+    effort would come first, which only another effect can feign.
+    """
+    found = []
+    for log in logs:
+        if log.command is None or log.effort is None:
+            continue
+        asked = log.command
+        if log.gravity_compensation == "robot":
+            asked = asked + gravity_regressor(tree, log.position) @ tree.inertia
+        for index in range(asked.shape[1]):
+            lag = _lag(np.diff(asked[:, index]), np.diff(log.effort[:, index]), log.rate)
+            if lag is not None:
+                found.append(lag)
+    if not found or np.median(found) < 0.0:
+        return None
+    return float(np.median(found))
+
+
+def _lag(cause: Array, effect: Array, rate: float) -> float | None:
+    if cause.std() == 0.0 or effect.std() == 0.0:
+        return None
+    span = min(int(LAG_MAX * rate), len(cause) // 4)
+    size = 2 ** int(np.ceil(np.log2(2 * len(cause))))
+    a, b = cause - cause.mean(), effect - effect.mean()
+    spectrum = np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size)
+    correlation = np.fft.irfft(spectrum, size) / (len(a) * a.std() * b.std())
+    window = np.concatenate([correlation[-span:], correlation[: span + 1]])
+    peak = int(np.argmax(window))
+    if window[peak] < 0.3 or peak in (0, len(window) - 1):
+        return None
+    left, middle, right = window[peak - 1 : peak + 2]
+    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
+    return float((peak - span + shift) / rate)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a probe is to find out: pairs of suspects, where the first has a size and the second may have any."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.effect import PAIR
+from impedance_modules.effects.residual_kinds import RESIDUALS, Residual
+from impedance_modules.errors import BadInput
+
+GENERAL = ("coulomb_friction", "viscous_friction", "reflected_inertia", "parallel_spring", "torque_offset")
+"""Effects that a general excitation tells from each other on every joint it moves."""
+
+
+SLIGHT = 0.005
+"""Part of the gap below which a cause's rivals are not worth a recording."""
+
+UNKNOWN_GAP = 5.0
+"""Torque by which a model is wrong where no diagnosis says it, over the noise."""
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """An effect at a place.
+
+    Attributes:
+        effect: Id.
+        key: What carries its numbers.
+        ports: Where it may act; all of the effect's where nothing is known.
+        values: Its parameters; None: any.
+    """
+
+    effect: str
+    key: str
+    ports: tuple[Port, ...]
+    values: Mapping[str, float] | None
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return f"{self.effect} on {self.key}"
+
+
+@dataclass(frozen=True)
+class Question:
+    """Two suspects to tell apart, and the joint whose motion can do it."""
+
+    first: Suspect
+    second: Suspect
+    joints: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return f"{self.first.name} or {self.second.name}"
+
+
+@dataclass(frozen=True)
+class Brief:
+    """Everything that a probe must answer.
+
+    Attributes:
+        purpose: In words.
+        questions: All pairs.
+        residuals: What the recordings could be compared by.
+        noise: (residual, joint) -> rms of its noise.
+        start: Joint -> angle about which was recorded [rad]; empty where nothing is known.
+        gap: Joint -> rms torque by which the model was wrong [N.m].
+    """
+
+    purpose: str
+    questions: tuple[Question, ...]
+    residuals: tuple[Residual, ...]
+    noise: Mapping[tuple[Residual, str], float]
+    start: Mapping[str, float]
+    gap: Mapping[str, float]
+
+
+def brief_of(answer: Mapping[str, Any], tree: RigidTree) -> Brief:
+    """Reads what a diagnosis leaves open.
+
+    Rivals of its ambiguous causes first, but of those that explain next to nothing; else joints that hardly moved;
+    else every joint.
+
+    Args:
+        answer: A diagnosis JSON that its schema has admitted.
+        tree: Joints and bodies of the model.
+
+    Raises:
+        BadInput: The diagnosis names a joint that the model lacks, or has nothing to go by.
+    """
+    joints = tree.joints
+    gaps = answer["gap"]["per_port"]
+    residuals = tuple(name for name in RESIDUALS if any(gap["residual"] == name for gap in gaps))
+    noise = {(gap["residual"], gap["joint"]): float(gap["noise_floor"]) for gap in gaps}
+    gap = {
+        joint: max(
+            float(item["before"])
+            for item in gaps
+            if item["joint"] == joint and item["residual"] != "velocity"
+        )
+        for joint in dict.fromkeys(item["joint"] for item in gaps if item["residual"] != "velocity")
+    }
+    strange = next((joint for _, joint in noise if joint not in joints), None)
+    if strange is not None:
+        raise BadInput(f"the diagnosis speaks of joint '{strange}', the model has {', '.join(joints)}")
+    start = {name: float(q) for name, q in answer["next_motion"].get("start", {}).items() if name in joints}
+    open_pairs = tuple(_open(answer["causes"], tree))
+    weak = tuple(name for name in answer["data"].get("weak_joints", ()) if name in joints)
+    if open_pairs:
+        purpose = "tell apart: " + "; ".join(dict.fromkeys(question.name for question in open_pairs))
+        return Brief(purpose, open_pairs, residuals, noise, start, gap)
+    if weak:
+        purpose = f"see joints that hardly moved: {', '.join(weak)}"
+        return Brief(purpose, general_questions(weak), residuals, noise, start, gap)
+    return Brief(
+        "see every joint in every way: the diagnosis leaves no pair open",
+        general_questions(joints),
+        residuals,
+        noise,
+        start,
+        gap,
+    )
+
+
+def general_brief(joints: Sequence[str], noise: Mapping[tuple[Residual, str], float]) -> Brief:
+    """What to ask where nothing is known yet: the common effects of every joint."""
+    residuals = tuple(dict.fromkeys(name for name, _ in noise))
+    gap = {joint: UNKNOWN_GAP * size for (_, joint), size in noise.items()}
+    return Brief("see every joint in every way", general_questions(joints), residuals, noise, {}, gap)
+
+
+def general_questions(joints: Sequence[str]) -> tuple[Question, ...]:
+    """Pairs every common effect with every other, joint by joint."""
+    out: list[Question] = []
+    for joint in joints:
+        suspects = [_suspect(effect, joint, None, None) for effect in GENERAL]
+        for index, first in enumerate(suspects):
+            out.extend(Question(first, second, (joint,)) for second in suspects[index + 1 :])
+    return tuple(out)
+
+
+def _open(causes: Sequence[Mapping[str, Any]], tree: RigidTree) -> Iterator[Question]:
+    for cause in causes:
+        if cause["weight"] < SLIGHT:
+            continue
+        for key, symbols in cause["parameters"].items():
+            values = {symbol: float(number["value"]) for symbol, number in symbols.items()}
+            first = _suspect(cause["effect"], key, cause["port"], values)
+            own = key.partition(PAIR)[0]
+            mine = (own,) if own in tree.joints else tuple(cause["joints"])
+            for rival in cause["equivalent"]:
+                theirs = tuple(rival["joints"])
+                if _of_bodies(rival["effect"]) or not theirs or not mine or set(theirs) & set(mine):
+                    for other in _keys(rival["effect"], theirs or (key,), tree):
+                        second = _suspect(rival["effect"], other, None, None)
+                        yield Question(first, second, tuple(dict.fromkeys([*mine, *theirs])) or tree.joints)
+
+
+def _of_bodies(effect: str) -> bool:
+    """Whether a body carries an effect's numbers: it then shows on every joint before the body."""
+    return effect in CATALOGUE and "body" in CATALOGUE[effect].description.keys
+
+
+def _keys(effect: str, theirs: Sequence[str], tree: RigidTree) -> tuple[str, ...]:
+    """What carries a rival's numbers: its joints, the bodies behind them, or a pair of joints."""
+    if effect not in CATALOGUE:
+        return tuple(theirs)
+    kinds = CATALOGUE[effect].description.keys
+    if "body" in kinds:
+        return tuple(body.link for body in tree.bodies if body.joint in theirs)
+    if "pair" in kinds:
+        return tuple(
+            f"{one}{PAIR}{other}"
+            for one in theirs
+            if one in tree.joints
+            for other in _neighbours(one, tree.joints)
+        )
+    if "joint" in kinds:
+        return tuple(theirs)
+    return tuple(kinds)
+
+
+def _neighbours(joint: str, joints: Sequence[str]) -> tuple[str, ...]:
+    """The joints listed before and after one."""
+    place = joints.index(joint)
+    return tuple(joints[i] for i in (place - 1, place + 1) if 0 <= i < len(joints))
+
+
+def _suspect(effect: str, key: str, port: str | None, values: Mapping[str, float] | None) -> Suspect:
+    if effect not in CATALOGUE:
+        raise BadInput(
+            f"the diagnosis names '{effect}', which is not in the catalogue ({', '.join(CATALOGUE)})"
+        )
+    ports = CATALOGUE[effect].description.ports
+    return Suspect(effect, key, ports if port is None else (cast("Port", port),), values)

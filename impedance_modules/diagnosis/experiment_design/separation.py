@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""How well a predicted recording would tell two suspects apart: the expected difference of their chi-squares.
+
+With y the torque that the first suspect adds, C the columns of the second, Z those of the links' inertia (3 %
+prior, scaled to unit size), \sigma the noise of each residual and joint, and all rows counted as
+2 f_c independent samples a second:
+
+    \chi^2 = min_{b, z} \sum |y - C b - Z z|^2 / \sigma^2 + |z|^2,      share = \chi^2 / \sum |y|^2 / \sigma^2
+
+share is the squared sine of the angle between the suspect and all that may stand for it. Where the second
+contains the first (a spring with a preload contains an offset), what makes it the second (the stiffness) must not
+do as well by itself; where that cannot be taken apart, what it has beyond the first must show: roles are exchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.data.rigid_dynamics import inertial_regressor
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.experiment_design.probe_questions import Brief, Question, Suspect
+from impedance_modules.diagnosis.regression.candidates import Candidate, columns_of
+from impedance_modules.diagnosis.regression.nuisance_columns import inertia_prior
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect import predicted
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.recorded_signals import Signals
+
+Array = NDArray[np.float64]
+
+CUTOFF = 8.0
+"""Assumed end of the band in which recordings are compared [Hz]."""
+
+CONTAINED = 0.01
+"""Below this share the second suspect can be the first."""
+
+UNSIZED = 5.0
+"""Size in the noise's rms of a suspect without parameters."""
+
+ROWS = 20.0
+"""Rows of a prediction that are used, per second [Hz]."""
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Expected outcome of a question: chi-square difference and its share of the effect's own power."""
+
+    chi_square: float
+    share: float
+
+
+class Predictor:
+    """Judges predicted recordings of one robot by the questions of one brief."""
+
+    def __init__(self, brief: Brief, model: NominalModel) -> None:
+        self._brief, self._model = brief, model
+        self._prior = inertia_prior(model.tree.inertia)
+
+    def separate(self, signals: Signals, questions: Sequence[Question]) -> list[Separation]:
+        """Predicts how well a recording would answer each question."""
+        known: dict[tuple[str, ...], _Rows] = {}
+        out = []
+        for question in questions:
+            if question.joints not in known:
+                known[question.joints] = _Rows(
+                    self._brief, self._model, self._prior, signals, question.joints
+                )
+            out.append(_answer(known[question.joints], question))
+        return out
+
+
+def _answer(rows: _Rows, question: Question) -> Separation:
+    one_way = min(
+        (rows.left(y, C) for y in rows.sized(question.first) for C in rows.spaces(question.second)),
+        key=lambda found: found.share,
+        default=Separation(0.0, 0.0),
+    )
+    if one_way.share > CONTAINED:
+        return one_way
+    kept = _essential(question.second)
+    if kept:
+        return min(
+            (
+                rows.left(y, C[:, kept])
+                for y in rows.sized(question.first)
+                for C in rows.spaces(question.second)
+            ),
+            key=lambda found: found.share,
+            default=Separation(0.0, 0.0),
+        )
+    return min(
+        (rows.beyond(C, question.first) for C in rows.spaces(question.second)),
+        key=lambda found: found.share,
+        default=Separation(0.0, 0.0),
+    )
+
+
+def _essential(suspect: Suspect) -> list[int]:
+    """Columns that make an effect itself, where every row of its essence names one alone; empty otherwise."""
+    rows = np.array(CATALOGUE[suspect.effect].essence)
+    if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
+        return []
+    return [int(index) for index in np.flatnonzero(rows.any(axis=0))]
+
+
+class _Rows:
+    """Whitened rows of one predicted recording: groups one below the other."""
+
+    def __init__(
+        self, brief: Brief, model: NominalModel, prior: Array, signals: Signals, joints: Sequence[str]
+    ) -> None:
+        period = float(signals.time[1] - signals.time[0])
+        self._signals, self._step = signals, max(1, round(1.0 / (ROWS * period)))
+        independent = np.sqrt(min(1.0, 2.0 * CUTOFF * self._step * period))
+        self._weight = {
+            (residual, model.joints.index(joint)): independent / noise
+            for (residual, joint), noise in brief.noise.items()
+            if joint in joints and residual in brief.residuals
+        }
+        self._groups = tuple(self._weight)
+        self._residuals = brief.residuals
+        if not any(residual in LINKED for residual, _ in self._groups):
+            self._nuisance = np.zeros((len(self._groups) * len(signals.time[:: self._step]), 0))
+            return
+        picked = slice(None, None, self._step)
+        body = inertial_regressor(
+            model.tree, signals.position[picked], signals.velocity[picked], signals.acceleration[picked]
+        )
+        blocks = {g: body[:, g[1]] * prior for g in self._groups if g[0] in LINKED}
+        seen = np.max([np.abs(block).max(axis=0) for block in blocks.values()], axis=0) > 0.0
+        self._nuisance = self._stack({g: block[:, seen] for g, block in blocks.items()}, int(seen.sum()))
+
+    def sized(self, suspect: Suspect) -> Iterator[Array]:
+        """Gives what a suspect adds to the rows, at every port where it may act."""
+        effect = CATALOGUE[suspect.effect]
+        for port in suspect.ports:
+            if suspect.values is not None:
+                blocks: dict[tuple[Residual, int], Array] = {}
+                for residual in self._residuals:
+                    torque = predicted(
+                        effect, self._signals, suspect.key, port, residual=residual, values=suspect.values
+                    )
+                    picked = torque[:: self._step]
+                    blocks |= {g: picked[:, [g[1]]] for g in self._groups if g[0] == residual}
+                yield self._stack(blocks, 1)[:, 0]
+            else:
+                yield from (_unit(_itself(C, effect.essence)) for C in self._columns(suspect, port))
+
+    def spaces(self, suspect: Suspect) -> Iterator[Array]:
+        """Gives a suspect's column spaces, one per port and shape."""
+        for port in suspect.ports:
+            yield from self._columns(suspect, port)
+
+    def left(self, y: Array, C: Array) -> Separation:
+        """Fits y by C and the nuisance."""
+        size = np.linalg.norm(C, axis=0)
+        power = float(y @ y)
+        if power <= 0.0:
+            return Separation(0.0, 0.0)
+        found = self._remaining(y, C[:, size > 0.0] / size[size > 0.0])
+        return Separation(found, min(1.0, found / power))
+
+    def _remaining(self, y: Array, C: Array) -> float:
+        """Chi-square of y after columns of unit length and the nuisance within its prior."""
+        columns = np.column_stack([C, self._nuisance])
+        if columns.shape[1] == 0:
+            return float(y @ y)
+        ridge = np.concatenate([np.full(C.shape[1], 1e-9), np.ones(self._nuisance.shape[1])])
+        target = columns.T @ y
+        gained = float(target @ np.linalg.solve(columns.T @ columns + np.diag(ridge), target))
+        return max(0.0, float(y @ y) - gained)
+
+    def beyond(self, C: Array, first: Suspect) -> Separation:
+        """What columns have beyond a suspect that they contain: the best seen of them, at the suspect's size."""
+        best = Separation(0.0, 0.0)
+        for y in self.sized(first):
+            for base in self.spaces(first):
+                for column in C.T:
+                    size = float(np.linalg.norm(column))
+                    if size > 0.0:
+                        found = self.left(column / size * float(np.linalg.norm(y)), base)
+                        best = max(best, found, key=lambda item: item.share)
+        return best
+
+    def _columns(self, suspect: Suspect, port: str) -> Iterator[Array]:
+        effect = CATALOGUE[suspect.effect]
+        candidate = Candidate(effect, port, suspect.key, ())  # type: ignore[arg-type]
+        for shape in effect.shapes(self._signals, suspect.key, candidate.port):
+            found = columns_of(candidate, shape, self._signals, self._residuals)
+            if found is not None:
+                width = next(iter(found.blocks.values())).shape[1]
+                yield self._stack({g: block[:: self._step] for g, block in found.blocks.items()}, width)
+
+    def _stack(self, blocks: Mapping[tuple[Residual, int], Array], width: int) -> Array:
+        count = len(self._signals.time[:: self._step])
+        parts: Sequence[Array] = [
+            blocks[g] * self._weight[g] if g in blocks else np.zeros((count, width)) for g in self._groups
+        ]
+        return np.concatenate(parts)
+
+
+LINKED: tuple[Residual, ...] = ("link", "motor", "whole")
+"""Residuals that the links' inertia enters."""
+
+
+def _itself(C: Array, essence: Sequence[Sequence[float]]) -> Array:
+    """Adds up the columns that make an effect itself; all of them where nothing is said."""
+    weights = np.zeros(C.shape[1])
+    known = np.any(np.array(essence), axis=0) if essence else np.ones(C.shape[1])
+    weights[: min(len(known), len(weights))] = known[: len(weights)]
+    return np.asarray(C @ weights)
+
+
+def _unit(y: Array) -> Array:
+    """Scales a suspect without numbers to `UNSIZED` times the noise."""
+    busy = y[np.abs(y) > 0.0]
+    return y if busy.size == 0 else y * (UNSIZED / float(np.sqrt(np.mean(busy**2))))

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stages 3 to 6: candidates, noise, the search for causes, and contact set aside on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.data.folds import Arrangement
+from impedance_modules.diagnosis.residuals.contact_mask import (
+    both,
+    contact_aside,
+    on_links,
+)
+from impedance_modules.diagnosis.certain import certain
+from impedance_modules.diagnosis.confirmed import confirmed
+from impedance_modules.diagnosis.model_selection.external_pushes import Push, find_pushes, moments_clear
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.negligible import felt, negligible
+from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.diagnosis.regression.candidates import list_candidates, shapes_of
+from impedance_modules.diagnosis.regression.design_matrix import build_design
+from impedance_modules.diagnosis.regression.drafts import Draft, draft_candidates
+from impedance_modules.diagnosis.regression.noise_floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
+from impedance_modules.diagnosis.regression.generic_basis import draft_stand_ins
+from impedance_modules.diagnosis.regression.cleaned_signals import instrument, noise_of_repeats
+from impedance_modules.diagnosis.regression.nuisance_columns import Nuisance, build_nuisance
+from impedance_modules.diagnosis.regression.plain import PlainRows
+from impedance_modules.diagnosis.regression.parameter_estimates import Refiner
+from impedance_modules.diagnosis.model_selection.forward_selection import Selector
+from impedance_modules.diagnosis.regression.still import quieted
+from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.regression.whitening import Whitening
+from impedance_modules.effects.catalogue import CATALOGUE
+
+CONTACT = "external_contact"
+"""Bound to one recording's time: no other recording can confirm it, so it has a procedure of its own (`contact`)."""
+
+Array = NDArray[np.float64]
+
+Progress = Callable[[str], None]
+"""Called with a sentence for each step."""
+
+
+def explain(
+    prepared: tuple[Prepared, ...],
+    arrangement: Arrangement,
+    model: NominalModel,
+    without: Collection[str],
+    progress: Progress,
+) -> Evidence:
+    """Finds the causes of what recordings leave, in all that is known of them.
+
+    Args:
+        prepared: The recordings.
+        arrangement: Which of them are fitted, in which folds, and which are unseen.
+        model: What was believed.
+        without: Ids of effects that are left out of the catalogue.
+        progress: Called with a sentence for each step.
+    """
+    residuals = list(prepared[0].residuals)
+    pairs = repeat_pairs(prepared, arrangement.fitted)
+    noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
+    flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
+    signals = [instrument(quieted(item.signals), noise, flicker) for item in prepared]
+    shaped = [
+        (candidate, shape)
+        for candidate in list_candidates(CATALOGUE, prepared, {*without, CONTACT})
+        for shape in shapes_of(candidate, signals)
+    ]
+    stand_ins = draft_stand_ins(prepared, residuals)
+    drafts = draft_candidates(shaped, prepared, signals, residuals)
+    nuisance = build_nuisance(prepared, model.tree.inertia)
+    raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
+    aside = on_links(contact_aside(prepared), nuisance.groups)
+    floor = _floor(raw, prepared, nuisance, [*stand_ins, *_simple(drafts)], arrangement.fitted, aside)
+    rate = prepared[0].band.rate / prepared[0].band.step
+    names = [item.log.name for item in prepared]
+    design = build_design([*drafts, *stand_ins], nuisance, raw, floor, names=names, rate=rate)
+    del drafts
+    selector = Selector(
+        design, arrangement.folds, Refiner(design, prepared, signals), model.position_resolution
+    )
+    if aside:
+        selector = selector.on(design.without(aside))
+    contact = CONTACT in CATALOGUE and CONTACT not in without
+    return _search(selector, prepared, arrangement, progress, contact=contact)
+
+
+def _search(
+    selector: Selector,
+    prepared: tuple[Prepared, ...],
+    arrangement: Arrangement,
+    progress: Progress,
+    *,
+    contact: bool,
+) -> Evidence:
+    """Finds the causes, sets moments of contact aside, and judges the noise once more with all of that known."""
+    found = selector.run(progress)
+    pushes = find_pushes(selector.bench(found.causes), prepared) if contact else ()
+    if pushes:
+        progress("setting moments of contact aside")
+        touched = on_links(moments_clear(pushes, prepared), selector.design.groups)
+        moments = both(selector.design.whitening.clear, touched)
+        narrowed = selector.on(selector.design.without(moments))
+        again = narrowed.run(progress)
+        if _as_good(narrowed, again.causes, found.causes):
+            pushes = _measured(selector, narrowed, again.causes, prepared) or pushes
+            selector, found = narrowed, again
+        else:
+            pushes = ()  # what the causes explain better on the very same rows was no push
+    bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
+    for kept in (
+        felt(bench, plain, negligible(prepared, selector.design.groups)),
+        certain(bench, selector.refiner),
+        confirmed(bench, selector.bench, arrangement.heldout),
+    ):
+        model = [term for term in bench.model if term in kept]
+        bench = bench if len(model) == len(bench.model) else selector.bench(model)
+    floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
+    if pairs:
+        # With the causes known, repeats that did not quite repeat no longer leak into the floor.
+        left = [plain.left(bench, r) for r in range(len(prepared))]
+        clear = selector.design.whitening.clear
+        floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, clear)
+    return Evidence(selector, arrangement.heldout, prepared, bench, floor, plain, found.refusal, pushes)
+
+
+POORER = 1.2
+"""Squares that a search without moments of contact may leave, over those that the causes found with them leave."""
+
+
+def _measured(
+    selector: Selector, narrowed: Selector, causes: Sequence[Term], prepared: Sequence[Prepared]
+) -> tuple[Push, ...]:
+    """The pushes again, by a model that was fitted without them: the links' numbers no longer bend to them."""
+    known = [selector.refiner.term(term.candidate, term.shaped.shape, term.slot) for term in causes]
+    model = [term for term in known if term is not None]
+    if len(model) < len(known):
+        return ()
+    return find_pushes(selector.bench(model), prepared, narrowed.bench(causes).whole.coefficients)
+
+
+def _as_good(narrowed: Selector, causes: Sequence[Term], first: Sequence[Term]) -> bool:
+    """Whether causes found without some rows explain the others about as well as those found with all rows do."""
+    moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.slot) for term in first]
+    known = [term for term in moved if term is not None]
+    return float(narrowed.bench(causes).left.sum()) <= POORER * float(narrowed.bench(known).left.sum())
+
+
+def _floor(  # noqa: PLR0917 - all of them belong together
+    left: Sequence[Sequence[Array]],
+    prepared: Sequence[Prepared],
+    nuisance: Nuisance,
+    flexible: Sequence[Draft],
+    fitted: Sequence[int],
+    aside: Mapping[tuple[int, int], NDArray[np.bool_]],
+) -> Whitening:
+    pairs = repeat_pairs(prepared, fitted)
+    if pairs:
+        return noise_by_repeats(left, prepared, nuisance, pairs, aside)
+    return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
+
+
+IN_PROPORTION_TO_COMMAND = ("torque_gain", "controller_gain")
+"""Effects in proportion to what was asked for, which a flexible model may not use.
+
+A command knows the motion without the noise of its differences, and an inertia's column with it: together they are
+that noise, and would take it from any floor.
+"""
+
+
+def _simple(drafts: Sequence[Draft]) -> list[Draft]:
+    """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
+    return [
+        draft
+        for draft in drafts
+        if not draft.shape
+        and draft.width <= 3
+        and len(draft.blocks[0]) == 1
+        and not (draft.key[0] in IN_PROPORTION_TO_COMMAND and draft.key[2] == "actuator")
+    ]

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What all conclusions are drawn from: the accepted model, fitted, and what it leaves on unseen recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.model_selection.external_pushes import Push
+from impedance_modules.diagnosis.negligible import negligible
+from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.design_matrix import Design
+from impedance_modules.diagnosis.regression.plain import PlainRows
+from impedance_modules.diagnosis.model_selection.forward_selection import Refusal, Selector
+from impedance_modules.diagnosis.regression.whitening import Whitening
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What all causes are judged by.
+
+    Attributes:
+        selector: The candidates and how they were searched.
+        heldout: Recordings that no fit has seen.
+        prepared: All recordings.
+        bench: The accepted model, fitted.
+        floor: The noise, judged with the causes known.
+        plain: Rows in their own units.
+        refusal: Why the next best candidate was not accepted.
+        pushes: From outside; the rows that they touch are left aside everywhere.
+    """
+
+    selector: Selector
+    heldout: tuple[int, ...]
+    prepared: tuple[Prepared, ...]
+    bench: Bench
+    floor: Whitening
+    plain: PlainRows
+    refusal: Refusal | None
+    pushes: tuple[Push, ...] = ()
+
+    @property
+    def design(self) -> Design:
+        """The rows."""
+        return self.selector.design
+
+    @cached_property
+    def calibrated(self) -> Bench:
+        """The nominal model with the nuisance adjusted within its prior, and no cause."""
+        return self.selector.bench(())
+
+    @cached_property
+    def heldout_noise(self) -> Array:
+        """(groups,) rms of the noise on the unseen recordings."""
+        return np.asarray(np.sqrt(np.mean(self.floor.rms[list(self.heldout)] ** 2, axis=0)))
+
+    @cached_property
+    def negligible(self) -> Array:
+        """(groups,) rms below which what is left does not matter, in the residual's unit."""
+        return negligible(self.prepared, self.design.groups)
+
+    @cached_property
+    def unit_power(self) -> Array:
+        """(groups,) noise power of a residual's average joint: in its units powers of joints add as they are."""
+        names = [residual for residual, _ in self.design.groups]
+        power = self.heldout_noise**2
+        return np.array(
+            [np.mean([p for p, other in zip(power, names, strict=True) if other == name]) for name in names]
+        )
+
+    def rms(self, bench: Bench | None, recordings: Sequence[int] | None = None) -> Array:
+        """(groups,) rms that a model leaves on some recordings, the unseen ones; None is the nominal model itself."""
+        chosen = self.heldout if recordings is None else recordings
+        left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in chosen]
+        shown = [
+            np.concatenate([x[g][self.clear(r, g)] for r, x in zip(chosen, left, strict=True)])
+            for g in range(len(self.design.groups))
+        ]
+        return np.array([np.sqrt(np.mean(values**2)) if values.size else 0.0 for values in shown])
+
+    def clear(self, recording: int, group: int) -> NDArray[np.bool_]:
+        """(M,) rows of a residual in a recording that no contact touches."""
+        everything = np.ones(self.prepared[recording].samples, dtype=bool)
+        return self.design.whitening.clear.get((recording, group), everything)
+
+    @cached_property
+    def pushed_share(self) -> float:
+        """Part of the excess power of all recordings, nuisance adjusted, that pushes make."""
+        inside, total = 0.0, 0.0
+        for r in range(len(self.prepared)):
+            for g, values in enumerate(self.plain.left(self.calibrated, r)):
+                power = (values**2 - self.floor.rms[r, g] ** 2) / self.unit_power[g]
+                inside += float(power[~self.clear(r, g)].sum())
+                total += float(power.sum())
+        return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
+
+    def excess(self, bench: Bench | None) -> float:
+        """Unseen residual power beyond the noise, over all groups, in units of the average joint's noise."""
+        power = self.rms(bench) ** 2 - self.heldout_noise**2
+        return float(np.sum(np.clip(power, 0.0, None) / self.unit_power))
+
+    @cached_property
+    def excess_before(self) -> float:
+        """Excess of the nominal model."""
+        return self.excess(None)

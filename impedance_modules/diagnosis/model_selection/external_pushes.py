@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Pushes from outside: moments in which one force on one link explains all joints at once.
+
+A push is bound to one recording's time, so no other recording can confirm it. Four things can:
+
+- *pattern*: r = -J^T(q) f(t), three numbers an instant for all joints, explains what free torques would;
+- *moment*: outside a few intervals nothing is needed;
+- *company*: no free torque of a single joint does nearly as well, as it would if that joint had a fault;
+- *absence*: where the recording repeats another, the same force is not there at the same time.
+
+f(t) is piecewise linear, with hats of half a second, fitted to the links' whitened residual of a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.contact_forces import (
+    SPACING,
+    Forces,
+    fit_forces,
+    free_torques,
+    hats_of,
+    strength_of,
+)
+from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.effects.residual_kinds import uses_motion
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+STRONG = 16.3
+"""Chi-square of three numbers that noise passes once in a thousand times: a hat that may belong to a push."""
+
+GAIN_MIN = 60.0
+"""Chi-square beyond its degrees of freedom that a push must explain ..."""
+
+UNCERTAIN = 3.0
+"""... so many times over on a weak floor, whose remainders pass with about so many times the noise."""
+
+PATTERN_MIN = 0.7
+"""Part of what free torques would explain."""
+
+SECOND_MIN = 0.1
+"""Part of what it explains that falls on the second joint at least."""
+
+TAKES_PART = 0.02
+"""Part of what it explains that falls on a joint, from which on the joint counts as evidence."""
+
+ALONE_MAX = 0.8
+"""Part of what it explains that a free torque of one joint explains as well: beyond it the joint has a fault."""
+
+LOCAL_MAX = 0.5
+"""Part of a recording that pushes may fill; beyond it the gap is not local."""
+
+MARGIN = 0.2
+"""Before and after a push that is set aside with it [s]."""
+
+QUIETER, QUIETER_SQUARE = 0.25, 0.1015
+"""A quarter of white noise's squares, in units of its variance, lies below; a push may fill half of a recording."""
+
+REPEATED_MAX = 0.5
+"""Size of the difference to the repeat's force, over the push, below which it is the robot's own doing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """One push.
+
+    Attributes:
+        recording: Index.
+        body: Link.
+        start, end: Since the recording began [s].
+        force: (3,) mean over the interval, base axes [N].
+        std: (3,) of it.
+        gain: Chi-square that it explains beyond its degrees of freedom.
+    """
+
+    recording: int
+    body: str
+    start: float
+    end: float
+    force: Array
+    std: Array
+    gain: float
+
+
+def find_pushes(
+    bench: Bench, prepared: Sequence[Prepared], coefficients: Array | None = None
+) -> tuple[Push, ...]:
+    """Looks for pushes in what a model leaves of each recording.
+
+    Args:
+        bench: The model.
+        prepared: The recordings.
+        coefficients: Of the model; None takes those that fit all rows.
+    """
+    known = bench.whole.coefficients if coefficients is None else coefficients
+    groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
+    if len(groups) < 2:
+        return ()
+    found: dict[int, Forces] = {}
+    out: list[Push] = []
+    for r, item in enumerate(prepared):
+        left = bench.residuals(known, r)
+        if bench.design.whitening.weak:
+            left = [x / _usual(x) for x in left]
+        if _quiet(bench, item, r, left, groups):
+            continue
+        best = [fit_forces(bench, item, r, left, body.link) for body in item.tree.bodies]
+        found[r] = max(best, key=lambda forces: forces.gain)
+        out += _intervals(bench, item, r, left, found[r])
+    return tuple(push for push in out if not _repeated(push, prepared, found))
+
+
+def _usual(left: Array) -> float:
+    """What a weak floor leaves at quiet times, over what noise would: beyond this a moment stands out, not before."""
+    return max(1.0, float(np.sqrt(np.quantile(left**2, QUIETER) / QUIETER_SQUARE)))
+
+
+def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[int, Mask]:
+    """Recording -> (M,) rows that no push touches, the filter's reach included."""
+    out: dict[int, Mask] = {}
+    for push in pushes:
+        item = prepared[push.recording]
+        time = item.time - item.log.start
+        clear = out.setdefault(push.recording, np.ones(item.samples, dtype=bool))
+        clear &= (time < push.start - MARGIN) | (time > push.end + MARGIN)
+    return out
+
+
+def _quiet(bench: Bench, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
+    """Whether no joint's residual stands out at any moment."""
+    return all(float(np.max(free_torques(bench, item, r, left, g))) < STRONG for g in groups)
+
+
+def _intervals(bench: Bench, item: Prepared, r: int, left: Sequence[Array], forces: Forces) -> list[Push]:
+    """Runs of strong hats that pass as pushes."""
+    count = len(forces.force)
+    strength = np.array([strength_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
+    runs = _runs(strength > STRONG)
+    weak = bench.design.whitening.weak
+    least, pattern = (UNCERTAIN * GAIN_MIN, _pattern_min(forces)) if weak else (GAIN_MIN, PATTERN_MIN)
+    groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
+    each = np.array([free_torques(bench, item, r, left, g) for g in groups])
+    free = each.sum(axis=0)
+    second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
+    if pattern >= 1.0 or second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
+        return []  # any force would do, one joint alone would, or the gap is not local
+    tips, _ = hats_of(item, item.samples)
+    out = []
+    for first, last in runs:
+        size = last - first
+        gain = strength_of(forces, slice(3 * first, 3 * last)) - 3.0 * size
+        if gain < least or gain < pattern * (float(np.sum(free[first:last])) - len(groups) * size):
+            continue
+        if float(np.max(each[:, first:last].sum(axis=1))) - size > ALONE_MAX * gain:
+            continue
+        mean = np.repeat(np.eye(3)[None] / size, size, axis=0).transpose(1, 0, 2).reshape(3, -1)
+        part = forces.covariance[3 * first : 3 * last, 3 * first : 3 * last]
+        out.append(
+            Push(
+                recording=r,
+                body=forces.body,
+                start=float(tips[first] - SPACING),
+                end=float(tips[last - 1] + SPACING),
+                force=forces.force[first:last].mean(axis=0),
+                std=np.sqrt(np.diag(mean @ part @ mean.T)),
+                gain=float(gain),
+            )
+        )
+    return out
+
+
+def _pattern_min(forces: Forces) -> float:
+    """Part of what free torques would explain that a force must, where no repeat confirms it: more than chance would.
+
+    Three numbers explain three free torques of seven by chance, and all of three; joints that hardly take part are no
+    evidence.
+    """
+    taking_part = int(np.count_nonzero(forces.joints > TAKES_PART * forces.joints.sum()))
+    chance = min(1.0, 3.0 / max(taking_part, 1))
+    return chance + PATTERN_MIN * (1.0 - chance)
+
+
+def _runs(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last-but-one index of every run of true values; one false value does not end a run."""
+    bridged = strong.copy()
+    bridged[1:-1] |= strong[:-2] & strong[2:]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], bridged.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _repeated(push: Push, prepared: Sequence[Prepared], found: dict[int, Forces]) -> bool:
+    """Whether a recording of the same motion shows about the same force at the same time."""
+    group = prepared[push.recording].log.group
+    for other, forces in found.items():
+        if other == push.recording or prepared[other].log.group != group or forces.body != push.body:
+            continue
+        tips, _ = hats_of(prepared[other], prepared[other].samples)
+        inside = (tips >= push.start) & (tips <= push.end)
+        if inside.any():
+            there = forces.force[inside].mean(axis=0)
+            if np.linalg.norm(there - push.force) < REPEATED_MAX * np.linalg.norm(push.force):
+                return True
+    return False

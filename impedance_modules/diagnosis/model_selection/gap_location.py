@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 7: where the gap lies: which joint and port, in which regime of motion, in which frequencies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.diagnosis.result import Place
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SLOW, FAST = 0.05, 0.5
+"""Below: slow; above: fast [rad/s]."""
+
+STILL = 0.01
+"""Below it a joint holds [rad/s]."""
+
+NEAR = 0.05
+"""Distance from a position limit that is near it [rad]."""
+
+SHARE_MIN = 0.01
+"""Smaller shares are not listed."""
+
+PORT_OF_RESIDUAL = {
+    "actuator": "actuator",
+    "drive": "actuator",
+    "link": "link",
+    "motor": "actuator",
+    "whole": "actuator",
+    "velocity": "sensor",
+}
+"""Residual -> port that it looks through."""
+
+
+def regimes(item: Prepared, model: NominalModel, joint: int) -> dict[str, Mask]:
+    """Sorts a recording's samples by what one joint does; a sample belongs to the first that fits."""
+    q, v, a = item.position[:, joint], item.velocity[:, joint], item.acceleration[:, joint]
+    limits = model.tree.bodies[joint].limits
+    near = np.zeros(len(q), dtype=bool)
+    if limits is not None and limits.upper > limits.lower:
+        near = (q < limits.lower + NEAR) | (q > limits.upper - NEAR)
+    turning = np.abs(np.sign(v) - np.sign(np.roll(v, 3))) > 1.0
+    reversal = (np.abs(v) < SLOW) & (turning | np.roll(turning, -3) | (np.abs(a) > SLOW))
+    tests = {
+        "saturated": np.abs(item.load[:, joint]) >= 0.99 * model.effort_max[joint],
+        "near_limit": near,
+        "reversal": reversal,
+        "hold": np.abs(v) < STILL,
+        "accelerating": np.abs(a) > 2.0 * np.abs(v) + FAST,
+        "fast": np.abs(v) >= FAST,
+        "slow": np.ones(len(q), dtype=bool),
+    }
+    out, left = {}, np.ones(len(q), dtype=bool)
+    for name, mask in tests.items():
+        out[name] = mask & left
+        left = left & ~mask
+    return out
+
+
+def locate(evidence: Evidence, model: NominalModel) -> tuple[Place, ...]:
+    """Shares the excess residual power out among joints, ports and regimes, the largest first."""
+    places: list[tuple[float, Place]] = []
+    prepared, floor, unit_power = evidence.prepared, evidence.floor, evidence.unit_power
+    left = [evidence.plain.left(evidence.calibrated, r) for r in range(len(prepared))]
+    for group, (residual, joint) in enumerate(evidence.design.groups):
+        excess: dict[str, float] = {}
+        series = [found[group] for found in left]
+        for r, (item, values) in enumerate(zip(prepared, series, strict=True)):
+            power = (values**2 - floor.rms[r, group] ** 2) / unit_power[group]
+            clear = evidence.clear(r, group)
+            sorted_out = {name: mask & clear for name, mask in regimes(item, model, joint).items()}
+            for name, mask in (sorted_out | {"contact": ~clear}).items():
+                excess[name] = excess.get(name, 0.0) + float(power[mask].sum())
+        band = _band(series, prepared[0])
+        for name, value in excess.items():
+            if value > 0.0:
+                port = "contact" if name == "contact" else PORT_OF_RESIDUAL[residual]
+                places.append((value, Place(model.joints[joint], port, name, band, value)))
+    total = sum(value for value, _ in places)
+    found = [
+        Place(place.joint, place.port, place.regime, place.band, value / total)
+        for value, place in sorted(places, key=lambda pair: -pair[0])
+        if value >= SHARE_MIN * total
+    ]
+    return tuple(found)
+
+
+def _band(series: Sequence[Array], item: Prepared) -> tuple[float, float]:
+    """Frequencies between which the middle four fifths of the power lie [Hz]."""
+    longest = max(series, key=len)
+    power = np.abs(np.fft.rfft(np.hanning(len(longest)) * longest)) ** 2
+    frequency = np.fft.rfftfreq(len(longest), item.band.step / item.band.rate)
+    part = np.cumsum(power) / max(float(power.sum()), 1e-30)
+    return float(frequency[np.searchsorted(part, 0.1)]), float(frequency[np.searchsorted(part, 0.9)])

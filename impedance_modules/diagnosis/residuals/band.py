@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The frequency band in which recordings are compared, and the zero-phase filter for everything.
+
+Differentiating a noisy position twice multiplies its noise by (2 \pi f)^2. The band ends where that noise
+would reach a twentieth of the acceleration itself; one symmetric filter then treats measured torque,
+predicted torque and every candidate's column alike, so that it can favour none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, firwin, sosfiltfilt, upfirdn
+
+from impedance_modules.diagnosis.data.log import Log
+
+Array = NDArray[np.float64]
+
+Real = TypeVar("Real", np.float32, np.float64)
+
+NOISE_SHARE = 0.05
+"""Noise of the acceleration over the acceleration, at the end of the band."""
+
+BAND_MIN, BAND_MAX = 3.0, 20.0
+"""Least and greatest end of the band [Hz]."""
+
+WORK_RATE = 200.0
+"""Recordings above it are thinned to it, behind a zero-phase filter [Hz]."""
+
+REACH = 2.6
+"""Half the filter's length, in periods of the end of the band; so much is cut off at both ends."""
+
+CHUNK = 4_000_000
+"""Values that are filtered in one go: enough to be quick, too few to need memory."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """How recordings of one rate are filtered and thinned.
+
+    Attributes:
+        rate: Of the samples that go in [Hz].
+        cutoff: End of the band [Hz].
+        motion_cutoff: Cutoff of the motion that enters models and columns [Hz].
+    """
+
+    rate: float
+    cutoff: float
+
+    @property
+    def motion_cutoff(self) -> float:
+        """Far enough above the band to leave it flat."""
+        return min(2.5 * self.cutoff, 0.4 * self.rate)
+
+    @property
+    def step(self) -> int:
+        """Every which sample is kept: at least two and a half per period of the highest frequency."""
+        return max(1, int(self.rate / (2.5 * self.cutoff)))
+
+    @property
+    def margin(self) -> int:
+        """Samples cut off at each end: whole steps, so that the kept samples fall into place."""
+        return self.step * max(1, round(REACH / self.cutoff * self.rate / self.step))
+
+    @cached_property
+    def _taps(self) -> Array:
+        return np.asarray(firwin(2 * self.margin + 1, self.cutoff, fs=self.rate, window=("kaiser", 4.0)))
+
+    def smooth(self, values: Array) -> Array:
+        """Filters motion without a phase, along the first axis."""
+        return _zero_phase(values, self.rate, self.motion_cutoff)
+
+    def kept(self, samples: int) -> int:
+        """Counts how many of so many samples `condense` keeps."""
+        return max(0, (samples - 2 * self.margin - 1) // self.step + 1)
+
+    def condense(self, values: NDArray[Real]) -> NDArray[Real]:
+        """Filters samples along the first axis, cuts the margins off and keeps every `step`-th."""
+        flat = values.reshape(len(values), -1)
+        out = np.empty((self.kept(len(values)), flat.shape[1]), dtype=values.dtype)
+        taps, first = self._taps.astype(values.dtype), 2 * self.margin // self.step
+        width = max(1, CHUNK // len(values))
+        for start in range(0, flat.shape[1], width):
+            part = np.ascontiguousarray(flat[:, start : start + width].T)
+            slow = upfirdn(taps, part, 1, self.step, axis=1)
+            out[:, start : start + width] = slow[:, first : first + len(out)].T
+        return out.reshape(len(out), *values.shape[1:])
+
+    def pick(self, values: Array) -> Array:
+        """Keeps the samples that `condense` keeps, unfiltered."""
+        return values[self.margin : len(values) - self.margin : self.step][: self.kept(len(values))]
+
+
+def least_duration(cutoff: float, rows: int) -> float:
+    """About how long a stretch [s] so many samples in the band make."""
+    return rows / 2.5 / cutoff
+
+
+def filter_length(cutoff: float) -> float:
+    """About what the band's filter throws away at each end of a recording [s]."""
+    return REACH / cutoff
+
+
+def thin(values: Array, rate: float) -> tuple[Array, float]:
+    """Brings (N, n) samples to at most `WORK_RATE`; returns them with their new rate."""
+    step = int(rate * (1.0 + 1e-3) // WORK_RATE)  # 999.99 Hz is 1000 Hz
+    if step < 2:
+        return values, rate
+    return _zero_phase(values, rate, 0.4 * rate / step)[::step], rate / step
+
+
+def thin_mask(values: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
+    """Thins (N,) marks as `thin` does samples: one stands for all up to the next."""
+    step = int(rate * (1.0 + 1e-3) // WORK_RATE)
+    return values if step < 2 else np.logical_or.reduceat(values, np.arange(0, len(values), step))
+
+
+def choose_cutoff(logs: Sequence[Log]) -> float:
+    """Finds the end of the band that all recordings can bear [Hz]."""
+    found = [
+        _cutoff(log.position[:, joint], log.rate) for log in logs for joint in range(log.position.shape[1])
+    ]
+    known = [cutoff for cutoff in found if cutoff is not None]
+    highest = min(BAND_MAX, min(log.rate for log in logs) / 5.0)
+    return float(np.clip(np.median(known) if known else BAND_MIN, min(BAND_MIN, highest), highest))
+
+
+def _cutoff(position: Array, rate: float) -> float | None:
+    """End of the band of one joint; None where it hardly moves."""
+    window = np.hanning(len(position))
+    power = np.abs(np.fft.rfft(window * (position - position.mean()))) ** 2
+    frequency = np.fft.rfftfreq(len(position), 1.0 / rate)
+    noise = float(np.median(power[frequency > 0.35 * rate])) / np.log(2.0)
+    lift = (2.0 * np.pi * frequency) ** 4
+    noise_power = np.cumsum(lift * noise)
+    signal_power = np.cumsum(lift * np.clip(power - noise, 0.0, None) * (power > 10.0 * noise))
+    if signal_power[-1] == 0.0:
+        return None
+    within = noise_power <= NOISE_SHARE**2 * signal_power[-1]
+    return float(frequency[np.flatnonzero(within)[-1]]) if within.any() else None
+
+
+def _zero_phase(values: Array, rate: float, cutoff: float) -> Array:
+    sections = butter(4, cutoff / (0.5 * rate), output="sos")
+    return np.asarray(sosfiltfilt(sections, values, axis=0))

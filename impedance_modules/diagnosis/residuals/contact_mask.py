@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Moments in which the robot touches something, as the recording's own phases say: they are left aside.
+
+What the surroundings do to the hand is no property of the arm, and a contact that is commanded comes back in every
+repeat: unlike a push it cannot be told from the arm's own torques by its absence. It shows where the links' motion is
+compared with a torque, and there alone: between command and torque sensor, and in velocities, all rows count.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.diagnosis.regression.candidates import Group
+from impedance_modules.effects.residual_kinds import uses_motion
+from impedance_modules.episode.data import Episode
+from impedance_modules.spec.contact_phases import contact_phases
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Place = TypeVar("Place", bound=Hashable)
+
+WORD = re.compile(r"(^|[^a-z])(in_)?contact([^a-z]|$)")
+"""A phase with this name, or with this word in its name, is spent in contact ..."""
+
+NEGATION = re.compile(r"(^|[^a-z])(no|non|without|before|until|free)([^a-z]|$)")
+"""... unless the rest of the name takes it back."""
+
+MARGIN = 0.2
+"""Before and after a contact that is left aside with it: the filter's reach [s]."""
+
+FOUND = 0.5
+"""How long before the end of a phase that waits for contact the contact begins: it must be felt for a while [s]."""
+
+MOST = 0.8
+"""Part of all samples that contact may fill; beyond it hardly a motion of the links is left to compare."""
+
+
+def touching(episode: Episode, time: Array) -> Mask | None:
+    """Marks the times (N,) that fall into a phase of contact, by its name or by the task; None where none says so."""
+    if episode.phase is None:
+        return None
+    by_task = contact_phases(str(episode.metadata.get("task") or ""))
+    phases = {phase for phase in set(episode.phase) if phase is not None}
+    named = {phase for phase in phases if by_task.get(phase) == "throughout" or _is_contact(phase)}
+    marks = np.array([phase in named for phase in episode.phase])
+    for phase in phases - named:
+        if phase in by_task:
+            inside = episode.phase == phase
+            marks |= inside & (episode.time > episode.time[inside][-1] - FOUND)
+    if not marks.any():
+        return None
+    nearest = np.searchsorted(episode.time, time - 1e-9).clip(0, len(marks) - 1)
+    return np.asarray(marks[nearest])
+
+
+def _is_contact(phase: str) -> bool:
+    name = phase.lower()
+    return WORD.search(name) is not None and NEGATION.search(name) is None
+
+
+def contact_aside(prepared: Sequence[Prepared]) -> dict[int, Mask]:
+    """Recording -> (M,) rows that no contact touches; empty without contact, or with hardly anything else."""
+    out = _clear(prepared)
+    return {} if _mostly(out, prepared) else out
+
+
+def on_links(clear: Mapping[int, Mask], groups: Sequence[Group]) -> dict[tuple[int, int], Mask]:
+    """Recording and group -> (M,) rows that count: what touches the robot shows where its links' motion is compared."""
+    return {
+        (r, g): mask
+        for r, mask in clear.items()
+        for g, (residual, _) in enumerate(groups)
+        if uses_motion(residual)
+    }
+
+
+def without_touched_links(prepared: tuple[Prepared, ...]) -> tuple[Prepared, ...]:
+    """Leaves the links' residuals out where contact fills nearly all, if the drives have residuals of their own."""
+    rest = [name for name in prepared[0].residuals if not uses_motion(name) and name != "velocity"]
+    if not rest or not _mostly(_clear(prepared), prepared):
+        return prepared
+    return tuple(
+        replace(item, residuals={name: x for name, x in item.residuals.items() if not uses_motion(name)})
+        for item in prepared
+    )
+
+
+def _clear(prepared: Sequence[Prepared]) -> dict[int, Mask]:
+    return {
+        r: ~_widened(item)
+        for r, item in enumerate(prepared)
+        if item.log.touching is not None and item.log.touching.any()
+    }
+
+
+def _mostly(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) -> bool:
+    lost = sum(int((~mask).sum()) for mask in clear.values())
+    return lost > MOST * sum(item.samples for item in prepared)
+
+
+def contact_note(prepared: Sequence[Prepared]) -> tuple[str, ...]:
+    """Says what the phases of contact mean for the answer; nothing without any."""
+    if all(item.log.touching is None for item in prepared):
+        return ()
+    aside = contact_aside(prepared)
+    if not aside and any(uses_motion(name) for name in prepared[0].residuals):
+        if not _clear(prepared):
+            return ()
+        return (
+            "nearly everything is spent in contact, by the phases; nothing is left aside for it, and what the"
+            " surroundings do may be taken for the arm's (record a motion in free air)",
+        )
+    if not aside:
+        return (
+            "nearly everything is spent in contact, by the phases: only drives and sensors are judged, not the links"
+            " (record a motion in free air)",
+        )
+    seconds = sum(
+        float((~mask).sum()) * item.band.step / item.band.rate
+        for mask, item in ((mask, prepared[r]) for r, mask in aside.items())
+    )
+    return (
+        f"{seconds:.3g} s in contact, by the phases, are left aside for the links: they say nothing about the arm",
+    )
+
+
+def both(first: Mapping[Place, Mask], second: Mapping[Place, Mask]) -> dict[Place, Mask]:
+    """Rows that count for two reasons at once."""
+    out = dict(first)
+    for place, mask in second.items():
+        out[place] = out[place] & mask if place in out else mask
+    return out
+
+
+def _widened(item: Prepared) -> Mask:
+    """Rows (M,) within the margin of a contact."""
+    log = item.log
+    if log.touching is None:
+        return np.zeros(item.samples, dtype=bool)
+    at = log.start + np.flatnonzero(log.touching) / log.rate
+    after = np.searchsorted(at, item.time - MARGIN)
+    return np.asarray((after < len(at)) & (at[np.minimum(after, len(at) - 1)] <= item.time + MARGIN))

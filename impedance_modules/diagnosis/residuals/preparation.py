@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Stage 2: from a log to residuals, all in one band: torque that the real joints consume beyond the model.
+
+Which residuals exist follows from what was measured (see `effects.residuals`): actuator and link with a joint
+sensor, motor with a motor's torque, whole with a command alone, and velocity, the reported against the
+differentiated one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from impedance_modules.diagnosis.residuals.band import Band, thin, thin_mask
+from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor, inertial_regressor
+from impedance_modules.diagnosis.data.log import Log
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.rigid import BatchedRigidModel
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.drive_effects import lagged
+from impedance_modules.effects.effect import predicted
+from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.recorded_signals import Signals, differentiate
+from impedance_modules.spec.patch import EffectSpec
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """One recording, ready to be explained.
+
+    Attributes:
+        log: The recording, thinned.
+        tree: The rigid bodies.
+        band: Its filter.
+        signals: Motion and torques for the effects' columns, at the log's rate.
+        residuals: Name -> (M, n) residual in the band, thinned to M samples.
+        link_nuisance: (M, n, 10 n) columns of the bodies' inertial parameters.
+        weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
+        timing_nuisance: (M, n) by how much the residual changes per second that the drive is later than believed.
+        reading_nuisance: (M, n) likewise per second that readings of effort are early, in the effort itself.
+        time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
+    """
+
+    log: Log
+    tree: RigidTree
+    band: Band
+    signals: Signals
+    residuals: Mapping[Residual, Array]
+    link_nuisance: Array
+    weight_nuisance: Array
+    timing_nuisance: Array
+    reading_nuisance: Array
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    load: Array
+
+    @property
+    def samples(self) -> int:
+        """M, the number of samples kept."""
+        return len(self.time)
+
+    @contextmanager
+    def remembered(self) -> Iterator[None]:
+        """Keeps the regressor of all bodies while candidates are evaluated; it is too large to stay."""
+        rigid = self.signals.model
+        if not isinstance(rigid, BatchedRigidModel):
+            yield
+            return
+        rigid.keep()
+        yield
+        rigid.forget()
+
+
+def prepare(
+    log: Log, model: NominalModel, rigid: BatchedRigidModel, cutoff: float, worn: Sequence[EffectSpec] = ()
+) -> Prepared:
+    """Computes a log's residuals against the model that wears some effects of a patch."""
+    log = _thinned(log)
+    band = Band(log.rate, cutoff)
+    q = band.smooth(log.position)
+    time = log.start + np.arange(log.samples) / log.rate
+    v = differentiate(q, time)
+    a = differentiate(v, time)
+    regressor = inertial_regressor(model.tree, q, v, a)
+    weight = gravity_regressor(model.tree, q)
+    carried = weight @ model.tree.inertia
+    effort = None if log.effort is None else band.smooth(log.effort)
+    signals = Signals(
+        model=rigid,
+        time=time,
+        position=q,
+        velocity=v,
+        acceleration=a,
+        effort=effort,
+        drive=_drive(log, model, carried, band),
+        assistance=carried if log.gravity_compensation == "robot" and log.command is not None else None,
+        position_command=log.position_command,
+        reflected_inertia=model.reflected_inertia,
+        motor_damping=model.motor_damping,
+        # Without a measured effort nobody asks where it was measured.
+        effort_source="motor" if log.effort_source == "motor" else "joint_sensor",
+        spring_compliance=model.compliance if log.effort_source == "joint_sensor" else 0.0 * model.compliance,
+    )
+    torque = regressor @ model.tree.inertia
+    residuals = {
+        name: band.condense(values - _worn(worn, signals, name))
+        for name, values in _residuals(log, model, signals, torque).items()
+    }
+    load = effort if effort is not None else torque
+    return Prepared(
+        log=log,
+        tree=model.tree,
+        band=band,
+        signals=signals,
+        residuals=residuals,
+        link_nuisance=band.condense(regressor),
+        weight_nuisance=band.condense(weight),
+        timing_nuisance=band.condense(
+            signals.rate_of(signals.drive if signals.drive is not None else 0.0 * q)
+        ),
+        reading_nuisance=band.condense(signals.rate_of(0.0 * q if effort is None else effort)),
+        time=band.pick(signals.time),
+        position=band.pick(q),
+        velocity=band.pick(v),
+        acceleration=band.pick(a),
+        load=band.pick(load),
+    )
+
+
+def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict[Residual, Array]:
+    """What goes in at one place minus what the model says comes out at the next."""
+    found: dict[Residual, Array] = {}
+    rotor = s.motor_acceleration * model.reflected_inertia + s.motor_velocity * model.motor_damping
+    if s.effort is not None and log.effort_source == "joint_sensor":
+        # The sensor is the spring: what its own damping passes on is not in the reading.
+        through = s.effort + model.spring_damping * s.spring_compliance * s.rate_of(s.effort)
+        found["link"] = through - torque
+        if s.drive is not None:
+            found["actuator"] = s.drive - through - rotor
+    elif s.effort is not None:
+        found["motor"] = s.effort - torque - rotor
+        if s.drive is not None:
+            found["drive"] = s.drive - s.effort
+    elif s.drive is not None:
+        found["whole"] = s.drive - torque - rotor
+    if log.velocity is not None:
+        found["velocity"] = log.velocity - _lagged(s.velocity, model.velocity_filter, s.time)
+    return found
+
+
+def _worn(worn: Sequence[EffectSpec], signals: Signals, residual: Residual) -> Array:
+    """What the effects of a patch add to a residual, (N, n); joints that were not recorded count for nothing."""
+    total = np.zeros((signals.samples, signals.n))
+    for spec in worn:
+        effect = CATALOGUE[spec.effect]
+        for key, symbols in spec.parameters.items():
+            values = {symbol: quantity.value for symbol, quantity in symbols.items()}
+            port = cast("Port", spec.port)
+            if all(joint in signals.model.joint_names for joint in spec.joints):
+                total += predicted(effect, signals, key, port, residual=residual, values=values)
+    return total
+
+
+def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | None:
+    """Torque asked of the motors: the command when it acts, plus the weight where the robot adds it."""
+    if log.command is None:
+        return None
+    time = np.arange(log.samples) / log.rate
+    late = shifted(log.command, time, model.command_delay)
+    smooth = band.smooth(late)
+    return smooth + weight if log.gravity_compensation == "robot" else smooth
+
+
+def _lagged(values: Array, time_constant: float, time: Array) -> Array:
+    """Follows velocities (N, n) with the reported ones' first-order lag."""
+    return np.column_stack([lagged(column, time, time_constant) for column in values.T])
+
+
+def shifted(values: Array, time: Array, late: float) -> Array:
+    """Gives samples (N, n) of what is late by a time, by cubic pieces; before the start the first value stands."""
+    if late == 0.0:
+        return values
+    return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
+
+
+def _thinned(log: Log) -> Log:
+    def take(values: Array | None) -> Array | None:
+        return None if values is None else thin(values, log.rate)[0]
+
+    position, rate = thin(log.position, log.rate)
+    return Log(
+        name=log.name,
+        group=log.group,
+        rate=rate,
+        position=position,
+        velocity=take(log.velocity),
+        effort=take(log.effort),
+        command=take(log.command),
+        position_command=take(log.position_command),
+        effort_source=log.effort_source,
+        gravity_compensation=log.gravity_compensation,
+        start=log.start,
+        touching=None if log.touching is None else thin_mask(log.touching, log.rate),
+        grid=log.grid,
+    )

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stage 10: do the causes help a simulation too? Held-out windows, lived through by the plant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.result import Cause, Diagnosis
+from impedance_modules.diagnosis.rollout.rollout_error import (
+    floor_of_repeats,
+    floor_of_seeds,
+    judge,
+    power,
+    yardsticks,
+)
+from impedance_modules.diagnosis.rollout.drive import choose_drive
+from impedance_modules.diagnosis.rollout.nuisance import Nuisance, fitted_nuisance, no_nuisance
+from impedance_modules.diagnosis.rollout.outcome import CauseRollout, LeftOut, Rollout, nothing_rolled_out
+from impedance_modules.diagnosis.rollout.robot import robot_of_model, turning_freely
+from impedance_modules.diagnosis.rollout.simulated_windows import Lived, live
+from impedance_modules.diagnosis.rollout.summary import Sides, summarise
+from impedance_modules.diagnosis.rollout.simulated_robot import dress, spec_of_cause, wearable
+from impedance_modules.diagnosis.rollout.windows import (
+    Window,
+    common_windows,
+    floor_windows,
+    held_out_windows,
+)
+from impedance_modules.errors import BadFile, ImpedanceError
+from impedance_modules.spec.patch import EffectSpec
+from impedance_modules.spec.robot import RobotSpec
+
+Array = NDArray[np.float64]
+
+MOST_THINNED = 4
+"""Of several causes each is taken away on a part of the windows only, at least on every fourth."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """All that the runs of one diagnosis share."""
+
+    evidence: Evidence
+    robot: RobotSpec
+    drive: str
+    windows: tuple[Window, ...]
+    pairs: tuple[tuple[int, int], ...]
+
+    def live(self, effects: Sequence[EffectSpec], nuisance: Nuisance, windows: Sequence[Window]) -> Lived:
+        prepared = self.evidence.prepared
+        return live(dress(self.robot, effects, nuisance, prepared[0].tree), self.drive, prepared, windows)
+
+    @cached_property
+    def fitted(self) -> Nuisance:
+        return fitted_nuisance(self.evidence)
+
+    def floors(self, after: Lived, effects: Sequence[EffectSpec]) -> tuple[str, tuple[Array, Array]]:
+        """Position's and velocity's (n,), from held-out repeats, else from fitted ones, else from the seeds."""
+        common = common_windows(self.windows, self.pairs)
+        if common:
+            return "repeats", self._repeated(after, common)
+        windows = floor_windows(self.evidence.prepared, self.pairs)
+        if windows:
+            apart = self.live(effects, self.fitted, windows)
+            return "repeats", self._repeated(apart, common_windows(windows, self.pairs))
+        held = [self.evidence.prepared[index] for index in self.evidence.heldout]
+        dressed = dress(self.robot, (), self.fitted, held[0].tree)
+        return "weak", floor_of_seeds(
+            held, after.time, None if self.drive == "command" else dressed.lightness
+        )
+
+    @staticmethod
+    def _repeated(lived: Lived, common: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
+        return floor_of_repeats(lived.position, common), floor_of_repeats(lived.velocity, common)
+
+
+def with_rollouts(
+    found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, worn: Sequence[EffectSpec]
+) -> Diagnosis:
+    """Adds the rollouts to a diagnosis; a cause that worsens them takes `explained` back.
+
+    Args:
+        found: What the torques say.
+        evidence: All recordings and the fit.
+        model: The nominal model.
+        urdf: Its links.
+        worn: Effects of a patch that the model wears to begin with.
+    """
+    rollout = roll_out(found, evidence, model, urdf, worn)
+    causes = tuple(
+        replace(cause, rollout=rollout.causes.get((cause.effect, cause.port))) for cause in found.causes
+    )
+    worse = [c.effect for c in causes if c.rollout is not None and c.rollout.verdict == "worsens"]
+    if not worse and causes and rollout.whole is not None and rollout.whole.verdict == "worsens":
+        worse = ["all causes together"]
+    verdict, remainder = found.verdict, found.remainder
+    if worse and verdict == "explained":
+        verdict = "partly_explained"
+        words = f"{remainder.structure}; better torques but worse simulated motion with {', '.join(worse)}"
+        remainder = replace(remainder, explained=False, structure=words)
+    return replace(found, rollout=rollout, causes=causes, verdict=verdict, remainder=remainder)
+
+
+def roll_out(
+    found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, worn: Sequence[EffectSpec]
+) -> Rollout:
+    """Rolls the held-out recordings out, without and with the causes."""
+    held = [evidence.prepared[index] for index in evidence.heldout]
+    drive = choose_drive(held[0])
+    if not drive:
+        return nothing_rolled_out(LeftOut("all recordings", "they hold no torque that could drive a plant"))
+    # Recordings that lack this torque cannot stand beside the others.
+    alike = [index for index, item in enumerate(evidence.prepared) if choose_drive(item) == drive]
+    windows = held_out_windows(evidence.prepared, [index for index in evidence.heldout if index in alike])
+    if not windows:
+        return nothing_rolled_out(LeftOut("all recordings", "the held-out ones are too short for a window"))
+    pairs = tuple(pair for pair in _pairs(evidence) if set(pair) <= set(alike))
+    with turning_freely(urdf) as links:
+        robot = robot_of_model(model, links, drive, held[0].log.gravity_compensation)
+        return _compared(_Stage(evidence, robot, drive, windows, pairs), found.causes, worn)
+
+
+def _compared(stage: _Stage, causes: Sequence[Cause], worn: Sequence[EffectSpec]) -> Rollout:
+    base, left_out = wearable(worn, stage.drive)
+    # A push is bound to its recording's time: no window of another can live it again.
+    specs = {(c.effect, c.port): spec_of_cause(c) for c in causes if c.port != "contact"}
+    kept, dropped = wearable(tuple(specs.values()), stage.drive)
+    chosen = {key: spec for key, spec in specs.items() if spec in kept}
+    try:
+        before = stage.live(base, no_nuisance(stage.evidence.prepared[0].tree), stage.windows)
+        after, chosen, refused = _dressed(stage, base, chosen)
+        floor, floors = stage.floors(after, (*base, *chosen.values()))
+        verdicts = _verdicts(stage, base, chosen, after, floors)
+    except ImpedanceError as error:
+        return nothing_rolled_out(LeftOut("all recordings", _why(error)))
+    sides = Sides(before, after, floors)
+    return summarise(
+        stage.evidence, stage.drive, stage.windows, sides, floor, verdicts, (*left_out, *dropped, *refused)
+    )
+
+
+def _dressed(
+    stage: _Stage, base: Sequence[EffectSpec], chosen: dict[tuple[str, str], EffectSpec]
+) -> tuple[Lived, dict[tuple[str, str], EffectSpec], tuple[LeftOut, ...]]:
+    """Rolls out with all causes that the plant can wear together; whoever cannot join is left out, with the reason."""
+    able: dict[tuple[str, str], EffectSpec] = {}
+    refused: list[LeftOut] = []
+    tree = stage.evidence.prepared[0].tree
+    for key, spec in chosen.items():
+        try:
+            dress(stage.robot, (*base, *able.values(), spec), stage.fitted, tree)
+        except ImpedanceError as error:
+            refused.append(LeftOut(f"{spec.effect} on {', '.join(spec.parameters)}", _why(error)))
+        else:
+            able[key] = spec
+    return stage.live((*base, *able.values()), stage.fitted, stage.windows), able, tuple(refused)
+
+
+def _verdicts(
+    stage: _Stage,
+    base: Sequence[EffectSpec],
+    chosen: dict[tuple[str, str], EffectSpec],
+    after: Lived,
+    floors: tuple[Array, Array],
+) -> dict[tuple[str, str], CauseRollout]:
+    """Takes each cause away from all of them; the windows are the same."""
+    every = min(max(1, len(chosen)), MOST_THINNED)
+    some = stage.windows[::every]
+    sticks = yardsticks(after, floors)
+    thinned = Lived(after.time, after.position[::every], after.velocity[::every])
+    names = stage.evidence.prepared[0].tree.joints
+    out = {}
+    for key, spec in chosen.items():
+        others = [other for name, other in chosen.items() if name != key]
+        # A cause shows where it acts; one of the whole robot on all joints.
+        joints = [names.index(joint) for joint in spec.joints] or range(len(names))
+        without = stage.live((*base, *others), stage.fitted, some)
+        out[key] = judge(power(without, sticks, joints), power(thinned, sticks, joints))
+    return out
+
+
+def _why(error: ImpedanceError) -> str:
+    """The reason in words; the causes stand in no file, so no place in one is named."""
+    if isinstance(error, BadFile):
+        return "; ".join(problem.message for problem in error.problems)
+    return str(error)
+
+
+def _pairs(evidence: Evidence) -> list[tuple[int, int]]:
+    """Pairs of recordings of one motion, held-out ones first."""
+    prepared, held = evidence.prepared, set(evidence.heldout)
+    found = [
+        (j, i)
+        for i in range(len(prepared))
+        for j in range(i)
+        if prepared[i].log.group == prepared[j].log.group and (i in held) == (j in held)
+    ]
+    return sorted(found, key=lambda pair: pair[0] not in held)
