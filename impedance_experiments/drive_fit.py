@@ -16,8 +16,8 @@ from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.effects.catalogue import BENCH, CATALOGUE
-from impedance_modules.spec.patch import EffectSpec
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.patch_file import EffectSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 

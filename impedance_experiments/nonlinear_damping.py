@@ -19,8 +19,8 @@ from impedance_experiments.struck_joint import swinging_joint
 from impedance_experiments.task_run import TaskRun, record_task
 from impedance_experiments.variants import task_with
 from impedance_modules.effects.joint_motion import sign
-from impedance_modules.spec.change import task_document
-from impedance_modules.spec.patch import EffectSpec
+from impedance_modules.spec.task_text import task_document
+from impedance_modules.spec.patch_file import EffectSpec
 
 Array = NDArray[np.float64]
 

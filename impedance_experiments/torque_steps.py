@@ -19,7 +19,7 @@ from impedance_modules.diagnosis.diagnose import diagnose
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.result import Diagnosis
 from impedance_modules.effects.joint_motion import sign
-from impedance_modules.spec.change import task_document
+from impedance_modules.spec.task_text import task_document
 from impedance_modules.spec.task_reader import read_task
 
 Array = NDArray[np.float64]

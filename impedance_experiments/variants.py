@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from impedance_modules.spec.change import changed, find_steps, task_document
-from impedance_modules.spec.source import Document, scan_document
+from impedance_modules.spec.task_text import changed, find_steps, task_document
+from impedance_modules.spec.document import Document, scan_document
 
 
 def task_with(name: str, values: Mapping[str, Any], folder: Path, mark: str) -> Path:

@@ -19,7 +19,7 @@ from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.playback import JointPath
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.playback_run import make_playback
-from impedance_modules.spec.robot import PlaybackSpec
+from impedance_modules.spec.robot_spec import PlaybackSpec
 from impedance_modules.spec.task import SurfaceSpec
 
 Array = NDArray[np.float64]

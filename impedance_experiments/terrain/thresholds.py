@@ -13,7 +13,7 @@ from impedance_experiments.page import Cell, Table, table_of
 from impedance_experiments.settings import Settings
 from impedance_experiments.terrain.runs import Job, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
-from impedance_modules.spec.robot import PlaybackSpec
+from impedance_modules.spec.robot_spec import PlaybackSpec
 
 SENSITIVITIES = (0.5, 1.0, 2.0, math.inf)
 """Collision thresholds over those of the robot file; with infinity nothing is a collision."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from impedance_modules.diagnosis.data.nominal_model import NominalModel
     from impedance_modules.diagnosis.result import Diagnosis
     from impedance_modules.episode.data import Episode
-    from impedance_modules.spec.patch import EffectSpec
+    from impedance_modules.spec.patch_file import EffectSpec
 
 PATH = click.Path(path_type=Path)
 
@@ -122,7 +122,7 @@ def _model(robot: str | None, urdf: Path | None, episodes: list[Episode]) -> tup
 
 def _worn(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...]:
     """Reads the patch that the model wears to begin with."""
-    from impedance_modules.spec.patch import read_patch
+    from impedance_modules.spec.patch_file import read_patch
 
     if effects is None:
         return ()
@@ -160,7 +160,7 @@ def _write_recording(found: Diagnosis, path: Path | None) -> None:
     if not found.series:
         click.echo(f"{path}: not written, there is no residual to show", err=True)
         return
-    from impedance_modules.episode.comparison import Comparison, write_comparisons
+    from impedance_modules.episode.residual_view import Comparison, write_comparisons
 
     curves = [
         Comparison(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from impedance_modules.diagnosis.data.nominal_model import NominalModel
     from impedance_modules.diagnosis.experiment_design.propose import Probe
-    from impedance_modules.spec.robot import RobotSpec
+    from impedance_modules.spec.robot_spec import RobotSpec
 
 PATH = click.Path(path_type=Path)
 

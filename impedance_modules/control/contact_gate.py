@@ -21,7 +21,7 @@ from impedance_modules.control.conditions import Touch
 from impedance_modules.modules.weight import STANDARD_GRAVITY
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
-from impedance_modules.spec.patch import read_patch
+from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.task import ContactCondition
 
 Array = NDArray[np.float64]

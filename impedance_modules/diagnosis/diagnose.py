@@ -27,7 +27,7 @@ from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
 from impedance_modules.diagnosis.wearing import wearing
 from impedance_modules.effects.catalogue import BENCH, SURFACES, WATER
 from impedance_modules.episode.data import Episode
-from impedance_modules.spec.patch import EffectSpec
+from impedance_modules.spec.patch_file import EffectSpec
 
 ROWS_MIN = 12
 """Fewest samples in the band that a recording must give."""

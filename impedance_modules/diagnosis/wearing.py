@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.spec.patch import EffectSpec
+from impedance_modules.spec.patch_file import EffectSpec
 
 ROTOR, SPRING = "reflected_inertia", "joint_elasticity"
 """Effects that replace a number of the model."""

@@ -14,8 +14,8 @@ from impedance_modules.effects.surface_effects import SurfaceEffect, surface_ind
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import PatchSpec
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.patch_file import PatchSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task import SurfaceSpec
 
 

@@ -17,7 +17,7 @@ from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.stepped import Stepped
 from impedance_modules.robot.rotation import exp3
-from impedance_modules.spec.robot import BodyChange, RobotSpec
+from impedance_modules.spec.robot_spec import BodyChange, RobotSpec
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from impedance_modules.effects.residual_kinds import Residual, Stage
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.stepped import Stepped
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 

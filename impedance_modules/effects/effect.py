@@ -24,7 +24,7 @@ from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
 from impedance_modules.effects.joint_motion import Sample, Shape, smoothing
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]

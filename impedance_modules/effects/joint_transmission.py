@@ -22,7 +22,7 @@ from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.model import with_reflected_inertia
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 

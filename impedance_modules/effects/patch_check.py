@@ -14,8 +14,8 @@ from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import surface_index
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, Quantity
+from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.urdf import UrdfJoint, read_urdf
 
 KIND_IN_WORDS: dict[KeyKind, str] = {

@@ -16,7 +16,7 @@ from impedance_modules.effects.joint_friction import BOTH_SIDES, WORN
 from impedance_modules.effects.residual_kinds import COVERS, Residual
 from impedance_modules.effects.joint_motion import Sample, Shape
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.spec.robot import ParallelSpringSpec, RobotSpec
+from impedance_modules.spec.robot_spec import ParallelSpringSpec, RobotSpec
 
 Array = NDArray[np.float64]
 

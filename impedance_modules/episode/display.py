@@ -10,7 +10,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from impedance_modules.episode.recording import new_stream
+from impedance_modules.episode.rerun_writer import new_stream
 from impedance_modules.errors import BadInput
 
 DISPLAYS: tuple[str, ...] = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")

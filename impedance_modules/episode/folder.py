@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from impedance_modules.episode.files import EPISODE, part_paths
+from impedance_modules.episode.run_folder import EPISODE, part_paths
 from impedance_modules.errors import BadInput
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from impedance_modules.episode.files import EPISODE, RunLock, part_paths
+from impedance_modules.episode.run_folder import EPISODE, RunLock, part_paths
 from impedance_modules.errors import BadInput
 
 

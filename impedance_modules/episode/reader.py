@@ -23,7 +23,7 @@ from impedance_modules.episode.columns import (
 )
 from impedance_modules.episode.data import Episode, Matrix, Texts, Vector
 from impedance_modules.episode.metadata import decode_metadata
-from impedance_modules.episode.parts import is_required
+from impedance_modules.episode.file_format import is_required
 from impedance_modules.episode.source import ReadColumn, open_source
 from impedance_modules.errors import BadInput
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.episode.columns import PHASE, parse_columns
 from impedance_modules.episode.metadata import check_metadata
-from impedance_modules.episode.parts import episode_schema, is_required, write_merged
+from impedance_modules.episode.file_format import episode_schema, is_required, write_merged
 from impedance_modules.errors import BadInput
 
 

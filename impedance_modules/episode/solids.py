@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 
 from impedance_modules.episode.palette import BODY
-from impedance_modules.episode.scene import Body, BodyShape
+from impedance_modules.episode.view_scene import Body, BodyShape
 
 
 def solid(shape: BodyShape, body: Body) -> Any:

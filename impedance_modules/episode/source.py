@@ -9,8 +9,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from impedance_modules.episode.files import EPISODE, RunLock, part_paths
-from impedance_modules.episode.parts import merge_parts, read_parts
+from impedance_modules.episode.run_folder import EPISODE, RunLock, part_paths
+from impedance_modules.episode.file_format import merge_parts, read_parts
 from impedance_modules.errors import BadInput
 
 ReadColumn = Callable[[str], pa.ChunkedArray]

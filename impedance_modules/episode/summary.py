@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from impedance_modules.episode.files import SUMMARY, whole_file
+from impedance_modules.episode.run_folder import SUMMARY, whole_file
 
 
 def write_summary(directory: Path, summary: Mapping[str, Any]) -> Path:

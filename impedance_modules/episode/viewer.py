@@ -13,12 +13,12 @@ from impedance_modules.episode import entities
 from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, POSE_COMPONENTS, WRENCH_COMPONENTS
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.display import open_viewer
-from impedance_modules.episode.files import EPISODE, RECORDING
-from impedance_modules.episode.layout import columns_layout
+from impedance_modules.episode.run_folder import EPISODE, RECORDING
+from impedance_modules.episode.view_layout import columns_layout
 from impedance_modules.episode.palette import series_colour
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.episode.recording import open_stream, send_curves, time_index
-from impedance_modules.episode.scene import Array
+from impedance_modules.episode.rerun_writer import open_stream, send_curves, time_index
+from impedance_modules.episode.view_scene import Array
 from impedance_modules.errors import BadInput
 
 UNITS = {

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.columns import PHASE, TIME, parse_columns
-from impedance_modules.episode.files import EPISODE, part_path
+from impedance_modules.episode.run_folder import EPISODE, part_path
 from impedance_modules.episode.metadata import check_metadata
 from impedance_modules.episode.opening import open_directory
-from impedance_modules.episode.parts import episode_schema, merge_parts, rows_to_table, write_part
+from impedance_modules.episode.file_format import episode_schema, merge_parts, rows_to_table, write_part
 from impedance_modules.episode.ring import RowRing
 from impedance_modules.errors import BadInput, SafetyStop
 

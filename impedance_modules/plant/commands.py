@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.spec.robot import TimingSpec
+from impedance_modules.spec.robot_spec import TimingSpec
 
 Array = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from impedance_modules.plant.joints import structural_stiffness
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.robot import ParallelSpringSpec
+from impedance_modules.spec.robot_spec import ParallelSpringSpec
 from impedance_modules.spec.task import SurfaceSpec
 
 Array = NDArray[np.float64]

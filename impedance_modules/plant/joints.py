@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from impedance_modules.plant.options import STOP_TIME
 from impedance_modules.plant.records import ELASTIC, IDEAL, JOINT, RIGID, Table
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.robot import JointSpec
+from impedance_modules.spec.robot_spec import JointSpec
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from impedance_modules.plant.driven import BoardOrders, DrivenPlant
 from impedance_modules.plant.servo import Reach, Reference, Sensed, Servo, Tuning
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.state import RobotState
-from impedance_modules.spec.robot import PlaybackSpec
+from impedance_modules.spec.robot_spec import PlaybackSpec
 
 Array = NDArray[np.float64]
 

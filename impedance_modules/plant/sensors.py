@@ -26,7 +26,7 @@ from impedance_modules.plant.compiled_sensors import (
     report,
 )
 from impedance_modules.robot.state import RobotState
-from impedance_modules.spec.robot import SensorSpec
+from impedance_modules.spec.robot_spec import SensorSpec
 
 Array = NDArray[np.float64]
 

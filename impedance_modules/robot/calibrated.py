@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.spec.robot import JointOrigin
+from impedance_modules.spec.robot_spec import JointOrigin
 
 
 def calibrated_description(urdf: Path, origins: Mapping[str, JointOrigin]) -> str:

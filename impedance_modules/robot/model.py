@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.robot.calibrated import calibrated_description
 from impedance_modules.robot.pose import Pose
-from impedance_modules.spec.robot import BodyChange, JointSpec, RobotSpec
+from impedance_modules.spec.robot_spec import BodyChange, JointSpec, RobotSpec
 
 Array = NDArray[np.float64]
 

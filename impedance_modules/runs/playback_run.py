@@ -24,7 +24,7 @@ from impedance_modules.control.supervisor import Ending
 from impedance_modules.effects.apply import wear_plant
 from impedance_modules.episode.columns import joint_columns, pose_columns, wrench_columns
 from impedance_modules.episode.metadata import episode_metadata, library_versions
-from impedance_modules.episode.picture import PICTURE_KINDS, write_picture
+from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.summary import write_summary
 from impedance_modules.episode.writer import EpisodeWriter

@@ -20,7 +20,7 @@ from impedance_modules.errors import BadInput, EndOfRecording, ReplayMismatch
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.run_backends import acting_in
 from impedance_modules.runs.recorder import MISSED
-from impedance_modules.spec.robot import JointOrigin
+from impedance_modules.spec.robot_spec import JointOrigin
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.safety.problem import Vector
-from impedance_modules.spec.robot import JointSpec, TimingSpec
+from impedance_modules.spec.robot_spec import JointSpec, TimingSpec
 
 GENTLE_APPROACH = 0.2
 """A pair that closes at 1 m/s is then slowed from 0.2 m before its margin on, with 5 m/s^2 [s]."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.spec.robot import JointSpec, SensorSpec
+from impedance_modules.spec.robot_spec import JointSpec, SensorSpec
 
 Vector = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.draft_arms import DraftArm
 from impedance_modules.spec.mirror import WORLD, mirrored_frames
-from impedance_modules.spec.robot import JointSpec, LimbSpec
+from impedance_modules.spec.robot_spec import JointSpec, LimbSpec
 from impedance_modules.spec.task_draft import Draft
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import Path

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from impedance_modules.errors import ImpedanceError
-from impedance_modules.spec.source import parse_document
+from impedance_modules.spec.document import parse_document
 
 Spent = Literal["throughout", "at its end"]
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.spec.robot import LimbSpec, MirrorSpec
+from impedance_modules.spec.robot_spec import LimbSpec, MirrorSpec
 from impedance_modules.spec.task import AXES, HybridAxis, Matrix, SpringSpec
 from impedance_modules.spec.urdf import UrdfFacts
 

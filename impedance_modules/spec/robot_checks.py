@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from impedance_modules.errors import Problem, nearest
-from impedance_modules.spec.source import Document
+from impedance_modules.spec.document import Document
 from impedance_modules.spec.urdf import UrdfFacts, UrdfJoint
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from impedance_modules.errors import BadFile
 from impedance_modules.spec.locate import ROBOT_FILE, find_robot
-from impedance_modules.spec.robot import (
+from impedance_modules.spec.robot_spec import (
     CollisionSpec,
     ContactDetectionSpec,
     JointSpec,
@@ -26,7 +26,7 @@ from impedance_modules.spec.robot import (
 )
 from impedance_modules.spec.robot_checks import robot_problems
 from impedance_modules.spec.schema import schema_problems
-from impedance_modules.spec.source import scan_document
+from impedance_modules.spec.document import scan_document
 from impedance_modules.spec.urdf import read_urdf
 
 RIGID = "rigid"

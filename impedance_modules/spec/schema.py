@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.locate import find_schema
 from impedance_modules.spec.schema_sentences import Deviation, say
-from impedance_modules.spec.source import Document
+from impedance_modules.spec.document import Document
 from impedance_modules.spec.yaml_tree import Path
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impedance_modules.spec.wood import WoodSpec
 
 if TYPE_CHECKING:
-    from impedance_modules.spec.source import Document
+    from impedance_modules.spec.document import Document
 
 Matrix = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from impedance_modules.errors import Problem
-from impedance_modules.spec.robot import LimbSpec, RobotSpec
-from impedance_modules.spec.source import Document
+from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
+from impedance_modules.spec.document import Document
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import Path
 

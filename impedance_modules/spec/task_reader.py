@@ -27,10 +27,10 @@ from impedance_modules.spec.check_playback import playback_problems
 from impedance_modules.spec.check_springs import spring_problems
 from impedance_modules.spec.draft_arms import DraftArm, draft_arms
 from impedance_modules.spec.locate import find_robot, find_task
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.schema import schema_faults
-from impedance_modules.spec.source import Document, scan_document
+from impedance_modules.spec.document import Document, scan_document
 from impedance_modules.spec.task import TaskSpec
 from impedance_modules.spec.task_draft import Draft
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf

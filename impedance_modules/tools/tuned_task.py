@@ -17,8 +17,8 @@ from impedance_modules.prediction.energy import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.change import Steps, changed, task_document
-from impedance_modules.spec.source import Document
+from impedance_modules.spec.task_text import Steps, changed, task_document
+from impedance_modules.spec.document import Document
 from impedance_modules.tools.spring_tuning import Question, Tuned, named
 
 AMPLE = 50.0

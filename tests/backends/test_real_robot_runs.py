@@ -18,7 +18,7 @@ from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.verify import verify
 from impedance_modules.safety.stop_events import Rung
-from impedance_modules.spec.robot import JointOrigin, RobotSpec
+from impedance_modules.spec.robot_spec import JointOrigin, RobotSpec
 
 GAP = (1750, 1766)
 """Reads without a state while the arms move: 32 ms at 500 Hz, after which they brake."""

@@ -25,7 +25,7 @@ from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.seeded import Seed, SeededPlant
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import EffectSpec, Quantity
+from impedance_modules.spec.patch_file import EffectSpec, Quantity
 from impedance_modules.spec.schema import load_schema
 from tests.support.plant_recordings import MOVING, START, patch_text, record, robot_folder, two_joints
 

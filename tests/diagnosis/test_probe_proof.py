@@ -17,7 +17,7 @@ from impedance_modules.episode.save import write_episode
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import read_patch
+from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.robot_reader import read_robot
 from tests.support.plant_recordings import RATE, patch_text, robot_folder
 

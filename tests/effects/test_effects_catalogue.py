@@ -26,8 +26,8 @@ from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.apply import wear_patch, wear_plant, wear_surfaces
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import read_patch
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.patch_file import read_patch
+from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.task import SurfaceSpec
 from tests.support.paths import CHECKOUT

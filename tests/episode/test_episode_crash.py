@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from impedance_modules.episode import ring, writer
-from impedance_modules.episode.files import RunLock, part_paths
+from impedance_modules.episode.run_folder import RunLock, part_paths
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.writer import EpisodeWriter

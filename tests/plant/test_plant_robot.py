@@ -15,7 +15,7 @@ from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.plant.commands import CommandLine, Mode, Order, delay_periods
 from impedance_modules.plant.effects_port import JointMotion
 from impedance_modules.plant.options import PlantOptions, divide
-from impedance_modules.spec.robot import TimingSpec
+from impedance_modules.spec.robot_spec import TimingSpec
 from tests.support.plant_parts import (
     BAXTER,
     PERFECT,

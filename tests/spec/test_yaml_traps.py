@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.errors import BadFile, BadInput
-from impedance_modules.spec.source import LARGEST_FILE, parse_document, print_path, read_document
+from impedance_modules.spec.document import LARGEST_FILE, parse_document, print_path, read_document
 from impedance_modules.spec.yaml_scalars import read_plain
 from impedance_modules.spec.yaml_tree import MOST_VALUES
 

@@ -24,7 +24,7 @@ from impedance_modules.backends.baxter.sea_columns import SeaColumns
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
-from impedance_modules.spec.patch import read_patch
+from impedance_modules.spec.patch_file import read_patch
 
 
 class LockstepDouble:

@@ -20,7 +20,7 @@ from impedance_modules.backends.baxter import gates, messages, session, topics
 from impedance_modules.backends.baxter.session import Session
 from impedance_modules.backends.baxter.transport.in_process import InProcessMaster, InProcessTransport
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 ON = messages.AssemblyState(True, True, False, False, 0, 0)
 GRIPPERS = ("l_gripper_l_finger_joint", "l_gripper_r_finger_joint")

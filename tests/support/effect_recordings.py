@@ -20,8 +20,8 @@ from impedance_modules.effects.apply import wear_patch, wear_plant
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import PatchSpec, read_patch
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.patch_file import PatchSpec, read_patch
+from impedance_modules.spec.robot_spec import RobotSpec
 from tests.support.plant_parts import SIX_JOINTS, exact, spec_of
 
 RATE = 1000.0

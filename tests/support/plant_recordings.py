@@ -15,8 +15,8 @@ from impedance_modules.episode.save import write_episode
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import read_patch
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.patch_file import read_patch
+from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.robot_reader import read_robot
 from tests.support.paths import TESTS
 

@@ -28,7 +28,7 @@ from impedance_modules.backends.baxter.joint_tree import (
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
-from impedance_modules.spec.robot import JointOrigin, LimbSpec, RobotSpec
+from impedance_modules.spec.robot_spec import JointOrigin, LimbSpec, RobotSpec
 
 Array = NDArray[np.float64]
 

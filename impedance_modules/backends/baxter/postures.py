@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from impedance_modules.errors import BadInput
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task_reader import read_task
 
 NEUTRAL: Mapping[str, float] = {

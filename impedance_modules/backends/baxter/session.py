@@ -18,7 +18,7 @@ from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.backends.baxter.transport.protocol import Transport
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.robot.model import Limb, RobotModel
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 LISTENING = 1.3
 """For how long a robot is heard before it is judged [s]; its rate is measured over one second in which this process

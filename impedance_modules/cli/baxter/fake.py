@@ -93,7 +93,7 @@ def command(
     from impedance_modules.backends.baxter.fake.options import FakeOptions, over_torque_of, time_out_result_of
     from impedance_modules.backends.baxter.transport.sockets.master import MasterClient, master_uri_of
     from impedance_modules.cli.baxter.ending import Ending
-    from impedance_modules.spec.patch import read_patch
+    from impedance_modules.spec.patch_file import read_patch
 
     if list_faults:
         click.echo(describe())

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.errors import BadInput
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 

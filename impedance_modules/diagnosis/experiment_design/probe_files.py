@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.experiment_design.probe_choice import Proposal
 from impedance_modules.diagnosis.experiment_design.follow import RATIO, Follower
-from impedance_modules.spec.robot import LimbSpec, RobotSpec
+from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
 
 Array = NDArray[np.float64]
 

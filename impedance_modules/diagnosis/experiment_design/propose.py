@@ -19,7 +19,7 @@ from impedance_modules.diagnosis.experiment_design.motion_limits import EFFORT_S
 from impedance_modules.diagnosis.experiment_design.start import choose_start
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.effects.residual_kinds import Residual
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 NOISE_SHARE = 0.002
 """Noise that is assumed without a diagnosis, over a joint's torque limit."""

@@ -29,7 +29,7 @@ from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import predicted
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.recorded_signals import Signals, differentiate
-from impedance_modules.spec.patch import EffectSpec
+from impedance_modules.spec.patch_file import EffectSpec
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from impedance_modules.diagnosis.regression.nuisance_columns import (
     inertia_prior,
 )
 from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree
-from impedance_modules.spec.robot import BodyChange
+from impedance_modules.spec.robot_spec import BodyChange
 
 Array = NDArray[np.float64]
 

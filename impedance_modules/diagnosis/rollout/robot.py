@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.spec.robot import (
+from impedance_modules.spec.robot_spec import (
     CollisionSpec,
     ContactDetectionSpec,
     JointSpec,

@@ -35,8 +35,8 @@ from impedance_modules.diagnosis.rollout.windows import (
     held_out_windows,
 )
 from impedance_modules.errors import BadFile, ImpedanceError
-from impedance_modules.spec.patch import EffectSpec
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.patch_file import EffectSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 

@@ -24,9 +24,9 @@ from impedance_modules.errors import BadInput
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.seeded import SeededPlant
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
-from impedance_modules.spec.robot import RobotSpec
-from impedance_modules.spec.source import parse_document
+from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, Quantity
+from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.document import parse_document
 
 Array = NDArray[np.float64]
 

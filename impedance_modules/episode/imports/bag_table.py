@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impedance_modules.episode.columns import TIME
 from impedance_modules.episode.imports.bag_file import BagFile, JointMessage, open_bag
 from impedance_modules.episode.imports.bag_streams import Stream, StreamSet
-from impedance_modules.episode.imports.mapping import COMMANDS, TableMap
+from impedance_modules.episode.imports.import_map import COMMANDS, TableMap
 from impedance_modules.episode.imports.table import CHUNK_ROWS, Chunk, find_column, refuse_nonfinite
 from impedance_modules.errors import BadInput
 

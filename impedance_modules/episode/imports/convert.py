@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.episode.columns import JOINT_KINDS, TIME, joint_column
 from impedance_modules.episode.imports.blocks import Block, Vector
-from impedance_modules.episode.imports.mapping import EFFORTS, ImportMap, Quantity, TableMap
+from impedance_modules.episode.imports.import_map import EFFORTS, ImportMap, Quantity, TableMap
 from impedance_modules.episode.imports.table import (
     CHUNK_ROWS,
     Chunk,

@@ -7,13 +7,13 @@ import shutil
 from pathlib import Path
 
 from impedance_modules.episode.columns import JOINT_KINDS, TIME, parse_columns
-from impedance_modules.episode.files import EPISODE
+from impedance_modules.episode.run_folder import EPISODE
 from impedance_modules.episode.imports.blocks import Block
 from impedance_modules.episode.imports.clock import Clock
 from impedance_modules.episode.imports.parquet_table import ParquetTable
 from impedance_modules.episode.imports.pipeline import Imported
 from impedance_modules.episode.metadata import decode_metadata
-from impedance_modules.episode.parts import is_required
+from impedance_modules.episode.file_format import is_required
 from impedance_modules.episode.source import open_source
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import firwin, kaiserord, oaconvolve
 
 from impedance_modules.episode.imports.blocks import Block
-from impedance_modules.episode.imports.mapping import ImportMap
+from impedance_modules.episode.imports.import_map import ImportMap
 from impedance_modules.errors import BadFile, BadInput
 
 ATTENUATION = 60.0

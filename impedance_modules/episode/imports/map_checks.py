@@ -13,7 +13,7 @@ from impedance_modules.episode.imports.quantity_checks import extra_problems, qu
 from impedance_modules.episode.imports.robot_facts import RobotFacts
 from impedance_modules.episode.imports.transmission import transmission_matrix
 from impedance_modules.errors import Problem, nearest
-from impedance_modules.spec.source import Document
+from impedance_modules.spec.document import Document
 
 _TEXT_ONLY = ("header", "skip_rows", "comment")
 _SINGULAR = 1e12

@@ -9,7 +9,7 @@ from typing import Any
 
 from impedance_modules.episode.columns import JOINT_KINDS
 from impedance_modules.episode.imports.map_checks import map_problems
-from impedance_modules.episode.imports.mapping import (
+from impedance_modules.episode.imports.import_map import (
     Decimation,
     ImportMap,
     Quantity,
@@ -28,7 +28,7 @@ from impedance_modules.episode.imports.transmission import transmission_matrix
 from impedance_modules.episode.imports.units import COUNTS, TIME_UNITS, unit_factors
 from impedance_modules.errors import BadFile
 from impedance_modules.spec.schema import schema_problems
-from impedance_modules.spec.source import Document, parse_document, scan_document
+from impedance_modules.spec.document import Document, parse_document, scan_document
 
 SCHEMA = "import-map"
 

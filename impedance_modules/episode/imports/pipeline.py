@@ -16,13 +16,13 @@ from impedance_modules.episode.imports.blocks import Block
 from impedance_modules.episode.imports.clock import Clock
 from impedance_modules.episode.imports.convert import Part, blocks, column_order, make_part
 from impedance_modules.episode.imports.decimate import decimated
-from impedance_modules.episode.imports.mapping import ImportMap
-from impedance_modules.episode.imports.open_table import open_table
-from impedance_modules.episode.imports.plausible import Plausibility
+from impedance_modules.episode.imports.import_map import ImportMap
+from impedance_modules.episode.imports.log_sources import open_table
+from impedance_modules.episode.imports.log_checks import Plausibility
 from impedance_modules.episode.imports.recordings import Recording
 from impedance_modules.episode.imports.speed_match import SpeedMatch
 from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.episode.parts import episode_schema, is_required, write_merged
+from impedance_modules.episode.file_format import episode_schema, is_required, write_merged
 from impedance_modules.errors import BadInput
 
 

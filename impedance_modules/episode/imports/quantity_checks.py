@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, PHASE, TANK, TIME
-from impedance_modules.episode.imports.mapping import EFFORTS, POSITIONS
+from impedance_modules.episode.imports.import_map import EFFORTS, POSITIONS
 from impedance_modules.episode.imports.units import COUNTS, GAIN_UNITS, unit_factors
 from impedance_modules.errors import Problem, nearest
-from impedance_modules.spec.source import Document
+from impedance_modules.spec.document import Document
 
 _TAKEN = (*JOINT_KINDS, *FRAME_KINDS, TIME, PHASE, TANK)
 _BY_JOINT = ("unit", "sign", "offset", "gain", "counts_per_rev")

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from impedance_modules.episode.files import EPISODE
-from impedance_modules.episode.imports.mapping import ImportMap
-from impedance_modules.episode.imports.open_table import kind_of
+from impedance_modules.episode.run_folder import EPISODE
+from impedance_modules.episode.imports.import_map import ImportMap
+from impedance_modules.episode.imports.log_sources import kind_of
 from impedance_modules.errors import BadInput
 
 EPISODE_MARK = "{episode}"

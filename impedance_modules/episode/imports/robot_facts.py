@@ -9,7 +9,7 @@ from pathlib import Path
 
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.spec.locate import find_robot, list_robots
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 

@@ -13,11 +13,11 @@ from pathlib import Path
 
 from impedance_modules.episode.imports.copy_episode import copy_episode
 from impedance_modules.episode.imports.map_reader import parse_map, read_map
-from impedance_modules.episode.imports.mapping import ImportMap
-from impedance_modules.episode.imports.open_table import kind_of
+from impedance_modules.episode.imports.import_map import ImportMap
+from impedance_modules.episode.imports.log_sources import kind_of
 from impedance_modules.episode.imports.pipeline import Imported, import_recording
 from impedance_modules.episode.imports.recordings import Recording, mapped_recordings, plain_recordings
-from impedance_modules.episode.imports.sniff import bag_map, recorder_map
+from impedance_modules.episode.imports.own_maps import bag_map, recorder_map
 from impedance_modules.errors import BadInput
 
 SUFFIX = ".parquet"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.episode.columns import joint_column
 from impedance_modules.episode.imports.blocks import Block
-from impedance_modules.episode.imports.mapping import ImportMap
+from impedance_modules.episode.imports.import_map import ImportMap
 from impedance_modules.errors import BadInput
 
 SPAN = 10

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.episode.imports.mapping import Reference
+from impedance_modules.episode.imports.import_map import Reference
 from impedance_modules.errors import BadInput, nearest
 
 CHUNK_ROWS = 32_768

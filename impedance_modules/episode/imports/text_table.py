@@ -13,7 +13,7 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.episode.imports.mapping import TextLayout
+from impedance_modules.episode.imports.import_map import TextLayout
 from impedance_modules.episode.imports.table import CHUNK_ROWS, Chunk, refuse_nonfinite
 from impedance_modules.errors import BadInput
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from impedance_modules.episode.imports.mapping import EFFORTS, POSITIONS
+from impedance_modules.episode.imports.import_map import EFFORTS, POSITIONS
 
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 

@@ -22,7 +22,7 @@ from impedance_modules.backends.baxter.transport.protocol import Offer
 from impedance_modules.effects.apply import wear_patch
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import read_patch
+from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.task_reader import read_task
 from tests.support.baxter_stand_in import StandIn, open_session
 

@@ -13,7 +13,7 @@ from impedance_modules.backends.baxter.fake.served import served_description, wr
 from impedance_modules.backends.baxter.postures import named_posture
 from impedance_modules.effects.apply import wear_patch, wear_plant
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch import PatchSpec
+from impedance_modules.spec.patch_file import PatchSpec
 from impedance_modules.spec.robot_reader import read_robot
 
 

@@ -32,7 +32,7 @@ from impedance_modules.plant.options import PlantOptions
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
-from impedance_modules.spec.robot import ParallelSpringSpec
+from impedance_modules.spec.robot_spec import ParallelSpringSpec
 
 Array = NDArray[np.float64]
 Request = Callable[[], None]

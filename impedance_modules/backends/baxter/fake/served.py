@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 
 def served_description(spec: RobotSpec, mount_offset: Mapping[str, tuple[float, float, float]]) -> str:

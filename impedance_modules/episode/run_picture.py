@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from impedance_modules.episode import panels
 from impedance_modules.episode.data import Episode
-from impedance_modules.episode.files import whole_file
+from impedance_modules.episode.run_folder import whole_file
 
 PICTURE_KINDS: tuple[str, ...] = (
     "position",

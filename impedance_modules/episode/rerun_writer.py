@@ -11,9 +11,9 @@ import numpy as np
 import rerun as rr
 
 from impedance_modules.episode import entities
-from impedance_modules.episode.layout import run_layout
+from impedance_modules.episode.view_layout import run_layout
 from impedance_modules.episode.palette import FORCE, LIMIT, SPRING, TORQUE, series_colour
-from impedance_modules.episode.scene import ARRAYS, Array, Scene, ViewSample, check_sample
+from impedance_modules.episode.view_scene import ARRAYS, Array, Scene, ViewSample, check_sample
 from impedance_modules.episode.solids import solid
 
 METRES_PER_NEWTON = 0.015

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impedance_modules.episode.columns import JOINT_KINDS, PHASE, TIME
-from impedance_modules.episode.files import EPISODE, part_paths, whole_file
+from impedance_modules.episode.run_folder import EPISODE, part_paths, whole_file
 from impedance_modules.episode.metadata import encode_metadata
 from impedance_modules.errors import BadInput
 

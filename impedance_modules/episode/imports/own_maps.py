@@ -17,7 +17,7 @@ from impedance_modules.episode.imports.robot_facts import facts_of_robot, recogn
 from impedance_modules.episode.imports.table import list_names
 from impedance_modules.episode.imports.text_table import open_text, read_line
 from impedance_modules.errors import BadInput
-from impedance_modules.spec.robot import RobotSpec
+from impedance_modules.spec.robot_spec import RobotSpec
 
 STATE_TOPIC = "joint_states"
 """What robots call the topic of their measured joints; another topic with the same joints is a reference."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.episode.columns import JOINT_KINDS
-from impedance_modules.spec.source import Document
+from impedance_modules.spec.document import Document
 
 Reference = str | int
 """A column: its name, or its number counted from 1."""

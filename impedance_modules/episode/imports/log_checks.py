@@ -14,7 +14,7 @@ import numpy as np
 
 from impedance_modules.episode.columns import joint_column
 from impedance_modules.episode.imports.blocks import Block, Vector
-from impedance_modules.episode.imports.mapping import ImportMap
+from impedance_modules.episode.imports.import_map import ImportMap
 from impedance_modules.episode.imports.speed_match import SpeedMatch
 from impedance_modules.errors import BadInput
 

@@ -9,7 +9,7 @@ from typing import Any
 import rerun.blueprint as rrb
 
 from impedance_modules.episode import entities
-from impedance_modules.episode.scene import Scene
+from impedance_modules.episode.view_scene import Scene
 
 
 def run_layout(scene: Scene) -> rrb.Blueprint:

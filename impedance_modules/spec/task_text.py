@@ -12,7 +12,7 @@ import yaml
 
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.spec.locate import find_robot, find_task
-from impedance_modules.spec.source import Document, print_path, scan_document
+from impedance_modules.spec.document import Document, print_path, scan_document
 
 Steps = tuple[str | int, ...]
 """Keys and places from the top of a task file to one of its values."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from impedance_modules.episode.files import EPISODE, part_paths
-from impedance_modules.episode.imports.array_table import ArrayTable
-from impedance_modules.episode.imports.mapping import ImportMap, TableMap
+from impedance_modules.episode.run_folder import EPISODE, part_paths
+from impedance_modules.episode.imports.binary_tables import ArrayTable
+from impedance_modules.episode.imports.import_map import ImportMap, TableMap
 from impedance_modules.episode.imports.parquet_table import ParquetTable
 from impedance_modules.episode.imports.table import Table
 from impedance_modules.episode.imports.text_table import TextTable

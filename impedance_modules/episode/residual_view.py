@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from impedance_modules.episode import entities
-from impedance_modules.episode.recording import open_stream, send_curves, time_index
+from impedance_modules.episode.rerun_writer import open_stream, send_curves, time_index
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from impedance_modules.errors import BadFile
 from impedance_modules.spec.schema import schema_problems
-from impedance_modules.spec.source import Document, read_document
+from impedance_modules.spec.document import Document, read_document
 
 
 @dataclass(frozen=True)
