@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.page import Cell, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, Plot, Table, table_of
 from impedance_experiments.pushing import only_arm
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.analysis import analyse_task

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.displaced_hand import TASK, Displaced, displace
+from impedance_experiments.loaded_hand import TASK, Displaced, displace
 from impedance_experiments.hand_inertia import POSTURES, ellipsoid_plot, hand_inertia, mass_table
 from impedance_experiments.lost_support import (
     AMPLE,
@@ -16,7 +16,7 @@ from impedance_experiments.lost_support import (
     one_degree_of_freedom,
     press_and_lose,
 )
-from impedance_experiments.page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.settings import Settings, Size
 from impedance_modules.superposition.examples import thesis_net_stiffness

@@ -10,8 +10,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from impedance_experiments.catalogue import EXPERIMENTS, Experiment
-from impedance_experiments.page import Cell
+from impedance_experiments.thesis_experiments import EXPERIMENTS, Experiment
+from impedance_experiments.thesis_page import Cell
 from impedance_experiments.write import COMPARISON_COLUMNS, COMPARISONS, MADE_BY, table_lines
 
 INDEX = "README.md"

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from impedance_experiments.page import Comparison, Page, Plot
+from impedance_experiments.thesis_page import Comparison, Page, Plot
 from impedance_experiments.pushing import Trace, only_arm, trace_pushed
 from impedance_experiments.settings import Settings
 from impedance_modules.control.assembly import Assembly, assemble

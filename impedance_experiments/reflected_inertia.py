@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impedance_experiments.drive_fit import DriveFit, fit_drive
-from impedance_experiments.page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.struck_joint import Struck, strike
 from impedance_experiments.torque_steps import (

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impedance_experiments.impact import TASK, Impact, against, assembled, strike
-from impedance_experiments.page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.apparent_mass import TASK, Impact, against, assembled, strike
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_experiments.planar_mass import ABSOLUTE, RELATIVE, Masses, planar_masses
 from impedance_experiments.settings import Settings
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_experiments.many import carry_out_all
-from impedance_experiments.page import Page
+from impedance_experiments.parallel_runs import carry_out_all
+from impedance_experiments.thesis_page import Page
 from impedance_experiments.sanding_cases import (
     DEEP,
     SHALLOW,

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import detrend
 
-from impedance_experiments.page import Plot
+from impedance_experiments.thesis_page import Plot
 from impedance_experiments.sanding_cases import Scheme, numbers, spectrum
 from impedance_experiments.sanding_rule import Operating
 from impedance_experiments.sanding_runs import Sanding

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_experiments.page import Cell, Comparison, Table, table_of
+from impedance_experiments.thesis_page import Cell, Comparison, Table, table_of
 from impedance_experiments.sanding_cases import (
     DEEP,
     SHALLOW,

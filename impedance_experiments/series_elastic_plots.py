@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impedance_experiments.blow import BLOW_TIME, Blow
-from impedance_experiments.page import Plot
+from impedance_experiments.thesis_page import Plot
 from impedance_modules.superposition.series_elastic import SeriesElasticJoint
 
 Array = NDArray[np.float64]

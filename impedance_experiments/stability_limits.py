@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.stability_search import (

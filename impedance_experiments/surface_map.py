@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_experiments.page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_experiments.settings import Settings, Size
 from impedance_modules.backends.sim import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble

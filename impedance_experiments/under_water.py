@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_experiments.pushing import Trace, first_pushes, only_arm, patch_of, trace_pushed
 from impedance_experiments.settings import Settings
 from impedance_modules.control.assembly import Assembly, assemble

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from impedance_experiments.catalogue import Experiment
-from impedance_experiments.page import Cell, Comparison, Page
+from impedance_experiments.thesis_experiments import Experiment
+from impedance_experiments.thesis_page import Cell, Comparison, Page
 from impedance_experiments.settings import Size
 
 RESOLUTION = 110

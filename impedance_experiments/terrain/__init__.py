@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from impedance_experiments.page import Cell, Comparison, Page, Table, table_of
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Table, table_of
 from impedance_experiments.settings import Settings, Size
-from impedance_experiments.terrain.friction import COEFFICIENTS, friction_table
-from impedance_experiments.terrain.plots import picture_of_errors, picture_of_slides
-from impedance_experiments.terrain.robustness import Robustness, how_robust, robustness_table
-from impedance_experiments.terrain.runs import Job, Slide, deviation_along_y, slide, slide_all
-from impedance_experiments.terrain.thresholds import threshold_tables
+from impedance_experiments.terrain_friction import COEFFICIENTS, friction_table
+from impedance_experiments.terrain_plots import picture_of_errors, picture_of_slides
+from impedance_experiments.terrain_variations import Robustness, how_robust, robustness_table
+from impedance_experiments.terrain_slides import Job, Slide, deviation_along_y, slide, slide_all
+from impedance_experiments.terrain_thresholds import threshold_tables
 from impedance_modules.control.assembly import assemble
 
 FLAT, OVER = "slide-flat", "slide-over"

@@ -13,8 +13,8 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from impedance_experiments.catalogue import Experiment
-    from impedance_experiments.page import Page
+    from impedance_experiments.thesis_experiments import Experiment
+    from impedance_experiments.thesis_page import Page
     from impedance_experiments.settings import Size
 
 
@@ -41,7 +41,7 @@ def command(
     """
     from rich.console import Console
 
-    from impedance_experiments.catalogue import EXPERIMENTS, find_experiment
+    from impedance_experiments.thesis_experiments import EXPERIMENTS, find_experiment
     from impedance_modules.errors import BadInput
 
     if listed or name is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from impedance_experiments.catalogue import EXPERIMENTS, find_experiment
+from impedance_experiments.thesis_experiments import EXPERIMENTS, find_experiment
 from impedance_modules.cli.reproduce import command
 from impedance_modules.errors import BadInput
 from tests.support.paths import CHECKOUT

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from impedance_experiments.catalogue import find_experiment
+from impedance_experiments.thesis_experiments import find_experiment
 from impedance_experiments.settings import Settings, Size
 
 

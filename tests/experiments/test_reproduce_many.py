@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from impedance_experiments import many
-from impedance_experiments.many import carry_out_all
+from impedance_experiments import parallel_runs as many
+from impedance_experiments.parallel_runs import carry_out_all
 
 
 @dataclass(frozen=True)

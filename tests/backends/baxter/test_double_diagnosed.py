@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A double that differs from its model by something nobody told: run, recorded, diagnosed.
 
-In process, and over a real ROS master. More effects and joints: ``python -m benchmarks.double_diagnosed``.
+In process, and over a real ROS master. More effects and joints: ``python -m benchmarks.backends.simulated_baxter_diagnosed``.
 """
 
 from __future__ import annotations

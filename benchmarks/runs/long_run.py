@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Carries out a long dual-arm run with all its files and prints the process's largest memory.
 
-Usage: python -m benchmarks.long_run [MINUTES]
+Usage: python -m benchmarks.runs.long_run [MINUTES]
 
 The task is the shipped mirrored-arms with its figure of eight drawn out to MINUTES (10) and a tank that pays for it.
 The bound is 600 MB for the whole process: compiled code, plant, control, recording, 3D recording, merging, picture.

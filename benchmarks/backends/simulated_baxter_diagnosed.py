@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Lets the double wear effects that neither task nor model know, records it, and prints what ``diagnose`` names.
 
-Usage: python -m benchmarks.double_diagnosed [CASE ...]
+Usage: python -m benchmarks.backends.simulated_baxter_diagnosed [CASE ...]
 
 In process and in lock-step, as fast as the machine allows: two recordings of one motion of the right arm, one of
 another, held out, at 200 Hz. About a minute of processor time per case. The spring is diagnosed without the recorded

@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from impedance_experiments.page import Cell, Table, table_of
+from impedance_experiments.thesis_page import Cell, Table, table_of
 from impedance_experiments.settings import Settings
-from impedance_experiments.terrain.runs import Job, Slide, deviation_along_y, slide_all
+from impedance_experiments.terrain_slides import Job, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
 
 FLAT, OVER = "slide-flat", "slide-over"

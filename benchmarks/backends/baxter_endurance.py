@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs both arms on the double for half an hour over a ROS master of its own; prints memory, commands and stops.
 
-Usage: python -m benchmarks.baxter_endurance [--minutes 30] [--rate 500] [--port 11411] [--transport T] [--first]
+Usage: python -m benchmarks.backends.baxter_endurance [--minutes 30] [--rate 500] [--port 11411] [--transport T] [--first]
 
 Needs ``rosmaster`` (apt-get install --no-install-recommends python3-roslaunch) and an otherwise idle machine, or two
 cores of a busy one and the right to ``--first``: robot and controller then have real-time priority, as long as they
@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from benchmarks.machine_pauses import PauseWatch, describe
+from benchmarks.backends.machine_pauses import PauseWatch, describe
 from impedance_modules.runs.recorder import MISSED
 
 TASK = Path(__file__).parents[1] / "tasks" / "mirrored-arms.yaml"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_experiments.blow import BLOW_FORCE, Blow, strike
-from impedance_experiments.page import Cell, Comparison, Page, Table, table_of
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Table, table_of
 from impedance_experiments.series_elastic_plots import draw_blow, draw_bode, draw_poles
 from impedance_experiments.settings import Settings
 from impedance_modules.robot.kinematics import Kinematics

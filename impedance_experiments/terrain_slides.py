@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_experiments.many import carry_out_all
+from impedance_experiments.parallel_runs import carry_out_all
 from impedance_experiments.settings import Settings
 from impedance_experiments.task_run import watch_task
 from impedance_modules.control.assembly import Assembly, assemble

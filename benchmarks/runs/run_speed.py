@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How much faster than real time a whole simulated run is, and where its time goes.
 
-Usage: python -m benchmarks.run_speed [TASK] [RATE]
+Usage: python -m benchmarks.runs.run_speed [TASK] [RATE]
 
 A short run goes first, so that everything is compiled. Wall time counts from the first cycle until all files but the
 picture are whole; the picture stands apart. On a busy machine the time that the loop's thread was ready to run and had

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from impedance_experiments.page import Plot
-from impedance_experiments.terrain.robustness import Robustness
-from impedance_experiments.terrain.runs import LEANT, Slide
+from impedance_experiments.thesis_page import Plot
+from impedance_experiments.terrain_variations import Robustness
+from impedance_experiments.terrain_slides import LEANT, Slide
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.contact import place_surface
 

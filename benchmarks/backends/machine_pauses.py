@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Finds the moments at which the whole machine stood still: a hypervisor took it, and no program on it could run.
 
-Usage: python -m benchmarks.machine_pauses [--seconds 60]     (chrt -f 50 before it where the cores are busy)
+Usage: python -m benchmarks.backends.machine_pauses [--seconds 60]     (chrt -f 50 before it where the cores are busy)
 
 A small process on each core sleeps 4 ms at a time and notes when it slept much longer. A pause that all of them had
 at once is the machine's; one that only some had is a busy core's.

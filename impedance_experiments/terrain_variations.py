@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_experiments.page import Cell, Table, table_of
+from impedance_experiments.thesis_page import Cell, Table, table_of
 from impedance_experiments.settings import Settings
-from impedance_experiments.terrain.runs import Job, Slide, deviation_along_y, slide_all
+from impedance_experiments.terrain_slides import Job, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.contact import place_surface, surface_distance
 from impedance_modules.robot.rotation import exp3
