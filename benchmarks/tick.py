@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.controller import Controller
 from impedance_modules.robot.state import RobotState

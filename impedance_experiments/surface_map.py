@@ -10,7 +10,7 @@ import numpy as np
 
 from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_experiments.settings import Settings, Size
-from impedance_modules.backends.sim import SimBackend
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode

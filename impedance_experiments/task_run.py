@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from impedance_modules.backends.sim import SimBackend
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor

@@ -40,7 +40,7 @@ def rospy_node(master: str) -> Iterator[Any]:
     """Gives the one rospy node that a process can have; all tests share it."""
     if NO_ROSPY:
         pytest.skip(NO_ROSPY)
-    from impedance_modules.backends.baxter.transport.with_rospy import RospyTransport
+    from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
 
     transport = RospyTransport("/by_rospy", master)
     yield transport

@@ -23,13 +23,14 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.backends.baxter import messages, topics
+from impedance_modules.backends.baxter import topics
+from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.gates_model import TIP
-from impedance_modules.backends.baxter.transport.choose import connect
-from impedance_modules.backends.baxter.transport.protocol import NoMasterError, Transport
-from impedance_modules.backends.baxter.transport.sockets.master import MasterClient
-from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
-from impedance_modules.backends.baxter.transport.with_rospy import RospyTransport
+from impedance_modules.backends.baxter.ros.choose import connect
+from impedance_modules.backends.baxter.ros.transport import NoMasterError, Transport
+from impedance_modules.backends.baxter.ros.master_client import MasterClient
+from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
 from impedance_modules.control.assembly import assemble
 
 TASK = "soft-hold"

@@ -18,7 +18,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
-from impedance_modules.backends.sim import SimBackend
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import assemble
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.supervisor import Supervisor

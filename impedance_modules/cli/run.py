@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from impedance_modules.cli.baxter.connect import transport_option
+from impedance_modules.cli.baxter.connection import transport_option
 from impedance_modules.cli.options import arm_option, effects_option, rate_option, scale_option, task_argument
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def _exit_code(result: RunResult) -> int:
 def _real_robot(transport: str) -> Iterator[Visit]:
     """Brings a node up for the time of a run."""
     from impedance_modules.backends.baxter.session import Visit
-    from impedance_modules.cli.baxter.connect import node
+    from impedance_modules.cli.baxter.connection import node
 
     with node(transport, "run") as network:
         yield Visit(network)

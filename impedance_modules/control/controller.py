@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control import compiled_cycle
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.compiled_place import place_start

@@ -12,7 +12,7 @@ from types import FrameType
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import Backend
+from impedance_modules.backends.protocol import Backend
 from impedance_modules.control.signals import handled_by
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import EndOfRecording, RobotStopped

@@ -13,7 +13,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.conditions import Touch
 from impedance_modules.control.controller import EFFORT_NOT_FINITE, STATE_NOT_FINITE, Controller

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.controller import Controller
 from impedance_modules.robot.state import RobotState

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import Backend, RealRobot
+from impedance_modules.backends.protocol import Backend, RealRobot
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.loop import Interrupt, no_collections, run_loop
 from impedance_modules.control.signals import as_interrupt

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import RealRobot
+from impedance_modules.backends.protocol import RealRobot
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.columns import (

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.backend import Backend
-from impedance_modules.backends.baxter.backend import BaxterBackend, DriveOptions
+from impedance_modules.backends.protocol import Backend
+from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
 from impedance_modules.backends.baxter.gates_types import Gate
-from impedance_modules.backends.baxter.link import RobotLink
+from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.session import Session
-from impedance_modules.backends.replay import ReplayBackend
-from impedance_modules.backends.sim import SimBackend
+from impedance_modules.backends.replay_backend import ReplayBackend
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_gate import contact_gates
 from impedance_modules.effects.apply import wear_plant

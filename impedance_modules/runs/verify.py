@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.replay import ReplayBackend
+from impedance_modules.backends.replay_backend import ReplayBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_modules.backends.backend import FirstState
-from impedance_modules.backends.sim import SimBackend
+from impedance_modules.backends.protocol import FirstState
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import ReplayMismatch

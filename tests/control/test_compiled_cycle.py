@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.memory import EFFORT_NOT_FINITE, STATE_NOT_FINITE

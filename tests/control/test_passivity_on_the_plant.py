@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from impedance_modules.backends.backend import Backend
-from impedance_modules.backends.sim import SimBackend
+from impedance_modules.backends.protocol import Backend
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.loop import Interrupt, run_loop

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.conditions import REGULARISATION, Touch
 from impedance_modules.control.supervisor import Supervisor

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor

@@ -12,14 +12,14 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from impedance_modules.backends.baxter import backend
-from impedance_modules.backends.baxter.backend import BaxterBackend, DriveOptions
-from impedance_modules.backends.baxter.messages import JointCommand
+from impedance_modules.backends.baxter import baxter_backend as backend
+from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
+from impedance_modules.backends.baxter.ros.messages import JointCommand
 from impedance_modules.backends.baxter.stop_rules import StopRules
 from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.errors import RobotStopped
 from impedance_modules.spec.task_reader import read_task
-from tests.support.baxter_stand_in import StandIn, open_session
+from tests.support.baxter_stub import StandIn, open_session
 
 SPEC = read_task("joint-springs")[1]
 TORQUE, POSITION = JointCommand.TORQUE_MODE, JointCommand.POSITION_MODE

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.backends.backend import FirstState
-from impedance_modules.backends.baxter import messages
-from impedance_modules.backends.baxter.fake.build import build_fake
-from impedance_modules.backends.baxter.fake.limb import CommandMode
-from impedance_modules.backends.baxter.fake.numbers import SPRINGS, TICK
-from impedance_modules.backends.baxter.fake.options import FakeOptions
-from impedance_modules.backends.baxter.fake.readout import Readout
+from impedance_modules.backends.protocol import FirstState
+from impedance_modules.backends.baxter.ros import messages
+from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
+from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, TICK
+from impedance_modules.backends.baxter.simulator.options import FakeOptions
+from impedance_modules.backends.baxter.simulator.publishers import Readout
 from impedance_modules.backends.baxter.joint_states import JointStateMerge
 from impedance_modules.backends.baxter.sea_columns import SeaColumns
 from impedance_modules.control.assembly import Assembly

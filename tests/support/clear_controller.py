@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impedance_modules.backends.backend import FirstState
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.gains import BLENDING
 from impedance_modules.modules.arms import TaskModules, with_phase_gains

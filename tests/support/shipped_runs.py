@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.sim import SimBackend
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor

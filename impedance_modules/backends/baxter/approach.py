@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.link import RobotLink
+from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import Limb
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.commander import Commander
 from impedance_modules.backends.baxter.joint_states import Sample
-from impedance_modules.backends.baxter.link import Listener, RobotLink
-from impedance_modules.backends.baxter.messages import AssemblyState
+from impedance_modules.backends.baxter.robot_link import Listener, RobotLink
+from impedance_modules.backends.baxter.ros.messages import AssemblyState
 from impedance_modules.backends.baxter.stop_rules import Mode, Order
 from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.backends.baxter.watchdog import Watchdog

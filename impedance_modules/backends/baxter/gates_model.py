@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from impedance_modules.backends.baxter.gates_types import Gate
-from impedance_modules.backends.baxter.link import RobotLink
+from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.robot.model import RobotModel
 
 RANGE_MARGIN = 0.01

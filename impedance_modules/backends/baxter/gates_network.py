@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.gates_types import Gate
-from impedance_modules.backends.baxter.messages import (
+from impedance_modules.backends.baxter.ros.messages import (
     AssemblyState,
     CollisionDetectionState,
     DigitalIOState,
@@ -16,8 +16,8 @@ from impedance_modules.backends.baxter.messages import (
     Message,
     SEAJointState,
 )
-from impedance_modules.backends.baxter.transport.protocol import Offer, Transport
-from impedance_modules.backends.baxter.wire import checksum_of
+from impedance_modules.backends.baxter.ros.transport import Offer, Transport
+from impedance_modules.backends.baxter.ros.wire import checksum_of
 
 CLEANUP = "'rosnode cleanup' has the master forget one that is gone for good"
 """Of a node that the master knows and that does not answer: it counts as living until somebody says otherwise."""

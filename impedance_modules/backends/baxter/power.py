@@ -15,8 +15,8 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from impedance_modules.backends.baxter.messages import AssemblyState, Bool, Empty
-from impedance_modules.backends.baxter.transport.protocol import Publisher, Transport
+from impedance_modules.backends.baxter.ros.messages import AssemblyState, Bool, Empty
+from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.errors import ImpedanceError
 
 STATE, ENABLE, RESET = "/robot/state", "/robot/set_super_enable", "/robot/set_super_reset"

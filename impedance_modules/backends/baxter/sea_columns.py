@@ -14,7 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.messages import SEAJointState
+from impedance_modules.backends.baxter.ros.messages import SEAJointState
 
 Array = NDArray[np.float64]
 

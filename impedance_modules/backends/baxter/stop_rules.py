@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.messages import AssemblyState
+from impedance_modules.backends.baxter.ros.messages import AssemblyState
 from impedance_modules.safety.stop_events import Event
 
 Array = NDArray[np.float64]

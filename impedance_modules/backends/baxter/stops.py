@@ -26,7 +26,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.messages import AssemblyState
+from impedance_modules.backends.baxter.ros.messages import AssemblyState
 from impedance_modules.backends.baxter.stop_rules import NOTHING, Fault, Mode, Order, StopRules, why_off
 from impedance_modules.safety.stop_events import Event
 from impedance_modules.safety.stopping import damping_effort

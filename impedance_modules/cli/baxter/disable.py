@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import click
 
-from impedance_modules.cli.baxter.connect import node, transport_option
+from impedance_modules.cli.baxter.connection import node, transport_option
 
 
 @click.command("disable")

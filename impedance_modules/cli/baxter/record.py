@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from impedance_modules.cli.baxter.connect import node, robot_option, transport_option
+from impedance_modules.cli.baxter.connection import node, robot_option, transport_option
 from impedance_modules.errors import BadInput
 
 
@@ -40,8 +40,8 @@ def command(
     """
     from rich.console import Console
 
-    from impedance_modules.backends.baxter.gates import refuse_closed
-    from impedance_modules.backends.baxter.recording import RecordOptions, record
+    from impedance_modules.backends.baxter.preflight_checks import refuse_closed
+    from impedance_modules.backends.baxter.recorder import RecordOptions, record
     from impedance_modules.backends.baxter.session import Session
     from impedance_modules.cli.baxter.ending import Ending
     from impedance_modules.spec.robot_reader import read_robot

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from impedance_modules.cli.baxter.connect import node, robot_option, transport_option
+from impedance_modules.cli.baxter.connection import node, robot_option, transport_option
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import click
 
-from impedance_modules.cli.baxter.connect import node, robot_option, transport_option
+from impedance_modules.cli.baxter.connection import node, robot_option, transport_option
 
 
 @click.command("untuck")
@@ -30,8 +30,8 @@ def command(robot: str, posture: str, enable: bool, transport: str) -> int:
 
     Exit: 0 arrived, 2 refused with the reason, 3 stopped on the way, 130 after Ctrl-C.
     """
-    from impedance_modules.backends.baxter.gates import before_power, refuse_closed
-    from impedance_modules.backends.baxter.mover import Mover
+    from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
+    from impedance_modules.backends.baxter.position_mode import Mover
     from impedance_modules.backends.baxter.postures import named_posture
     from impedance_modules.backends.baxter.power import Power
     from impedance_modules.backends.baxter.session import Session

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_modules.backends.baxter.messages import JointCommand, JointState
-from impedance_modules.backends.baxter.transport.sockets.master import MasterClient
-from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
-from tests.support.baxter_double import (
+from impedance_modules.backends.baxter.ros.messages import JointCommand, JointState
+from impedance_modules.backends.baxter.ros.master_client import MasterClient
+from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from tests.support.baxter_process import (
     ATTEMPTS,
     Double,
     MachineBusyError,

@@ -10,14 +10,15 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from impedance_modules.backends.baxter import backend, watchdog
+from impedance_modules.backends.baxter import watchdog
+from impedance_modules.backends.baxter import baxter_backend as backend
 from impedance_modules.backends.baxter.approach import ARRIVED
 from impedance_modules.backends.baxter.awake import AwakeProcessor
 from impedance_modules.backends.baxter.watchdog import HELD_UP, LOOK, Watchdog
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_events import Event
 from tests.support.baxter_driving import POSITION, SPEC, STALE, TORQUE, driving, started
-from tests.support.baxter_stand_in import StandIn
+from tests.support.baxter_stub import StandIn
 
 
 def test_torque_mode_begins_at_zero_after_time_out_and_rate_are_set() -> None:

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.message_definition import Field, checksum, definition
+from impedance_modules.backends.baxter.ros.message_definitions import Field, checksum, definition
 from impedance_modules.backends.baxter.message_texts import FIELD_LISTS
-from impedance_modules.backends.baxter.messages import (
+from impedance_modules.backends.baxter.ros.messages import (
     MESSAGE_TYPES,
     Header,
     JointCommand,
@@ -23,7 +23,7 @@ from impedance_modules.backends.baxter.messages import (
     String,
     UInt16,
 )
-from impedance_modules.backends.baxter.wire import MessageError, decode, encode
+from impedance_modules.backends.baxter.ros.wire import MessageError, decode, encode
 
 # Of the robot's own headers and of ROS 1's std_msgs.
 CHECKSUMS = {

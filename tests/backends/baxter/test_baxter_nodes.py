@@ -16,13 +16,13 @@ from pathlib import Path
 
 import pytest
 
-from impedance_modules.backends.baxter.messages import Bool, Float64, UInt16
-from impedance_modules.backends.baxter.transport.protocol import NoMasterError
-from impedance_modules.backends.baxter.transport.sockets.connect import topic_address
-from impedance_modules.backends.baxter.transport.sockets.master import MasterClient, master_uri_of
-from impedance_modules.backends.baxter.transport.sockets.transport import SocketTransport
-from impedance_modules.backends.baxter.transport.with_rospy import RospyTransport
-from tests.support.baxter_double import start
+from impedance_modules.backends.baxter.ros.messages import Bool, Float64, UInt16
+from impedance_modules.backends.baxter.ros.transport import NoMasterError
+from impedance_modules.backends.baxter.ros.sockets.connect import topic_address
+from impedance_modules.backends.baxter.ros.master_client import MasterClient, master_uri_of
+from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
+from tests.support.baxter_process import start
 from tests.support.ros_master import Heard, forget, free_port, until
 
 NUMBERS = count()
@@ -223,7 +223,7 @@ def test_without_rospy_the_error_says_what_to_install(tmp_path: Path) -> None:
     """In a Python that cannot see rospy, whatever this one sees."""
     script = (
         "import sys; sys.modules['rospy'] = None\n"
-        "from impedance_modules.backends.baxter.transport.with_rospy import *\n"
+        "from impedance_modules.backends.baxter.ros.rospy_transport import *\n"
         "try:\n    RospyTransport('/x', 'http://127.0.0.1:1')\n"
         "except NoRospyError as error:\n    print(error)\n"
     )

@@ -9,7 +9,7 @@ import pytest
 
 from impedance_modules.cli.main import impedance as command_line
 from impedance_modules.errors import BadInput
-from tests.support.baxter_double import double, impedance
+from tests.support.baxter_process import double, impedance
 
 pytestmark = pytest.mark.ros
 

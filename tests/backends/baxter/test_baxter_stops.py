@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.messages import AssemblyState
+from impedance_modules.backends.baxter.ros.messages import AssemblyState
 from impedance_modules.backends.baxter.stop_rules import Mode, stop_rules, why_off
 from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.safety.stop_events import RUNG_OF, Event, Rung

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from impedance_modules.backends.baxter.fake.numbers import SPRINGS
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
 from impedance_modules.control.assembly import assemble
-from tests.backends.baxter.test_baxter_tasks import ATTEMPTS, BUSY
-from tests.support.baxter_double import double, impedance
+from tests.backends.baxter.test_simulated_baxter_runs import ATTEMPTS, BUSY
+from tests.support.baxter_process import double, impedance
 from tests.support.baxter_lockstep import run_on_the_double
 from tests.support.paths import TESTS
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from impedance_modules.backends.baxter import messages
-from impedance_modules.backends.baxter.fake.build import build_fake
-from impedance_modules.backends.baxter.fake.network import InProcessNetwork
-from impedance_modules.backends.baxter.fake.node import FakeNode
-from impedance_modules.backends.baxter.fake.numbers import SPRINGS
-from impedance_modules.backends.baxter.fake.options import FakeOptions
-from impedance_modules.backends.baxter.transport.in_process import InProcessMaster, InProcessTransport
+from impedance_modules.backends.baxter.ros import messages
+from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
+from impedance_modules.backends.baxter.simulator.network import InProcessNetwork
+from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
+from impedance_modules.backends.baxter.simulator.options import FakeOptions
+from tests.support.in_process_transport import InProcessMaster, InProcessTransport
 
 ON = FakeOptions(enabled=True, springs=SPRINGS)
 

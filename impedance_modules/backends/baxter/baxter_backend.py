@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A real Baxter behind the four methods of ``Backend``: ticks on its states, watched by a thread of its own."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.protocol import Finish, FirstState
+from impedance_modules.backends.baxter import topics
+from impedance_modules.backends.baxter.approach import Approach
+from impedance_modules.backends.baxter.awake import AwakeProcessor
+from impedance_modules.backends.baxter.driver import Driver
+from impedance_modules.backends.baxter.joint_states import Sample
+from impedance_modules.backends.baxter.robot_link import RobotLink
+from impedance_modules.backends.baxter.sea_columns import SeaColumns
+from impedance_modules.backends.baxter.stop_rules import Mode
+from impedance_modules.backends.baxter.stops import Stops
+from impedance_modules.errors import NotConnected, RobotRefused
+from impedance_modules.robot.model import Limb
+from impedance_modules.robot.state import RobotState
+
+Array = NDArray[np.float64]
+
+PATIENCE = 1.5
+"""A state is awaited for so many periods; after a miss the next one is, for one period more each time."""
+
+GRACE = 0.001
+"""A state is awaited for so long in any case [s]: where this process itself was held up, one is in the socket."""
+
+DWELL = 0.3
+"""How long zero torque is tried before a run [s]."""
+
+DRIFT = 0.05
+"""A joint that moves further than this at zero torque is not carried by the robot [rad]."""
+
+RAMP = 0.2
+"""In which the torque goes to zero at the end of a run [s]."""
+
+RATE_TIME = 3.0
+"""Longest wait for the states to come at the rate asked for [s]."""
+
+RATE_TOLERANCE = 0.1
+"""Part of the rate by which the measured one may differ."""
+
+COLD_AFTER = 0.005
+"""Between states this far apart, others empty the processor's caches [s]."""
+
+REHEARSAL_PART = 0.15
+"""A cycle is rehearsed during this last part of the period before its state is due: the first time it is slow, as the
+state's own would have been; the last time it ends just before."""
+
+MOST_REHEARSALS = 5
+"""As many fit into that time."""
+
+REHEARSAL_REST = 0.0001
+"""So long before the state is due no rehearsal is under way [s]; it may come a little early."""
+
+SWITCH_INTERVAL = 1e-4
+"""How long a thread that writes files may keep the interpreter from the control thread [s]; Python's default is 5 ms,
+which a command would wait."""
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """How a run drives the robot.
+
+    Attributes:
+        rate: Control rate [Hz]; the states must come at it.
+        read_only: Sends nothing at all.
+        approach: Lets the robot's position mode bring the arms to ``start`` first; without it, a robot that
+            stands elsewhere is refused.
+        start: (n,) where the task begins [rad].
+    """
+
+    rate: float
+    read_only: bool
+    approach: bool
+    start: Array
+
+
+class BaxterBackend:
+    """Drives some limbs of a robot that has passed its gates.
+
+    Attributes:
+        driver: Through which everything is sent.
+    """
+
+    def __init__(
+        self,
+        link: RobotLink,
+        limbs: Mapping[str, Limb],
+        stops: Stops,
+        options: DriveOptions,
+        check: Callable[[], None],
+    ) -> None:
+        """Takes the robot; nothing is advertised or sent before ``start``.
+
+        Args:
+            link: Listening.
+            limbs: Those that are commanded.
+            stops: Idle.
+            options: Of the run.
+            check: Raises RobotRefused when the robot must not be moved; asked when the run begins.
+        """
+        self.driver = Driver(link, limbs, stops, options.rate)
+        self._stops, self._check = stops, check
+        self._link, self._limbs, self._options = link, limbs, options
+        self._period = 1.0 / options.rate
+        self._extra = SeaColumns(link.sea)
+        self._last: Sample | None = None
+        self._zero_time = 0.0
+        self._misses = 0
+        self._rehearse: Callable[[], None] | None = None
+        self._effort: Array = np.zeros(len(options.start))
+        self._usual_interval = sys.getswitchinterval()
+        self._awake = AwakeProcessor()
+
+    def start(self) -> FirstState:
+        """Prepares the robot: rate, start pose, a try at zero torque, time-out; leaves it held where it stands.
+
+        Raises:
+            RobotRefused: A gate is closed, or it does not keep the rate, does not listen, stands elsewhere or
+                drifts at zero torque.
+            RobotStopped: It was switched off, led by hand or hit meanwhile.
+        """
+        with ExitStack() as undo:
+            undo.callback(self._leave)
+            self._check()
+            self._link.forget_hands()
+            sys.setswitchinterval(SWITCH_INTERVAL)
+            self._awake.begin()
+            self.driver.listen()
+            if not self._options.read_only:
+                self.driver.attach()
+            self._check_rate()
+            if not self._options.read_only:
+                self._prepare()
+            first = self.newest()
+            undo.pop_all()
+        return first
+
+    def newest(self) -> FirstState:
+        """Waits for a state newer than all before, and counts time from it."""
+        sample = self._fresh_sample()
+        self._last, self._zero_time, self._misses = sample, sample.state.time, 0
+        return FirstState(self._shifted(sample.state), np.zeros(len(self._options.start)))
+
+    def read(self) -> RobotState | None:
+        """Waits for the next state; None when it is late.
+
+        Raises:
+            RobotStopped: The robot, or the watchdog, has ended torque control.
+        """
+        last = self._last
+        if last is None:
+            raise NotConnected("the robot is not connected: call start() first")
+        self._rehearse_before(last)
+        deadline = last.received + (PATIENCE + self._misses) * self._period
+        while True:
+            self.driver.raise_fault()
+            sample = self._link.wait(last.number, max(deadline - time.monotonic(), GRACE))
+            if sample is not None:
+                self._last, self._misses = sample, 0
+                return self._shifted(sample.state)
+            if time.monotonic() >= deadline:
+                self._misses += 1
+                return None
+
+    def write(self, effort: Array) -> None:
+        """Sends one torque command (n,) [N.m], or what must be sent in its place.
+
+        Raises:
+            RobotStopped: Torque mode cannot begin.
+        """
+        if self._stops.mode in (Mode.IDLE, Mode.HOLD) and self._stops.fault is None:
+            # At once, on the state that the torque was computed for: the next one is this torque's first answer.
+            self.driver.begin()
+        np.copyto(self._effort, effort)
+        self.driver.torque(effort)
+
+    def rehearse_by(self, cycle: Callable[[], None]) -> None:
+        """Calls ``cycle`` shortly before each state is due, unless states come too fast for the caches to go cold."""
+        if self._period >= COLD_AFTER:
+            self._rehearse = cycle
+
+    def extra_columns(self) -> tuple[str, ...]:
+        """Names what the robot says it adds by itself."""
+        return self._extra.names
+
+    def extra_values(self) -> Array:
+        """What it last said of that [N.m]."""
+        return self._extra.values()
+
+    def finish(self, how: Finish) -> None:
+        """Ends torque control: torque to zero, then position mode where the robot is; or nothing, for ``release``."""
+        if not self._options.read_only and self._stops.mode is not Mode.OFF and how == "hold":
+            self._ramp_down()
+            self.driver.end()
+            self.driver.part()
+        self._leave()
+
+    def _rehearse_before(self, last: Sample) -> None:
+        """Goes through a cycle for nothing, again and again until the next state is due or here."""
+        if self._rehearse is None or self._misses > 0:
+            return
+        due = last.received + self._period
+        moment, lasted = due - REHEARSAL_PART * self._period, 0.0
+        for _ in range(MOST_REHEARSALS):
+            if self._link.wait(last.number, max(moment - time.monotonic(), 0.0)) is not None:
+                return
+            moment = time.monotonic()
+            if moment + lasted > due - REHEARSAL_REST:
+                return
+            self._rehearse()
+            self._link.rehearse()
+            self.driver.rehearse(self._effort)
+            lasted = time.monotonic() - moment
+
+    def _prepare(self) -> None:
+        """Brings the arms to the start, sets the time-out, tries zero torque."""
+        approach = Approach(self._limbs, self._options.start, self._options.approach)
+        approach.go(self._link, self.driver.move)
+        self.driver.set_timeout(topics.timeout_for(self._options.rate))
+        self._try_zero_torque()
+
+    def _check_rate(self) -> None:
+        """Waits until the states come at the control rate."""
+        asked, end = self._options.rate, time.monotonic() + RATE_TIME
+        while abs(self._link.rate(time.monotonic()) - asked) > RATE_TOLERANCE * asked:
+            if time.monotonic() > end:
+                measured = self._link.rate(time.monotonic())
+                raise RobotRefused(
+                    f"the robot's states come at {measured:.0f} Hz, not at the control rate of {asked:.0f} Hz"
+                    f" (valid: --rate {max(round(measured, -1), 100):.0f}, or a wired, quiet network)"
+                )
+            time.sleep(0.05)
+
+    def _try_zero_torque(self) -> None:
+        """Lets the robot carry its arms alone for a moment, then has it hold them; a drifting one is refused."""
+        start = self._fresh_sample()
+        self.driver.begin()
+        nothing = np.zeros(len(self._options.start))
+        joints = np.concatenate([limb.joints for limb in self._limbs.values()])
+        end, sample = time.monotonic() + DWELL, start
+        while time.monotonic() < end:
+            self.driver.torque(nothing)
+            sample = self._link.wait(sample.number, self._period) or sample
+            self.driver.raise_fault()
+            moved = float(np.abs(sample.state.position - start.state.position)[joints].max())
+            if moved > DRIFT:
+                raise RobotRefused(
+                    f"an arm moved by {moved:.3f} rad in {DWELL:g} s at zero torque: the robot does not carry it"
+                    " (valid: no tool that it does not know, nobody suppressing its gravity compensation)"
+                )
+        self.driver.end()
+
+    def _ramp_down(self) -> None:
+        """Takes the last torque to zero, unless something else has ended torque control already."""
+        began = time.monotonic()
+        while self._stops.mode is Mode.TORQUE and time.monotonic() - began < RAMP:
+            left = 1.0 - (time.monotonic() - began) / RAMP
+            self.driver.torque(left * self._effort)
+            time.sleep(self._period)
+
+    def _leave(self) -> None:
+        sys.setswitchinterval(self._usual_interval)
+        self._awake.end()
+        self.driver.leave()
+
+    def _fresh_sample(self) -> Sample:
+        """Waits for a state newer than the last one."""
+        before = 0 if self._link.sample is None else self._link.sample.number
+        sample = self._link.wait(before, 1.0)
+        if sample is None:
+            raise RobotRefused("no state of the arms for 1 s: is the robot on, and does 'baxter check' pass?")
+        return sample
+
+    def _shifted(self, state: RobotState) -> RobotState:
+        """Counts time from the run's first state."""
+        return RobotState(state.time - self._zero_time, state.position, state.velocity, state.effort)

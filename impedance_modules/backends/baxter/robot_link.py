@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a Baxter says, always the newest: one set of subscriptions, readable from any thread."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
+
+from impedance_modules.backends.baxter import topics
+from impedance_modules.backends.baxter.joint_states import JointStateMerge, Sample
+from impedance_modules.backends.baxter.ros.messages import (
+    AssemblyState,
+    CollisionDetectionState,
+    DigitalIOState,
+    EndpointState,
+    JointState,
+    Message,
+    SEAJointState,
+)
+from impedance_modules.backends.baxter.ros.transport import Subscription, Transport
+from impedance_modules.backends.baxter.ros.wire import decode, encode
+
+M = TypeVar("M", bound=Message)
+
+RATE_WINDOW = 1.0
+"""Time over which the rate of the states is measured [s]."""
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Whom a link tells at once, in the thread in which the message came.
+
+    Attributes:
+        on_state: A complete sample.
+        on_robot: /robot/state and when it arrived [s].
+        on_collision: A limb, whether it feels a collision, and when.
+        on_cuff: A limb and whether its cuff is squeezed.
+    """
+
+    on_state: Callable[[Sample], None]
+    on_robot: Callable[[AssemblyState, float], None]
+    on_collision: Callable[[str, bool, float], None]
+    on_cuff: Callable[[str, bool], None]
+
+
+class RobotLink:
+    """Listens to one robot; sends nothing.
+
+    Attributes:
+        transport: On which it listens.
+        merge: Of the joint states.
+        sample: The newest complete state, or None.
+        robot: The newest /robot/state, or None.
+        sea, endpoint: Limb -> newest message, for limbs that have sent one.
+        collision, squeezed: Limb -> what it last said.
+    """
+
+    def __init__(self, transport: Transport, joint_names: tuple[str, ...], limbs: Sequence[str]) -> None:
+        """Begins to listen, to these joints and all these limbs of the robot."""
+        self.transport = transport
+        self.merge = JointStateMerge(joint_names)
+        self.sample: Sample | None = None
+        self.robot: AssemblyState | None = None
+        self.sea: dict[str, SEAJointState] = {}
+        self.endpoint: dict[str, EndpointState] = {}
+        self.collision: dict[str, bool] = {}
+        self.squeezed: dict[str, bool] = {}
+        self._listener: Listener | None = None
+        self._spare = JointStateMerge(joint_names)
+        self._heard: JointState | None = None
+        self._news = threading.Condition()
+        self._arrivals: deque[float] = deque(maxlen=4096)
+        self._hands: list[Subscription] = []
+        self._subscriptions: list[Subscription] = [
+            transport.subscribe(topics.JOINT_STATES, JointState, self._joint_states),
+            transport.subscribe(topics.ROBOT_STATE, AssemblyState, self._robot_state),
+        ]
+        for limb in limbs:
+            self._listen_to_limb(limb)
+
+    def tell(self, listener: Listener | None) -> None:
+        """From now on passes every message on to ``listener`` too."""
+        self._listener = listener
+
+    def wait(self, after: int, seconds: float) -> Sample | None:
+        """Waits for a sample with a number above ``after``; None when none comes in time, or on ``wake``."""
+        with self._news:
+            if self.sample is None or self.sample.number <= after:
+                self._news.wait(seconds)
+            sample = self.sample
+            return sample if sample is not None and sample.number > after else None
+
+    def rehearse(self) -> None:
+        """Reads and merges the last message once more, aside."""
+        if self._heard is not None:
+            self._spare.take(decode(JointState, encode(self._heard)), 0.0)
+
+    def forget_hands(self) -> None:
+        """Stops listening to where the robot has its hands; the control loop needs the time."""
+        for subscription in self._hands:
+            subscription.close()
+
+    def wake(self) -> None:
+        """Ends a ``wait`` in another thread."""
+        with self._news:
+            self._news.notify_all()
+
+    def rate(self, now: float) -> float:
+        """Rate of the complete states over the last second before ``now`` [Hz]."""
+        arrivals = [moment for moment in list(self._arrivals) if moment > now - RATE_WINDOW]
+        return len(arrivals) / RATE_WINDOW
+
+    def close(self) -> None:
+        """Stops listening."""
+        for subscription in (*self._subscriptions, *self._hands):
+            subscription.close()
+
+    def _listen_to_limb(self, limb: str) -> None:
+        subscribe = self.transport.subscribe
+        self._hands.append(
+            subscribe(topics.endpoint_state(limb), EndpointState, partial(_keep, self.endpoint, limb))
+        )
+        self._subscriptions += [
+            subscribe(topics.sea_state(limb), SEAJointState, partial(_keep, self.sea, limb)),
+            subscribe(
+                topics.collision_state(limb), CollisionDetectionState, partial(self._collision_state, limb)
+            ),
+            subscribe(topics.cuff(limb), DigitalIOState, partial(self._cuff_state, limb)),
+        ]
+
+    def _joint_states(self, message: JointState, received: float) -> None:
+        # Two publishers may call at once, each in its own thread.
+        with self._news:
+            self._heard = message
+            sample = self.merge.take(message, received)
+            if sample is None:
+                return
+        # Outside the lock: the listener has its own, and may be waiting for this one. And first: whoever is woken
+        # below needs the interpreter that this thread gives up by listening on.
+        if self._listener is not None:
+            self._listener.on_state(sample)
+        with self._news:
+            if self.sample is None or sample.number > self.sample.number:
+                self.sample = sample
+            self._arrivals.append(received)
+            self._news.notify_all()
+
+    def _robot_state(self, message: AssemblyState, received: float) -> None:
+        self.robot = message
+        if self._listener is not None:
+            self._listener.on_robot(message, received)
+
+    def _collision_state(self, limb: str, message: CollisionDetectionState, received: float) -> None:
+        self.collision[limb] = message.collision_state
+        if self._listener is not None:
+            self._listener.on_collision(limb, message.collision_state, received)
+
+    def _cuff_state(self, limb: str, message: DigitalIOState, received: float) -> None:  # noqa: ARG002
+        self.squeezed[limb] = message.state == message.PRESSED
+        if self._listener is not None:
+            self._listener.on_cuff(limb, self.squeezed[limb])
+
+
+def _keep(newest: dict[str, M], limb: str, message: M, received: float) -> None:  # noqa: ARG001
+    newest[limb] = message

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the adapter and the double need of ROS: topics, parameters, and who publishes what.
+
+Rules that every transport keeps (``tests/test_baxter_transport.py`` runs them over all of them):
+
+- A subscriber hears *every* publisher of its topic, those that come later too. It keeps the newest message of
+  each only: what was overtaken while a callback ran is gone, never served late.
+- ``receive_time`` is ``time.monotonic()`` on this machine, so a step of anybody's clock does not matter.
+- ``send`` never waits for a listener.
+- A node that died without saying so, and another one that means another message by the same name, do no harm;
+  ``offers_of`` names them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from impedance_modules.backends.baxter.ros.messages import Message
+from impedance_modules.errors import ImpedanceError
+
+M = TypeVar("M", bound=Message)
+M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
+
+ParameterValue = bool | int | float | str | Sequence["ParameterValue"] | Mapping[str, "ParameterValue"]
+"""What a parameter server holds."""
+
+Callback = Callable[[M, float], None]
+"""Takes a message and the time at which it arrived [s, monotonic]; runs in a thread of the transport."""
+
+
+class NoMasterError(ImpedanceError):
+    """The ROS master cannot be reached, or is none; the message says what to set."""
+
+
+class TransportClosedError(ImpedanceError):
+    """A transport was used after it was closed."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What one publisher of a topic says when asked.
+
+    Attributes:
+        node: Its name.
+        ros_type: Message type it sends; None when it could not be asked.
+        checksum: MD5 of that type; None when it could not be asked.
+        problem: Why it could not be asked; None when it answered.
+        gone: It is not at its address any more: it died without saying so. False where that is not certain.
+    """
+
+    node: str
+    ros_type: str | None
+    checksum: str | None
+    problem: str | None
+    gone: bool = False
+
+
+class Publisher(Protocol[M_contra]):
+    """A topic to write to."""
+
+    def send(self, message: M_contra) -> None:
+        """Sends to everybody who listens now; never waits."""
+
+    def connections(self) -> int:
+        """Counts the listeners."""
+
+    def close(self) -> None:
+        """Stops publishing; may be called twice."""
+
+
+class Subscription(Protocol):
+    """A topic that is listened to."""
+
+    def close(self) -> None:
+        """Stops listening; no callback begins afterwards. May be called twice."""
+
+
+class Transport(Protocol):
+    """A node among others."""
+
+    @property
+    def node_name(self) -> str:
+        """Full name of this node, e.g. ``/impedance_modules_1234``."""
+
+    def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> Publisher[M]:
+        """Becomes a publisher of a topic.
+
+        Args:
+            topic: Full name.
+            message_type: What is sent.
+            latch: Whoever connects later gets the last message.
+        """
+
+    def subscribe(self, topic: str, message_type: type[M], callback: Callback[M]) -> Subscription:
+        """Listens to every publisher of a topic."""
+
+    def get_parameter(self, name: str) -> ParameterValue | None:
+        """Returns a parameter, or None if nobody has set it."""
+
+    def set_parameter(self, name: str, value: ParameterValue) -> None:
+        """Sets a parameter."""
+
+    def publishers_of(self, topic: str) -> tuple[str, ...]:
+        """Names the nodes registered as publishers of a topic, dead ones too, sorted."""
+
+    def offers_of(self, topic: str) -> tuple[Offer, ...]:
+        """Asks every publisher of a topic, but not this node, what it sends; takes up to a second."""
+
+    def close(self) -> None:
+        """Withdraws everything this node has registered; may be called twice."""

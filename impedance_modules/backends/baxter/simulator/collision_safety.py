@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The force field that keeps the arms off each other and off the body.
+
+    f = k (margin - d) - c d'    where a pair of links is nearer than the margin;    tau = sum G^T max(f, 0)
+
+with the distance d and its gradient G of ``robot.distances``. The robot's own blocks are a little bigger than its
+links, which is why tucked arms are inside the field.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.baxter.simulator.parameters import FORCE_FIELD_DAMPING, FORCE_FIELD_STIFFNESS
+from impedance_modules.errors import BadInput
+from impedance_modules.robot.distances import Distances
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.model import RobotModel
+
+Array = NDArray[np.float64]
+
+
+class ForceField:
+    """What each arm is too near to.
+
+    Attributes:
+        near: Limb -> links or limbs that it is too near to.
+        torque: (n,) of the field [N.m].
+    """
+
+    def __init__(self, kinematics: Kinematics, period: float) -> None:
+        """Watches the robot file's pairs; ``period`` [s] between updates."""
+        model = kinematics.model
+        collision = model.spec.collision
+        self._margin = collision.margin
+        self._distances = Distances(
+            kinematics,
+            collision.pairs,
+            margin=self._margin,
+            approach_time=period,
+            horizon=period,
+            period=period,
+        )
+        self._owner = {link: _owner(model, link) for pair in collision.pairs for link in pair}
+        self.near: Mapping[str, tuple[str, ...]] = {name: () for name in model.limbs}
+        self.torque: Array = np.zeros(model.n)
+
+    def update(self, q: Array, v: Array) -> None:
+        """Measures at the state of the kinematics' last update."""
+        self._distances.update(q, v)
+        found: dict[str, list[str]] = {name: [] for name in self.near}
+        torque = np.zeros(q.size)
+        pairs = zip(self._distances.pairs, self._distances.distance, self._distances.gradient, strict=True)
+        for (first, second), distance, row in pairs:
+            if distance >= self._margin:
+                continue
+            force = FORCE_FIELD_STIFFNESS * (self._margin - distance) - FORCE_FIELD_DAMPING * float(row @ v)
+            torque += row * max(force, 0.0)
+            for one, other in ((first, second), (second, first)):
+                limb = self._owner[one]
+                if limb is not None:
+                    found[limb].append(self._owner[other] or other)
+        self.near = {name: tuple(dict.fromkeys(others)) for name, others in found.items()}
+        self.torque = torque
+
+
+def _owner(model: RobotModel, link: str) -> str | None:
+    """Finds the limb that moves a link; None for the trunk."""
+    try:
+        return model.limb_of(link).name
+    except BadInput:
+        return None

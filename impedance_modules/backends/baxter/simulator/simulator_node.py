@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The double on the network: its topics, parameters, and the faults that are put on them."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+
+import numpy as np
+
+from impedance_modules.backends.baxter.ros import messages
+from impedance_modules.backends.baxter.simulator.assembly_state import ON
+from impedance_modules.backends.baxter.simulator.ears import listen
+from impedance_modules.backends.baxter.simulator.fault_injection import Fault, parse_fault
+from impedance_modules.backends.baxter.simulator.mishaps import Mishaps
+from impedance_modules.backends.baxter.simulator.network import Network
+from impedance_modules.backends.baxter.simulator.parameters import STATE_RATE
+from impedance_modules.backends.baxter.simulator.outlets import (
+    JOINT_STATES,
+    REALTIME_NODE,
+    STATE,
+    Outlet,
+    bounded_rate,
+    outlets,
+)
+from impedance_modules.backends.baxter.simulator.push import Push
+from impedance_modules.backends.baxter.simulator.publishers import Readout, assembly_message
+from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
+from impedance_modules.backends.baxter.ros.messages import Message
+from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
+from impedance_modules.errors import BadInput
+
+SECOND_NODE = "/another_robot"
+
+DESCRIPTION, VERSION = "/robot_description", "/rethink/software_version"
+"""Parameters."""
+
+LOOK_TICKS = 10
+"""Topics that tell a change at once are looked at every so many ticks."""
+
+PUSH_TIME = 1.0
+"""How long a push lasts unless it says so [s]."""
+
+
+class FakeNode:
+    """One double with its nodes on a network.
+
+    Attributes:
+        robot: The double.
+        mishaps: Faults of its messages.
+        opened: Whether its nodes are up.
+        slipped: By how much the robot's life is behind the wall's clock, which its stamps follow [s].
+    """
+
+    def __init__(self, robot: FakeBaxter, network: Network, description: str) -> None:
+        """Prepares everything; ``open`` brings the nodes up. ``description`` is the URDF that is served."""
+        self.robot = robot
+        self._network, self._description = network, description
+        self._limbs = tuple(robot.model.limbs.values())
+        self._readout = Readout(robot)
+        last = self._limbs[-1].joint_names[-1]
+        self.mishaps = Mishaps(joint=last, seed=robot.options.seed)
+        self._start = time.time_ns()
+        self._outlets = outlets(self._readout, self._limbs)
+        self._second = Outlet(
+            SECOND_NODE, STATE, messages.AssemblyState, STATE_RATE, lambda _: assembly_message(ON)
+        )
+        self._nodes: dict[str, Transport] = {}
+        self._publishers: dict[tuple[str, str], Publisher[Message]] = {}
+        self._last: dict[tuple[str, str], Message] = {}
+        self._return_at: float | None = None
+        self._script: list[Fault] = []
+        self._ticks = 0
+        self.slipped = 0.0
+        self.opened = False
+
+    def open(self) -> None:
+        """Brings the nodes up and sets the parameters."""
+        for outlet in self._outlets:
+            self._advertise(outlet)
+        realtime = self._nodes[REALTIME_NODE]
+        realtime.set_parameter(DESCRIPTION, self._description)
+        realtime.set_parameter(VERSION, self.robot.options.software_version)
+        listen(realtime, self.robot, self._set_rate, self._obey)
+        self.opened = True
+
+    def close(self) -> None:
+        """Takes the nodes down; every registration is withdrawn."""
+        self.opened = False
+        for node in self._nodes.values():
+            node.close()
+        self._nodes.clear()
+        self._publishers.clear()
+
+    def plan(self, faults: list[Fault]) -> None:
+        """Takes faults that happen at their time; those without one happen now."""
+        for fault in faults:
+            if fault.at is None:
+                self.suffer(fault)
+        self._script = sorted((f for f in faults if f.at is not None), key=lambda f: f.at or 0.0)
+
+    def tick(self) -> None:
+        """Lives through one millisecond and sends what is due."""
+        robot = self.robot
+        while self._script and (self._script[0].at or 0.0) <= robot.now:
+            self.suffer(self._script.pop(0))
+        robot.tick()
+        self._ticks += 1
+        if self._return_at is not None and robot.now >= self._return_at:
+            self._return_at = None
+            self.open()
+        if not self.opened:
+            return
+        self.mishaps.release(robot.now)
+        # A machine that is too slow makes the robot's life slower, not its clock.
+        stamp = self._start + round((robot.now + self.slipped + self.mishaps.clock_step) * 1e9)
+        for outlet in self._outlets:
+            self._serve(outlet, stamp)
+
+    def _serve(self, outlet: Outlet, stamp: int) -> None:
+        due = outlet.due()
+        if not (due or (outlet.on_change and self._ticks % LOOK_TICKS == 0)):
+            return
+        place = (outlet.node, outlet.topic)
+        publisher = self._publishers[place]
+        if publisher.connections() == 0:
+            return
+        message = outlet.make(stamp)
+        if not due and _content(message) == _content(self._last.get(place)):
+            return
+        self._last[place] = message
+        if outlet.mishap:
+            self.mishaps.pass_on(place, message, self.robot.now, partial(self._send, place))
+        else:
+            publisher.send(message)
+
+    def _send(self, place: tuple[str, str], message: Message) -> None:
+        """Sends by whatever publisher stands there now."""
+        publisher = self._publishers.get(place)
+        if publisher is not None:
+            publisher.send(message)
+
+    def _advertise(self, outlet: Outlet) -> None:
+        if outlet.node not in self._nodes:
+            self._nodes[outlet.node] = self._network.connect(outlet.node)
+        publisher = self._nodes[outlet.node].advertise(outlet.topic, outlet.kind)
+        self._publishers[outlet.node, outlet.topic] = publisher
+
+    def _set_rate(self, rate: int) -> None:
+        for outlet in self._outlets:
+            if (outlet.node, outlet.topic) == (REALTIME_NODE, JOINT_STATES):
+                outlet.rate = bounded_rate(rate)
+
+    def _obey(self, text: str) -> None:
+        """Carries out a fault that came by topic; nonsense is told, not obeyed."""
+        try:
+            self.suffer(parse_fault(text, tuple(self.robot.limbs)))
+        except BadInput as error:
+            self.robot.say(str(error))
+
+    def suffer(self, fault: Fault) -> None:
+        """Lets a fault happen."""
+        robot = self.robot
+        value = fault.numbers[0] if fault.numbers and fault.on else 0.0
+        words = [fault.name, *([fault.limb] if fault.limb else []), *(f"{x:g}" for x in fault.numbers)]
+        robot.say(f"fault: {' '.join(words)}{'' if fault.on else ' off'}")
+        if fault.name in ("silence", "freeze", "partial", "nan"):
+            setattr(self.mishaps, fault.name, fault.on)
+        elif fault.name in ("drop", "delay"):
+            setattr(self.mishaps, fault.name, value)
+        elif fault.name == "clock-step":
+            self.mishaps.clock_step += value
+        elif fault.name in ("duplicate", "dead", "wrong-md5", "restart"):
+            self._upset_network(fault, value)
+        elif fault.name in ("cuff", "push"):
+            self._touch(fault)
+        else:
+            acts = {
+                "estop": robot.machine.press,
+                "estop-release": robot.machine.release,
+                "joint-fault": robot.machine.fault,
+            }
+            acts[fault.name]()
+
+    def _touch(self, fault: Fault) -> None:
+        robot = self.robot
+        if not fault.on:
+            robot.cuffs.update(dict.fromkeys(robot.cuffs, False))
+        elif fault.limb is not None and fault.name == "cuff":
+            robot.cuffs[fault.limb] = True
+        elif fault.limb is not None:
+            lasts = fault.numbers[3] if len(fault.numbers) > 3 else PUSH_TIME
+            robot.pushes[fault.limb] = Push(np.array(fault.numbers[:3]), robot.now + lasts)
+
+    def _upset_network(self, fault: Fault, value: float) -> None:
+        """Faults of nodes and registrations."""
+        if fault.name == "dead":
+            self._network.haunt(STATE, messages.AssemblyState.ros_type, fault.on)
+        elif fault.name == "restart":
+            self.close()
+            self.robot.machine.disable()
+            self._return_at = self.robot.now + value
+        elif fault.name == "duplicate" and fault.on and self._second not in self._outlets:
+            self._outlets.append(self._second)
+            self._advertise(self._second)
+        elif fault.name == "duplicate" and not fault.on and self._second in self._outlets:
+            self._outlets.remove(self._second)
+            del self._publishers[SECOND_NODE, STATE]
+            self._nodes.pop(SECOND_NODE).close()
+        elif fault.name == "wrong-md5":
+            self._send_as(messages.Bool if fault.on else messages.AssemblyState)
+
+    def _right_state(self, stamp: int) -> messages.AssemblyState:  # noqa: ARG002 - as every maker of messages
+        return self._readout.assembly()
+
+    def _send_as(self, kind: type[Message]) -> None:
+        """Sends the robot's state as another type."""
+        for outlet in self._outlets:
+            if (outlet.node, outlet.topic) == (REALTIME_NODE, STATE):
+                outlet.kind = kind
+                outlet.make = self._right_state if kind is messages.AssemblyState else _wrong_state
+                self._publishers[REALTIME_NODE, STATE].close()
+                self._advertise(outlet)
+
+
+def _wrong_state(stamp: int) -> messages.Bool:  # noqa: ARG001 - as every maker of messages
+    return messages.Bool(data=True)
+
+
+def _content(message: Message | None) -> object:
+    """Gives what a message says, without when."""
+    if isinstance(message, messages.CollisionDetectionState):
+        return message.collision_state
+    if isinstance(message, messages.CollisionAvoidanceState):
+        return message.other_arm, message.collision_object
+    return message

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording as a robot: it reports what was measured then, and nothing it is told moves it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.backends.protocol import Finish, FirstState
+from impedance_modules.episode.data import Episode
+from impedance_modules.errors import BadInput, EndOfRecording
+from impedance_modules.robot.state import RobotState
+
+Array = NDArray[np.float64]
+
+
+class ReplayBackend:
+    """Feeds an episode's states back, sample by sample.
+
+    Attributes:
+        sample: Index of the last state given.
+    """
+
+    def __init__(self, episode: Episode, joint_names: tuple[str, ...], acting: Array) -> None:
+        """Takes an episode that has position, velocity and effort of every joint.
+
+        Args:
+            episode: The recording.
+            joint_names: Of the model, in the order of its vectors.
+            acting: (n,) torque that acted when the recording began [N.m].
+
+        Raises:
+            BadInput: A joint's position, velocity or effort was not recorded.
+        """
+        self._time = episode.time
+        self._position = _columns(episode.position, joint_names, "position")
+        self._velocity = _columns(episode.velocity, joint_names, "velocity")
+        self._effort = _columns(episode.effort, joint_names, "effort")
+        self._acting = acting
+        self.sample = 0
+
+    def start(self) -> FirstState:
+        """Returns the first recorded state."""
+        self.sample = 0
+        return FirstState(self._state(), self._acting)
+
+    def read(self) -> RobotState | None:
+        """Returns the next recorded state.
+
+        Raises:
+            EndOfRecording: After the last one.
+        """
+        if self.sample + 1 >= len(self._time):
+            raise EndOfRecording(f"the recording ends after {len(self._time)} samples")
+        self.sample += 1
+        return self._state()
+
+    def write(self, effort: Array) -> None:
+        """Takes a torque; the past does not change."""
+
+    def finish(self, how: Finish) -> None:
+        """Ends the replay; there is nothing to hold or release."""
+
+    def _state(self) -> RobotState:
+        k = self.sample
+        return RobotState(float(self._time[k]), self._position[k], self._velocity[k], self._effort[k])
+
+
+def _columns(recorded: Mapping[str, Array], names: tuple[str, ...], kind: str) -> Array:
+    missing = [name for name in names if name not in recorded]
+    if missing:
+        raise BadInput(f"the recording has no {kind} of {', '.join(missing)}; a replay needs every joint's")
+    return np.ascontiguousarray(np.column_stack([recorded[name] for name in names]))

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whom we may drive: the served description, and every gate, open and closed, with its remedy."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from unittest import mock
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.backends.baxter.served_description import compare_description
+from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
+from impedance_modules.backends.baxter.ros.messages import Float64, JointCommand
+from tests.support.in_process_transport import InProcessTransport
+from impedance_modules.backends.baxter.ros.transport import Offer
+from impedance_modules.effects.apply import wear_patch
+from impedance_modules.errors import RobotRefused
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.patch_file import read_patch
+from impedance_modules.spec.task_reader import read_task
+from tests.support.baxter_stub import StandIn, open_session
+
+SPEC = read_task("joint-springs")[1]
+NOMINAL = SPEC.urdf.read_text()
+
+
+def edited(change) -> str:
+    root = ElementTree.fromstring(NOMINAL)
+    change({joint.get("name"): joint for joint in root.iter("joint")})
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def test_our_own_description_is_our_model() -> None:
+    found = compare_description(NOMINAL, SPEC)
+    assert (dict(found.origins), found.problems, found.notes) == ({}, (), ())
+
+
+small = st.floats(-0.008, 0.008)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.tuples(small, small, small), st.tuples(small, small, small))
+def test_calibrated_mounts_are_taken_over_exactly(shift, turn) -> None:
+    def move(joints) -> None:
+        origin = joints["right_arm_mount_fixed"].find("origin")
+        for key, offset in (("xyz", shift), ("rpy", turn)):
+            values = [float(word) for word in origin.get(key).split()]
+            origin.set(key, " ".join(repr(a + b) for a, b in zip(values, offset, strict=True)))
+
+    text = edited(move)
+    found = compare_description(text, SPEC)
+    assert found.problems == ()
+    ours, nominal = RobotModel(replace(SPEC, joint_origins=found.origins)), RobotModel(SPEC)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "served.urdf"
+        path.write_text(text)
+        served = RobotModel(replace(SPEC, urdf=path))
+    q = np.linspace(-0.5, 0.9, ours.n)
+    for hand in ("right_hand", "left_hand"):
+        here, there = ours.pose(q, hand), served.pose(q, hand)
+        assert np.allclose(here.translation, there.translation, atol=2e-6)
+        assert np.allclose(here.rotation, there.rotation, atol=2e-6)
+    assert np.allclose(ours.gravity(q), served.gravity(q), atol=1e-4)
+    moved = np.linalg.norm(ours.pose(q, "right_hand").translation - nominal.pose(q, "right_hand").translation)
+    if max(map(abs, shift)) > 1e-3 and max(map(abs, turn)) < 1e-4:
+        assert moved > 5e-4
+
+
+def set_origin(name: str, key: str, value: str):
+    return lambda joints: joints[name].find("origin").set(key, value)
+
+
+def set_limit(name: str, key: str, value: str):
+    return lambda joints: joints[name].find("limit").set(key, value)
+
+
+def rename(name: str):
+    return lambda joints: joints[name].set("name", "other")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (set_origin("left_arm_mount_fixed", "xyz", "0.0646 0.2196 0.1186"), "left mount 40.0 mm"),
+        (set_origin("right_arm_mount_fixed", "rpy", "0 0 0.7854"), "right mount"),
+        (set_origin("left_e1", "xyz", "0.069 0 0.2724"), "'left_e1' is served 10.0 mm"),
+        (
+            set_limit("right_s1", "upper", "1.2"),
+            "'right_s1' is served with upper limit 1.2 rad, robot.yaml says 1.047",
+        ),
+        (
+            set_limit("left_w0", "effort", "10"),
+            "'left_w0' is served with effort limit 10 N.m, robot.yaml allows 15",
+        ),
+        (set_limit("left_s0", "velocity", "1"), "velocity limit 1 rad/s, robot.yaml allows 1.5"),
+        (set_limit("left_s0", "lower", "none"), "'left_s0' is served with lower limit nan"),
+        (rename("left_w2"), "no joint left_w2"),
+        (set_origin("left_e0", "rpy", "0 zero 0"), "cannot be read"),
+    ],
+)
+def test_another_robots_description_is_refused_by_name(change, said: str) -> None:
+    assert said in "; ".join(compare_description(edited(change), SPEC).problems)
+
+
+@pytest.mark.parametrize("text", ["", "<robot>", "<robot/>", "42"])
+def test_what_is_no_description_is_refused(text: str) -> None:
+    assert compare_description(text, SPEC).problems
+
+
+def test_a_robot_that_is_what_it_should_be_passes_every_gate() -> None:
+    with open_session(StandIn(SPEC)) as session:
+        gates = session.gates(("left", "right"))
+        assert [gate.name for gate in gates if gate.passed is not True] == []
+        assert len(gates) == 17
+        refuse_closed(gates, commanding=True)
+
+
+CLOSED = {
+    "software": (lambda robot: robot.hub.parameters.update({"/rethink/software_version": "1.1.1"}), "1.2."),
+    "wrong master": (lambda robot: robot.hub.parameters.pop("/rethink/software_version"), "no Baxter's"),
+    "two robots": (lambda robot: robot.another_robot(), "which robot is meant"),
+    "silent robot": (lambda robot: robot.silence("/robot/state"), "nobody publishes /robot/state"),
+    "wrong message": (lambda robot: robot.wrong_message("left"), "sends /robot/limb/left/endpoint_state as"),
+    "missing joint": (lambda robot: robot.leave_out("left_w2"), "never reported: left_w2"),
+    "not finite": (lambda robot: robot.set_effort("left_s0", float("nan")), "not finite"),
+    "another robot's loop": (lambda robot: robot.rename_loop("/gazebo"), "/gazebo publish"),
+    "limits": (lambda robot: robot.serve(edited(set_limit("left_s0", "upper", "1.0"))), "robot.yaml says"),
+    "no description": (lambda robot: robot.serve(None), "serves no /robot_description"),
+    "somebody else": (lambda robot: robot.another_controller("left"), "commanded by /somebody (left)"),
+    "disabled": (lambda robot: robot.power(enabled=False), "the robot is disabled"),
+    "e-stop": (lambda robot: robot.power(estop_button=1), "the e-stop is pressed"),
+    "error": (lambda robot: robot.power(error=True), "reports an error"),
+    "collision": (lambda robot: robot.collide("left"), "felt by left"),
+    "cuff": (lambda robot: robot.squeeze("right"), "squeezed at right"),
+    "tucked": (lambda robot: robot.place({"left_s1": -2.175}), "left_s1 at -2.175 rad"),
+    "other hand": (lambda robot: robot.move_tip("left", 0.01), "10.0 mm from where the robot has it"),
+    "tool": (lambda robot: robot.add_weight("left", 4.0), "differ by at most 4.00 N.m"),
+}
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_every_gate_closes_with_a_reason_and_a_remedy(name: str) -> None:
+    change, said = CLOSED[name]
+    robot = StandIn(SPEC)
+    change(robot)
+    with open_session(robot) as session, pytest.raises(RobotRefused) as refusal:
+        refuse_closed(session.gates(("left", "right")), commanding=True)
+    assert said in str(refusal.value)
+    assert "(valid: " in str(refusal.value)
+    assert robot.commands == []
+
+
+def test_a_model_that_wears_the_springs_beside_s1_passes_every_gate() -> None:
+    patch = read_patch(Path("robots/baxter/patches/counterbalance-springs.yaml"))
+    worn = wear_patch(SPEC, patch)
+    assert np.abs(RobotModel(worn).winding(np.zeros(14))).max() > 30.0
+    with open_session(StandIn(worn)) as session:
+        gates = {gate.name: gate for gate in session.gates(("left", "right"))}
+        refuse_closed(tuple(gates.values()), commanding=True)
+    assert gates["weight left"].passed is True
+    assert gates["effort left"].passed is True
+
+
+def test_listening_alone_asks_for_less() -> None:
+    robot = StandIn(SPEC)
+    robot.power(enabled=False)
+    robot.place({"left_s1": -2.175})
+    with open_session(robot) as session:
+        refuse_closed(session.gates(("left",)), commanding=False)
+        robot.another_robot()
+        with pytest.raises(RobotRefused, match="which robot is meant"):
+            refuse_closed(session.gates(("left",)), commanding=False)
+
+
+NO_POWER = ["software", "two robots", "wrong message", "missing joint", "limits", "somebody else", "tucked"]
+
+
+@pytest.mark.parametrize("name", NO_POWER)
+def test_what_is_wrong_with_a_robot_is_found_before_it_gets_power(name: str) -> None:
+    robot = StandIn(SPEC)
+    robot.power(enabled=False)
+    with open_session(robot) as session:
+        refuse_closed(before_power(session.gates(("left", "right")), tucked=False), commanding=True)
+    change, said = CLOSED[name]
+    robot = StandIn(SPEC)
+    robot.power(enabled=False)
+    change(robot)
+    with open_session(robot) as session:
+        gates = before_power(session.gates(("left", "right")), tucked=False)
+        with pytest.raises(RobotRefused) as refusal:
+            refuse_closed(gates, commanding=True)
+        if name == "tucked":
+            gates = before_power(session.gates(("left", "right")), tucked=True)
+            refuse_closed(gates, commanding=True)
+    assert said in str(refusal.value)
+
+
+def test_a_spring_beside_a_joint_is_noticed_and_no_obstacle() -> None:
+    robot = StandIn(SPEC)
+    robot.set_effort("left_s1", 20.0)
+    with open_session(robot) as session:
+        gates = {gate.name: gate for gate in session.gates(("left", "right"))}
+        assert gates["effort right"].passed
+        assert gates["effort left"].passed is None
+        assert "20.0 N.m (left_s1): a spring beside the joint" in gates["effort left"].found
+        refuse_closed(gates.values(), commanding=True)
+
+
+def gates_by_name(session, limbs=("left", "right")):
+    return {gate.name: gate for gate in session.gates(limbs)}
+
+
+def test_dead_nodes_are_named_and_no_obstacle() -> None:
+    robot = StandIn(SPEC)
+    robot.hub.dead += [("/old_double", "/robot/state")]
+    robot.hub.dead += [("/old_run", f"/robot/limb/{limb}/joint_command") for limb in ("left", "right")]
+    with open_session(robot) as session:
+        gates = gates_by_name(session)
+        refuse_closed(gates.values(), commanding=True)
+    for name, node in (("one robot", "/old_double"), ("nobody else", "/old_run")):
+        said = f"a registration of {node}, which no longer answers, is ignored; 'rosnode cleanup' removes it"
+        assert gates[name].passed and gates[name].found.endswith(said), gates[name].found
+
+
+@pytest.mark.parametrize(
+    ("topic", "name"), [("/robot/state", "one robot"), ("/robot/limb/left/joint_command", "nobody else")]
+)
+def test_a_node_that_cannot_be_told_dead_counts_as_living(topic: str, name: str) -> None:
+    silent = Offer("/silent", None, None, "cannot be reached: timed out")
+    with open_session(StandIn(SPEC)) as session:
+        ask = session.transport.offers_of
+
+        def asked(where: str) -> tuple[Offer, ...]:
+            return (*ask(where), silent) if where == topic else ask(where)
+
+        with mock.patch.object(session.transport, "offers_of", asked):
+            gate = gates_by_name(session)[name]
+    assert gate.passed is False
+    assert "/silent, which cannot be reached: timed out" in gate.found and "rosnode cleanup" in gate.remedy
+
+
+def test_the_other_arm_may_be_commanded_by_somebody_else() -> None:
+    robot = StandIn(SPEC)
+    InProcessTransport(robot.hub, "/somebody").advertise("/robot/limb/right/joint_command", JointCommand)
+    InProcessTransport(robot.hub, "/somebody").advertise("/robot/limb/right/other", Float64)
+    with open_session(robot) as session:
+        refuse_closed(session.gates(("left",)), commanding=True)

@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The double behaves as the facts about the real robot say: modes, time-outs, power, collisions, topics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from impedance_modules.backends.baxter.ros import messages
+from impedance_modules.backends.baxter.simulator.assembly_state import AssemblyMachine, Button, Source
+from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
+from impedance_modules.backends.baxter.simulator.fault_injection import parse_fault
+from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, Doing
+from impedance_modules.backends.baxter.simulator.network import InProcessNetwork
+from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, STOP_MARGIN
+from impedance_modules.backends.baxter.simulator.options import FakeOptions
+from impedance_modules.backends.baxter.simulator.pace import Pacer
+from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
+from impedance_modules.backends.baxter.postures import named_posture
+from tests.support.in_process_transport import InProcessMaster
+from impedance_modules.errors import BadInput
+
+ON = FakeOptions(enabled=True, springs=SPRINGS)
+
+
+def fake(options: FakeOptions = ON, posture: str = "neutral") -> FakeBaxter:
+    return build_fake("baxter", posture, None, options).robot
+
+
+def live(robot: FakeBaxter, seconds: float) -> None:
+    for _ in range(round(seconds * 1000)):
+        robot.tick()
+
+
+def torque(robot: FakeBaxter, values: dict[str, float], seconds: float) -> None:
+    names = robot.limbs["left"].limb.joint_names
+    for _ in range(round(seconds * 1000)):
+        robot.command("left", CommandMode.TORQUE, names, [values.get(name, 0.0) for name in names])
+        robot.tick()
+
+
+def test_no_torque_holds_the_pose_because_the_robot_carries_weight_and_springs() -> None:
+    robot = fake()
+    start = robot.state.position
+    torque(robot, {}, 1.0)
+    assert np.abs(robot.state.position - start).max() < 2e-3
+    # What the robot adds: g(q) less what the counterbalance carries.
+    sea = messages_of(robot)
+    assert sea.gravity_only[1] == pytest.approx(-47.6, abs=0.3)
+    assert sea.actual_effort[1] == pytest.approx(
+        sea.gravity_only[1] - sea.hysteresis_model_effort[1], abs=0.5
+    )
+    stiffness, preload = SPRINGS["s1"]
+    assert sea.hysteresis_model_effort[1] == pytest.approx(preload + 0.55 * stiffness, abs=0.1)
+
+
+def messages_of(robot: FakeBaxter) -> messages.SEAJointState:
+    from impedance_modules.backends.baxter.simulator.publishers import Readout
+
+    return Readout(robot).sea_joints(robot.limbs["left"].limb, 0)
+
+
+def test_gravity_compensation_suppressed_lets_the_arm_fall_and_lapses() -> None:
+    robot = fake()
+    start = robot.state.position
+    joints = robot.limbs["left"].limb.joints
+    for _ in range(150):
+        robot.suppressions["left"].ask("suppress_gravity_compensation", robot.now)
+        torque(robot, {}, 0.001)
+    fallen = np.abs(robot.state.velocity[joints]).max()
+    live(robot, 0.25)
+    acting = robot.plant.assistance[joints]
+    assert fallen > 0.1 and np.abs(acting).max() > 5.0
+    assert np.abs(robot.state.position - start).max() < 1.0
+
+
+@pytest.mark.parametrize("result", ["hold", "disable", "float"])
+def test_a_silent_commander_is_given_up_within_its_time_out(result: str) -> None:
+    robot = fake(replace(ON, time_out_result=result))
+    robot.limbs["left"].set_time_out(0.05)
+    torque(robot, {"left_s0": 6.0}, 0.3)
+    last = robot.now
+    while "no command" not in (robot.events[-1][1] if robot.events else ""):
+        robot.tick()
+        assert robot.now - last < 0.07
+    live(robot, 1.0)
+    speed = np.abs(robot.state.velocity).max()
+    if result == "hold":
+        assert robot.limbs["left"].doing is Doing.HOLDS and speed < 0.05
+    elif result == "disable":
+        assert not robot.machine.standing.enabled
+    else:
+        assert robot.limbs["left"].doing is Doing.FLOATS and robot.machine.standing.enabled
+        # Only the motor's own friction brakes it.
+        assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) > 0.05
+
+
+def test_time_out_is_cut_to_what_the_robot_accepts() -> None:
+    drive = fake().limbs["left"]
+    for wish, gets in ((-1.0, 0.0), (0.3, 0.3), (7.0, 1.0), (float("nan"), 1.0)):
+        drive.set_time_out(wish)
+        assert drive.time_out == gets
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [
+        (CommandMode.TORQUE, ["left_s0"], [float("nan")]),
+        (9, ["left_s0"], [0.0]),
+        (CommandMode.TORQUE, ["left_s9"], [0.0]),
+        (CommandMode.TORQUE, ["left_s0"], [0.0, 1.0]),
+        (CommandMode.TORQUE, [], []),
+    ],
+)
+def test_commands_without_sense_are_ignored(wish: tuple) -> None:
+    robot = fake()
+    robot.command("left", *wish)
+    assert robot.limbs["left"].ignored == 1 and robot.limbs["left"].doing is Doing.HOLDS
+
+
+def test_torque_beyond_the_boards_is_clamped_or_faults() -> None:
+    robot = fake()
+    robot.command("left", CommandMode.TORQUE, ["left_w2", "left_s0"], [99.0, -99.0])
+    assert sorted(robot.limbs["left"].command)[0] == -50.0 and max(robot.limbs["left"].command) == 15.0
+    robot = fake(replace(ON, over_torque="fault"))
+    robot.command("left", CommandMode.TORQUE, ["left_w2"], [15.1])
+    standing = robot.machine.standing
+    assert standing.stopped and standing.source is Source.FAULT and not standing.enabled
+
+
+@pytest.mark.parametrize("mode", [CommandMode.POSITION, CommandMode.RAW_POSITION])
+def test_position_modes_arrive_and_only_the_safe_one_eases(mode: CommandMode) -> None:
+    robot = fake()
+    drive = robot.limbs["left"]
+    target = robot.position(drive) + 0.1
+    for _ in range(3000):
+        robot.command("left", mode, drive.limb.joint_names, target)
+        robot.tick()
+        if robot.now == 0.2:
+            early = np.abs(drive.reference.position - target).max()
+    assert np.abs(robot.position(drive) - target).max() < 2e-3
+    assert (early > 0.05) == (mode is CommandMode.POSITION)
+
+
+def test_position_mode_trails_a_moving_target_as_a_real_arm_did() -> None:
+    robot = fake()
+    drive = robot.limbs["left"]
+    start, speed = robot.position(drive), 0.23
+    for k in range(3000):
+        robot.command("left", CommandMode.POSITION, ["left_s0"], [start[0] + speed * k * 1e-3])
+        robot.tick()
+    assert start[0] + speed * 3.0 - robot.position(drive)[0] == pytest.approx(0.094, abs=0.01)
+
+
+def test_velocity_mode_runs_at_the_speed_and_stops_at_the_limit() -> None:
+    robot = fake()
+    drive = robot.limbs["left"]
+    speeds = []
+    for k in range(4500):
+        robot.command("left", CommandMode.VELOCITY, ["left_s0"], [0.5])
+        robot.tick()
+        if 2000 <= k < 2500:
+            speeds.append(robot.state.velocity[drive.limb.joints[0]])
+    assert np.mean(speeds) == pytest.approx(0.5, abs=0.01)
+    assert robot.position(drive)[0] == pytest.approx(1.70168, abs=5e-3)
+
+
+def test_power_follows_the_sdk() -> None:
+    machine = AssemblyMachine(enabled=True)
+    machine.press()
+    assert (machine.standing.button, machine.standing.source) == (Button.PRESSED, Source.USER)
+    machine.reset()
+    assert machine.standing.stopped and "pressed" in machine.refusal
+    machine.release()
+    assert machine.standing.button is Button.RELEASED and machine.standing.stopped
+    machine.enable(blocked="")
+    assert not machine.standing.enabled and "reset" in machine.refusal
+    machine.reset()
+    assert not machine.standing.stopped and not machine.standing.enabled
+    machine.enable(blocked="")
+    assert machine.standing.enabled
+
+
+def test_without_power_the_arm_sinks_slowly_and_ignores_commands() -> None:
+    robot = fake(replace(ON, enabled=False))
+    start = robot.state.position
+    torque(robot, {"left_s0": 20.0}, 1.0)
+    assert robot.limbs["left"].ignored == 1000
+    assert 0.02 < np.abs(robot.state.position - start).max() < 0.5
+
+
+def test_tucked_arms_can_only_be_powered_while_their_force_field_is_suppressed() -> None:
+    robot = fake(replace(ON, enabled=False), "tucked")
+    assert robot.field.near["left"] and robot.field.near["right"]
+    robot.enable(True)
+    assert not robot.machine.standing.enabled and "force field" in robot.machine.refusal
+    for limb in robot.suppressions.values():
+        limb.ask("suppress_collision_avoidance", robot.now)
+    robot.enable(True)
+    assert robot.machine.standing.enabled
+
+
+@pytest.mark.parametrize(("force", "kind"), [((0.0, 0.0, -60.0), "impact"), ((0.0, 0.0, -1.0), "")])
+def test_a_push_is_a_collision_if_it_is_hard(force: tuple, kind: str) -> None:
+    robot = fake()
+    node = FakeNode(robot, InProcessNetwork(InProcessMaster()), "")
+    node.suffer(parse_fault(f"push left {force[0]} {force[1]} {force[2]} 0.2", ("left", "right")))
+    live(robot, 0.1)
+    assert robot.colliding["left"] == kind
+    if kind:
+        torque(robot, {}, 0.5)
+        assert robot.limbs["left"].doing is Doing.HOLDS and robot.limbs["left"].ignored == 500
+        live(robot, 1.5)
+        torque(robot, {}, 0.01)
+        assert robot.limbs["left"].doing is Doing.OBEYS and not robot.colliding["left"]
+
+
+def test_a_squeezed_cuff_makes_the_arm_yield() -> None:
+    robot = fake()
+    robot.cuffs["left"] = True
+    torque(robot, {"left_s0": 20.0}, 0.2)
+    assert robot.limbs["left"].doing is Doing.FLOATS
+    assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) < 0.1
+
+
+def test_a_joint_driven_into_its_end_meets_a_stop() -> None:
+    robot = fake()
+    joint = robot.model.joint_names.index("left_s0")
+    low = robot.model.column("position_min")[joint]
+    reached = []
+    for _ in range(30):
+        torque(robot, {"left_s0": -25.0}, 0.1)
+        reached.append(robot.state.position[joint])
+    # Without a stop 25 N.m would have turned it by tens of radians; it bounces, and comes to rest there.
+    assert min(reached) > low - STOP_MARGIN - 0.1
+    assert reached[-1] == pytest.approx(low - STOP_MARGIN, abs=0.03)
+
+
+def test_readings_lie_on_the_grids_of_public_logs_and_are_noisy_only_if_wished() -> None:
+    noisy, other, clean = (
+        fake(replace(ON, noise=noise, seed=seed)) for noise, seed in ((1, 1), (1, 2), (0, 1))
+    )
+    read = {robot: [] for robot in (noisy, other, clean)}
+    for robot, states in read.items():
+        for _ in range(100):
+            robot.tick()
+            states.append(np.concatenate([robot.state.position, robot.state.effort]))
+    n = noisy.model.n
+    grid = np.concatenate([np.full(n, 2.0 * np.pi / 16384), np.full(n, 0.004)])
+    for states in read.values():
+        steps = np.array(states) / grid
+        assert np.abs(steps - np.round(steps)).max() < 1e-6
+    scatter = {robot: np.std(states, axis=0) for robot, states in read.items()}
+    assert (scatter[noisy] > 3.0 * scatter[clean]).mean() > 0.8
+    assert not np.array_equal(read[noisy], read[other])
+
+
+def test_a_torque_acts_after_the_transport_delay_and_not_before() -> None:
+    robot = fake(replace(ON, noise=False))
+    torque(robot, {}, 0.1)
+    still = robot.state.effort.copy()
+    moved = []
+    for _ in range(12):
+        torque(robot, {"left_w1": 4.0}, 0.001)
+        moved.append(abs(robot.state.effort - still)[robot.model.joint_names.index("left_w1")])
+    delay = round(robot.model.spec.timing.command_delay * 1000)
+    assert max(moved[:delay]) < 0.02 < 0.1 < max(moved)
+
+
+def test_calibrated_mounts_are_served_and_obeyed() -> None:
+    built = build_fake("baxter", "neutral", None, replace(ON, mount_offset={"left": (0.0, 0.001, -0.0095)}))
+    moved = built.robot.kinematics.pose("left_hand").translation
+    plain = fake().kinematics.pose("left_hand").translation
+    np.testing.assert_allclose(moved - plain, [0.0, 0.001, -0.0095], atol=2e-3)
+    assert repr(0.118588 - 0.0095) in built.description
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("silense", "did you mean 'silence'"),
+        ("drop 2", "valid: 0 to 1"),
+        ("drop x", "'x' is not a number"),
+        ("push up 1 2 3", "limbs left, right"),
+        ("estop 3", "too much"),
+        ("@x estop", "is not a number"),
+        ("", "valid:"),
+    ],
+)
+def test_nonsense_is_no_fault(text: str, part: str) -> None:
+    with pytest.raises(BadInput, match=part.replace("(", ".")):
+        parse_fault(text, ("left", "right"))
+
+
+def test_postures_by_name_and_by_task() -> None:
+    from impedance_modules.spec.robot_reader import read_robot
+
+    spec = read_robot("baxter")
+    assert named_posture(spec, "untucked")["right"]["s0"] == 0.08
+    assert named_posture(spec, "joint-springs")["right"]["s0"] == 0.5462
+    with pytest.raises(BadInput, match="valid besides tasks: neutral, tucked, untucked"):
+        named_posture(spec, "standing")
+
+
+def test_pace_has_no_drift_and_slips_when_it_must() -> None:
+    now = [0.0]
+    pacer = Pacer(lambda: now[0], lambda s: now.__setitem__(0, now[0] + s + 3e-4))
+    for _ in range(1000):
+        pacer.wait()
+    assert now[0] == pytest.approx(1.0, abs=1e-3) and pacer.slipped == 0.0
+    now[0] += 0.02
+    assert pacer.wait() == 0.0
+    now[0] += 1.0
+    assert pacer.wait() == pytest.approx(1.02, abs=0.01)
+    assert pacer.wait() == 0.0 and pacer.slipped == pytest.approx(1.02, abs=0.01)

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The same YAML on the simulated robot and, over ROS, on the double: the same motion, the same phases.
+
+Three tasks here; ``EVERY_TASK=1 pytest -s`` on this file compares and prints all that need nothing but the robot.
+The tanks are made ample: what lost samples cost is the matter of tests/control, and of this machine.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impedance_modules.episode.data import Episode
+from impedance_modules.episode.reader import read_episode
+from impedance_modules.spec.locate import find_task, list_tasks
+from impedance_modules.spec.task_reader import read_task
+from tests.support.baxter_process import ATTEMPTS, BUSY, double, impedance
+
+pytestmark = pytest.mark.ros
+
+RATE = "200"
+
+THREE = ["elbow-swing", "joint-springs", "reach-and-return"]
+
+
+def without_surroundings() -> list[str]:
+    """Tasks that need nothing but the robot."""
+    tasks = {name: read_task(name)[0] for name in list_tasks()}
+    return [name for name, task in tasks.items() if not task.environment and task.object is None]
+
+
+def phases(folder: Path) -> list[str]:
+    summary = json.loads((folder / "summary.json").read_text())
+    return [phase["name"] for phase in summary["phases"]]
+
+
+def progress(episode: Episode) -> np.ndarray:
+    """How far the task is, phase by phase: a phase's clock stands still while a state is missing."""
+    names = phases_of(episode)
+    place = np.array([names.index(str(name)) for name in episode.phase])
+    return place + np.minimum(episode.extra["phase_clock"] / 100.0, 0.999)
+
+
+def phases_of(episode: Episode) -> list[str]:
+    return list(dict.fromkeys(str(name) for name in episode.phase))
+
+
+def apart(one: Episode, other: Episode) -> tuple[dict[str, float], dict[str, float]]:
+    """RMS distance of joints [rad] and of hands [m] at the same points of two runs of a task."""
+    here, there = progress(one), progress(other)
+    # Phases end where each run reached their end; what only one of them has is left out.
+    last = {k: min(here[here // 1 == k].max(), there[there // 1 == k].max()) for k in np.unique(here // 1)}
+    both = np.array([point <= last[point // 1] for point in here])
+    at = here[both]
+    joints = {
+        joint: rms(one.position[joint][both], np.interp(at, there, other.position[joint]))
+        for limb in one.metadata["limbs"].values()
+        for joint in limb
+    }
+    hands = {
+        frame: rms(
+            one.pose[frame][both, :3].T,
+            np.stack([np.interp(at, there, other.pose[frame][:, i]) for i in range(3)]),
+        )
+        for frame in one.pose
+    }
+    return joints, hands
+
+
+def rms(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(np.atleast_2d(one - other) ** 2, axis=0))))
+
+
+def with_an_ample_tank(task: str, folder: Path) -> str:
+    text = find_task(task).read_text()
+    path = folder / f"{task}.yaml"
+    path.write_text(re.sub(r"tank: \{initial: [\d.]+, max: [\d.]+,", "tank: {initial: 40, max: 80,", text))
+    assert path.read_text() != text
+    return str(path)
+
+
+@pytest.mark.parametrize("task", without_surroundings() if os.environ.get("EVERY_TASK") else THREE)
+def test_a_task_moves_the_double_as_it_moves_the_simulation(task: str, master: str, tmp_path: Path) -> None:
+    simulated, file = tmp_path / "sim", with_an_ample_tank(task, tmp_path)
+    run = impedance("run", file, "--rate", RATE, "--out", str(simulated))
+    assert run.returncode == 0, run.stdout + run.stderr
+    for attempt in range(ATTEMPTS):
+        real = tmp_path / f"real-{attempt}"
+        real.mkdir()
+        with double(real, master, "--posture", file, "--enabled") as robot:
+            run = impedance("run", file, "--rate", RATE, "--backend", "baxter", "--out", str(real / "run"))
+        if run.returncode == 0 or not BUSY.search(re.sub(r"\s+", " ", run.stdout + run.stderr)):
+            break
+    assert run.returncode == 0, f"{run.stdout}{run.stderr}{robot.said}"
+    real = real / "run"
+    assert phases(real) == phases(simulated)
+    one, other = read_episode(simulated), read_episode(real)
+    joints, hands = apart(one, other)
+    print(f"{task}: joints {1e3 * max(joints.values()):.2f} mrad, hands {1e3 * max(hands.values()):.2f} mm")
+    assert max(joints.values()) < 0.02, joints
+    assert max(hands.values()) < 0.005, hands
