@@ -41,7 +41,7 @@ def command(
     from rich.console import Console
 
     from impedance_modules.backends.baxter.preflight_checks import refuse_closed
-    from impedance_modules.backends.baxter.recorder import RecordOptions, record
+    from impedance_modules.backends.baxter.baxter_recorder import RecordOptions, record
     from impedance_modules.backends.baxter.session import Session
     from impedance_modules.cli.baxter.ending import Ending
     from impedance_modules.spec.robot_reader import read_robot
