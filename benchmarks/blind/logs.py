@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from benchmarks.blind.plant import PERIOD, RawLog
 from benchmarks.blind.records import Faults
 from benchmarks.blind.urdf_numbers import Drive
+from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.episode.save import write_episode
 
 Array = NDArray[np.float64]
 

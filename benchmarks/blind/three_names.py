@@ -17,8 +17,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.episode.save import write_episode
 
 Array = NDArray[np.float64]
 

@@ -60,10 +60,10 @@ def command(
     from rich.console import Console
 
     from impedance_modules.cli.diagnosis_tables import print_diagnosis
-    from impedance_modules.diagnosis.diagnose import diagnose, insufficient
     from impedance_modules.diagnosis.data.log import InsufficientData
     from impedance_modules.diagnosis.data.long_recordings import read_recordings
-    from impedance_modules.episode.folder import episode_paths
+    from impedance_modules.diagnosis.diagnose import diagnose, insufficient
+    from impedance_modules.episode.run_folder import episode_paths
 
     if (robot is None) == (urdf is None):
         raise BadInput("diagnose needs the model to compare: give --robot NAME or --urdf FILE, one of them")

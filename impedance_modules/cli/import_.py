@@ -37,7 +37,7 @@ def command(sources: tuple[Path, ...], map_path: Path | None, rate: float | None
 
     Exit: 0 done, 2 bad input.
     """
-    from impedance_modules.episode.imports.run import import_sources
+    from impedance_modules.episode.imports.pipeline import import_sources
 
     for imported in import_sources(sources, map_path, rate, out):
         click.echo(_sentence(imported))

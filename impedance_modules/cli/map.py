@@ -33,8 +33,8 @@ def command(episode: Path, out: Path, hand: str | None, force: float, cell: floa
 
     Exit: 0 done, 2 no force, no contact, or no stroke.
     """
-    from impedance_modules.episode.folder import the_episode
     from impedance_modules.episode.reader import read_episode
+    from impedance_modules.episode.run_folder import the_episode
     from impedance_modules.errors import BadInput
     from impedance_modules.tools.surface_fit import map_surface
     from impedance_modules.tools.surface_map.touches import touches_of

@@ -19,7 +19,7 @@ def command(log: Path, view: bool, verify: bool) -> int:
 
     Exit: 0 fine, 2 no such recording or (with --verify) one without a task, 4 a torque differs.
     """
-    from impedance_modules.episode.folder import the_episode
+    from impedance_modules.episode.run_folder import the_episode
 
     log = the_episode(log)
     if verify:

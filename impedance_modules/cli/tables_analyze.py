@@ -15,8 +15,8 @@ from rich.table import Table
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.analysis import Analysis, Felt, carried_inertia
-from impedance_modules.spec.mirror import twist_signs
 from impedance_modules.spec.task import AXES
+from impedance_modules.spec.task_draft import twist_signs
 from impedance_modules.superposition.ellipsoid import Ellipsoid, angular_ellipsoid, linear_ellipsoid
 from impedance_modules.superposition.inertia import carry_inertia
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.contact_cause import contact_cause
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.result import Cause
+from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.estimate import estimates
-from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
 from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.result import Cause
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
     if evidence.pushes:
         share = evidence.pushed_share
         weighed = [replace(cause, weight=cause.weight * (1.0 - share)) for cause in weighed]
-        weighed.append(contact_cause(evidence, share))
+        weighed.append(contact_cause(evidence.pushes, evidence.prepared, share))
     return tuple(sorted(weighed, key=lambda cause: -cause.weight))
 
 

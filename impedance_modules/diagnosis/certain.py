@@ -8,8 +8,8 @@ A law that filters the command fits its noise too, and gains by that what its nu
 
 from __future__ import annotations
 
-from impedance_modules.diagnosis.regression.model_fit import Bench
 from impedance_modules.diagnosis.regression.estimate import estimates
+from impedance_modules.diagnosis.regression.model_fit import Bench
 from impedance_modules.diagnosis.regression.parameter_estimates import Refiner
 from impedance_modules.diagnosis.regression.term import Term
 

@@ -3,27 +3,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from impedance_modules.diagnosis.contact_forces import SPACING
-from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.external_pushes import Push
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Estimate, Rival
 from impedance_modules.effects.external_contact import FORCE
 
 
-def contact_cause(evidence: Evidence, share: float) -> Cause:
+def contact_cause(pushes: Sequence[Push], prepared: Sequence[Prepared], share: float) -> Cause:
     """Describes the strongest push on every link that was pushed.
 
     Args:
-        evidence: With its pushes.
+        pushes: One or more.
+        prepared: The recordings that their indices refer to.
         share: Part of the gap that they make.
     """
-    strongest = {push.body: push for push in sorted(evidence.pushes, key=lambda push: push.gain)}
+    strongest = {push.body: push for push in sorted(pushes, key=lambda push: push.gain)}
     parameters = {}
     for body, push in strongest.items():
         named = zip(FORCE, push.force, push.std, strict=True)
         forces = {symbol: Estimate(float(value), float(std), "N") for symbol, value, std in named}
         times = {"start": Estimate(push.start, SPACING, "s"), "end": Estimate(push.end, SPACING, "s")}
         parameters[body] = {**forces, **times}
-    names = [evidence.prepared[push.recording].log.name for push in evidence.pushes]
+    names = [prepared[push.recording].log.name for push in pushes]
     told = ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
     return Cause(
         effect="external_contact",

@@ -7,18 +7,18 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from impedance_modules.diagnosis.causes import name_causes
+from impedance_modules.diagnosis.compensated import compensation_note
 from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.folds import Arrangement, arrange
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.model_selection.cause_search import Progress, explain
+from impedance_modules.diagnosis.model_selection.conclusion import conclude
+from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
     without_touched_links,
 )
-from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
-from impedance_modules.diagnosis.causes import name_causes
-from impedance_modules.diagnosis.compensated import compensation_note
-from impedance_modules.diagnosis.model_selection.conclusion import conclude
-from impedance_modules.diagnosis.model_selection.cause_search import Progress, explain
-from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, Remainder
 from impedance_modules.diagnosis.rigid import BatchedRigidModel

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.model_fit import Bench
 from impedance_modules.diagnosis.regression.candidates import Group
+from impedance_modules.diagnosis.regression.model_fit import Bench
 from impedance_modules.diagnosis.regression.plain import PlainRows
 from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 
 Array = NDArray[np.float64]
 

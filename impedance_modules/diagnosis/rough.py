@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.constancy import uneven
-from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.acceptance import price
-from impedance_modules.diagnosis.regression.still import at_rest
 from impedance_modules.diagnosis.model_selection.candidate_trial import Trial
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.regression.still import at_rest
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.rough import rough, without
 from impedance_modules.diagnosis.data.rigid_tree import Body
+from impedance_modules.diagnosis.rough import rough, without
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.episode.background import Background
-from impedance_modules.episode.display import open_live_stream
-from impedance_modules.episode.run_folder import RECORDING
 from impedance_modules.episode.rerun_writer import Recording, open_stream
+from impedance_modules.episode.run_folder import RECORDING
 from impedance_modules.episode.view_scene import Scene, ViewSample, check_sample
+from impedance_modules.episode.viewer import open_live_stream
 from impedance_modules.errors import BadInput
 
 RATE = 25.0

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from impedance_modules.episode.data import Episode, Vector
-from impedance_modules.episode.palette import LIMIT, css, series_colour
+from impedance_modules.episode.view_scene import LIMIT, css, series_colour
 
 MOST_POINTS = 4000
 """A curve is thinned to this many points: more than a picture can show."""

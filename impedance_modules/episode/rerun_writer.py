@@ -12,9 +12,21 @@ import rerun as rr
 
 from impedance_modules.episode import entities
 from impedance_modules.episode.view_layout import run_layout
-from impedance_modules.episode.palette import FORCE, LIMIT, SPRING, TORQUE, series_colour
-from impedance_modules.episode.view_scene import ARRAYS, Array, Scene, ViewSample, check_sample
-from impedance_modules.episode.solids import solid
+from impedance_modules.episode.view_scene import (
+    ARRAYS,
+    BODY,
+    FORCE,
+    LIMIT,
+    SPRING,
+    TORQUE,
+    Array,
+    Body,
+    BodyShape,
+    Scene,
+    ViewSample,
+    check_sample,
+    series_colour,
+)
 
 METRES_PER_NEWTON = 0.015
 METRES_PER_NEWTON_METRE = 0.1
@@ -219,3 +231,50 @@ def _repeat(colour: tuple[int, ...], like: Array) -> Any:
 def _thin(like: Array) -> Array:
     """Returns one line radius [m] per entry."""
     return np.full(len(like), 0.006)
+
+
+def solid(shape: BodyShape, body: Body) -> Any:
+    """Returns a shape as rerun draws it, in its body's frame and colour."""
+    # What the hands touch is see-through, so that springs and ellipsoids inside it stay visible.
+    fill = "solid" if body.role == "robot" else "transparentfillmajorwireframe"
+    return _SOLIDS[shape.kind](shape, {"colors": [BODY[body.role]], "fill_mode": fill})
+
+
+def _capsule(shape: BodyShape, look: dict[str, Any]) -> Any:
+    radius, length = shape.size
+    x, y, z, w = shape.pose[3:]
+    axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+    # rerun measures a capsule from the centre of its lower cap.
+    start = np.array(shape.pose[:3]) - axis * length / 2
+    return rr.Capsules3D(
+        lengths=[length],
+        radii=[radius],
+        translations=[start],
+        quaternions=[shape.pose[3:]],
+        **look,
+    )
+
+
+def _box(shape: BodyShape, look: dict[str, Any]) -> Any:
+    return rr.Boxes3D(sizes=[shape.size], **_placed(shape), **look)
+
+
+def _cylinder(shape: BodyShape, look: dict[str, Any]) -> Any:
+    radius, length = shape.size
+    return rr.Cylinders3D(radii=[radius], lengths=[length], **_placed(shape), **look)
+
+
+def _sphere(shape: BodyShape, look: dict[str, Any]) -> Any:
+    return rr.Ellipsoids3D(radii=[shape.size[0]], **_placed(shape), **look)
+
+
+def _placed(shape: BodyShape) -> dict[str, Any]:
+    return {"centers": [shape.pose[:3]], "quaternions": [shape.pose[3:]]}
+
+
+_SOLIDS: dict[str, Callable[[BodyShape, dict[str, Any]], Any]] = {
+    "capsule": _capsule,
+    "box": _box,
+    "cylinder": _cylinder,
+    "sphere": _sphere,
+}

@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 import fcntl
+import json
+import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import numpy as np
 
 from impedance_modules.errors import BadInput
 
@@ -88,3 +92,69 @@ class RunLock:
         """Removes the lock file and lets go of the lock."""
         self._path.unlink(missing_ok=True)
         os.close(self._descriptor)
+
+
+def episode_paths(paths: Sequence[Path]) -> tuple[Path, ...]:
+    """Replaces every folder of imported episodes by its episodes, in the order of their names.
+
+    Files and runs' directories stay as they are, and so does a path that leads nowhere: whoever reads it says so.
+
+    Raises:
+        BadInput: A folder without any episode.
+    """
+    return tuple(found for path in paths for found in _episodes_at(path))
+
+
+def the_episode(path: Path) -> Path:
+    """Returns the one episode that a path stands for.
+
+    Raises:
+        BadInput: A folder with several episodes, or with none.
+    """
+    found = episode_paths([path])
+    if len(found) > 1:
+        names = ", ".join(str(episode) for episode in found[:5]) + (", ..." if len(found) > 5 else "")
+        raise BadInput(f"{path}: holds {len(found)} episodes (valid: one of them: {names})")
+    return found[0]
+
+
+def _episodes_at(path: Path) -> Sequence[Path]:
+    if not path.is_dir() or (path / EPISODE).exists() or part_paths(path):
+        return [path]
+    found = sorted(file for file in path.glob("*.parquet") if not file.name.startswith("."))
+    if not found:
+        raise BadInput(
+            f"{path}: no episode here (valid: a run's directory with {EPISODE}, or a folder of episodes,"
+            " NAME.parquet each)"
+        )
+    return found
+
+
+def write_summary(directory: Path, summary: Mapping[str, Any]) -> Path:
+    """Writes the summary of a run, whole or not at all.
+
+    Args:
+        directory: Of the run.
+        summary: Numbers, texts, arrays, nested; a number that is not finite becomes null.
+
+    Raises:
+        TypeError: A value that is none of these.
+    """
+    path = Path(directory) / SUMMARY
+    text = json.dumps(_plain(summary), indent=2, allow_nan=False, ensure_ascii=False)
+    with whole_file(path) as stream:
+        stream.write(text.encode() + b"\n")
+    return path
+
+
+def _plain(value: Any) -> Any:
+    """Returns the value in JSON's own types."""
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value

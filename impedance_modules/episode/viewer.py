@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,13 +15,11 @@ import rerun as rr
 from impedance_modules.episode import entities
 from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, POSE_COMPONENTS, WRENCH_COMPONENTS
 from impedance_modules.episode.data import Episode
-from impedance_modules.episode.display import open_viewer
+from impedance_modules.episode.reader import read_episode
+from impedance_modules.episode.rerun_writer import new_stream, open_stream, send_curves, time_index
 from impedance_modules.episode.run_folder import EPISODE, RECORDING
 from impedance_modules.episode.view_layout import columns_layout
-from impedance_modules.episode.palette import series_colour
-from impedance_modules.episode.reader import read_episode
-from impedance_modules.episode.rerun_writer import open_stream, send_curves, time_index
-from impedance_modules.episode.view_scene import Array
+from impedance_modules.episode.view_scene import Array, series_colour
 from impedance_modules.errors import BadInput
 
 UNITS = {
@@ -106,3 +107,69 @@ def _curves(episode: Episode) -> Iterator[tuple[str, str, tuple[str, ...], Array
     if episode.extra:
         values = np.column_stack(list(episode.extra.values()))
         yield "other columns", entities.column_path("other", "columns"), tuple(episode.extra), values
+
+
+DISPLAYS: tuple[str, ...] = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+TIME_TO_FAIL = 3.0
+"""How long a viewer may take to find that it cannot open a window [s]."""
+
+
+def require_display(what: str) -> None:
+    """Makes sure that a window can open.
+
+    Args:
+        what: Would be shown, for the message.
+
+    Raises:
+        BadInput: This machine has no display.
+    """
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in DISPLAYS):
+        raise _no_window(what, "this machine has no display")
+
+
+def open_viewer(recording: Path) -> None:
+    """Starts the rerun viewer on a file and leaves it open.
+
+    Raises:
+        BadInput: There is no display, or the viewer ended at once.
+    """
+    require_display(str(recording))
+    command = [sys.executable, "-m", "rerun", str(recording)]
+    viewer = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
+    )
+    try:
+        _, said = viewer.communicate(timeout=TIME_TO_FAIL)
+    except subprocess.TimeoutExpired:
+        return
+    if viewer.returncode:
+        raise _no_window(str(recording), _reason(said))
+
+
+def open_live_stream(name: str) -> rr.RecordingStream:
+    """Opens a viewer window and a stream into it; closing the window later harms nothing.
+
+    Args:
+        name: Of the recording.
+
+    Raises:
+        BadInput: There is no display.
+    """
+    require_display(name)
+    stream = new_stream(name)
+    rr.spawn(hide_welcome_screen=True, recording=stream)
+    return stream
+
+
+def _no_window(what: str, reason: str) -> BadInput:
+    return BadInput(
+        f"{what}: the viewer could not open: {reason} (valid: a machine with a display;"
+        " or 'rerun --serve-web RECORDING' and a browser)"
+    )
+
+
+def _reason(said: bytes) -> str:
+    """Returns the line that tells most of what the viewer said before it ended."""
+    lines = [line.strip() for line in said.decode(errors="replace").splitlines() if line.strip()]
+    telling = [line for line in lines if "error" in line.lower()]
+    return (telling or lines or ["it gave no reason"])[0]

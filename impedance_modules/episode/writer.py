@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from impedance_modules.episode.background import Background
+from impedance_modules.episode.background import Background, RowRing
 from impedance_modules.episode.columns import PHASE, TIME, parse_columns
-from impedance_modules.episode.run_folder import EPISODE, part_path
-from impedance_modules.episode.metadata import check_metadata
-from impedance_modules.episode.opening import open_directory
 from impedance_modules.episode.file_format import episode_schema, merge_parts, rows_to_table, write_part
-from impedance_modules.episode.ring import RowRing
+from impedance_modules.episode.metadata import check_metadata
+from impedance_modules.episode.run_folder import EPISODE, RunLock, part_path, part_paths
 from impedance_modules.errors import BadInput, SafetyStop
 
 FLUSH_PERIOD = 0.5
@@ -222,3 +221,40 @@ class EpisodeWriter:
         self._ring.release(len(rows))
         if self._wait_for_disk:
             self._last_time_allowed = float(rows[-1, 0]) + LONGEST_LAG
+
+
+def open_directory(directory: Path) -> RunLock:
+    """Makes and locks a directory for one new episode.
+
+    Raises:
+        BadInput: It cannot be written, is being written, or holds recorded rows already.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = RunLock.acquire(directory)
+    except OSError as error:
+        raise BadInput(
+            f"{directory}: cannot be written: {error} (valid: a new or empty directory)"
+        ) from error
+    try:
+        _refuse_episode(directory)
+    except BadInput:
+        lock.release()
+        raise
+    return lock
+
+
+def _refuse_episode(directory: Path) -> None:
+    """Raises if rows were recorded here before; clears away files without any."""
+    for path in (directory / EPISODE, *part_paths(directory)):
+        if not path.exists():
+            continue
+        try:
+            rows = pq.read_metadata(path).num_rows
+        except (pa.ArrowException, OSError) as error:
+            raise BadInput(f"{path}: already there and unreadable: {error} (valid: another --out)") from error
+        if rows:
+            raise BadInput(
+                f"{path}: already holds {rows} recorded rows (valid: another --out directory, or remove it)"
+            )
+        path.unlink()

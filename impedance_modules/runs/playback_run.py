@@ -24,9 +24,9 @@ from impedance_modules.control.supervisor import Ending
 from impedance_modules.effects.apply import wear_plant
 from impedance_modules.episode.columns import joint_columns, pose_columns, wrench_columns
 from impedance_modules.episode.metadata import episode_metadata, library_versions
-from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.episode.summary import write_summary
+from impedance_modules.episode.run_folder import write_summary
+from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.driven import DrivenPlant
@@ -35,8 +35,8 @@ from impedance_modules.plant.playback import TICK, JointPath, Playback, Playback
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.compiled_row import write_poses
-from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.execution import RunOptions, carry_out
+from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.spec.task import TaskPlayback
 
 Array = NDArray[np.float64]

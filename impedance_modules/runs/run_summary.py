@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.episode.summary import write_summary
+from impedance_modules.episode.run_folder import write_summary
 from impedance_modules.runs.tally import Tally
 from impedance_modules.safety.attribute import attribute
 

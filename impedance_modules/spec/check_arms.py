@@ -7,10 +7,8 @@ import math
 from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
-from impedance_modules.spec.draft_arms import DraftArm
-from impedance_modules.spec.mirror import WORLD, mirrored_frames
 from impedance_modules.spec.robot_spec import JointSpec, LimbSpec
-from impedance_modules.spec.task_draft import Draft
+from impedance_modules.spec.task_draft import WORLD, Draft, DraftArm, mirrored_frames
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import Path
 

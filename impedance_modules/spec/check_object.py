@@ -8,9 +8,8 @@ from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_object, build_push, build_surface, build_tank
-from impedance_modules.spec.draft_arms import DraftArm
 from impedance_modules.spec.task import ObjectSpec
-from impedance_modules.spec.task_draft import Draft
+from impedance_modules.spec.task_draft import Draft, DraftArm
 
 CLOSEST_SUPPORTS = 1e-3
 """Between two supports of a sheet [m]; the plane between closer ones would only be noise."""
@@ -120,3 +119,16 @@ def _longest(draft: Draft) -> float | None:
     if not draft.clean("phases"):
         return None
     return sum(float(draft.value("phases", i, "duration")) for i in draft.count("phases"))
+
+
+def playback_problems(draft: Draft) -> Iterator[Problem]:
+    """Checks that the robot plays anything back, and that nothing is asked that a playback does not do."""
+    if not draft.has("playback"):
+        return
+    if draft.robot is not None and draft.robot.playback is None:
+        message = f"robot '{draft.robot.name}' plays nothing back: its robot.yaml has no 'playback'"
+        yield draft.problem(("playback",), message)
+    for key, what in (("object", "holds no object"), ("pushes", "is not pushed")):
+        if draft.has(key):
+            message = f"a robot that plays a path back {what} here; leave out 'playback' or '{key}'"
+            yield draft.problem((key,), message)

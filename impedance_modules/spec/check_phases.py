@@ -16,9 +16,8 @@ from impedance_modules.spec.check_springs import (
     merged,
     springs_complete,
 )
-from impedance_modules.spec.draft_arms import DraftArm, spring_names
 from impedance_modules.spec.task import SpringSpec
-from impedance_modules.spec.task_draft import Draft
+from impedance_modules.spec.task_draft import Draft, DraftArm, spring_names
 from impedance_modules.spec.yaml_tree import Path
 
 OBJECT = "object"

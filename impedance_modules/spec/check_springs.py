@@ -19,10 +19,9 @@ from itertools import groupby
 import numpy as np
 
 from impedance_modules.errors import Problem
-from impedance_modules.spec.draft_arms import DraftArm
 from impedance_modules.spec.robot_spec import LimbSpec
 from impedance_modules.spec.task import AXES, HybridAxis, Matrix, SpringSpec
-from impedance_modules.spec.task_draft import Draft
+from impedance_modules.spec.task_draft import Draft, DraftArm
 from impedance_modules.spec.yaml_tree import Path
 
 RELATIVE_TOLERANCE = 1e-9

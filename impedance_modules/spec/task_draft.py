@@ -7,13 +7,18 @@ at once. A part is *clean* when neither the YAML nor the schema found anything w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impedance_modules.errors import Problem
-from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
+from impedance_modules.spec.build_task import build_joint_bias, build_numbers, build_spring
 from impedance_modules.spec.document import Document
+from impedance_modules.spec.robot_spec import LimbSpec, MirrorSpec, RobotSpec
+from impedance_modules.spec.task import AXES, ArmSpec, HybridAxis, JointBiasSpec, Matrix, SpringSpec
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import Path
 
@@ -83,3 +88,143 @@ class _Absent:
 
 
 _ABSENT = _Absent()
+
+
+WORLD = "world"
+
+
+def twist_signs(plane: str) -> NDArray[np.float64]:
+    """Diagonal (6,) of D for the planes ``xy``, ``xz`` and ``yz``, linear then angular."""
+    reflected = np.array([1.0 if axis in plane else -1.0 for axis in "xyz"])
+    return np.concatenate([reflected, -reflected])
+
+
+def mirrored_posture(posture: Mapping[str, float], mirror: MirrorSpec) -> Mapping[str, float]:
+    """Joint angles [rad] of the mirror image; joints without a sign are left out."""
+    signs = mirror.joint_sign
+    return {joint: signs[joint] * angle + 0.0 for joint, angle in posture.items() if joint in signs}
+
+
+def mirrored_frames(source: LimbSpec, image: LimbSpec, urdf: UrdfFacts) -> Mapping[str, str]:
+    """Which frame of one limb is the image of which frame of the other.
+
+    The hands, the links that joints of the same short name move, and the world.
+    """
+    frames = {WORLD: WORLD, source.hand: image.hand}
+    for short, joint in source.joints.items():
+        if short in image.joints and joint in urdf.joints and image.joints[short] in urdf.joints:
+            frames[urdf.joints[joint].child] = urdf.joints[image.joints[short]].child
+    return frames
+
+
+def mirrored_spring(spring: SpringSpec, frames: Mapping[str, str], plane: str) -> SpringSpec:
+    """The image of a spring; its ``frame`` and ``expressed_in`` must be keys of ``frames``."""
+    signs = twist_signs(plane)
+    return replace(
+        spring,
+        frame=frames[spring.frame],
+        expressed_in=frames[spring.expressed_in],
+        stiffness=_mirrored_matrix(spring.stiffness, signs),
+        damping=None if spring.damping is None else _mirrored_matrix(spring.damping, signs),
+        axes={axis: _mirrored_axis(axis, given, signs) for axis, given in spring.axes.items()},
+    )
+
+
+def _mirrored_axis(axis: str, given: HybridAxis, signs: NDArray[np.float64]) -> HybridAxis:
+    return replace(given, force=float(signs[AXES.index(axis)]) * given.force + 0.0)
+
+
+def _mirrored_matrix(matrix: Matrix, signs: NDArray[np.float64]) -> Matrix:
+    image: Matrix = signs[:, None] * matrix * signs[None, :] + 0.0  # + 0.0 turns -0.0 into 0.0
+    image.setflags(write=False)
+    return image
+
+
+@dataclass(frozen=True)
+class DraftArm:
+    """What is known of an arm so far.
+
+    Attributes:
+        name: As in the file.
+        mirror_of: Name of the arm whose image it is; None where it is written out.
+        posture: [rad] by short joint name; only the clean ones.
+        joint_bias: None where it is absent or at fault.
+        springs: By position in the file; only the clean ones.
+    """
+
+    name: str
+    mirror_of: str | None
+    posture: Mapping[str, float]
+    joint_bias: JointBiasSpec | None
+    springs: Mapping[int, SpringSpec]
+
+    def path(self, *inside: str | int) -> Path:
+        """Where a part of the arm stands in the file; a mirror image stands where it is asked for."""
+        return ("arms", self.name, *inside) if self.mirror_of is None else ("arms", self.name, "mirror")
+
+    def finished(self) -> ArmSpec:
+        """The arm of a draft in which nothing is wrong."""
+        return ArmSpec(self.name, self.posture, self.joint_bias, tuple(self.springs.values()))
+
+
+def draft_arms(draft: Draft) -> Mapping[str, DraftArm]:
+    """Returns the arms by name, in the order of the file; images whose original is unusable are left out."""
+    names = draft.keys("arms")
+    written = {name: _written_arm(draft, name) for name in names if not draft.has("arms", name, "mirror")}
+    arms: dict[str, DraftArm] = {}
+    for name in names:
+        original = written.get(str(draft.value("arms", name, "mirror")))
+        if name in written:
+            arms[name] = written[name]
+        elif original is not None and (image := _mirrored_arm(draft, name, original)):
+            arms[name] = image
+    return arms
+
+
+def _written_arm(draft: Draft, name: str) -> DraftArm:
+    at = ("arms", name)
+    angles = {
+        j: draft.value(*at, "posture", j)
+        for j in draft.keys(*at, "posture")
+        if draft.clean(*at, "posture", j)
+    }
+    springs = {
+        i: draft.value(*at, "springs", i)
+        for i in draft.count(*at, "springs")
+        if draft.clean(*at, "springs", i)
+    }
+    bias = draft.value(*at, "joint_bias") if draft.clean(*at, "joint_bias") else None
+    return DraftArm(
+        name=name,
+        mirror_of=None,
+        posture=build_numbers(angles),
+        joint_bias=None if bias is None else build_joint_bias(bias),
+        springs={i: build_spring(raw) for i, raw in springs.items()},
+    )
+
+
+def _mirrored_arm(draft: Draft, name: str, original: DraftArm) -> DraftArm | None:
+    source, image = draft.limb(original.name), draft.limb(name)
+    if draft.robot is None or draft.urdf is None or draft.robot.mirror is None or not source or not image:
+        return None
+    frames = mirrored_frames(source, image, draft.urdf)
+    plane = draft.robot.mirror.plane
+    return DraftArm(
+        name=name,
+        mirror_of=original.name,
+        posture=mirrored_posture(original.posture, draft.robot.mirror),
+        joint_bias=original.joint_bias,
+        springs={
+            i: mirrored_spring(spring, frames, plane)
+            for i, spring in original.springs.items()
+            if spring.frame in frames and spring.expressed_in in frames
+        },
+    )
+
+
+def spring_names(draft: Draft, arm: str) -> tuple[str, ...]:
+    """Names of an arm's springs as the file gives them, sound or not; an image has its original's."""
+    original = draft.value("arms", arm, "mirror")
+    at = ("arms", arm if original is None else str(original), "springs")
+    names = (draft.value(*at, i, "name") for i in draft.count(*at))
+    return tuple(name for name in names if isinstance(name, str))

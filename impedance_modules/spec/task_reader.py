@@ -18,21 +18,20 @@ from impedance_modules.spec.build_task import (
 from impedance_modules.spec.check_arms import arm_problems
 from impedance_modules.spec.check_object import (
     object_problems,
+    playback_problems,
     push_problems,
     surface_problems,
     tank_problems,
 )
 from impedance_modules.spec.check_phases import phase_problems
-from impedance_modules.spec.check_playback import playback_problems
 from impedance_modules.spec.check_springs import spring_problems
-from impedance_modules.spec.draft_arms import DraftArm, draft_arms
-from impedance_modules.spec.locate import find_robot, find_task
-from impedance_modules.spec.robot_spec import RobotSpec
-from impedance_modules.spec.robot_reader import read_robot
-from impedance_modules.spec.schema import schema_faults
 from impedance_modules.spec.document import Document, scan_document
+from impedance_modules.spec.locate import find_robot, find_task
+from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.schema import schema_faults
 from impedance_modules.spec.task import TaskSpec
-from impedance_modules.spec.task_draft import Draft
+from impedance_modules.spec.task_draft import Draft, DraftArm, draft_arms
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 from impedance_modules.spec.wood import wood_problems
 

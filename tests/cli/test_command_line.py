@@ -201,8 +201,8 @@ def test_bad_input_is_exit_2_and_leaves_nothing(folder: Path, arguments: tuple[s
 def test_a_log_without_a_task_cannot_be_verified(folder: Path) -> None:
     import numpy as np
 
+    from impedance_modules.episode.file_format import write_episode
     from impedance_modules.episode.metadata import episode_metadata
-    from impedance_modules.episode.save import write_episode
 
     metadata = episode_metadata(
         robot="baxter",

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis.residuals.contact_mask import on_links, touching, without_touched_links
+from impedance_modules.diagnosis.data.admission import touching
+from impedance_modules.diagnosis.residuals.contact_mask import on_links, without_touched_links
 from impedance_modules.diagnosis.rollout.drive import RUN_IN
 from impedance_modules.diagnosis.rollout.windows import WINDOW, spread
 from impedance_modules.effects.residual_kinds import RESIDUALS, uses_motion
-from impedance_modules.spec.contact_phases import contact_phases
+from impedance_modules.spec.task_text import contact_phases
 from tests.support.paths import CHECKOUT
 
 

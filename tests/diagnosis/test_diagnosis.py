@@ -12,8 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 from impedance_modules.cli.diagnose import command
+from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.episode.save import write_episode
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.schema import load_schema
 

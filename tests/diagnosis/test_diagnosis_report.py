@@ -24,7 +24,7 @@ from impedance_modules.diagnosis.report.report_plots import thinned
 from impedance_modules.diagnosis.result import Series
 from impedance_modules.diagnosis.spectrum import spectrum_object
 from impedance_modules.episode.residual_view import Comparison
-from impedance_modules.episode.folder import episode_paths, the_episode
+from impedance_modules.episode.run_folder import episode_paths, the_episode
 from impedance_modules.errors import BadInput
 from tests.diagnosis import test_diagnosis as pendulum
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from impedance_modules.effects.apply import wear_patch, wear_plant
+from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.episode.save import write_episode
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel

@@ -15,10 +15,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from impedance_modules.episode import ring, writer
-from impedance_modules.episode.run_folder import RunLock, part_paths
+from impedance_modules.episode import background as ring
+from impedance_modules.episode import writer
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.reader import read_episode
+from impedance_modules.episode.run_folder import RunLock, part_paths
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput, SafetyStop
 from tests.support.paths import CHECKOUT

@@ -22,11 +22,10 @@ from impedance_modules.episode.columns import (
     target_columns,
     wrench_columns,
 )
-from impedance_modules.episode.run_folder import part_path, part_paths
+from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import METADATA_KEY, episode_metadata
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.episode.save import write_episode
-from impedance_modules.episode.summary import write_summary
+from impedance_modules.episode.run_folder import part_path, part_paths, write_summary
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput, SafetyStop
 

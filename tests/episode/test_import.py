@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from impedance_modules.cli.main import impedance
 from impedance_modules.episode.imports import convert, table, text_table
 from impedance_modules.episode.imports.map_reader import parse_map, read_map
-from impedance_modules.episode.imports.run import import_sources
+from impedance_modules.episode.imports.pipeline import import_sources
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.spec.schema import load_schema
 from tests.spec.test_task_schema import schema_leaves

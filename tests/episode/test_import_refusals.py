@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from impedance_modules.episode.imports.run import import_sources
+from impedance_modules.episode.imports.pipeline import import_sources
 from impedance_modules.errors import BadFile, BadInput
 from tests.support.import_logs import base_map, imported, motion, table_log, write_map, write_table
 

@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.errors import BadFile
-from impedance_modules.spec.locate import find_robot
-from impedance_modules.spec.mirror import mirrored_posture, mirrored_spring, twist_signs
-from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.document import parse_document
+from impedance_modules.spec.locate import find_robot
+from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.task import AXES, HybridAxis, SpringSpec
+from impedance_modules.spec.task_draft import mirrored_posture, mirrored_spring, twist_signs
 from impedance_modules.spec.task_reader import check_task, read_task
 from tests.support.paths import TESTS
 

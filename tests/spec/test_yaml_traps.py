@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.spec.document import LARGEST_FILE, parse_document, print_path, read_document
-from impedance_modules.spec.yaml_scalars import read_plain
-from impedance_modules.spec.yaml_tree import MOST_VALUES
+from impedance_modules.spec.yaml_tree import MOST_VALUES, read_plain
 
 NAME = Path("task.yaml")
 

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from impedance_modules.episode.imports.run import import_sources
+from impedance_modules.episode.imports.pipeline import import_sources
 from impedance_modules.episode.reader import read_episode
 
 EPOCH = 1_700_000_000_000_000_000

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.effects.apply import wear_patch, wear_plant
+from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.episode.save import write_episode
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import read_patch
-from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.robot_spec import RobotSpec
 from tests.support.paths import TESTS
 
 SIX_JOINTS = TESTS / "robots" / "six_joint_pair"

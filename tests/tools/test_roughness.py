@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 from impedance_modules.cli.roughness import command
 from impedance_modules.control.roughness_windows import Directions, Window, WindowFinder
+from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.episode.save import write_episode
 from impedance_modules.errors import BadInput
 
 TOWARDS = Directions(np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))

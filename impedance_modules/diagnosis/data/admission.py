@@ -3,27 +3,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.residuals.contact_mask import touching
+from impedance_modules.diagnosis.data.channel_checks import refuse_mistakes, unwrapped
 from impedance_modules.diagnosis.data.dataset_consistency import refuse_company, refuse_copies
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import stretch_note, stretch_origin
-from impedance_modules.diagnosis.data.channel_checks import refuse_mistakes, unwrapped
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.residuals.preparation import shifted
+from impedance_modules.diagnosis.data.time_base import common_delay, even_time, resampled, shifted
 from impedance_modules.diagnosis.rates import one_rate
 from impedance_modules.diagnosis.repeats import group_repeats
 from impedance_modules.diagnosis.resolution import grid_of
 from impedance_modules.diagnosis.stamps import steady_stamps
-from impedance_modules.diagnosis.data.time_base import common_delay, even_time, resampled
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
+from impedance_modules.spec.task_text import contact_phases
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 RATE_MIN = 25.0
 """Below it joint-level causes blur into each other [Hz]."""
@@ -33,6 +34,15 @@ SAMPLES_MIN = 100
 
 MOTION_MIN, SLIDE_MIN = 0.02, 0.002
 """A joint that moves less than this about its mean is called weak: turning [rad rms], sliding [m rms]."""
+
+WORD = re.compile(r"(^|[^a-z])(in_)?contact([^a-z]|$)")
+"""A phase with this name, or with this word in its name, is spent in contact ..."""
+
+NEGATION = re.compile(r"(^|[^a-z])(no|non|without|before|until|free)([^a-z]|$)")
+"""... unless the rest of the name takes it back."""
+
+FOUND = 0.5
+"""How long before the end of a phase that waits for contact the contact begins: it must be felt for a while [s]."""
 
 
 def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, ...], DataReport]:
@@ -159,6 +169,29 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         grid=np.array([grid_of(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
     )
     return log, jitter
+
+
+def touching(episode: Episode, time: Array) -> Mask | None:
+    """Marks the times (N,) that fall into a phase of contact, by its name or by the task; None where none says so."""
+    if episode.phase is None:
+        return None
+    by_task = contact_phases(str(episode.metadata.get("task") or ""))
+    phases = {phase for phase in set(episode.phase) if phase is not None}
+    named = {phase for phase in phases if by_task.get(phase) == "throughout" or _is_contact(phase)}
+    marks = np.array([phase in named for phase in episode.phase])
+    for phase in phases - named:
+        if phase in by_task:
+            inside = episode.phase == phase
+            marks |= inside & (episode.time > episode.time[inside][-1] - FOUND)
+    if not marks.any():
+        return None
+    nearest = np.searchsorted(episode.time, time - 1e-9).clip(0, len(marks) - 1)
+    return np.asarray(marks[nearest])
+
+
+def _is_contact(phase: str) -> bool:
+    name = phase.lower()
+    return WORD.search(name) is not None and NEGATION.search(name) is None
 
 
 def _stamps(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
 from impedance_modules.errors import BadInput
-from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 

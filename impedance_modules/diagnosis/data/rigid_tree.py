@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.spec.urdf import UrdfLimits, read_urdf
-from impedance_modules.spec.xml_lines import parse_xml
+from impedance_modules.spec.urdf import UrdfLimits, parse_xml, read_urdf
 
 Array = NDArray[np.float64]
 

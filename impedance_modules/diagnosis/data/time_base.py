@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.data.log import Log
+from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.errors import BadInput
 
@@ -80,6 +80,13 @@ def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
     if kind == "effort_command":
         return np.asarray(values[np.searchsorted(time, even + 1e-9, side="right") - 1])
     return np.asarray(CubicSpline(time, values, axis=0)(even))
+
+
+def shifted(values: Array, time: Array, late: float) -> Array:
+    """Gives samples (N, n) of what is late by a time, by cubic pieces; before the start the first value stands."""
+    if late == 0.0:
+        return values
+    return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
 
 
 def common_delay(logs: Sequence[Log], tree: RigidTree) -> float | None:

@@ -8,7 +8,6 @@ compared with a torque, and there alone: between command and torque sensor, and 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
@@ -17,52 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.candidates import Group
-from impedance_modules.effects.residual_kinds import uses_motion
-from impedance_modules.episode.data import Episode
-from impedance_modules.spec.contact_phases import contact_phases
+from impedance_modules.effects.residual_kinds import Residual, uses_motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Place = TypeVar("Place", bound=Hashable)
 
-WORD = re.compile(r"(^|[^a-z])(in_)?contact([^a-z]|$)")
-"""A phase with this name, or with this word in its name, is spent in contact ..."""
-
-NEGATION = re.compile(r"(^|[^a-z])(no|non|without|before|until|free)([^a-z]|$)")
-"""... unless the rest of the name takes it back."""
-
 MARGIN = 0.2
 """Before and after a contact that is left aside with it: the filter's reach [s]."""
 
-FOUND = 0.5
-"""How long before the end of a phase that waits for contact the contact begins: it must be felt for a while [s]."""
-
 MOST = 0.8
 """Part of all samples that contact may fill; beyond it hardly a motion of the links is left to compare."""
-
-
-def touching(episode: Episode, time: Array) -> Mask | None:
-    """Marks the times (N,) that fall into a phase of contact, by its name or by the task; None where none says so."""
-    if episode.phase is None:
-        return None
-    by_task = contact_phases(str(episode.metadata.get("task") or ""))
-    phases = {phase for phase in set(episode.phase) if phase is not None}
-    named = {phase for phase in phases if by_task.get(phase) == "throughout" or _is_contact(phase)}
-    marks = np.array([phase in named for phase in episode.phase])
-    for phase in phases - named:
-        if phase in by_task:
-            inside = episode.phase == phase
-            marks |= inside & (episode.time > episode.time[inside][-1] - FOUND)
-    if not marks.any():
-        return None
-    nearest = np.searchsorted(episode.time, time - 1e-9).clip(0, len(marks) - 1)
-    return np.asarray(marks[nearest])
-
-
-def _is_contact(phase: str) -> bool:
-    name = phase.lower()
-    return WORD.search(name) is not None and NEGATION.search(name) is None
 
 
 def contact_aside(prepared: Sequence[Prepared]) -> dict[int, Mask]:
@@ -71,7 +35,7 @@ def contact_aside(prepared: Sequence[Prepared]) -> dict[int, Mask]:
     return {} if _mostly(out, prepared) else out
 
 
-def on_links(clear: Mapping[int, Mask], groups: Sequence[Group]) -> dict[tuple[int, int], Mask]:
+def on_links(clear: Mapping[int, Mask], groups: Sequence[tuple[Residual, int]]) -> dict[tuple[int, int], Mask]:
     """Recording and group -> (M,) rows that count: what touches the robot shows where its links' motion is compared."""
     return {
         (r, g): mask

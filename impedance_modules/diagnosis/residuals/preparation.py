@@ -15,20 +15,20 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
-from impedance_modules.diagnosis.residuals.band import Band, thin, thin_mask
-from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor, inertial_regressor
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.rigid import BatchedRigidModel
+from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor, inertial_regressor
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
+from impedance_modules.diagnosis.data.time_base import shifted
+from impedance_modules.diagnosis.residuals.band import Band, thin, thin_mask
+from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import predicted
-from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.recorded_signals import Signals, differentiate
+from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.spec.patch_file import EffectSpec
 
 Array = NDArray[np.float64]
@@ -186,13 +186,6 @@ def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | 
 def _lagged(values: Array, time_constant: float, time: Array) -> Array:
     """Follows velocities (N, n) with the reported ones' first-order lag."""
     return np.column_stack([lagged(column, time, time_constant) for column in values.T])
-
-
-def shifted(values: Array, time: Array, late: float) -> Array:
-    """Gives samples (N, n) of what is late by a time, by cubic pieces; before the start the first value stands."""
-    if late == 0.0:
-        return values
-    return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
 
 
 def _thinned(log: Log) -> Log:

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,3 +148,79 @@ class ImportMap:
             if episode in group[1:]:
                 return group[0]
         return None
+
+
+TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+COUNTS = "counts"
+GAIN_UNITS = ("A", "V", "other")
+"""Units of torque that mean nothing without a gain."""
+
+_TURNING: Mapping[str, Mapping[str, float]] = {
+    "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, COUNTS: 2 * math.pi},
+    "velocity": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180,
+        "rev/s": 2 * math.pi,
+        "rpm": 2 * math.pi / 60,
+    },
+    "effort": {"N.m": 1.0, "mN.m": 1e-3, "A": 1.0, "V": 1.0, "other": 1.0},
+}
+_SLIDING: Mapping[str, Mapping[str, float]] = {
+    "position": {"m": 1.0, "mm": 1e-3},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3},
+    "effort": {"N": 1.0, "A": 1.0, "V": 1.0, "other": 1.0},
+}
+
+
+def unit_factors(kind: str, *, sliding: bool) -> Mapping[str, float]:
+    """Returns the units of a quantity with the factor to the episode's.
+
+    Counts are turns here, still to be divided by the counts of a turn; A, V and 'other' still lack their gain.
+
+    Args:
+        kind: ``position``, ``velocity``, ``effort``, ``effort_command`` or ``position_command``.
+        sliding: Of a prismatic joint, on the joint's side of the transmission.
+    """
+    family = "position" if kind in POSITIONS else "effort" if kind in EFFORTS else "velocity"
+    return (_SLIDING if sliding else _TURNING)[family]
+
+
+Matrix = NDArray[np.float64]
+
+
+def transmission_matrix(entry: Mapping[str, Any], joints: Sequence[str]) -> Matrix:
+    """Returns R: how far each motor turns for each joint.
+
+    theta = R q, so that q = R^-1 theta, and, because the power is the same on both sides, tau = R^T tau_motor.
+
+    Args:
+        entry: ``matrix``, or ``ratio`` with or without ``coupling``; checked already.
+        joints: Order of rows (motors) and columns (joints).
+
+    Returns:
+        (joints, joints), motor units for one joint unit.
+    """
+    if "matrix" in entry:
+        return np.array(entry["matrix"], dtype=np.float64)
+    place = {joint: index for index, joint in enumerate(joints)}
+    matrix = np.diag(np.array(entry["ratio"], dtype=np.float64))
+    for motor, others in entry.get("coupling", {}).items():
+        for other, turns in others.items():
+            matrix[place[motor], place[other]] = turns
+    return matrix
+
+
+def positions_at_joints(matrix: Matrix, motor: Matrix) -> Matrix:
+    """Returns q = R^-1 theta for each row; velocities alike.
+
+    Args:
+        matrix: R (joints, joints).
+        motor: (samples, joints) [rad] or [rad/s] at the motors.
+    """
+    return np.asarray(np.linalg.solve(matrix, motor.T).T, dtype=np.float64)
+
+
+def efforts_at_joints(matrix: Matrix, motor: Matrix) -> Matrix:
+    """Returns tau = R^T tau_motor for each row, (samples, joints) [N.m]."""
+    return motor @ matrix

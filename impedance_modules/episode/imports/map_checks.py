@@ -3,17 +3,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from impedance_modules.episode.columns import JOINT_KINDS
-from impedance_modules.episode.imports.quantity_checks import extra_problems, quantity_problems, strangers
-from impedance_modules.episode.imports.robot_facts import RobotFacts
-from impedance_modules.episode.imports.transmission import transmission_matrix
-from impedance_modules.errors import Problem, nearest
+from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, PHASE, TANK, TIME
+from impedance_modules.episode.imports.import_map import (
+    COUNTS,
+    EFFORTS,
+    GAIN_UNITS,
+    POSITIONS,
+    transmission_matrix,
+    unit_factors,
+)
+from impedance_modules.errors import BadInput, Problem, nearest
 from impedance_modules.spec.document import Document
+from impedance_modules.spec.locate import find_robot, list_robots
+from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 
 _TEXT_ONLY = ("header", "skip_rows", "comment")
 _SINGULAR = 1e12
@@ -134,3 +145,202 @@ def _whole_problems(document: Document) -> Iterator[Problem]:
     names = [name for table in tables for name in table.get("extra", {})]
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield document.problem(("tables",), f"extra '{name}' stands in two tables", at="key")
+
+
+Limits = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """Joints of a robot.
+
+    Attributes:
+        source: File or folder they come from, for messages.
+        joints: Names of all that move.
+        prismatic: Those that slide.
+        limits: Joint -> lowest and highest position [rad] ([m] if prismatic), where known.
+    """
+
+    source: Path
+    joints: tuple[str, ...]
+    prismatic: frozenset[str]
+    limits: Limits
+
+
+def facts_of_urdf(path: Path) -> RobotFacts:
+    """Reads the facts from a URDF.
+
+    Raises:
+        BadInput: No such file, or no URDF.
+    """
+    urdf = read_urdf(path)
+    moving = {name: joint for name, joint in urdf.joints.items() if joint.moves}
+    limits = {name: (j.limits.lower, j.limits.upper) for name, j in moving.items() if j.limits is not None}
+    return RobotFacts(path, tuple(moving), _sliding(urdf), limits)
+
+
+def facts_of_robot(name: str, beside: Path) -> RobotFacts | None:
+    """Reads the facts from a robot folder; None where there is none of that name.
+
+    Raises:
+        BadInput: The folder is there, but something in it is wrong.
+    """
+    try:
+        folder = find_robot(name, beside)
+    except BadInput:
+        return None
+    spec = read_robot(folder)
+    urdf = read_urdf(spec.urdf)
+    limits = {joint: (row.position_min, row.position_max) for joint, row in spec.joints.items()}
+    joints = tuple(joint for joint, entry in urdf.joints.items() if entry.moves)
+    return RobotFacts(folder, joints, _sliding(urdf), limits)
+
+
+def unknown_robot_note(name: str) -> str:
+    """Returns the sentence for a robot that has no folder."""
+    near = nearest(name, list_robots())
+    return f"there is no robot folder '{name}'{near}: joint names and limits were not checked"
+
+
+def recognise(names: Iterable[str]) -> RobotSpec | None:
+    """Returns the shipped robot to which these joint names belong: one with a whole limb among them, or None."""
+    present = frozenset(names)
+    for name in list_robots():
+        spec = read_robot(name)
+        if any(present.issuperset(limb.joints.values()) for limb in spec.limbs.values()):
+            return spec
+    return None
+
+
+def _sliding(urdf: UrdfFacts) -> frozenset[str]:
+    return frozenset(name for name, joint in urdf.joints.items() if joint.type == "prismatic")
+
+
+_TAKEN = (*JOINT_KINDS, *FRAME_KINDS, TIME, PHASE, TANK)
+_BY_JOINT = ("unit", "sign", "offset", "gain", "counts_per_rev")
+"""Keys that may hold one value for each joint."""
+
+
+def strangers(
+    document: Document,
+    path: Path,
+    names: Sequence[str] | Mapping[str, Any],
+    joints: Sequence[str],
+    where: str,
+) -> Iterator[Problem]:
+    """Yields a problem for each name that is none of ``joints``, which stand ``where``."""
+    for index, name in enumerate(names):
+        if name not in joints:
+            step = name if isinstance(names, Mapping) else index
+            message = f"'{name}' is not among {where}{nearest(name, joints)}"
+            yield document.problem((*path, step), message, joints, at="key")
+
+
+def extra_problems(document: Document, path: Path, name: str, entry: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yields what is wrong with an extra quantity."""
+    if name in _TAKEN:
+        message = f"'{name}' has a meaning of its own in an episode; use another name"
+        yield document.problem(path, message, at="key")
+    if ("column" in entry) == ("columns" in entry):
+        yield document.problem(path, "either 'column' or 'columns', and one of them", at="key")
+    elif "columns" in entry:
+        yield from _column_problems(document, (*path, "columns"), entry["columns"])
+
+
+def quantity_problems(
+    document: Document, path: Path, kind: str, prismatic: frozenset[str]
+) -> Iterator[Problem]:
+    """Yields what is wrong with one joint quantity.
+
+    Args:
+        document: The map.
+        path: Of the quantity in it.
+        kind: One of `JOINT_KINDS`.
+        prismatic: Joints that slide.
+    """
+    yield from _Checks(document, path, kind, prismatic).problems()
+
+
+def _column_problems(document: Document, path: Path, columns: Any) -> Iterator[Problem]:
+    joints = document.data["joints"]
+    if isinstance(columns, str):
+        if len(joints) > 1 and "{joint}" not in columns and "{index}" not in columns:
+            message = f"{len(joints)} joints would share the column '{columns}'; say where they differ"
+            yield document.problem(path, message, ("{joint}", "{index}"))
+    elif isinstance(columns, Mapping):
+        yield from strangers(document, path, columns, joints, "'joints'")
+    elif len(columns) != len(joints):
+        yield document.problem(path, f"{len(columns)} columns for {len(joints)} joints (one for each)")
+
+
+class _Checks:
+    """The checks of one joint quantity."""
+
+    def __init__(self, document: Document, path: Path, kind: str, prismatic: frozenset[str]) -> None:
+        self._document = document
+        self._path = path
+        self._kind = kind
+        self._prismatic = prismatic
+        self._entry = document.data["tables"][path[1]][kind]
+        columns = self._entry["columns"]
+        listed = isinstance(columns, Mapping)
+        self._joints = [j for j in document.data["joints"] if not listed or j in columns]
+        self._motor = self._entry.get("side") == "motor"
+
+    def problems(self) -> Iterator[Problem]:
+        yield from _column_problems(self._document, (*self._path, "columns"), self._entry["columns"])
+        for key in _BY_JOINT:
+            if isinstance(self._entry.get(key), Mapping):
+                path = (*self._path, key)
+                yield from strangers(self._document, path, self._entry[key], self._joints, "its joints")
+        yield from self._units()
+        yield from self._sides()
+
+    def _problem(self, key: str, message: str, valid: Sequence[str] = (), at: str = "value") -> Problem:
+        return self._document.problem((*self._path, key), message, valid, at)
+
+    def _units(self) -> Iterator[Problem]:
+        unit = self._entry["unit"]
+        named = unit if isinstance(unit, Mapping) else dict.fromkeys(self._joints, unit)
+        yield from self._without("unit", named)
+        wrong: set[str] = set()
+        for joint, name in named.items():
+            sliding = joint in self._prismatic and not self._motor
+            valid = tuple(unit_factors(self._kind, sliding=sliding))
+            if name not in valid and name not in wrong:
+                wrong.add(name)
+                moves = "slides" if sliding else "turns"
+                yield self._problem(
+                    "unit", f"'{name}' is no unit here: {joint} {moves}{nearest(name, valid)}", valid
+                )
+        used = set(named.values())
+        if self._kind in POSITIONS:
+            yield from self._companion("counts_per_rev", needed=COUNTS in used)
+        if self._kind in EFFORTS:
+            yield from self._companion("gain", needed=not used.isdisjoint(GAIN_UNITS))
+
+    def _companion(self, key: str, *, needed: bool) -> Iterator[Problem]:
+        """A key that some units need, and that has no effect with the others."""
+        if needed and key not in self._entry:
+            yield self._problem(key, f"missing key '{key}', which this unit needs")
+        elif not needed and key in self._entry:
+            yield self._problem(key, f"'{key}' has no effect with this unit", at="key")
+        elif needed and isinstance(self._entry[key], Mapping):
+            yield from self._without(key, self._entry[key])
+
+    def _without(self, key: str, named: Iterable[str]) -> Iterator[Problem]:
+        missing = [joint for joint in self._joints if joint not in named]
+        if missing:
+            yield self._problem(key, f"nothing for {', '.join(missing)}")
+
+    def _sides(self) -> Iterator[Problem]:
+        transmission = "transmission" in self._document.data
+        if transmission and "side" not in self._entry:
+            message = "missing key 'side': was it measured at the joints or at the motors?"
+            yield self._problem("side", message, ("joint", "motor"))
+        if not transmission and "side" in self._entry:
+            yield self._problem("side", "'side' has no effect without a 'transmission'", at="key")
+        missing = [joint for joint in self._document.data["joints"] if joint not in self._joints]
+        if self._motor and missing:
+            message = f"every motor is needed to know the joints; missing: {', '.join(missing)}"
+            yield self._problem("columns", message)

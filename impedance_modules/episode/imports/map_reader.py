@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from impedance_modules.episode.columns import JOINT_KINDS
-from impedance_modules.episode.imports.map_checks import map_problems
 from impedance_modules.episode.imports.import_map import (
+    COUNTS,
+    TIME_UNITS,
     Decimation,
     ImportMap,
     Quantity,
@@ -17,18 +18,19 @@ from impedance_modules.episode.imports.import_map import (
     TableMap,
     TextLayout,
     TimeColumn,
+    transmission_matrix,
+    unit_factors,
 )
-from impedance_modules.episode.imports.robot_facts import (
+from impedance_modules.episode.imports.map_checks import (
     RobotFacts,
     facts_of_robot,
     facts_of_urdf,
+    map_problems,
     unknown_robot_note,
 )
-from impedance_modules.episode.imports.transmission import transmission_matrix
-from impedance_modules.episode.imports.units import COUNTS, TIME_UNITS, unit_factors
 from impedance_modules.errors import BadFile
-from impedance_modules.spec.schema import schema_problems
 from impedance_modules.spec.document import Document, parse_document, scan_document
+from impedance_modules.spec.schema import schema_problems
 
 SCHEMA = "import-map"
 

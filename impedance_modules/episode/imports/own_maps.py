@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.episode.columns import TIME
-from impedance_modules.episode.imports.robot_facts import facts_of_robot, recognise
+from impedance_modules.episode.imports.map_checks import facts_of_robot, recognise
 from impedance_modules.episode.imports.table import list_names
 from impedance_modules.episode.imports.text_table import open_text, read_line
 from impedance_modules.errors import BadInput

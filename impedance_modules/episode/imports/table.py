@@ -127,3 +127,18 @@ def _cut(chunk: Chunk, start: int, stop: int) -> Chunk:
     return Chunk(
         {name: values[start:stop] for name, values in chunk.columns.items()}, chunk.places[start:stop]
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Consecutive samples.
+
+    Attributes:
+        time: (rows,) [s].
+        columns: Episode column without ``time`` -> (rows,).
+        places: (rows,) line, sample or message of each, for messages.
+    """
+
+    time: Vector
+    columns: Mapping[str, Vector]
+    places: NDArray[np.int64]
