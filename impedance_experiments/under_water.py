@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_experiments.pushing import Trace, first_pushes, only_arm, patch_of, trace_pushed
 from impedance_experiments.settings import Settings
+from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
 from impedance_modules.control.assembly import Assembly, assemble
-from impedance_modules.effects.water_torque import Buoyancy
-from impedance_modules.effects.apply import wear_plant
+from impedance_modules.effects.apply import apply_to_plant
+from impedance_modules.effects.water import BuoyancyTorque
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.plant.links import link_model, link_table, water_inertia
@@ -111,8 +111,8 @@ def foretell(assembly: Assembly) -> Foretold:
     joints = model.limbs[only_arm(assembly)].joints
     lift, inertia = np.zeros(model.n), model.mass_matrix(q)
     if assembly.patch is not None:
-        worn = wear_plant(model, assembly.patch)
-        lift = sum((t.lift(q) for t in worn.torques if isinstance(t, Buoyancy)), lift)
+        worn = apply_to_plant(model, assembly.patch)
+        lift = sum((t.lift(q) for t in worn.torques if isinstance(t, BuoyancyTorque)), lift)
         links = link_model(model, np.zeros(3))
         inertia = inertia + water_inertia(links, link_table(links, worn.added_mass), q)
     inertia = inertia[np.ix_(joints, joints)]

@@ -17,9 +17,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.worn import WornPlant
+from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
 from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
@@ -33,15 +32,15 @@ ARM = {"s0": 0.0, "s1": -0.4, "e0": 0.0, "e1": 1.2, "w0": 0.0, "w1": 0.7, "w2": 
 BOX = ObjectSpec(("right", "left"), "box", 1.2, (0.3, 0.2, 0.2), None, "weld", None, 15.0, True)
 
 
-def friction(model: RobotModel) -> WornPlant:
+def friction(model: RobotModel) -> PlantEffects:
     """Dry friction on every motor, asked for at every stage of a step."""
     builder = PlantBuilder(model)
-    CATALOGUE["coulomb_friction"].wear_plant(builder, "actuator", {j: {"fc": 0.5} for j in model.joint_names})
+    CATALOGUE["coulomb_friction"].apply_to_plant(builder, "actuator", {j: {"fc": 0.5} for j in model.joint_names})
     return builder.finish()
 
 
 def build(
-    model: RobotModel, held: bool, surface: str | None, worn: WornPlant | None = None
+    model: RobotModel, held: bool, surface: str | None, worn: PlantEffects | None = None
 ) -> tuple[Plant, np.ndarray]:
     """A plant at rest, and the torque that presses its object on the surface."""
     q = model.position({"right": {**ARM, "s0": 0.6}, "left": {**ARM, "s0": -0.6}})

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.control.adjust import scaled, single_arm
-from impedance_modules.effects.apply import wear_patch, wear_surfaces
+from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.build import build_modules
@@ -95,8 +95,8 @@ def assemble(
         robot = calibrate(robot)
     patch = None if effects is None else read_patch(effects)
     if patch is not None:
-        robot = wear_patch(robot, patch)
-        task = replace(task, environment=wear_surfaces(task.environment, patch))
+        robot = apply_patch(robot, patch)
+        task = replace(task, environment=apply_to_surfaces(task.environment, patch))
     task = scaled(task, scale)
     if arm is not None:
         task = single_arm(task, arm)

@@ -13,8 +13,8 @@ from impedance_modules.diagnosis.contact_cause import contact_cause
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
 from impedance_modules.diagnosis.regression.candidates import Candidate
-from impedance_modules.diagnosis.regression.estimate import estimates
-from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.regression.parameter_estimates import estimates
 from impedance_modules.diagnosis.result import Cause
 
 Array = NDArray[np.float64]
@@ -46,10 +46,10 @@ def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
     return tuple(sorted(weighed, key=lambda cause: -cause.weight))
 
 
-def _in_order(evidence: Evidence) -> list[tuple[Term, float]]:
+def _in_order(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
     """Each accepted term with the power it takes away after those that take more by themselves."""
 
-    def left(model: Sequence[Term]) -> float:
+    def left(model: Sequence[ModelTerm]) -> float:
         return evidence.excess(evidence.selector.bench(model))
 
     order = sorted(evidence.bench.model, key=lambda term: left([term]))
@@ -57,7 +57,7 @@ def _in_order(evidence: Evidence) -> list[tuple[Term, float]]:
     return [(term, max(steps[i] - steps[i + 1], 1e-12)) for i, term in enumerate(order)]
 
 
-def _cause(evidence: Evidence, term: Term, gain: float) -> Cause:
+def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
     candidate = term.candidate
     model = evidence.bench.model
     equal, lost = judge_rivals(evidence.selector, model, term)

@@ -8,10 +8,8 @@ A law that filters the command fits its noise too, and gains by that what its nu
 
 from __future__ import annotations
 
-from impedance_modules.diagnosis.regression.estimate import estimates
-from impedance_modules.diagnosis.regression.model_fit import Bench
-from impedance_modules.diagnosis.regression.parameter_estimates import Refiner
-from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
+from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner, estimates
 
 SIGMA = 1.5
 """Standard deviations, inflated as those in the answer are."""
@@ -20,12 +18,12 @@ NEUTRAL = {"torque_gain": 1.0}
 """Number of an effect that changes nothing, where it is not zero."""
 
 
-def certain(bench: Bench, refiner: Refiner) -> list[Term]:
+def certain(bench: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
     """Terms of a fitted model whose number is there for certain; those of several numbers are not judged here."""
     return [term for index, term in enumerate(bench.model) if _certain(bench, refiner, index, term)]
 
 
-def _certain(bench: Bench, refiner: Refiner, index: int, term: Term) -> bool:
+def _certain(bench: ModelFit, refiner: ShapeRefiner, index: int, term: ModelTerm) -> bool:
     effect = term.candidate.effect
     if len(effect.description.parameters) != 1 or effect.replaces:
         return True

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from impedance_modules.diagnosis.regression.model_fit import Bench
-from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 
 
-def confirmed(bench: Bench, refit: Callable[[Sequence[Term]], Bench], heldout: Sequence[int]) -> list[Term]:
+def confirmed(bench: ModelFit, refit: Callable[[Sequence[ModelTerm]], ModelFit], heldout: Sequence[int]) -> list[ModelTerm]:
     """Terms of a fitted model without which more is left of the unseen recordings; all of them where repeats exist.
 
     Args:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def uneven(evidence: Evidence) -> tuple[float, str] | None:
     return max(found, default=None)
 
 
-def _varies(evidence: Evidence, index: int, term: Term) -> float | None:
+def _varies(evidence: Evidence, index: int, term: ModelTerm) -> float | None:
     """Part of the residual that the best order takes beyond the model, confirmed on unseen recordings; None if none."""
     bench, (g,) = evidence.bench, term.groups
     joint = evidence.prepared[0].tree.joints.index(term.candidate.joints[0])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.model_fit import Bench
+from impedance_modules.diagnosis.regression.model_fit import ModelFit
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.residual_kinds import uses_motion
 
@@ -37,7 +37,7 @@ def hats_of(item: Prepared, rows: int) -> tuple[Array, Array]:
     return tips, np.clip(1.0 - np.abs(time[:, None] - tips) / SPACING, 0.0, None)
 
 
-def free_torques(bench: Bench, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
+def free_torques(bench: ModelFit, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
     """Chi-square (k,) of a free torque of one joint at each hat."""
     _, hats = hats_of(item, item.samples)
     X = np.asarray(bench.design.whitening.apply(hats, r, g))
@@ -47,7 +47,7 @@ def free_torques(bench: Bench, item: Prepared, r: int, left: Sequence[Array], g:
     return np.asarray(torque**2 / np.diag(covariance))
 
 
-def fit_forces(bench: Bench, item: Prepared, r: int, left: Sequence[Array], body: str) -> Forces:
+def fit_forces(bench: ModelFit, item: Prepared, r: int, left: Sequence[Array], body: str) -> Forces:
     """Fits one link's hats."""
     J = item.band.condense(item.signals.model.jacobian(body, item.signals.position)[:, :3])
     _, hats = hats_of(item, item.samples)

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.regression.candidates import Group
-from impedance_modules.diagnosis.regression.model_fit import Bench
-from impedance_modules.diagnosis.regression.plain import PlainRows
-from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
+from impedance_modules.diagnosis.regression.parameter_estimates import UnwhitenedFit
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 
 Array = NDArray[np.float64]
@@ -35,7 +34,7 @@ def negligible(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:
     return np.array([speed[joint] if residual == "velocity" else load[joint] for residual, joint in groups])
 
 
-def felt(bench: Bench, plain: PlainRows, least: Array) -> list[Term]:
+def felt(bench: ModelFit, plain: UnwhitenedFit, least: Array) -> list[ModelTerm]:
     """Terms of a fitted model whose own part is more than negligible somewhere.
 
     Args:

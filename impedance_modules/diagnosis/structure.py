@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.constancy import uneven
 from impedance_modules.diagnosis.model_selection.acceptance import price
-from impedance_modules.diagnosis.model_selection.candidate_trial import Trial
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.regression.still import at_rest
+from impedance_modules.diagnosis.regression.cleaned_signals import at_rest
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def _moment(series: Sequence[Array], rate: float) -> float:
     return float(power.max() / max(np.median(power), 1e-24))
 
 
-def _smooth(evidence: Evidence, small: NDArray[np.bool_]) -> Trial | None:
+def _smooth(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | None:
     """The stand-in that finds most beside the causes, if it finds anything; none of a joint that always stands still.
 
     What its encoder flickers is in its residual and in every function of its motion. Groups whose remainder is

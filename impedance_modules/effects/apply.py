@@ -5,13 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.effect import Effect, Values
+from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.patch_check import numbers, patch_problems
+from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
 from impedance_modules.effects.surface_effects import SurfaceEffect, surface_index
-from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import PatchSpec
@@ -19,7 +18,7 @@ from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task import SurfaceSpec
 
 
-def wear_patch(robot: RobotSpec, patch: PatchSpec) -> RobotSpec:
+def apply_patch(robot: RobotSpec, patch: PatchSpec) -> RobotSpec:
     """Returns the robot as the patch describes it: the numbers that both model and plant use.
 
     Inertia (rotors, links, payload), springs (series and parallel), gravity's direction, and the largest
@@ -32,8 +31,8 @@ def wear_patch(robot: RobotSpec, patch: PatchSpec) -> RobotSpec:
     problems = patch_problems(patch, robot)
     if problems:
         raise BadFile(problems)
-    for effect, port, parameters in worn_effects(patch):
-        robot = effect.wear_robot(robot, port, parameters)
+    for effect, port, parameters in effects_of_patch(patch):
+        robot = effect.apply_to_robot(robot, port, parameters)
     try:
         RobotModel(robot)
     except BadInput as error:
@@ -41,26 +40,26 @@ def wear_patch(robot: RobotSpec, patch: PatchSpec) -> RobotSpec:
     return robot
 
 
-def wear_plant(model: RobotModel, patch: PatchSpec) -> WornPlant:
+def apply_to_plant(model: RobotModel, patch: PatchSpec) -> PlantEffects:
     """Returns what the plant of a robot does beyond its model.
 
     Args:
-        model: Of the robot that ``wear_patch`` returned for the same patch.
-        patch: Checked by ``wear_patch``.
+        model: Of the robot that ``apply_patch`` returned for the same patch.
+        patch: Checked by ``apply_patch``.
 
     Raises:
         BadInput: An effect needs something that the robot lacks, e.g. a gap in a joint without a spring.
     """
     builder = PlantBuilder(model)
-    for effect, port, parameters in worn_effects(patch):
+    for effect, port, parameters in effects_of_patch(patch):
         try:
-            effect.wear_plant(builder, port, parameters)
+            effect.apply_to_plant(builder, port, parameters)
         except BadInput as error:
             raise BadInput(f"{patch.path}: {error}") from None
     return builder.finish()
 
 
-def wear_surfaces(surfaces: Sequence[SurfaceSpec], patch: PatchSpec) -> tuple[SurfaceSpec, ...]:
+def apply_to_surfaces(surfaces: Sequence[SurfaceSpec], patch: PatchSpec) -> tuple[SurfaceSpec, ...]:
     """Returns a task's surfaces as they really are.
 
     Raises:
@@ -82,13 +81,13 @@ def wear_surfaces(surfaces: Sequence[SurfaceSpec], patch: PatchSpec) -> tuple[Su
                     patch.document.problem(where, f"the task has no surface '{key}'", (has,), "key")
                 )
                 continue
-            found[index] = effect.wear_surface(found[index], numbers(quantities))
+            found[index] = effect.apply_to_surface(found[index], numbers(quantities))
     if problems:
         raise BadFile(problems)
     return tuple(found)
 
 
-def worn_effects(patch: PatchSpec) -> Iterator[tuple[Effect, Port, Mapping[str, Values]]]:
+def effects_of_patch(patch: PatchSpec) -> Iterator[tuple[Effect, Port, Mapping[str, Values]]]:
     """Walks through a checked patch: effect, port, and key -> symbol -> value."""
     for spec in patch.effects:
         effect = CATALOGUE[spec.effect]

@@ -9,13 +9,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.effect import Effect, Regressor, Values, unbounded
-from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.stepped import Stepped
+from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot_spec import BodyChange, RobotSpec
 
@@ -107,7 +106,7 @@ class Payload(Effect):
         far = float(np.linalg.norm([values[name] for name in CENTRE]))
         return [f"its place is {far:.3g} m from the link's origin (valid: {FAR:g} m)"] if far > FAR else []
 
-    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+    def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Adds point masses to links."""
         changes = [
             BodyChange(link, tuple(point_mass(v["m"], np.array([v[name] for name in CENTRE]))))
@@ -193,7 +192,7 @@ class LinkInertia(Effect):
         """At least one number must be given."""
         return [] if values else [f"gives none of its numbers ({', '.join(CHANGES)})"]
 
-    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+    def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Changes links."""
         changes = [
             BodyChange(link, tuple(float(values.get(symbol, 0.0)) for symbol in CHANGES))
@@ -258,14 +257,14 @@ class BaseTilt(Stepped):
         """Starts upright."""
         return ({"rx": 0.0, "ry": 0.0},)
 
-    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+    def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Turns gravity."""
         for values in parameters.values():
             x, y, z = _leaning(np.array(robot.gravity), np.array([values["rx"], values["ry"]]))
             robot = replace(robot, gravity=(float(x), float(y), float(z)))
         return robot
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Turns the plant's gravity too."""
         for values in parameters.values():
             builder.tilt += [values["rx"], values["ry"]]

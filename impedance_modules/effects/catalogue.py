@@ -5,27 +5,41 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from impedance_modules.effects.bench import BenchSpring
 from impedance_modules.effects.bodies import BaseTilt, LinkInertia, Payload
-from impedance_modules.effects.external_contact import ExternalContact
-from impedance_modules.effects.controller import ControllerGain
-from impedance_modules.effects.coupling import TransmissionCoupling
-from impedance_modules.effects.drive_effects import ActuatorLag, CommandDelay, TorqueSaturation
+from impedance_modules.effects.drive_effects import (
+    ActuatorLag,
+    CommandDelay,
+    ControllerGain,
+    TorqueSaturation,
+)
 from impedance_modules.effects.effect import Effect
+from impedance_modules.effects.external_contact import ExternalContact
+from impedance_modules.effects.hysteresis import Hysteresis
 from impedance_modules.effects.joint_friction import (
+    AsymmetricFriction,
     CoulombFriction,
+    FrictionDrift,
+    LoadDependentFriction,
     QuadraticDrag,
     StribeckFriction,
     ViscousFriction,
 )
-from impedance_modules.effects.friction_varied import AsymmetricFriction, FrictionDrift, LoadDependentFriction
-from impedance_modules.effects.hysteresis import Hysteresis
-from impedance_modules.effects.readings import Crosstalk, EncoderOffset
-from impedance_modules.effects.reporting import ClockDrift, VelocityFilterLag
-from impedance_modules.effects.sensor_effects import TorqueGain, TorqueOffset
-from impedance_modules.effects.springs import ParallelSpring, TorqueRipple
+from impedance_modules.effects.joint_transmission import (
+    Backlash,
+    JointElasticity,
+    ReflectedInertia,
+    TransmissionCoupling,
+)
+from impedance_modules.effects.sensor_effects import (
+    ClockDrift,
+    Crosstalk,
+    EncoderOffset,
+    TorqueGain,
+    TorqueOffset,
+    VelocityFilterLag,
+)
+from impedance_modules.effects.springs import BenchSpring, ParallelSpring, TorqueRipple
 from impedance_modules.effects.surface_effects import SurfaceFriction, SurfaceHeight, SurfaceStiffness
-from impedance_modules.effects.joint_transmission import Backlash, JointElasticity, ReflectedInertia
 from impedance_modules.effects.water import AddedMass, Buoyancy, FluidDrag
 
 _EFFECTS: tuple[Effect, ...] = (

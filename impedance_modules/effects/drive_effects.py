@@ -10,17 +10,17 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, one_row, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.effect import Regressor, Values, one_row
-from impedance_modules.effects.residual_kinds import Residual, Stage
-from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.joint_motion import JointMotion, Shape
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals, differentiate
-from impedance_modules.effects.stepped import Stepped
+from impedance_modules.effects.residual_kinds import Residual, Stage
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
@@ -96,12 +96,12 @@ class CommandDelay(DriveLaw):
         """Starts without a delay and at some that one step of Newton might miss."""
         return tuple({"T": T} for T in (0.0, 0.005, 0.015, 0.04, 0.1))
 
-    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+    def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Lets predictions of stability reckon with the largest delay."""
         late = robot.timing.command_delay + max(values["T"] for values in parameters.values())
         return replace(robot, timing=replace(robot.timing, command_delay=late))
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Delays commands."""
         builder.drive_delay[builder.joints(parameters)] += [values["T"] for values in parameters.values()]
         builder.modelled_delay += max(values["T"] for values in parameters.values())
@@ -136,7 +136,7 @@ class ActuatorLag(DriveLaw):
         """Starts between an instant and a quarter of a second."""
         return tuple({"T": T} for T in (0.0, 0.01, 0.04, 0.15))
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Slows motors down; two lags on one joint add."""
         builder.drive_lag[builder.joints(parameters)] += [values["T"] for values in parameters.values()]
 
@@ -175,7 +175,7 @@ class TorqueSaturation(DriveLaw):
         limits = np.unique(np.quantile(asked, (0.5, 0.7, 0.85, 0.95, 0.99)))
         return tuple({"limit": float(limit)} for limit in limits)
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Limits motors; the smaller of two limits counts."""
         joints = builder.joints(parameters)
         limits = np.array([values["limit"] for values in parameters.values()])
@@ -202,3 +202,79 @@ def lagged(values: Array, time: Array, constant: float) -> Array:
     for i in range(steps.size):
         out[i + 1] = state = keep[i] * state + push[i]
     return out
+
+
+class ControllerGain(Effect):
+    """Torque from the tracking error beyond the controller's stated one."""
+
+    description = Description(
+        id="controller_gain",
+        sentence="The drive's position loop is stiffer or softer than stated: it adds torque from the tracking error.",
+        equation="motor torque = u + dkp (q_cmd - q) + dkd (v_cmd - v)",
+        parameters=(
+            Parameter("dkp", "N.m/rad", "stiffness beyond the stated one", linear_unit="N/m"),
+            Parameter(
+                "dkd",
+                "N.m.s/rad",
+                "damping beyond the stated one",
+                left_out="the stated one is right",
+                linear_unit="N.s/m",
+            ),
+        ),
+        ports=("actuator",),
+        keys=("joint",),
+        signature="follows the tracking error, not the motion",
+        confusable_with=("viscous_friction", "reflected_inertia", "parallel_spring"),
+        excitation="two sets of gains, with the position command recorded",
+        reference="Isaac Sim system identification (stiffness and damping gains)",
+        worn="The plant: at the motor, from the joint motion that its driver aims at (Plant.aim).",
+    )
+
+    def stage(self, port: Port) -> Stage | None:
+        """The drive."""
+        return "drive"
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Minus the tracking error and its rate."""
+        if not self.shows(port, residual) or signals.position_command is None:
+            return None
+        joint = signals.joint(key)
+        aim = signals.position_command[:, joint]
+        error = aim - signals.position[:, joint]
+        rate = signals.rate_of(aim) - signals.velocity[:, joint]
+        return one_row(joint, -np.stack([error, rate], axis=1), None, *unbounded(2))
+
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Closes a loop around joints."""
+        stiffness, damping = np.zeros(builder.model.n), np.zeros(builder.model.n)
+        joints = builder.joints(parameters)
+        stiffness[joints] = [values["dkp"] for values in parameters.values()]
+        damping[joints] = [values.get("dkd", 0.0) for values in parameters.values()]
+        builder.torques.append(TrackingTorque(stiffness, damping))
+
+
+class TrackingTorque:
+    """Torque from the plant's own tracking error."""
+
+    def __init__(self, stiffness: Array, damping: Array) -> None:
+        """Takes (n,) each [N.m/rad], [N.m.s/rad]."""
+        self._stiffness, self._damping = stiffness, damping
+
+    @property
+    def port(self) -> Literal["motor", "link"]:
+        """The motor's."""
+        return "motor"
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Gives dkp (q_cmd - q) + dkd (v_cmd - v), (n,) [N.m]."""
+        error = motion.position_command - motion.position
+        rate = motion.velocity_command - motion.velocity
+        return np.asarray(self._stiffness * error + self._damping * rate)
+
+    def settle(self, motion: JointMotion) -> None:
+        """Remembers nothing."""
+
+    def start(self, motion: JointMotion, step: float) -> None:
+        """Has nothing to forget."""

@@ -19,11 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.effect_description import Description, Port
-from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
-from impedance_modules.effects.joint_motion import Sample, Shape, smoothing
+from impedance_modules.effects.joint_motion import JointSample, Shape, smoothing
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
@@ -144,11 +144,11 @@ class Effect(ABC):
         """Gives the shape for the next round of the regression; the same one when it has converged."""
         return {name: values.get(name, old) for name, old in shape.items()}
 
-    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+    def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Returns the robot as the effect changes its numbers: what both plant and model know."""
         return robot
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:  # noqa: B027
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:  # noqa: B027
         """Tells the plant what reality does and the model does not know."""
 
 
@@ -178,7 +178,7 @@ class JointLaw(Effect):
     dry: bool = False
 
     @abstractmethod
-    def basis(self, sample: Sample, shape: Shape) -> Array:
+    def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes what the consumed torque is linear in, (..., p)."""
 
     def bounds(self) -> tuple[Array, Array]:
@@ -220,7 +220,7 @@ class JointLaw(Effect):
             *({TURN: turn} for turn in WIDE_TURNS if len(self.description.symbols) == 1),
         )
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Puts the same law on the plant's joints, as a torque against the motion."""
         builder.add_law(self, port, parameters)
 
@@ -246,3 +246,17 @@ def one_row(joint: int, columns: Array, fixed: Array | None, lower: Array, upper
     """Makes a regressor of one joint from columns (N, p) and a fixed part (N,)."""
     steady = np.zeros(columns.shape[0]) if fixed is None else fixed
     return Regressor((joint,), columns[:, None, :], steady[:, None], lower, upper)
+
+
+class Stepped(Effect):
+    """An effect whose shape is all of its numbers; its coefficients are steps from them."""
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """The shape says it all."""
+        return np.zeros(len(self.shape)), {name: values[name] for name in self.shape}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The shape plus the step."""
+        return {name: float(shape[name] + step) for name, step in zip(self.shape, coefficients, strict=True)}

@@ -12,14 +12,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.effects.bodies import all_rows
-from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values, unbounded
-from impedance_modules.effects.motion import JointMotion
+from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.joint_motion import JointMotion, Shape
+from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.rigid_model import WORLD_AXES
-from impedance_modules.effects.joint_motion import Shape
-from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.robot.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -73,14 +72,14 @@ class ExternalContact(Effect):
             return [f"end {values['end']:g} s is not after start {values['start']:g} s"]
         return []
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Pushes links."""
         for link, values in parameters.items():
             force = np.array([values[name] for name in FORCE])
-            builder.torques.append(Push(builder.model, link, force, (values["start"], values["end"])))
+            builder.torques.append(LinkPush(builder.model, link, force, (values["start"], values["end"])))
 
 
-class Push:
+class LinkPush:
     """A force on a link of the plant."""
 
     def __init__(self, model: RobotModel, link: str, force: Array, window: tuple[float, float]) -> None:

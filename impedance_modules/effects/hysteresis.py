@@ -15,15 +15,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.bristles import bent, follow
-from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_friction import BOTH_SIDES, WORN
-from impedance_modules.effects.motion import JointMotion
-from impedance_modules.effects.residual_kinds import Residual
-from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.joint_motion import JointMotion, Shape, bent, follow
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.residual_kinds import Residual
 
 Array = NDArray[np.float64]
 
@@ -99,7 +97,7 @@ class Hysteresis(Effect):
         fc = float(coefficients[0])
         return {"s0": fc / shape[STRETCH], "fc": fc}
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Puts bristles on joints."""
         friction = np.array([values["fc"] for values in parameters.values()])
         stiffness = np.array([values["s0"] for values in parameters.values()])

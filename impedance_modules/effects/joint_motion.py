@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ The diagnosis always uses this one, the plant a larger one where a light link wo
 
 
 @dataclass(frozen=True)
-class Sample:
+class JointSample:
     """Motion and torques that a joint's law may depend on.
 
     Attributes:
@@ -61,3 +62,72 @@ def smoothing(sliding: NDArray[np.bool_]) -> Array:
 def sign(velocity: Array, turnover: Array | float = SMOOTHING) -> Array:
     """Gives the regularised sign tanh(v / v_0)."""
     return np.asarray(np.tanh(velocity / turnover))
+
+
+@dataclass
+class JointMotion:
+    """Live views of the joints at one stage, all (n,); read them, do not write.
+
+    Attributes:
+        time: Of the step's start [s].
+        position, velocity: Of the links [rad], [rad/s].
+        motor_position, motor_velocity: Of the rotors, seen at the joint; a rigid joint's are its link's.
+        command: Torque command that acts now [N.m].
+        load: Torque between gear and link at the step's start [N.m].
+        drive: Torque asked of the motors: the command plus what the robot adds by itself [N.m].
+        position_command, velocity_command: The joint motion the controller aims at [rad], [rad/s].
+    """
+
+    time: float
+    position: Array
+    velocity: Array
+    motor_position: Array
+    motor_velocity: Array
+    command: Array
+    load: Array
+    drive: Array
+    position_command: Array
+    velocity_command: Array
+
+
+class JointTorque(Protocol):
+    """An effect that acts as a torque on joints."""
+
+    @property
+    def port(self) -> Literal["motor", "link"]:
+        """Which of the two equations of motion the torque enters (thesis eq. 3.1 or 3.2)."""
+        ...
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Gives the torque (n,) [N.m] at one stage; must not remember anything."""
+        ...
+
+    def settle(self, motion: JointMotion) -> None:
+        """Is told the motion at the end of each step; the place for memory such as a stuck bristle."""
+        ...
+
+
+class EffectTorque(JointTorque, Protocol):
+    """A joint torque of the catalogue: it can start over."""
+
+    def start(self, motion: JointMotion, step: float) -> None:
+        """Forgets the past: the joints stand as given, and steps of a length [s] follow."""
+        ...
+
+
+def bent(bristle: Array, moved: Array, stretch: Array | float) -> Array:
+    """Gives the bristles' bend zeta in [-1, 1] after a displacement in one direction."""
+    direction = np.sign(moved)
+    return np.asarray(direction + (bristle - direction) * np.exp(-np.abs(moved) / stretch))
+
+
+def follow(position: Array, stretch: float) -> Array:
+    """Computes the bend (N,) along a path (N,), unbent at its start."""
+    out = np.zeros(position.size)
+    steps = np.diff(position)
+    keep, direction = np.exp(-np.abs(steps) / stretch), np.sign(steps)
+    bristle = 0.0
+    for i in range(steps.size):
+        bristle = direction[i] + (bristle - direction[i]) * keep[i]
+        out[i + 1] = bristle
+    return out

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,11 +12,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.effects.effect_description import Port
-from impedance_modules.effects.drive_path import DrivePath
-from impedance_modules.effects.law_torque import LawTorque
-from impedance_modules.effects.motion import WornTorque
+from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, JointSample, Shape, smoothing
 from impedance_modules.effects.rigid_model import sliding_joints
-from impedance_modules.effects.worn import SensorErrors, WornPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.rotation import exp3
 
@@ -31,10 +29,10 @@ class PlantBuilder:
     Attributes:
         model: The robot as plant and model wear it.
         torques: Torques on joints.
-        gap, drive_delay, drive_limit, drive_gain, drive_lag: (n,) see ``WornPlant`` and ``DrivePath``.
+        gap, drive_delay, drive_limit, drive_gain, drive_lag: (n,) see ``PlantEffects`` and ``DrivePath``.
         spring_stiffness, spring_preload, coupling: Likewise.
         offset, effort_gain, effort_bias, crosstalk, velocity_lag, clock: See ``SensorErrors``.
-        added_mass: (n, 6, 6) see ``WornPlant``.
+        added_mass: (n, 6, 6) see ``PlantEffects``.
         tilt: (2,) rotation of the base about x and y [rad].
         modelled_delay: Part of the model's command delay that the drives make, joint by joint [s].
     """
@@ -42,7 +40,7 @@ class PlantBuilder:
     def __init__(self, model: RobotModel) -> None:
         n = model.n
         self.model = model
-        self.torques: list[WornTorque] = []
+        self.torques: list[EffectTorque] = []
         self.gap, self.drive_delay, self.drive_lag = np.zeros(n), np.zeros(n), np.zeros(n)
         self.drive_limit, self.drive_gain = np.full(n, np.inf), np.ones(n)
         self.spring_stiffness, self.spring_preload = np.zeros(n), np.zeros(n)
@@ -108,13 +106,13 @@ class PlantBuilder:
         rotors = np.where(alone, self.model.reflected_inertia, 1.0)
         return np.where(alone, 1.0 / rotors, self.link_mobility(position))
 
-    def finish(self) -> WornPlant:
+    def finish(self) -> PlantEffects:
         """Freezes the numbers."""
         drive = DrivePath(self.drive_delay, self.drive_limit, self.drive_gain, self.drive_lag)
         sensors = SensorErrors(
             self.offset, self.effort_gain, self.effort_bias, self.crosstalk, self.velocity_lag, self.clock
         )
-        return WornPlant(
+        return PlantEffects(
             torques=(*((drive,) if drive.does_anything else ()), *self.torques),
             gap=self.gap,
             coupling=self.coupling,
@@ -126,3 +124,196 @@ class PlantBuilder:
             command_delay=max(0.0, self.model.spec.timing.command_delay - self.modelled_delay),
             gravity_turn=exp3(np.array([*self.tilt, 0.0])).T,
         )
+
+
+Side = Literal["motor", "link"]
+
+FAST = 5.0
+"""Multiple of the turnover speed at which dry friction is measured."""
+
+
+class LawTorque:
+    """Minus the torque that a law says its joints consume."""
+
+    def __init__(
+        self,
+        basis: Callable[[JointSample, Shape], Array],
+        port: Side,
+        joints: NDArray[np.intp],
+        *,
+        coefficients: Array,
+        shape: Shape,
+        mobility: Callable[[Array], Array],
+        sliding: NDArray[np.bool_],
+    ) -> None:
+        """Takes the law, its joints' indices (k,), coefficients (k, p), and shape values (k,) each.
+
+        ``mobility`` gives the acceleration per torque (n,) of the port's side at a posture (n,); ``sliding``
+        (k,) says which of the law's joints are prismatic.
+        """
+        self._basis = basis
+        self._side: Side = port
+        self._joints = joints
+        self._coefficients = coefficients
+        self._shape = shape
+        self._mobility = mobility
+        self._sharp = smoothing(sliding)
+        self._turnover = self._sharp
+
+    @property
+    def port(self) -> Side:
+        """Motor or link."""
+        return self._side
+
+    def start(self, motion: JointMotion, step: float) -> None:
+        """Widens dry friction's turnover where it would stop a light part within less than a step.
+
+        Over a step h a torque F changes a speed by F h / I: below that speed no friction of size F can be told
+        from sticking, and an explicit integrator would shake.
+        """
+        sharp = replace(self._sample(motion), turnover=self._sharp)
+        speed = FAST * self._sharp
+        there = self._consumed(replace(sharp, velocity=speed))
+        back = self._consumed(replace(sharp, velocity=-speed))
+        dry = 0.5 * np.abs(there - back)
+        self._turnover = np.maximum(self._sharp, dry * self._mobility(motion.position)[self._joints] * step)
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Evaluates the law (n,) [N.m]."""
+        out = np.zeros(motion.position.size)
+        out[self._joints] = -self._consumed(self._sample(motion))
+        return out
+
+    def settle(self, motion: JointMotion) -> None:
+        """Remembers nothing."""
+
+    def _consumed(self, sample: JointSample) -> Array:
+        return np.asarray(np.sum(self._basis(sample, self._shape) * self._coefficients, axis=-1))
+
+    def _sample(self, motion: JointMotion) -> JointSample:
+        """Picks the joints' motion on their side of the gear."""
+        motor = self._side == "motor"
+        position = motion.motor_position if motor else motion.position
+        velocity = motion.motor_velocity if motor else motion.velocity
+        return JointSample(
+            time=np.full(self._joints.size, motion.time),
+            position=position[self._joints],
+            velocity=velocity[self._joints],
+            acceleration=np.zeros(self._joints.size),
+            load=motion.load[self._joints],
+            turnover=self._turnover,
+        )
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    r"""What the robot reports beside the truth, for all n joints.
+
+        q_reported = q + offset        effort_reported = gain (effort + crosstalk effort) + bias
+        v_reported = low pass of v with ``lag``         t_reported = clock t
+
+    Attributes:
+        offset: (n,) [rad].
+        gain: (n,) of the effort sensors.
+        bias: (n,) [N.m].
+        crosstalk: (n, n) share of column j's effort in row i's reading.
+        lag: (n,) time constant beyond the robot file's [s].
+        clock: Reported seconds per second.
+    """
+
+    offset: Array
+    gain: Array
+    bias: Array
+    crosstalk: Array
+    lag: Array
+    clock: float
+
+
+@dataclass(frozen=True)
+class PlantEffects:
+    """What reality does and the controller's model does not know.
+
+    Attributes:
+        torques: On motors and links, in the order in which they are asked.
+        gap: (n,) full backlash between motor and link [rad].
+        coupling: (n, n) rotor inertia that couples two motors [kg.m^2]; symmetric, zero diagonal.
+        added_mass: (n, 6, 6) inertia without weight of what each joint's link takes along, linear then angular,
+            in the joint's own axes; symmetric, positive semidefinite.
+        drive_gain: (n,) motor torque per torque asked for; needed to start in equilibrium.
+        spring_stiffness, spring_preload: (n,) parallel springs that a robot which carries its own weight
+            compensates too [N.m/rad], [N.m].
+        sensors: Errors of its sensors.
+        command_delay: Delay [s] of the command line itself, without what ``torques`` adds.
+        gravity_turn: (3, 3) turns gravity's direction into the tilted base's axes.
+    """
+
+    torques: tuple[EffectTorque, ...]
+    gap: Array
+    coupling: Array
+    added_mass: Array
+    drive_gain: Array
+    spring_stiffness: Array
+    spring_preload: Array
+    sensors: SensorErrors
+    command_delay: float
+    gravity_turn: Array
+
+
+class DrivePath:
+    """Command path of all joints; gives the difference between motor torque and torque asked for.
+
+    The delay is rounded to the plant's integration step.
+    """
+
+    def __init__(self, delay: Array, limit: Array, gain: Array, lag: Array) -> None:
+        """Takes (n,) each: delay [s], symmetric limit [N.m] (inf: none), gain, time constant [s]."""
+        self._delay, self._limit, self._gain, self._lag = delay, limit, gain, lag
+        self._age = np.zeros(delay.size, dtype=np.intp)
+        self._share = np.ones(delay.size)
+        self._past = np.zeros((1, delay.size))
+        self._next = 0
+        self._slow = np.zeros(delay.size)
+
+    @property
+    def port(self) -> Literal["motor", "link"]:
+        """The motor's."""
+        return "motor"
+
+    @property
+    def does_anything(self) -> bool:
+        """Says whether any joint's motor torque differs from the torque asked for."""
+        return bool(
+            self._delay.any()
+            or self._lag.any()
+            or np.any(self._gain != 1.0)
+            or np.isfinite(self._limit).any()
+        )
+
+    def start(self, motion: JointMotion, step: float) -> None:
+        """Starts as if the present command had acted for ever."""
+        self._age = np.rint(self._delay / step).astype(np.intp)
+        self._share = np.where(self._lag > 0.0, -np.expm1(-step / np.maximum(self._lag, 1e-12)), 1.0)
+        self._past = np.tile(motion.command, (int(self._age.max()) + 1, 1))
+        self._next = 0
+        self._slow = self._asked(motion)
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Gives motor torque minus torque asked for (n,) [N.m]."""
+        asked = self._asked(motion)
+        # Over a step, a lag moves by its share: half-way is what the step sees on average.
+        now = np.where(self._lag > 0.0, self._slow + 0.5 * self._share * (asked - self._slow), asked)
+        return np.asarray(now - motion.drive)
+
+    def settle(self, motion: JointMotion) -> None:
+        """Moves on by one step."""
+        self._slow = self._slow + self._share * (self._asked(motion) - self._slow)
+        self._past[self._next] = motion.command
+        self._next = (self._next + 1) % self._past.shape[0]
+
+    def _asked(self, motion: JointMotion) -> Array:
+        """Computes u_3, what the motor's own bandwidth then follows."""
+        n = self._delay.size
+        late = self._past[(self._next - self._age) % self._past.shape[0], np.arange(n)]
+        command = np.where(self._age > 0, late, motion.command)
+        total = command + (motion.drive - motion.command)
+        return np.asarray(self._gain * np.clip(total, -self._limit, self._limit))

@@ -14,9 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.bristles import follow
+from impedance_modules.effects.joint_motion import JointSample, follow, smoothing
 from impedance_modules.effects.rigid_model import RigidModel
-from impedance_modules.effects.joint_motion import Sample, smoothing
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.task import SurfaceSpec
 
@@ -182,7 +181,7 @@ class Signals:
             kept[key] = follow(self.sample(joint, motor_side=motor_side).position, way)
         return kept[key]
 
-    def sample(self, joint: int, *, motor_side: bool) -> Sample:
+    def sample(self, joint: int, *, motor_side: bool) -> JointSample:
         """Gives one joint's motion on one side of its gear."""
         side = (
             (self.motor_velocity, self.motor_acceleration)
@@ -192,7 +191,7 @@ class Signals:
         position = self.position[:, joint]
         if motor_side and self.spring_compliance[joint]:
             position = position + self._winding[:, joint]
-        return Sample(
+        return JointSample(
             self.time,
             position,
             side[0][:, joint],

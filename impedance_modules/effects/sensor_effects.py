@@ -8,12 +8,24 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.bodies import all_rows
+from impedance_modules.effects.drive_effects import lagged
+from impedance_modules.effects.effect import (
+    PAIR,
+    Effect,
+    JointLaw,
+    Regressor,
+    Stepped,
+    Values,
+    one_row,
+    unbounded,
+)
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.effect import Effect, JointLaw, Regressor, Values, one_row, unbounded
-from impedance_modules.effects.residual_kinds import EFFORT_SIGN, Residual, Stage
-from impedance_modules.effects.joint_motion import Sample, Shape
+from impedance_modules.effects.joint_motion import JointSample, Shape
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, Residual, Stage, uses_motion
+from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
 
@@ -39,7 +51,7 @@ class TorqueOffset(JointLaw):
         """A reading shows wherever the effort enters."""
         return EFFORT_SIGN[residual] != 0.0 if port == "sensor" else super().shows(port, residual)
 
-    def basis(self, sample: Sample, shape: Shape) -> Array:
+    def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes 1."""
         return np.ones((*sample.velocity.shape, 1))
 
@@ -56,12 +68,12 @@ class TorqueOffset(JointLaw):
         sign = EFFORT_SIGN[residual] if port == "sensor" else 1.0
         return one_row(signals.joint(key), np.full((signals.samples, 1), sign), None, *self.bounds())
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Torque on the joint, or error of its sensor."""
         if port == "sensor":
             builder.effort_bias[builder.joints(parameters)] += [values["c"] for values in parameters.values()]
         else:
-            super().wear_plant(builder, port, parameters)
+            super().apply_to_plant(builder, port, parameters)
 
 
 class TorqueGain(Effect):
@@ -116,7 +128,232 @@ class TorqueGain(Effect):
         found = float(coefficients[0])
         return {"s": 1.0 / (1.0 - found) if port == "sensor" else 1.0 + found}
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Scales the drive or the sensor."""
         gains = builder.effort_gain if port == "sensor" else builder.drive_gain
         gains[builder.joints(parameters)] *= [values["s"] for values in parameters.values()]
+
+
+class EncoderOffset(Stepped):
+    """A joint whose reported angle is off by a constant."""
+
+    description = Description(
+        id="encoder_offset",
+        sentence="The encoder's zero is off: the joint reports q + dq0, so every weight is computed at a wrong pose.",
+        equation="q reported = q + dq0; tau = ID(q reported - dq0) - ID(q reported) = -(dID/dq) dq0",
+        parameters=(Parameter("dq0", "rad", "angle reported too much", linear_unit="m"),),
+        ports=("sensor",),
+        keys=("joint",),
+        signature="like weight, on the joint itself and on the joints before and after it",
+        confusable_with=("base_tilt", "torque_offset", "payload"),
+        excitation="poses over the whole workspace",
+        reference="Khalil & Dombre 2002; PACE 2025 (bias)",
+        worn="The plant: its position sensor, and the robot's own gravity compensation with it.",
+    )
+    shape = ("dq0",)
+    nearly_linear = True
+
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """Wherever the links' model is evaluated."""
+        return uses_motion(residual)
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Linearises the inverse dynamics about the angle less the shape's offset, on all joints."""
+        if not self.shows(port, residual):
+            return None
+        joint, offset, rows = signals.joint(key), float(shape["dq0"]), tuple(range(signals.n))
+        if offset == 0.0:
+            columns = -signals.position_derivative[:, :, joint, None]
+            return Regressor(rows, columns, np.zeros(columns.shape[:2]), *unbounded(1))
+        v, a = signals.velocity, signals.acceleration
+        there = signals.position.copy()
+        there[:, joint] -= offset
+        columns = -signals.model.position_derivative(there, v, a)[:, :, joint, None]
+        return Regressor(rows, columns, signals.model.torque(there, v, a) - signals.rigid, *unbounded(1))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts without one; what is found moves it."""
+        return ({"dq0": 0.0},)
+
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Shifts what the encoder reports."""
+        builder.offset[builder.joints(parameters)] += [values["dq0"] for values in parameters.values()]
+
+
+class Crosstalk(Effect):
+    """One joint's torque in another's effort reading."""
+
+    description = Description(
+        id="crosstalk",
+        sentence="A neighbour's torque bends this joint's effort sensor too: its reading follows the other joint.",
+        equation="effort reported of JOINT = effort + c x effort of OTHER",
+        parameters=(Parameter("c", "1", "share of the other joint's torque", lower=-1.0, upper=1.0),),
+        ports=("sensor",),
+        keys=("pair",),
+        signature="the residual of one joint follows the torque of another",
+        confusable_with=("payload", "link_inertia", "transmission_coupling"),
+        excitation="one joint at a time",
+        reference="Rethink Robotics: crosstalk_model_effort in SEAJointState",
+        worn="The plant: what its effort sensors report.",
+    )
+
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """Wherever the effort enters."""
+        return EFFORT_SIGN[residual] != 0.0
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """The other joint's reading."""
+        if not self.shows(port, residual) or signals.effort is None:
+            return None
+        joint, other = ends(key)
+        column = EFFORT_SIGN[residual] * signals.effort[:, signals.joint(other)]
+        return one_row(signals.joint(joint), column[:, None], None, -np.ones(1), np.ones(1))
+
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Adds shares of other joints' efforts to readings."""
+        for key, values in parameters.items():
+            joint, other = ends(key)
+            builder.crosstalk[builder.joint(joint), builder.joint(other)] += values["c"]
+
+
+def ends(key: str) -> tuple[str, str]:
+    """Splits ``JOINT<-OTHER``."""
+    joint, _, other = key.partition(PAIR)
+    return joint, other
+
+
+APART = "apart"
+"""Shape: 1 where the readings' clock runs away from the commands'."""
+
+
+class VelocityFilterLag(Stepped):
+    """A reported velocity that lags."""
+
+    description = Description(
+        id="velocity_filter_lag",
+        sentence="The reported velocity is filtered more than stated: it follows the true one as a first-order lag.",
+        equation="T d(v_reported)/dt = v - v_reported, beyond the robot file's velocity_filter",
+        parameters=(Parameter("T", "s", "time constant beyond the robot file's", lower=0.0, upper=10.0),),
+        ports=("sensor",),
+        keys=("joint",),
+        signature="the reported velocity trails the differences of the reported position",
+        confusable_with=("command_delay", "clock_drift"),
+        excitation="fast reversals; compare the reported velocity with differences of position",
+        reference="Brown, Schneider & Mulligan 1992",
+        worn="The plant: the velocity that its sensors report.",
+    )
+    shape = ("T",)
+
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """In the reported velocity alone."""
+        return residual == "velocity"
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """The lag at T, and its slope by T."""
+        if not self.shows(port, residual):
+            return None
+        joint, T = signals.joint(key), float(shape["T"])
+        true, change = signals.velocity[:, joint], 0.02 * T + 1e-5
+        slow = lagged(true, signals.time, T)
+        slope = (lagged(true, signals.time, T + change) - slow) / change
+        return one_row(joint, slope[:, None], slow - true, np.array([-T]), np.full(1, np.inf))
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """Starts between an instant and a quarter of a second."""
+        return tuple({"T": T} for T in (0.0, 0.01, 0.04, 0.15))
+
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Filters reported velocities once more."""
+        builder.velocity_lag[builder.joints(parameters)] += [values["T"] for values in parameters.values()]
+
+
+class ClockDrift(Effect):
+    """Time stamps of a clock that runs fast or slow."""
+
+    description = Description(
+        id="clock_drift",
+        sentence="The clock that stamps the samples runs fast: recorded seconds are shorter than true ones.",
+        equation="t recorded = (1 + 1e-6 ppm) t; v reported - dq/dt = 1e-6 ppm dq/dt; tau = 2e-6 ppm (ID - weight);"
+        " apart = 1: readings at t show what was at t / (1 + 1e-6 ppm), commands do not",
+        parameters=(
+            Parameter("ppm", "ppm", "rate beyond the true one, in millionths", lower=-1e5, upper=1e5),
+            Parameter(
+                "apart",
+                "1",
+                "1 where the readings' clock runs away from the commands', 0 where all stamps are off alike",
+                lower=0.0,
+                upper=1.0,
+                left_out="0",
+            ),
+        ),
+        ports=("timing",),
+        keys=("log",),
+        signature="all joints alike: reported velocities and differences of position differ by a factor",
+        confusable_with=("command_delay", "velocity_filter_lag"),
+        excitation="a long recording, fast motion",
+        reference="IEEE 1588 (clock rate offset)",
+        worn="The plant: the time it reports.",
+    )
+
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """Where velocities are compared, accelerations used, or commands laid beside readings."""
+        return residual == "velocity" or uses_motion(residual) or "drive" in COVERS[residual]
+
+    def regressor(
+        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
+    ) -> Regressor | None:
+        """Velocity in its own residual, twice the inertial torque in the links', what the command changes meanwhile."""
+        if not self.shows(port, residual):
+            return None
+        values = np.zeros((signals.samples, signals.n))
+        if residual == "velocity":
+            values += signals.velocity
+        if uses_motion(residual):
+            values += 2.0 * (signals.rigid - signals.weight)
+        if shape.get(APART) and "drive" in COVERS[residual]:
+            values += _run_away(signals)
+        ppm = self.description.parameter("ppm")
+        bounds = np.full(1, ppm.lower), np.full(1, ppm.upper)
+        return all_rows(signals, 1e-6 * values[:, :, None], *bounds)
+
+    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+        """All stamps alike, or the readings' against the commands'."""
+        return ({APART: 0.0},) if signals.drive is None else ({APART: 0.0}, {APART: 1.0})
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """The rate."""
+        return ("ppm",)
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """The rate; which of the clocks it is says the shape."""
+        return np.array([values["ppm"]]), {APART: values.get(APART, 0.0)}
+
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+        """Speeds the reported clock up.
+
+        Raises:
+            BadInput: The clocks run apart, which belongs to a recording's readings and to no robot.
+        """
+        for values in parameters.values():
+            if values.get(APART, 0.0):
+                raise BadInput(
+                    "clock_drift with apart = 1: readings that run away from the commands belong to a recording, no"
+                    " plant wears them (valid: apart 0, or none; `diagnose --effects` takes both)"
+                )
+            builder.clock *= 1.0 + 1e-6 * values["ppm"]
+
+
+def _run_away(signals: Signals) -> Array:
+    """What the torque asked for changes per second of the readings' age, times the time since the start, (N, n)."""
+    drive = signals.drive if signals.clean_drive is None else signals.clean_drive
+    if drive is None:
+        return np.zeros((signals.samples, signals.n))
+    asked = drive if signals.assistance is None else drive - signals.assistance
+    return np.asarray(signals.time[:, None] * signals.rate_of(asked))

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import JointLaw, Regressor, Values, one_row, unbounded
+from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_friction import BOTH_SIDES, WORN
-from impedance_modules.effects.residual_kinds import COVERS, Residual
-from impedance_modules.effects.joint_motion import Sample, Shape
+from impedance_modules.effects.joint_motion import JointSample, Shape
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.residual_kinds import COVERS, Residual
 from impedance_modules.spec.robot_spec import ParallelSpringSpec, RobotSpec
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ class ParallelSpring(JointLaw):
 
     essence = ((1.0, 0.0),)
 
-    def basis(self, sample: Sample, shape: Shape) -> Array:
+    def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes q and -1."""
         return np.stack([sample.position, -np.ones_like(sample.position)], axis=-1)
 
@@ -116,7 +116,7 @@ class ParallelSpring(JointLaw):
         given = [symbol for symbol in ("q0", "preload") if symbol in values]
         return [] if len(given) == 1 else ["needs exactly one of q0 and preload"]
 
-    def wear_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+    def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Tells the model, whose joints carry the spring."""
         springs = dict(robot.parallel_springs)
         for joint, values in parameters.items():
@@ -126,9 +126,9 @@ class ParallelSpring(JointLaw):
             )
         return replace(robot, parallel_springs=springs)
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Puts the spring on the links and tells the robot, whose maker knows it."""
-        super().wear_plant(builder, port, parameters)
+        super().apply_to_plant(builder, port, parameters)
         joints = builder.joints(parameters)
         builder.spring_stiffness[joints] += [values["k"] for values in parameters.values()]
         builder.spring_preload[joints] += [preload_of(values) for values in parameters.values()]
@@ -163,7 +163,7 @@ class TorqueRipple(JointLaw):
     )
     shape = ("N",)
 
-    def basis(self, sample: Sample, shape: Shape) -> Array:
+    def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes sin(N q) and cos(N q)."""
         turned = sample.position * shape["N"]
         return np.stack([np.sin(turned), np.cos(turned)], axis=-1)
@@ -197,3 +197,44 @@ class TorqueRipple(JointLaw):
         spacing = 2.5 / travel  # at most 0.6 rad out of phase at either end: a step of Newton mends that
         orders = np.arange(1.2 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
         return tuple({"N": float(order)} for order in orders)
+
+
+class BenchSpring(JointLaw):
+    """k (q - q0) + d v."""
+
+    description = Description(
+        id="bench_spring",
+        sentence="A damped spring between a link and the bench: a torsion spring, or a clamp if it is stiff.",
+        equation="tau = k (q - q0) + d v; the spring's own torque on the joint is -k (q - q0) - d v",
+        parameters=(
+            Parameter("k", "N.m/rad", "stiffness", lower=0.0, linear_unit="N/m"),
+            Parameter("q0", "rad", "angle at which it is relaxed", linear_unit="m"),
+            Parameter("d", "N.m.s/rad", "its damping", lower=0.0, left_out="0", linear_unit="N.s/m"),
+        ),
+        ports=("contact",),
+        keys=("joint",),
+        signature="linear in the joint's angle, at rest too",
+        confusable_with=("parallel_spring", "payload", "torque_offset", "viscous_friction"),
+        excitation="a grid of static poses; a single tone cannot tell it from inertia",
+        reference="thesis 3.2.1 (figure 3-6)",
+        worn="The plant, as a torque on the link; neither the model nor what the robot adds by itself knows it.",
+    )
+
+    def basis(self, sample: JointSample, shape: Shape) -> Array:
+        """Computes q, -1 and v."""
+        return np.stack([sample.position, -np.ones_like(sample.position), sample.velocity], axis=-1)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Stiffness and damping are not negative."""
+        return np.array([0.0, -np.inf, 0.0]), np.full(3, np.inf)
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """Coefficients k, k q0 and d."""
+        return np.array([values["k"], values["k"] * values["q0"], values.get("d", 0.0)]), {}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The inverse of ``linear``; a spring without stiffness is relaxed anywhere, q0 = 0."""
+        k, preload, d = map(float, coefficients)
+        return {"k": k, "q0": preload / k if k > 0.0 else 0.0, "d": d}

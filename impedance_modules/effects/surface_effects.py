@@ -20,12 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.bodies import all_rows
+from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.effect import Effect, Regressor, Values, unbounded
-from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.joint_motion import SLIDING_SMOOTHING, Shape
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.stepped import Stepped
+from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
 
@@ -44,7 +43,7 @@ def surface_index(key: str) -> int | None:
 
 
 @dataclass(frozen=True)
-class Touch:
+class SurfaceTouch:
     """One hand over one surface, along a recording.
 
     Attributes:
@@ -72,7 +71,7 @@ class Touch:
         return np.asarray(-np.einsum("ijk,ij->ik", self.jacobian, force))
 
 
-def touches(signals: Signals, surface: SurfaceSpec) -> Iterator[Touch]:
+def touches(signals: Signals, surface: SurfaceSpec) -> Iterator[SurfaceTouch]:
     """Follows each hand over a surface: a plane, or the top of a box."""
     turn = exp3(np.array(surface.rotation))
     origin, half = np.array([0.0, 0.0, surface.height or 0.0]), np.full(3, np.inf)
@@ -86,14 +85,14 @@ def touches(signals: Signals, surface: SurfaceSpec) -> Iterator[Touch]:
         above = np.all(np.abs(local[:, :2]) <= half[:2], axis=1)
         depth = np.where(above & (-local[:, 2] < 2.0 * half[2]), -local[:, 2], -np.inf)
         along = v @ turn[:, 2]
-        yield Touch(J, turn[:, 2], depth, -along, v - along[:, None] * turn[:, 2])
+        yield SurfaceTouch(J, turn[:, 2], depth, -along, v - along[:, None] * turn[:, 2])
 
 
 class SurfaceEffect(Effect):
     """An error of the map: what the plant's surface has instead of the task's number."""
 
     @abstractmethod
-    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
+    def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
         """Returns the surface as it really is."""
 
     def nominal(self, signals: Signals, key: str) -> SurfaceSpec | None:
@@ -151,7 +150,7 @@ class SurfaceHeight(Stepped, SurfaceEffect):
         """Starts where the map has it, and some centimetres above: a hand that never reaches it tells nothing."""
         return tuple({"dh": raised} for raised in (0.0, 0.01, 0.03, 0.1))
 
-    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
+    def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
         """Moves it upwards."""
         if surface.position is not None:
             x, y, z = surface.position
@@ -187,7 +186,7 @@ class SurfaceNumber(SurfaceEffect):
         surface = self.nominal(signals, key)
         return 0.0 if surface is None else float(getattr(surface, self.attribute))
 
-    def wear_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
+    def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
         """Replaces the number."""
         change: dict[str, Any] = {self.attribute: values[self.symbol]}
         return replace(surface, **change)

@@ -8,19 +8,21 @@ The three effects of the thesis's section 6.2.5 in still water, one link at a ti
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.effects.bodies import all_rows
-from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.effect import Effect, Regressor, Values
-from impedance_modules.effects.residual_kinds import Residual, uses_motion
-from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.joint_motion import JointMotion, Shape
+from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.water_torque import Buoyancy as BuoyancyTorque
-from impedance_modules.effects.water_torque import Drag
+from impedance_modules.effects.residual_kinds import Residual, uses_motion
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.rotation import skew
 
 Array = NDArray[np.float64]
 
@@ -84,7 +86,7 @@ class Buoyancy(Effect):
         centre = coefficients[1:] / m if m > 0.0 else np.zeros(3)
         return {"m": m, **dict(zip(CENTRE, map(float, centre), strict=True))}
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Lifts links."""
         lifted = {link: (values["m"], _centre(values)) for link, values in parameters.items()}
         builder.torques.append(BuoyancyTorque(builder.model, lifted))
@@ -154,7 +156,7 @@ class AddedMass(Effect):
             else ["takes no water along in any direction"]
         )
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Adds to links' inertia."""
         for link, values in parameters.items():
             along = np.array([values.get(name, 0.0) for name in (*MASSES, *INERTIAS)])
@@ -211,10 +213,76 @@ class FluidDrag(Effect):
         """Some direction must be held back."""
         return [] if any(name in values for name in DRAGS) else ["holds the link back in no direction"]
 
-    def wear_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Holds links back."""
         held = {
             link: (np.array([values.get(name, 0.0) for name in DRAGS]), _centre(values))
             for link, values in parameters.items()
         }
-        builder.torques.append(Drag(builder.model, held))
+        builder.torques.append(DragTorque(builder.model, held))
+
+
+class WaterTorque:
+    """A torque on the links that depends on where they are and how they move, and on nothing before."""
+
+    port: Literal["motor", "link"] = "link"
+
+    def settle(self, motion: JointMotion) -> None:
+        """Remembers nothing."""
+
+    def start(self, motion: JointMotion, step: float) -> None:
+        """Has nothing to forget."""
+
+
+class BuoyancyTorque(WaterTorque):
+    """The weight of displaced water, upwards: J_c^T (-m g) summed over links.
+
+    It is minus the weight of a robot whose links are nothing but the displaced water.
+    """
+
+    def __init__(self, model: RobotModel, links: Mapping[str, tuple[float, Array]]) -> None:
+        """Takes link -> mass of the displaced water [kg] and its centre (3,) in the link's frame [m]."""
+        self._water = pin.Model(model.pin_model)
+        for joint in range(self._water.njoints):
+            self._water.inertias[joint] = pin.Inertia.Zero()
+        for link, (mass, centre) in links.items():
+            frame = self._water.frames[model.frame_id(link)]
+            body = pin.Inertia(mass, centre, np.zeros((3, 3)))
+            self._water.appendBodyToJoint(frame.parentJoint, body, frame.placement)
+        self._data = self._water.createData()
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Gives what lifts the links (n,) [N.m]."""
+        return self.lift(motion.position)
+
+    def lift(self, position: Array) -> Array:
+        """Gives the same at joint positions (n,) [rad]."""
+        return np.array(pin.computeGeneralizedGravity(self._water, self._data, position))
+
+    def potential(self, position: Array) -> float:
+        """Gives the energy that sinking the links has stored in the water [J], up to a constant."""
+        return -float(pin.computePotentialEnergy(self._water, self._data, position))
+
+
+class DragTorque(WaterTorque):
+    """Resistance -|v| D v at a point of each link, v that point's velocity in the link's axes."""
+
+    def __init__(self, model: RobotModel, links: Mapping[str, tuple[Array, Array]]) -> None:
+        """Takes link -> drag (3,) along its axes [N.s^2/m^2] and the point (3,) in its frame [m]."""
+        self._model = model.pin_model
+        self._data = self._model.createData()
+        self._frames = [model.frame_id(link) for link in links]
+        self._drag = np.array([drag for drag, _ in links.values()])
+        # v + w x p, from a twist at the link's origin to the point.
+        self._to_point = [np.hstack([np.eye(3), -skew(point)]) for _, point in links.values()]
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Gives what holds the links back (n,) [N.m]."""
+        pin.computeJointJacobians(self._model, self._data, motion.position)
+        out = np.zeros(motion.position.size)
+        for frame, drag, to_point in zip(self._frames, self._drag, self._to_point, strict=True):
+            J = pin.getFrameJacobian(self._model, self._data, frame, pin.ReferenceFrame.LOCAL)
+            at_point = to_point @ J
+            v = at_point @ motion.velocity
+            out -= at_point.T @ (drag * v * np.sqrt(v @ v))
+        return out

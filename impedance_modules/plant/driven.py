@@ -19,8 +19,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.motion import JointMotion
-from impedance_modules.effects.worn import WornPlant
+from impedance_modules.effects.joint_motion import JointMotion
+from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.plant.effects_port import unworn
 from impedance_modules.plant.joints import structural_stiffness
 from impedance_modules.plant.options import PlantOptions
@@ -81,7 +81,7 @@ class DrivenPlant(Plant):
         self,
         model: RobotModel,
         options: PlantOptions,
-        worn: WornPlant | None,
+        worn: PlantEffects | None,
         springs: dict[str, ParallelSpringSpec],
         surfaces: Sequence[SurfaceSpec] = (),
     ) -> None:

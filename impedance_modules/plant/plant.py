@@ -13,7 +13,7 @@ from impedance_modules.errors import NotConnected
 from impedance_modules.plant.assembly import build_memory
 from impedance_modules.plant.commands import CommandLine, Mode, Order, checked_effort
 from impedance_modules.plant.contact.surfaces import Surfaces
-from impedance_modules.plant.effects_port import JointTorque, WornPlant, unworn
+from impedance_modules.plant.effects_port import JointTorque, PlantEffects, unworn
 from impedance_modules.plant.energy import EnergyBook
 from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.integrator import Integrator
@@ -53,7 +53,7 @@ class Plant(Truth):
         surfaces: Sequence[SurfaceSpec],
         held: HeldObject | None,
         options: PlantOptions,
-        worn: WornPlant | None = None,
+        worn: PlantEffects | None = None,
         *,
         pushes: Sequence[PushSpec] = (),
     ) -> None:
@@ -64,7 +64,7 @@ class Plant(Truth):
             surfaces: Its surroundings.
             held: What its hands hold, or None.
             options: How it is stepped.
-            worn: What reality does beyond the model (``effects.wear.wear_plant``); None for nothing.
+            worn: What reality does beyond the model (``effects.wear.apply_to_plant``); None for nothing.
             pushes: Who pushes hands or object, and when.
         """
         self._worn = unworn(model) if worn is None else worn

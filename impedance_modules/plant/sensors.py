@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.worn import SensorErrors
+from impedance_modules.effects.plant_builder import SensorErrors
 from impedance_modules.plant.compiled_sensors import (
     ESTIMATE,
     LAG_SHARE,

@@ -7,9 +7,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from impedance_modules.effects.drive_path import DrivePath
+from impedance_modules.effects.plant_builder import DrivePath
 from impedance_modules.plant.contact.wood import renew_wood
-from impedance_modules.plant.effects_port import WornPlant
+from impedance_modules.plant.effects_port import PlantEffects
 from impedance_modules.plant.grasp.coupling import take_hold
 from impedance_modules.plant.grasp.held_object import HeldObject
 from impedance_modules.plant.integrator import Integrator
@@ -27,7 +27,7 @@ class Start:
     """
 
     def __init__(
-        self, integrator: Integrator, held: HeldObject | None, worn: WornPlant, weight: WeightCompensation
+        self, integrator: Integrator, held: HeldObject | None, worn: PlantEffects, weight: WeightCompensation
     ) -> None:
         """Takes the plant's integrator, what its hands hold, what it wears, and what the robot carries itself."""
         self._integrator = integrator

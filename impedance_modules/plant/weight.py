@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.effects_port import WornPlant
+from impedance_modules.plant.effects_port import PlantEffects
 from impedance_modules.robot.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class WeightCompensation:
         share: (n,) how much of it each joint gets now; 1 unless a robot can switch it off joint by joint.
     """
 
-    def __init__(self, model: RobotModel, worn: WornPlant, gravity: tuple[float, float, float]) -> None:
+    def __init__(self, model: RobotModel, worn: PlantEffects, gravity: tuple[float, float, float]) -> None:
         """Takes the robot, what it wears (its ``spring_stiffness``, ``spring_preload``) and gravity [m/s^2].
 
         Raises:

@@ -21,7 +21,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.conditions import Touch
 from impedance_modules.control.loop import Interrupt
 from impedance_modules.control.supervisor import Ending
-from impedance_modules.effects.apply import wear_plant
+from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.columns import joint_columns, pose_columns, wrench_columns
 from impedance_modules.episode.metadata import episode_metadata, library_versions
 from impedance_modules.episode.reader import read_episode
@@ -98,7 +98,7 @@ def make_playback(assembly: Assembly, path: JointPath, seed: int, *, noise: bool
         BadInput: The task asks for no playback.
     """
     order = _order(assembly)
-    worn = None if assembly.patch is None else wear_plant(assembly.model, assembly.patch)
+    worn = None if assembly.patch is None else apply_to_plant(assembly.model, assembly.patch)
     options = PlantOptions(rate=1.0 / TICK, seed=seed, noise=noise)
     plant = DrivenPlant(assembly.model, options, worn, {}, assembly.task.environment)
     return Playback(

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.protocol import Backend
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
 from impedance_modules.backends.baxter.gates_types import Gate
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.session import Session
+from impedance_modules.backends.protocol import Backend
 from impedance_modules.backends.replay_backend import ReplayBackend
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_gate import contact_gates
-from impedance_modules.effects.apply import wear_plant
+from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
@@ -33,7 +33,7 @@ def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBack
     task, model = assembly.task, assembly.model
     held = None if task.object is None else HeldObject.of_task(model, task.object)
     options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
-    worn = None if assembly.patch is None else wear_plant(model, assembly.patch)
+    worn = None if assembly.patch is None else apply_to_plant(model, assembly.patch)
     plant = Plant(model, task.environment, held, options, worn, pushes=task.pushes)
     return SimBackend(plant, assembly.modules.posture, assembly.period)
 

@@ -14,12 +14,12 @@ from click.testing import CliRunner
 
 from impedance_modules.cli.diagnose import command
 from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
-from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, shrink
+from impedance_modules.diagnosis.data.rigid_tree import read_tree
 from impedance_modules.diagnosis.rollout.nuisance import body_changes, no_nuisance
 from impedance_modules.diagnosis.rollout.robot import robot_of_model
+from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, shrink
 from impedance_modules.diagnosis.rollout.simulated_robot import dress
-from impedance_modules.diagnosis.data.rigid_tree import read_tree
-from impedance_modules.effects.motion import JointMotion
+from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant

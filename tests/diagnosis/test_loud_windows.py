@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.regression.moments import Left, listen
+from impedance_modules.diagnosis.regression.noise_floor import Left, fit_without_loud_windows
 
 RATE = 50.0
 TIME = np.arange(0.0, 28.0, 1.0 / RATE)
@@ -24,7 +24,7 @@ def heard(seed: int, knock: float):
         solution = np.linalg.lstsq(FLEXIBLE * root[:, None], y * root, rcond=None)[0]
         return list(np.split(y - FLEXIBLE @ solution, 2)), float(FLEXIBLE.shape[1])
 
-    return listen(fit, RATE)
+    return fit_without_loud_windows(fit, RATE)
 
 
 def power(left: Left) -> float:
@@ -50,6 +50,6 @@ def test_noise_alone_was_never_struck(seed: int) -> None:
 
 def test_what_is_loud_for_long_is_no_knock() -> None:
     y = np.random.default_rng(5).standard_normal(len(TIME)) * np.where(np.sin(TIME) > 0.7, 40.0, 1.0)
-    found = listen(lambda weights: (list(np.split(y, 2)), 0.0), RATE)
+    found = fit_without_loud_windows(lambda weights: (list(np.split(y, 2)), 0.0), RATE)
     assert not found.struck
     assert found.quiet is found.plain

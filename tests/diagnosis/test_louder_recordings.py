@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis.regression.noise_motion import LOUDER, _louder
+from impedance_modules.diagnosis.regression.sensor_noise import LOUDER, _louder
 
 
 def _recordings(*sizes: float, effort: bool = True) -> list[SimpleNamespace]:

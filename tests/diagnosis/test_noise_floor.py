@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from impedance_modules.diagnosis.regression import noise_floor as judged
-from impedance_modules.diagnosis.regression.drafts import Draft
+from impedance_modules.diagnosis.regression.candidates import CandidateRegressor
+from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.sensor_noise import read_noise
-from impedance_modules.diagnosis.regression.nuisance_columns import Nuisance
 
 GROUP = ("link", 0)
 SIZE = 0.3
@@ -22,8 +22,8 @@ def floor_of(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch: py
     monkeypatch.setattr(judged, "read_noise", lambda _: None)
     monkeypatch.setattr(judged, "differentiated", lambda *_: SimpleNamespace(of=lambda _: made))
     item = SimpleNamespace(band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0))
-    nuisance = Nuisance((GROUP,), 0, (np.zeros(0, int),), ((np.zeros((len(noise), 0)),),), {})
-    draft = Draft(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])
+    nuisance = NuisanceColumns((GROUP,), 0, (np.zeros(0, int),), ((np.zeros((len(noise), 0)),),), {})
+    draft = CandidateRegressor(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])
     return float(judged.noise_by_smoothness([[noise]], [item], nuisance, [draft], [0]).rms[0, 0])
 
 

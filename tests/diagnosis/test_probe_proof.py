@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from impedance_modules.effects.apply import wear_patch, wear_plant
+from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.plant.options import PlantOptions
@@ -32,8 +32,8 @@ OFFSET = 3.0
 def record_poor(folder: Path, robot: Path) -> None:
     """Swings one joint on the plant that wears the withheld patch; the joint that is wrong stands still."""
     spec, read = read_robot(robot), read_patch(folder / "withheld.yaml")
-    worn = wear_plant(RobotModel(spec), read)
-    model = RobotModel(wear_patch(spec, read))
+    worn = apply_to_plant(RobotModel(spec), read)
+    model = RobotModel(apply_patch(spec, read))
     for index, tone in enumerate(TONES):
         plant = Plant(model, [], None, PlantOptions(rate=RATE, seed=index, step=0.5e-3), worn)
         metadata = episode_metadata(

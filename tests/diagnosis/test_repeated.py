@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.model_selection.repeated import repeats
+from impedance_modules.diagnosis.model_selection.plausibility import repeats
 
 
 def _trial(

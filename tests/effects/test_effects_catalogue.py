@@ -17,18 +17,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.cli.main import impedance
+from impedance_modules.effects.apply import apply_patch, apply_to_plant, apply_to_surfaces
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect_description import Parameter, same_unit
 from impedance_modules.effects.effect import PAIR
+from impedance_modules.effects.effect_description import Parameter, same_unit
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import RESIDUALS
 from impedance_modules.effects.rigid_model import RigidModel
-from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.apply import wear_patch, wear_plant, wear_surfaces
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import read_patch
-from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task import SurfaceSpec
 from tests.support.paths import CHECKOUT
 
@@ -179,8 +179,8 @@ def test_a_description_leaves_nothing_out(effect: str) -> None:
 )
 def test_a_patch_is_read_worn_and_described(tmp_path: Path, effect: str, port: str) -> None:
     patch = read_patch(written(tmp_path, entry(effect, port)))
-    worn = wear_patch(robot(), patch)
-    assert wear_plant(RobotModel(worn), patch).command_delay >= 0.0
+    worn = apply_patch(robot(), patch)
+    assert apply_to_plant(RobotModel(worn), patch).command_delay >= 0.0
     only = patch.effects[0]
     found = {symbol: quantity.value for symbol, quantity in only.parameters[key_of(effect)].items()}
     assert (only.effect, only.port, found) == (effect, port, numbers_of(effect))
@@ -342,7 +342,7 @@ def test_a_wrong_patch_is_told_where_and_what(tmp_path: Path, name: str) -> None
     broken, words = BROKEN[name]
     path = written(tmp_path, broken)
     with pytest.raises(BadFile) as caught:
-        wear_patch(robot(), read_patch(path))
+        apply_patch(robot(), read_patch(path))
     assert words in str(caught.value)
     place = next(i for i, line in enumerate(path.read_text().splitlines(), 1) if "effects:" in line)
     assert all(problem.line > place and problem.column > 1 for problem in caught.value.problems)
@@ -351,7 +351,7 @@ def test_a_wrong_patch_is_told_where_and_what(tmp_path: Path, name: str) -> None
 def test_all_problems_come_at_once_with_their_lines(tmp_path: Path) -> None:
     path = written(tmp_path, BROKEN["wrong port"][0], BROKEN["negative friction"][0], BROKEN["wrong unit"][0])
     with pytest.raises(BadFile) as caught:
-        wear_patch(robot(), read_patch(path))
+        apply_patch(robot(), read_patch(path))
     lines = path.read_text().splitlines()
     pointed = [lines[p.line - 1][p.column - 1 :] for p in caught.value.problems]
     assert pointed == ["sensor", "-0.1", "N"]
@@ -359,13 +359,13 @@ def test_all_problems_come_at_once_with_their_lines(tmp_path: Path) -> None:
 
 def test_a_patch_for_another_robot_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="is for robot 'other'"):
-        wear_patch(robot(), read_patch(written(tmp_path, entry("payload", "link"), name="other")))
+        apply_patch(robot(), read_patch(written(tmp_path, entry("payload", "link"), name="other")))
 
 
 def test_a_replaced_number_is_replaced_once(tmp_path: Path) -> None:
     twice = entry("reflected_inertia", "actuator")
     with pytest.raises(BadFile, match="already"):
-        wear_patch(robot(), read_patch(written(tmp_path, twice, twice)))
+        apply_patch(robot(), read_patch(written(tmp_path, twice, twice)))
 
 
 @pytest.mark.parametrize(
@@ -381,7 +381,7 @@ def test_what_no_robot_can_be_is_refused(tmp_path: Path, bad: dict[str, object],
         bad = {**bad, "parameters": {"port_turn": {"b": {"value": 0.01, "unit": "rad"}}}}
     patch = read_patch(written(tmp_path, bad))
     with pytest.raises(BadInput, match=words):
-        wear_plant(RobotModel(wear_patch(robot(), patch)), patch)
+        apply_to_plant(RobotModel(apply_patch(robot(), patch)), patch)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -396,7 +396,7 @@ def test_the_model_weighs_what_it_wears(seed: int) -> None:
         entry("payload", "link", {"m": m, **dict(zip(("cx", "cy", "cz"), map(float, place), strict=True))}),
         entry("parallel_spring", "link", {"k": 7.0, "q0": 0.3}),
     ]
-    worn = RobotModel(wear_patch(robot(), patch_at(*text)))
+    worn = RobotModel(apply_patch(robot(), patch_at(*text)))
     pose = model.pose(q, "port_palm")
     at = pose.translation + pose.rotation @ place
     slope = np.array(
@@ -411,15 +411,15 @@ def test_the_model_weighs_what_it_wears(seed: int) -> None:
 
 
 def test_a_leaning_model_feels_gravity_from_aside() -> None:
-    worn = wear_patch(robot(), patch_at(entry("base_tilt", "link", {"rx": 0.1, "ry": 0.0})))
+    worn = apply_patch(robot(), patch_at(entry("base_tilt", "link", {"rx": 0.1, "ry": 0.0})))
     assert np.allclose(worn.gravity, (0.0, -9.81 * math.sin(0.1), -9.81 * math.cos(0.1)))
 
 
 def test_predictions_reckon_with_the_delay_that_the_plant_makes_joint_by_joint() -> None:
     patch = patch_at(entry("command_delay", "timing", {"T": 0.004}))
-    worn = wear_patch(robot(), patch)
+    worn = apply_patch(robot(), patch)
     assert worn.timing.command_delay == pytest.approx(robot().timing.command_delay + 0.004)
-    assert wear_plant(RobotModel(worn), patch).command_delay == pytest.approx(robot().timing.command_delay)
+    assert apply_to_plant(RobotModel(worn), patch).command_delay == pytest.approx(robot().timing.command_delay)
 
 
 def patch_at(*entries: dict[str, object]):
@@ -454,7 +454,7 @@ def test_the_verb_lists_all_and_refuses_others() -> None:
 
 def test_the_robots_own_numbers_stay_as_they_were() -> None:
     before = replace(robot())
-    wear_patch(robot(), patch_at(entry("payload", "link"), entry("reflected_inertia", "actuator")))
+    apply_patch(robot(), patch_at(entry("payload", "link"), entry("reflected_inertia", "actuator")))
     assert robot() == before
 
 
@@ -466,12 +466,12 @@ def test_a_map_is_worn_as_the_patch_says_and_a_surface_too_many_is_refused() -> 
         entry("surface_stiffness", "contact", {"k": 400.0}),
         entry("surface_friction", "contact", {"mu": 0.9}),
     ]
-    found = wear_surfaces((plane, block), patch_at(*wrong))
+    found = apply_to_surfaces((plane, block), patch_at(*wrong))
     assert found[0] == replace(plane, height=0.32, stiffness=400.0, friction=0.9) and found[1] == block
-    moved = wear_surfaces((block,), patch_at(wrong[0]))
+    moved = apply_to_surfaces((block,), patch_at(wrong[0]))
     assert moved[0].position == pytest.approx((0.1, 0.2, 0.32))
     with pytest.raises(BadFile, match=r"no surface 'surface0'.*no environment"):
-        wear_surfaces((), patch_at(wrong[0]))
+        apply_to_surfaces((), patch_at(wrong[0]))
 
 
 @given(st.integers(0, 2**32 - 1))

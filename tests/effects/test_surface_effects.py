@@ -7,16 +7,16 @@ from functools import cache
 import numpy as np
 import pytest
 
+from impedance_modules.effects.apply import apply_to_surfaces
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import touches
-from impedance_modules.effects.apply import wear_surfaces
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
-from tests.support.plant_parts import SIX_JOINTS, exact, plane, spec_of
 from tests.support.effect_recordings import patch_of, start, worn
+from tests.support.plant_parts import SIX_JOINTS, exact, plane, spec_of
 
 HAND, SECONDS, C = "port_palm", 2.0, "contact"
 RATE = 1000.0
@@ -30,7 +30,7 @@ def wiped(*entries):
     known = plane(
         float(model.pose(q0, HAND).translation[2]) - 0.004, stiffness=1500.0, damping=5.0, friction=0.3
     )
-    true = wear_surfaces((known,), patch_of(model.spec.name, entries)) if entries else (known,)
+    true = apply_to_surfaces((known,), patch_of(model.spec.name, entries)) if entries else (known,)
     subject = Plant(model, true, None, PlantOptions(rate=RATE, seed=0, noise=False))
     subject.reset(q0)
     J = RigidModel.of_robot(model).jacobian(HAND, q0[None])[0, :3]

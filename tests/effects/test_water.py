@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from impedance_modules.effects.water_torque import Buoyancy, Drag
+from impedance_modules.effects.water import BuoyancyTorque, DragTorque
 from impedance_modules.plant.compiled_links import accelerate, place_links
 from impedance_modules.plant.links import link_table
 from impedance_modules.robot.model import RobotModel
 from tests.plant.test_plant_reference import random_tree
-from tests.support.plant_parts import SIX_JOINTS, spec_of, undamped
 from tests.support.effect_recordings import dressed, start, worn
+from tests.support.plant_parts import SIX_JOINTS, spec_of, undamped
 
 L = "link"
 LIFT = worn("buoyancy", L, "port_palm", m=1.1, cx=0.02, cy=-0.03, cz=0.05)
@@ -39,7 +39,7 @@ def drift(subject, periods: int) -> None:
 
 def test_buoyancy_is_the_slope_of_a_potential_and_gives_back_what_it_took() -> None:
     subject = moving((LIFT,), 1)
-    (lift,) = (t for t in subject.torques if isinstance(t, Buoyancy))
+    (lift,) = (t for t in subject.torques if isinstance(t, BuoyancyTorque))
     random = np.random.default_rng(2)
     for q in random.uniform(-1.5, 1.5, (10, subject.model.n)):
         motion = subject._integrator.motion(0)
@@ -58,7 +58,7 @@ def test_buoyancy_is_the_slope_of_a_potential_and_gives_back_what_it_took() -> N
 def test_buoyancy_lifts_by_the_weight_of_what_is_displaced() -> None:
     model = RobotModel(spec_of(SIX_JOINTS))
     q, centre = start(model), np.array([0.02, -0.03, 0.05])
-    lift = Buoyancy(model, {"port_palm": (1.1, centre)})
+    lift = BuoyancyTorque(model, {"port_palm": (1.1, centre)})
     subject = moving((), 0)
     motion = subject._integrator.motion(0)
     motion.position[:] = q
@@ -77,7 +77,7 @@ def test_drag_takes_energy_in_every_motion_and_the_books_close() -> None:
     model = RobotModel(spec_of(SIX_JOINTS))
     random = np.random.default_rng(3)
     links = {"port_palm": (random.uniform(0, 20, 3), random.normal(size=3) * 0.1)}
-    drag = Drag(model, links)
+    drag = DragTorque(model, links)
     subject = moving((), 0)
     motion = subject._integrator.motion(0)
     for _ in range(50):

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import PAIR
-from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.apply import wear_patch, wear_plant
+from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
@@ -161,8 +161,8 @@ def dressed(robot: RobotSpec, entries: tuple[Worn, ...]) -> Plant:
     if not entries:
         return Plant(RobotModel(robot), [], None, options)
     patch = patch_of(robot.name, entries)
-    model = RobotModel(wear_patch(robot, patch))
-    return Plant(model, [], None, options, wear_plant(model, patch))
+    model = RobotModel(apply_patch(robot, patch))
+    return Plant(model, [], None, options, apply_to_plant(model, patch))
 
 
 def _springs(entries: tuple[Worn, ...], model: RobotModel) -> list[tuple[int, dict[str, float]]]:

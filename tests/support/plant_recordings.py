@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.effects.apply import wear_patch, wear_plant
+from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.plant.options import PlantOptions
@@ -70,8 +70,8 @@ def record(folder: Path, robot: Path, patch: str | None, seconds: float = 6.0) -
     if patch is not None:
         (folder / "truth.yaml").write_text(patch)
         read = read_patch(folder / "truth.yaml")
-        spec = wear_patch(spec, read)
-        worn = wear_plant(RobotModel(spec), read)
+        spec = apply_patch(spec, read)
+        worn = apply_to_plant(RobotModel(spec), read)
     model = RobotModel(spec)
     paths = []
     for index, motion in enumerate([0, 1, 2, 2]):

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impedance_modules.diagnosis.model_selection.screening import Look
-from impedance_modules.diagnosis.regression.slots import Slot
-from impedance_modules.diagnosis.model_selection.candidate_trial import Trial
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
+from impedance_modules.diagnosis.model_selection.screening import ScreenedCandidate
+from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout
 
 SAME_REACH = 0.95
 """Candidates that explain this part of what the best one does are as good; the cheaper one is taken."""
@@ -46,9 +46,9 @@ REDUCTION_MIN = 0.05
 """Least part of a group's held-out squares that a cause removes."""
 
 
-def best_of_each(looks: Sequence[Look], most: int) -> list[Look]:
+def best_of_each(looks: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:
     """The physical shape of each candidate that is worth most, the best candidates first."""
-    found: dict[tuple[str, str, str], Look] = {}
+    found: dict[tuple[str, str, str], ScreenedCandidate] = {}
     for look in looks:
         if look.physical and look.slot.shaped.candidate is not None:
             best = found.setdefault(look.slot.shaped.key, look)
@@ -57,20 +57,20 @@ def best_of_each(looks: Sequence[Look], most: int) -> list[Look]:
     return list(found.values())[:most]
 
 
-def promising(looks: Sequence[Look], most: int) -> list[Slot]:
+def promising(looks: Sequence[ScreenedCandidate], most: int) -> list[ColumnLayout]:
     """The best candidates by likelihood, and the best by the power they would explain."""
     by_gain = best_of_each(looks, most)
     by_power = best_of_each(sorted(looks, key=lambda look: -look.power), most)
     return list({look.slot.shaped.key: look.slot for look in [*by_gain, *by_power]}.values())
 
 
-def by_merit(trials: Sequence[Trial]) -> list[Trial]:
+def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
     """Sorts trials by what they explain; of those that explain the same, the one whose parameters cost least.
 
     A law that contains a simpler one on the same joint comes before it only where it is better for certain.
     """
     left = sorted(trials, key=lambda item: -item.reach)
-    out: list[Trial] = []
+    out: list[CandidateTrial] = []
     while left:
         near = [item for item in left if item.reach >= SAME_REACH * left[0].reach]
         chosen = max(near, key=adjusted, default=left[0])
@@ -85,7 +85,7 @@ def by_merit(trials: Sequence[Trial]) -> list[Trial]:
     return out
 
 
-def _within(one: Trial, other: Trial) -> bool:
+def _within(one: CandidateTrial, other: CandidateTrial) -> bool:
     """Whether a law is a special case of another one on the same joint."""
     if one.term.generic or other.term.generic or one.term.key[1:] != other.term.key[1:]:
         return False
@@ -93,7 +93,7 @@ def _within(one: Trial, other: Trial) -> bool:
     return less < more
 
 
-def _in_proportion(one: Trial, other: Trial) -> bool:
+def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
     """Whether one is a body's weight in proportion, and does as well as another change of that body."""
     if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
         return False
@@ -108,18 +108,18 @@ LATE = {"command_delay", "actuator_lag"}
 told apart by a clear difference only."""
 
 
-def twins(one: Trial, other: Trial) -> bool:
+def twins(one: CandidateTrial, other: CandidateTrial) -> bool:
     """Whether both say that one joint's torque is late, by two different laws."""
     keys = one.term.key, other.term.key
     return keys[0][1] == keys[1][1] and {key[0] for key in keys} == LATE
 
 
-def adjusted(trial: Trial) -> float:
+def adjusted(trial: CandidateTrial) -> float:
     """Held-out gain less the price of its parameters [nats]: a simpler law is worth as much as it says."""
     return trial.gain - price(trial)
 
 
-def price(trial: Trial) -> float:
+def price(trial: CandidateTrial) -> float:
     """Price of a candidate's parameters by the Bayesian information criterion, and of its choice of shapes [nats]."""
     shaped = trial.term.shaped
     samples = float(np.max(trial.bench.counts[list(trial.term.groups)]))
@@ -127,7 +127,7 @@ def price(trial: Trial) -> float:
     return float(0.5 * trial.term.slot.free * np.log(max(samples, 2.0)) + searched)
 
 
-def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
+def objection(trial: CandidateTrial, stand_ins: Sequence[CandidateTrial]) -> str | None:
     """Why a candidate does not earn its place; None if it does."""
     gain = 2.0 * (trial.gain - price(trial))
     lost, won = -float(np.minimum(trial.folds, 0.0).sum()), float(np.maximum(trial.folds, 0.0).sum())
@@ -166,17 +166,17 @@ def objection(trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
     return next((reason for holds, reason in checks if holds), None)
 
 
-def _brief(trial: Trial) -> bool:
+def _brief(trial: CandidateTrial) -> bool:
     """Whether a candidate shows in a few moments by its nature: what a drive cuts off, it cuts off at the peaks."""
     return not trial.term.generic and trial.term.candidate.effect.brief
 
 
-def disagreed(trial: Trial) -> bool:
+def disagreed(trial: CandidateTrial) -> bool:
     """Whether the joints' own numbers differ where one number is to hold for all."""
     return trial.term.candidate.key == "log" and trial.discord > DISCORD_MAX
 
 
-def _as_good(rival: Trial, trial: Trial) -> bool:
+def _as_good(rival: CandidateTrial, trial: CandidateTrial) -> bool:
     """Whether a stand-in with no more coefficients does about as well where a candidate acts."""
     own = trial.term.groups
     if not set(own) & set(rival.term.groups) or rival.term.slot.free > trial.term.slot.free:

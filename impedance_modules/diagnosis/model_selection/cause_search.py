@@ -8,32 +8,42 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.certain import certain
+from impedance_modules.diagnosis.confirmed import confirmed
 from impedance_modules.diagnosis.data.folds import Arrangement
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.external_pushes import Push, find_pushes, moments_clear
+from impedance_modules.diagnosis.model_selection.forward_selection import Selector
+from impedance_modules.diagnosis.negligible import felt, negligible
+from impedance_modules.diagnosis.regression.candidates import (
+    CandidateRegressor,
+    candidate_regressors,
+    list_candidates,
+    shapes_of,
+)
+from impedance_modules.diagnosis.regression.cleaned_signals import (
+    instrument,
+    noise_of_repeats,
+    with_stationary_joints,
+)
+from impedance_modules.diagnosis.regression.design_matrix import build_design
+from impedance_modules.diagnosis.regression.generic_basis import generic_basis
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.regression.noise_floor import (
+    noise_by_repeats,
+    noise_by_smoothness,
+    repeat_pairs,
+)
+from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns, build_nuisance
+from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner, UnwhitenedFit
+from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import (
     both,
     contact_aside,
     on_links,
 )
-from impedance_modules.diagnosis.certain import certain
-from impedance_modules.diagnosis.confirmed import confirmed
-from impedance_modules.diagnosis.model_selection.external_pushes import Push, find_pushes, moments_clear
-from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.negligible import felt, negligible
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.candidates import list_candidates, shapes_of
-from impedance_modules.diagnosis.regression.design_matrix import build_design
-from impedance_modules.diagnosis.regression.drafts import Draft, draft_candidates
-from impedance_modules.diagnosis.regression.noise_floor import noise_by_repeats, noise_by_smoothness, repeat_pairs
-from impedance_modules.diagnosis.regression.generic_basis import draft_stand_ins
-from impedance_modules.diagnosis.regression.cleaned_signals import instrument, noise_of_repeats
-from impedance_modules.diagnosis.regression.nuisance_columns import Nuisance, build_nuisance
-from impedance_modules.diagnosis.regression.plain import PlainRows
-from impedance_modules.diagnosis.regression.parameter_estimates import Refiner
-from impedance_modules.diagnosis.model_selection.forward_selection import Selector
-from impedance_modules.diagnosis.regression.still import quieted
-from impedance_modules.diagnosis.regression.term import Term
-from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.effects.catalogue import CATALOGUE
 
 CONTACT = "external_contact"
@@ -65,14 +75,14 @@ def explain(
     pairs = repeat_pairs(prepared, arrangement.fitted)
     noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
     flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
-    signals = [instrument(quieted(item.signals), noise, flicker) for item in prepared]
+    signals = [instrument(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
     shaped = [
         (candidate, shape)
         for candidate in list_candidates(CATALOGUE, prepared, {*without, CONTACT})
         for shape in shapes_of(candidate, signals)
     ]
-    stand_ins = draft_stand_ins(prepared, residuals)
-    drafts = draft_candidates(shaped, prepared, signals, residuals)
+    stand_ins = generic_basis(prepared, residuals)
+    drafts = candidate_regressors(shaped, prepared, signals, residuals)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
     aside = on_links(contact_aside(prepared), nuisance.groups)
@@ -82,7 +92,7 @@ def explain(
     design = build_design([*drafts, *stand_ins], nuisance, raw, floor, names=names, rate=rate)
     del drafts
     selector = Selector(
-        design, arrangement.folds, Refiner(design, prepared, signals), model.position_resolution
+        design, arrangement.folds, ShapeRefiner(design, prepared, signals), model.position_resolution
     )
     if aside:
         selector = selector.on(design.without(aside))
@@ -112,7 +122,7 @@ def _search(
             selector, found = narrowed, again
         else:
             pushes = ()  # what the causes explain better on the very same rows was no push
-    bench, plain = selector.bench(found.causes), PlainRows(selector.refiner)
+    bench, plain = selector.bench(found.causes), UnwhitenedFit(selector.refiner)
     for kept in (
         felt(bench, plain, negligible(prepared, selector.design.groups)),
         certain(bench, selector.refiner),
@@ -134,7 +144,7 @@ POORER = 1.2
 
 
 def _measured(
-    selector: Selector, narrowed: Selector, causes: Sequence[Term], prepared: Sequence[Prepared]
+    selector: Selector, narrowed: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
 ) -> tuple[Push, ...]:
     """The pushes again, by a model that was fitted without them: the links' numbers no longer bend to them."""
     known = [selector.refiner.term(term.candidate, term.shaped.shape, term.slot) for term in causes]
@@ -144,7 +154,7 @@ def _measured(
     return find_pushes(selector.bench(model), prepared, narrowed.bench(causes).whole.coefficients)
 
 
-def _as_good(narrowed: Selector, causes: Sequence[Term], first: Sequence[Term]) -> bool:
+def _as_good(narrowed: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
     """Whether causes found without some rows explain the others about as well as those found with all rows do."""
     moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.slot) for term in first]
     known = [term for term in moved if term is not None]
@@ -154,8 +164,8 @@ def _as_good(narrowed: Selector, causes: Sequence[Term], first: Sequence[Term]) 
 def _floor(  # noqa: PLR0917 - all of them belong together
     left: Sequence[Sequence[Array]],
     prepared: Sequence[Prepared],
-    nuisance: Nuisance,
-    flexible: Sequence[Draft],
+    nuisance: NuisanceColumns,
+    flexible: Sequence[CandidateRegressor],
     fitted: Sequence[int],
     aside: Mapping[tuple[int, int], NDArray[np.bool_]],
 ) -> Whitening:
@@ -173,7 +183,7 @@ that noise, and would take it from any floor.
 """
 
 
-def _simple(drafts: Sequence[Draft]) -> list[Draft]:
+def _simple(drafts: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
     """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
     return [
         draft

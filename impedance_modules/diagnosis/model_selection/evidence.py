@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.model_selection.external_pushes import Push
-from impedance_modules.diagnosis.negligible import negligible
-from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.model_fit import Bench
-from impedance_modules.diagnosis.regression.design_matrix import Design
-from impedance_modules.diagnosis.regression.plain import PlainRows
 from impedance_modules.diagnosis.model_selection.forward_selection import Refusal, Selector
+from impedance_modules.diagnosis.negligible import negligible
+from impedance_modules.diagnosis.regression.design_matrix import Design
+from impedance_modules.diagnosis.regression.model_fit import ModelFit
+from impedance_modules.diagnosis.regression.parameter_estimates import UnwhitenedFit
 from impedance_modules.diagnosis.regression.whitening import Whitening
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 
 Array = NDArray[np.float64]
 
@@ -40,9 +40,9 @@ class Evidence:
     selector: Selector
     heldout: tuple[int, ...]
     prepared: tuple[Prepared, ...]
-    bench: Bench
+    bench: ModelFit
     floor: Whitening
-    plain: PlainRows
+    plain: UnwhitenedFit
     refusal: Refusal | None
     pushes: tuple[Push, ...] = ()
 
@@ -52,7 +52,7 @@ class Evidence:
         return self.selector.design
 
     @cached_property
-    def calibrated(self) -> Bench:
+    def calibrated(self) -> ModelFit:
         """The nominal model with the nuisance adjusted within its prior, and no cause."""
         return self.selector.bench(())
 
@@ -75,7 +75,7 @@ class Evidence:
             [np.mean([p for p, other in zip(power, names, strict=True) if other == name]) for name in names]
         )
 
-    def rms(self, bench: Bench | None, recordings: Sequence[int] | None = None) -> Array:
+    def rms(self, bench: ModelFit | None, recordings: Sequence[int] | None = None) -> Array:
         """(groups,) rms that a model leaves on some recordings, the unseen ones; None is the nominal model itself."""
         chosen = self.heldout if recordings is None else recordings
         left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in chosen]
@@ -101,7 +101,7 @@ class Evidence:
                 total += float(power.sum())
         return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
 
-    def excess(self, bench: Bench | None) -> float:
+    def excess(self, bench: ModelFit | None) -> float:
         """Unseen residual power beyond the noise, over all groups, in units of the average joint's noise."""
         power = self.rms(bench) ** 2 - self.heldout_noise**2
         return float(np.sum(np.clip(power, 0.0, None) / self.unit_power))

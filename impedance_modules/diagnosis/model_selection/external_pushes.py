@@ -27,8 +27,8 @@ from impedance_modules.diagnosis.contact_forces import (
     hats_of,
     strength_of,
 )
+from impedance_modules.diagnosis.regression.model_fit import ModelFit
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.model_fit import Bench
 from impedance_modules.effects.residual_kinds import uses_motion
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ class Push:
 
 
 def find_pushes(
-    bench: Bench, prepared: Sequence[Prepared], coefficients: Array | None = None
+    bench: ModelFit, prepared: Sequence[Prepared], coefficients: Array | None = None
 ) -> tuple[Push, ...]:
     """Looks for pushes in what a model leaves of each recording.
 
@@ -134,12 +134,12 @@ def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[
     return out
 
 
-def _quiet(bench: Bench, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
+def _quiet(bench: ModelFit, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
     """Whether no joint's residual stands out at any moment."""
     return all(float(np.max(free_torques(bench, item, r, left, g))) < STRONG for g in groups)
 
 
-def _intervals(bench: Bench, item: Prepared, r: int, left: Sequence[Array], forces: Forces) -> list[Push]:
+def _intervals(bench: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces) -> list[Push]:
     """Runs of strong hats that pass as pushes."""
     count = len(forces.force)
     strength = np.array([strength_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])

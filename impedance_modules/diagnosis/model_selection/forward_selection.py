@@ -7,13 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from impedance_modules.diagnosis.regression.model_fit import Bench
-from impedance_modules.diagnosis.regression.design_matrix import Design
-from impedance_modules.diagnosis.model_selection.geared_start import geared
-from impedance_modules.diagnosis.model_selection.pairs import find_pair
-from impedance_modules.diagnosis.model_selection.plausibility import Possible
-from impedance_modules.diagnosis.model_selection.backward_elimination import pruned
-from impedance_modules.diagnosis.regression.parameter_estimates import Refiner
 from impedance_modules.diagnosis.model_selection.acceptance import (
     BIC_MIN,
     adjusted,
@@ -23,11 +16,14 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
     promising,
     twins,
 )
-from impedance_modules.diagnosis.model_selection.screening import Look, Screen
-from impedance_modules.diagnosis.regression.slots import Slot
-from impedance_modules.diagnosis.regression.term import Term, term_of
-from impedance_modules.diagnosis.model_selection.candidate_trial import Trial, try_term
-from impedance_modules.diagnosis.model_selection.united import united
+from impedance_modules.diagnosis.model_selection.backward_elimination import pruned, united
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
+from impedance_modules.diagnosis.model_selection.geared_start import geared
+from impedance_modules.diagnosis.model_selection.plausibility import Plausibility
+from impedance_modules.diagnosis.model_selection.screening import ScreenedCandidate, Screening
+from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
+from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner
 
 CAUSES_MAX = 30
 """More are not looked for."""
@@ -52,7 +48,7 @@ STAND_INS = 6
 class Refusal:
     """Why a candidate that fitted best was not named."""
 
-    trial: Trial
+    trial: CandidateTrial
     reason: str
 
 
@@ -65,7 +61,7 @@ class Selection:
         refusal: Why the next best was not accepted; None where nothing was left to try.
     """
 
-    causes: tuple[Term, ...]
+    causes: tuple[ModelTerm, ...]
     refusal: Refusal | None
 
 
@@ -81,26 +77,26 @@ class Selector:
     """
 
     def __init__(
-        self, design: Design, folds: Sequence[Sequence[int]], refiner: Refiner, resolution: float
+        self, design: Design, folds: Sequence[Sequence[int]], refiner: ShapeRefiner, resolution: float
     ) -> None:
         """Prepares the first look."""
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
         fitted = [index for fold in folds for index in fold]
-        self.possible = Possible.of(refiner.prepared, fitted, resolution)
-        self.screen = Screen(design, fitted)
+        self.possible = Plausibility.of(refiner.prepared, fitted, resolution)
+        self.screen = Screening(design, fitted)
         self._falls: Counter[tuple[str, str, str]] = Counter()
-        self._stood: tuple[Bench | None, list[Trial]] = (None, [])
-        self._tried: tuple[Bench | None, list[Trial]] = (None, [])
-        self._looks: tuple[Bench | None, list[Look]] = (None, [])
+        self._stood: tuple[ModelFit | None, list[CandidateTrial]] = (None, [])
+        self._tried: tuple[ModelFit | None, list[CandidateTrial]] = (None, [])
+        self._looks: tuple[ModelFit | None, list[ScreenedCandidate]] = (None, [])
 
     def on(self, design: Design) -> Selector:
         """The same search on a design with other rows."""
-        refiner = Refiner(design, self.refiner.prepared, self.refiner.signals)
+        refiner = ShapeRefiner(design, self.refiner.prepared, self.refiner.signals)
         return Selector(design, self.folds, refiner, self.resolution)
 
-    def bench(self, model: Sequence[Term]) -> Bench:
+    def bench(self, model: Sequence[ModelTerm]) -> ModelFit:
         """Fits a model."""
-        return Bench(self.design, self.folds, model)
+        return ModelFit(self.design, self.folds, model)
 
     def run(self, progress: Callable[[str], None]) -> Selection:
         """Accepts causes until the next one does not earn its place, then removes those that no longer do.
@@ -120,7 +116,9 @@ class Selector:
             self._falls.update(term.key for term in grown if term not in model)
         return Selection(tuple(model), refusal)
 
-    def _grown(self, model: list[Term], progress: Callable[[str], None]) -> tuple[list[Term], Refusal | None]:
+    def _grown(
+        self, model: list[ModelTerm], progress: Callable[[str], None]
+    ) -> tuple[list[ModelTerm], Refusal | None]:
         """Accepts one cause, or a pair, at a time; each new one may exchange those beside it."""
         refusal: Refusal | None = None
         while len(model) < CAUSES_MAX:
@@ -137,30 +135,30 @@ class Selector:
                 model = self._exchanged(model)
         return model, refusal
 
-    def trial(self, bench: Bench, slot: Slot) -> Trial:
+    def trial(self, bench: ModelFit, slot: ColumnLayout) -> CandidateTrial:
         """Tries a candidate of the grid."""
         return try_term(bench, term_of(self.design, slot))
 
-    def objection(self, trial: Trial) -> str | None:
+    def objection(self, trial: CandidateTrial) -> str | None:
         """Why a candidate does not earn its place; None if it does. Stand-ins are tried last, they cost most."""
         return self._refused(trial, []) or objection(
             trial, self.stand_ins(trial.bench, self.screen.look(trial.bench))
         )
 
-    def _refused(self, trial: Trial, stand_ins: Sequence[Trial]) -> str | None:
+    def _refused(self, trial: CandidateTrial, stand_ins: Sequence[CandidateTrial]) -> str | None:
         """Why a candidate is not accepted beside some stand-ins; None if it is."""
         if self._falls[trial.term.key] >= FALLS:
             return "does not last beside the others: it was accepted and removed again twice"
         return objection(trial, stand_ins) or self.possible.impossible(trial)
 
-    def stand_ins(self, bench: Bench, looks: Sequence[Look]) -> list[Trial]:
+    def stand_ins(self, bench: ModelFit, looks: Sequence[ScreenedCandidate]) -> list[CandidateTrial]:
         """The best stand-ins beside a model, tried once."""
         if self._stood[0] is not bench:
             generic = [look.slot for look in looks if look.slot.shaped.candidate is None][:STAND_INS]
             self._stood = (bench, [self.trial(bench, slot) for slot in generic])
         return self._stood[1]
 
-    def _next(self, bench: Bench) -> tuple[Term | None, Refusal | None]:
+    def _next(self, bench: ModelFit) -> tuple[ModelTerm | None, Refusal | None]:
         """The best candidate that earns its place, or why there is none."""
         trials = self.trials(bench)
         stand_ins = self.stand_ins(bench, self._looked(bench))
@@ -172,31 +170,31 @@ class Selector:
             refusal = refusal or Refusal(trial, reason)
         return None, refusal
 
-    def _settled(self, bench: Bench, trial: Trial, trials: Sequence[Trial]) -> Term:
+    def _settled(self, bench: ModelFit, trial: CandidateTrial, trials: Sequence[CandidateTrial]) -> ModelTerm:
         """An accepted candidate off its grid; of a delay and a lag on one joint the better one at its own best time."""
         if not trial.term.candidate.effect.nearly_linear:
             return trial.term
         alike = [other for other in trials if twins(trial, other) and self.objection(other) is None]
         return max((self.moved(bench, one) for one in [trial, *alike]), key=adjusted).term
 
-    def moved(self, bench: Bench, trial: Trial) -> Trial:
+    def moved(self, bench: ModelFit, trial: CandidateTrial) -> CandidateTrial:
         """A trial of the same candidate, off its grid."""
         return try_term(bench, self.refiner.refine(bench, trial.term))
 
-    def trials(self, bench: Bench) -> list[Trial]:
+    def trials(self, bench: ModelFit) -> list[CandidateTrial]:
         """Tries the most promising candidates beside a model, in their best shapes; done once for each model."""
         if self._tried[0] is not bench:
             own = [self.trial(bench, slot) for slot in promising(self._looked(bench), TRIED)]
             self._tried = (bench, self.refined(bench, own))
         return self._tried[1]
 
-    def _looked(self, bench: Bench) -> list[Look]:
+    def _looked(self, bench: ModelFit) -> list[ScreenedCandidate]:
         """First looks beside a model, taken once."""
         if self._looks[0] is not bench:
             self._looks = (bench, self.screen.look(bench))
         return self._looks[1]
 
-    def refined(self, bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
+    def refined(self, bench: ModelFit, trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
         """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
         shaped = [trial for trial in trials if not trial.term.generic and _moves(trial.term)]
         out = [trial for trial in trials if trial not in shaped]
@@ -206,7 +204,7 @@ class Selector:
             out.append(new if new.gain > old.gain else old)
         return [*out, *ranked[REFINED:]]
 
-    def _exchanged(self, model: list[Term]) -> list[Term]:
+    def _exchanged(self, model: list[ModelTerm]) -> list[ModelTerm]:
         """Replaces an accepted cause by another that does better now that the last one is known, and then the last."""
         last = model[-1]
         for index, term in enumerate(model[:-1]):
@@ -216,7 +214,7 @@ class Selector:
             model = self._better(model, len(model) - 1)
         return model
 
-    def _better(self, model: list[Term], index: int) -> list[Term]:
+    def _better(self, model: list[ModelTerm], index: int) -> list[ModelTerm]:
         """Exchanges one cause for a better one beside the others, or moves its shape."""
         term, rest = model[index], [*model[:index], *model[index + 1 :]]
         bench = self.bench(rest)
@@ -230,6 +228,49 @@ class Selector:
         return [*model[:index], chosen, *model[index + 1 :]]
 
 
-def _moves(term: Term) -> bool:
+def _moves(term: ModelTerm) -> bool:
     """Whether a shape is worth moving before a candidate is compared."""
     return bool(term.candidate.effect.shape) and not term.candidate.effect.nearly_linear
+
+
+FIRST, SECOND = 16, 4
+"""Candidates that are taken for granted in turn, and partners that are tried beside each."""
+
+LACKING = 3.0
+"""Residual power over noise above which a group is not understood and worth a search for pairs."""
+
+Objection = Callable[[CandidateTrial], str | None]
+Best = Callable[[Sequence[ScreenedCandidate], int], list[ScreenedCandidate]]
+
+
+def find_pair(
+    screen: Screening,
+    bench: ModelFit,
+    make: Callable[[Sequence[ModelTerm]], ModelFit],
+    best: Best,
+    objection: Objection,
+) -> tuple[ModelTerm, ModelTerm] | None:
+    """Finds two candidates of which each earns its place beside the other.
+
+    Args:
+        screen: First looks.
+        bench: The model that no single candidate betters.
+        make: Fits a model.
+        best: The best physical shape of each candidate.
+        objection: Why a trial does not earn its place; None if it does.
+    """
+    lacking = bench.left / bench.counts > LACKING
+    firsts = [look for look in best(screen.look(bench), 4 * FIRST) if lacking[list(look.slot.groups)].any()]
+    for first in firsts[:FIRST]:
+        one = term_of(bench.design, first.slot)
+        beside = make([*bench.model, one])
+        near = [
+            look for look in best(screen.look(beside), 2 * SECOND) if set(look.slot.groups) & set(one.groups)
+        ]
+        for second in near[:SECOND]:
+            other = term_of(bench.design, second.slot)
+            if objection(try_term(beside, other)) is not None:
+                continue
+            if objection(try_term(make([*bench.model, other]), one)) is None:
+                return one, other
+    return None

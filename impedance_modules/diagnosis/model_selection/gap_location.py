@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Place
 
@@ -26,7 +26,7 @@ NEAR = 0.05
 """Distance from a position limit that is near it [rad]."""
 
 SHARE_MIN = 0.01
-"""Smaller shares are not listed."""
+"""Smaller noise_ratios are not listed."""
 
 PORT_OF_RESIDUAL = {
     "actuator": "actuator",

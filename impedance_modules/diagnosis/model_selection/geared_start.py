@@ -11,10 +11,9 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from impedance_modules.diagnosis.regression.model_fit import Bench
-from impedance_modules.diagnosis.regression.slots import Slot
-from impedance_modules.diagnosis.regression.term import Term, term_of
-from impedance_modules.diagnosis.model_selection.candidate_trial import Trial, Unseen, try_term
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, Unseen, try_term
+from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
 from impedance_modules.effects.effect import TURN
 
 PLAIN = ("coulomb_friction", "viscous_friction", "reflected_inertia")
@@ -26,15 +25,15 @@ LESS = 0.3
 HOPELESS = 3.0
 """Multiple of what is allowed beyond which other shapes of the same laws are not looked at."""
 
-Objection = Callable[[Trial], str | None]
+Objection = Callable[[CandidateTrial], str | None]
 
 
 def geared(
-    bench: Bench,
-    make: Callable[[Sequence[Term]], Bench],
-    single: Callable[[Bench], Sequence[Trial]],
+    bench: ModelFit,
+    make: Callable[[Sequence[ModelTerm]], ModelFit],
+    single: Callable[[ModelFit], Sequence[CandidateTrial]],
     objection: Objection,
-) -> tuple[Term, ...]:
+) -> tuple[ModelTerm, ...]:
     """Finds the plain laws of joints that lack all of them.
 
     Args:
@@ -46,7 +45,7 @@ def geared(
     Returns:
         For each such joint its laws, each of which earns its place beside the others.
     """
-    found: list[Term] = []
+    found: list[ModelTerm] = []
     for joint, slots in _plain(bench).items():
         groups = slots[0][0].groups
         most = LESS * _left(bench.unseen, groups)
@@ -60,10 +59,10 @@ def geared(
 
 
 def _best(
-    bench: Bench, make: Callable[[Sequence[Term]], Bench], slots: Sequence[Sequence[Slot]], most: float
-) -> tuple[float, list[Term]]:
+    bench: ModelFit, make: Callable[[Sequence[ModelTerm]], ModelFit], slots: Sequence[Sequence[ColumnLayout]], most: float
+) -> tuple[float, list[ModelTerm]]:
     """The shapes of a joint's laws that together leave least, and what they leave; one look where that is hopeless."""
-    best: tuple[float, list[Term]] = (float("inf"), [])
+    best: tuple[float, list[ModelTerm]] = (float("inf"), [])
     for choice in product(*slots):
         terms = [term_of(bench.design, slot) for slot in choice]
         left = _left(make([*bench.model, *terms]).unseen, terms[0].groups)
@@ -74,7 +73,7 @@ def _best(
 
 
 def _all_earn(
-    bench: Bench, make: Callable[[Sequence[Term]], Bench], terms: Sequence[Term], objection: Objection
+    bench: ModelFit, make: Callable[[Sequence[ModelTerm]], ModelFit], terms: Sequence[ModelTerm], objection: Objection
 ) -> bool:
     """Whether each of some terms earns its place beside the others."""
     rests = ([other for other in terms if other is not term] for term in terms)
@@ -84,12 +83,12 @@ def _all_earn(
     )
 
 
-def _plain(bench: Bench) -> dict[str, list[list[Slot]]]:
+def _plain(bench: ModelFit) -> dict[str, list[list[ColumnLayout]]]:
     """Joint -> shapes of each plain law next to the motor, where all of them show in the same residuals."""
-    slots: dict[str, dict[str, list[Slot]]] = defaultdict(lambda: defaultdict(list))
+    slots: dict[str, dict[str, list[ColumnLayout]]] = defaultdict(lambda: defaultdict(list))
     for slot in bench.design.slots:
         effect, key, port = slot.shaped.key
-        # Dry friction that creeps shares its part with viscous friction; together they would hide a rotor.
+        # Dry friction that creeps noise_ratios its part with viscous friction; together they would hide a rotor.
         if effect in PLAIN and port == "actuator" and TURN not in slot.shaped.shape:
             slots[key][effect].append(slot)
     full = {key: list(own.values()) for key, own in slots.items() if len(own) == len(PLAIN)}

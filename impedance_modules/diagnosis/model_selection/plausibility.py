@@ -9,16 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.physical import can_exist
-from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
-from impedance_modules.diagnosis.model_selection.repeated import repeats
 from impedance_modules.diagnosis.model_selection.acceptance import disagreed
-from impedance_modules.diagnosis.regression.term import Term
-from impedance_modules.diagnosis.model_selection.candidate_trial import Trial
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
+from impedance_modules.diagnosis.physical import can_exist
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.effect import JointLaw
-from impedance_modules.effects.residual_kinds import EFFORT_SIGN
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.residual_kinds import EFFORT_SIGN
 
 Array = NDArray[np.float64]
 
@@ -37,7 +36,7 @@ TAKEN_BACK = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Possible:
+class Plausibility:
     """What the robot and its recordings allow a candidate to be.
 
     Attributes:
@@ -55,7 +54,7 @@ class Possible:
     resolution: float
 
     @classmethod
-    def of(cls, prepared: Sequence[Prepared], fitted: Sequence[int], resolution: float) -> Possible:
+    def of(cls, prepared: Sequence[Prepared], fitted: Sequence[int], resolution: float) -> Plausibility:
         """Reads it off recordings, of which some are fitted."""
         bodies = prepared[0].tree.bodies
         longest = max(float(np.linalg.norm(body.translation)) for body in bodies)
@@ -67,13 +66,13 @@ class Possible:
             resolution=resolution,
         )
 
-    def impossible(self, trial: Trial) -> str | None:
+    def impossible(self, trial: CandidateTrial) -> str | None:
         """Why a trial's own numbers speak against it."""
         if trial.seen.essence < ESSENCE_MIN:
             return "what makes it this effect rather than a simpler one is not there for certain"
         return self.unphysical(trial)
 
-    def unphysical(self, trial: Trial) -> str | None:
+    def unphysical(self, trial: CandidateTrial) -> str | None:
         """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
         if any(_holds(other, trial.term) for other in trial.bench.model):
             return "another cause on the same joint contains it"
@@ -99,12 +98,12 @@ class Possible:
         )
         return reason or next(iter(effect.relations(values)), None)
 
-    def of_body(self, trial: Trial) -> bool:
+    def of_body(self, trial: CandidateTrial) -> bool:
         """Whether a trial is about a body: several numbers, of which one may be a rotor's or an offset's."""
         return trial.term.candidate.key in self.bodies
 
 
-def _holds(one: Term, other: Term) -> bool:
+def _holds(one: ModelTerm, other: ModelTerm) -> bool:
     """Whether one law of friction has the other's numbers among its own: they would share them out at will."""
     laws = [term.candidate.effect for term in (one, other)]
     if one.key[1:] != other.key[1:] or not all(isinstance(law, JointLaw) and law.dry for law in laws):
@@ -113,7 +112,7 @@ def _holds(one: Term, other: Term) -> bool:
     return more > less
 
 
-def _taken_back(trial: Trial, signals: Signals) -> bool:
+def _taken_back(trial: CandidateTrial, signals: Signals) -> bool:
     """Whether an offset and an asymmetry of friction on one joint cancel but where the joint stands still."""
     term, bench = trial.term, trial.bench
     for other, start in zip(bench.model, bench.starts, strict=False):
@@ -130,3 +129,44 @@ def _taken_back(trial: Trial, signals: Signals) -> bool:
         if abs(sizes["c"] + sizes["da"]) < TAKEN_BACK * max(abs(sizes["c"]), abs(sizes["da"])):
             return True
     return False
+
+
+REPEATED_MIN = 0.5
+"""Least correlation: from there on more than half of a candidate's power belongs to the motion."""
+
+
+MADE_OF_COMMAND = ("command_delay", "actuator_lag", "torque_gain", "controller_gain")
+"""Effects made of what was asked for: it is known as it was sent, so that its noise is as good as any command."""
+
+
+def repeats(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
+    """Whether a candidate's torque comes back in recordings of one motion, or need not.
+
+    It need not where none was repeated, or where the command makes it.
+
+    Args:
+        trial: The candidate.
+        pairs: Recordings that repeat each other.
+    """
+    effect, _, port = trial.term.key
+    if effect in MADE_OF_COMMAND and port != "sensor":
+        return True
+    shared, whole = 0.0, 0.0
+    for i, j in pairs:
+        one, other = _torque(trial, i), _torque(trial, j)
+        for group in one.keys() & other.keys():
+            size = min(len(one[group]), len(other[group]))
+            first, second = one[group][:size], other[group][:size]
+            shared += float(first @ second)
+            whole += float(np.linalg.norm(first) * np.linalg.norm(second))
+    return whole <= 0.0 or shared >= REPEATED_MIN * whole
+
+
+def _torque(trial: CandidateTrial, recording: int) -> dict[int, Array]:
+    """Group -> (M,) what a candidate explains of a recording, whitened."""
+    term, own = trial.term, trial.seen.own
+    fixed = term.fixed[recording]
+    return {
+        group: np.asarray(block @ own + fixed[group] if group in fixed else block @ own)
+        for group, block in term.columns[recording].items()
+    }

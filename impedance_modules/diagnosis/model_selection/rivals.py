@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impedance_modules.diagnosis.result import Rival
-from impedance_modules.diagnosis.regression.candidates import Candidate
-from impedance_modules.diagnosis.model_selection.plausibility import ESSENCE_MIN
 from impedance_modules.diagnosis.model_selection.acceptance import price, promising, twins
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
-from impedance_modules.diagnosis.regression.term import Term, part_of
-from impedance_modules.diagnosis.model_selection.candidate_trial import Trial, try_term
+from impedance_modules.diagnosis.model_selection.plausibility import ESSENCE_MIN
+from impedance_modules.diagnosis.regression.candidates import Candidate
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm, part_of
+from impedance_modules.diagnosis.result import Rival
 
 ASKED = 8
 """Rivals that are tried beside each cause."""
@@ -36,7 +36,7 @@ TWIN_DECIDED = 7.5
 
 
 def judge_rivals(
-    selector: Selector, causes: Sequence[Term], term: Term
+    selector: Selector, causes: Sequence[ModelTerm], term: ModelTerm
 ) -> tuple[tuple[Rival, ...], tuple[Rival, ...]]:
     """Tries every promising candidate in a cause's place, the other causes kept.
 
@@ -73,7 +73,7 @@ def _named(candidate: Candidate, reason: str) -> Rival:
     return Rival(candidate.effect.id, candidate.joints, reason)
 
 
-def _equal(own: Trial, rival: Trial) -> bool:
+def _equal(own: CandidateTrial, rival: CandidateTrial) -> bool:
     groups = own.term.groups
     mine, its = own.reach_on(groups), rival.reach_on(groups)
     if mine <= 0.0 or (contains(rival, own) and not _alone(rival, own)):
@@ -87,7 +87,7 @@ def _equal(own: Trial, rival: Trial) -> bool:
     return loss < 5.0 * EQUAL_LOSS and not ahead and own.gain - rival.gain < DECISIVE
 
 
-def contains(rival: Trial, own: Trial) -> bool:
+def contains(rival: CandidateTrial, own: CandidateTrial) -> bool:
     """Whether the rival is the cause with more parameters: then it lost by being no better.
 
     Either its symbols say so, or that what makes it more than a simpler law is not there for certain.
@@ -100,7 +100,7 @@ def contains(rival: Trial, own: Trial) -> bool:
     return more.key == less.key and (larger or empty)
 
 
-def _alone(rival: Trial, own: Trial) -> bool:
+def _alone(rival: CandidateTrial, own: CandidateTrial) -> bool:
     """Whether what makes the rival more than the cause does as well by itself: then neither can be told apart."""
     rows = np.array(rival.term.candidate.effect.essence)
     if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
@@ -111,7 +111,7 @@ def _alone(rival: Trial, own: Trial) -> bool:
     return mine - its < EQUAL_LOSS * mine
 
 
-def _open(rival: Trial, own: Trial) -> bool:
+def _open(rival: CandidateTrial, own: CandidateTrial) -> bool:
     """Whether what makes the rival more than the cause could be as large as the cause, for all that is seen.
 
     A joint that stands still at one place tells nothing about a stiffness beside an offset, not even its sign. Columns
@@ -124,7 +124,7 @@ def _open(rival: Trial, own: Trial) -> bool:
     return bool(np.all(rival.seen.spread[kept] > np.abs(own.seen.own).max()))
 
 
-def _reason(own: Trial, rival: Trial) -> str:
+def _reason(own: CandidateTrial, rival: CandidateTrial) -> str:
     mine, its = own.reach_on(own.term.groups), rival.reach_on(own.term.groups)
     if its <= 0.0:
         return "explains nothing on unseen recordings"

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.model_fit import Bench
-from impedance_modules.diagnosis.regression.design_matrix import Design, Indices
-from impedance_modules.diagnosis.regression.slots import Slot
+from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, Indices
+from impedance_modules.diagnosis.regression.model_fit import ModelFit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -32,7 +31,7 @@ SLACK = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class ScreenedCandidate:
     """A candidate's first look.
 
     Attributes:
@@ -43,14 +42,14 @@ class Look:
         worth: The gain less the Bayesian price of its coefficients, by which shapes of one candidate are compared.
     """
 
-    slot: Slot
+    slot: ColumnLayout
     gain: float
     power: float
     physical: bool
     worth: float
 
 
-class Screen:
+class Screening:
     """Sums over the fitted recordings that every look needs.
 
     Attributes:
@@ -95,7 +94,7 @@ class Screen:
                 out[lag, : count - lag] += np.einsum("mc,mc->c", X[:, : count - lag], X[:, lag:])
         return out
 
-    def look(self, bench: Bench) -> list[Look]:
+    def look(self, bench: ModelFit) -> list[ScreenedCandidate]:
         """Looks at all candidates that the model does not hold yet, best first."""
         cross, own, right = self._against(bench)
         pulled = cross @ bench.whole.inverse
@@ -104,12 +103,12 @@ class Screen:
             rows = len(own[lag]) - lag
             left[lag, :rows] = own[lag, :rows] - np.einsum("ca,ca->c", pulled[:rows], cross[lag:])
         held = {term.key for term in bench.model}
-        looks: list[Look] = []
+        looks: list[ScreenedCandidate] = []
         for width, members in self.classes:
             looks += self._judge(bench, width, members, (own, left, right), held)
         return sorted(looks, key=lambda look: -look.gain)
 
-    def _against(self, bench: Bench) -> tuple[Array, Array, Array]:
+    def _against(self, bench: ModelFit) -> tuple[Array, Array, Array]:
         """All columns against the model (C, A), against themselves (lags, C), and against what is left (C,)."""
         total = int(self.first[-1])
         cross, own, right = np.zeros((total, bench.size)), np.zeros((self._lags, total)), np.zeros(total)
@@ -130,12 +129,12 @@ class Screen:
 
     def _judge(
         self,
-        bench: Bench,
+        bench: ModelFit,
         width: int,
         members: Indices,
         sums: tuple[Array, Array, Array],
         held: set[tuple[str, str, str]],
-    ) -> list[Look]:
+    ) -> list[ScreenedCandidate]:
         """Looks at the candidates of one width together."""
         own, left, right = sums
         columns = self.first[members][:, None] + np.arange(width)
@@ -145,7 +144,7 @@ class Screen:
                 S[:, i, j] = S[:, j, i] = left[j - i][columns[:, i]]
         power = own[0][columns]
         slots = [self.design.slots[i] for i in members]
-        out: list[Look] = []
+        out: list[ScreenedCandidate] = []
         for fixed in (False, True):
             chosen = np.array(
                 [i for i, slot in enumerate(slots) if slot.shaped.fixed == fixed], dtype=np.intp
@@ -173,12 +172,12 @@ class Screen:
 
 
 def _looks(
-    bench: Bench,
-    slots: Sequence[Slot],
+    bench: ModelFit,
+    slots: Sequence[ColumnLayout],
     found: tuple[Array, Array, Array],
     seen: Mask,
     held: set[tuple[str, str, str]],
-) -> list[Look]:
+) -> list[ScreenedCandidate]:
     coefficients, spread, gains = found
     lower = np.array([slot.shaped.lower * slot.scale for slot in slots])
     upper = np.array([slot.shaped.upper * slot.scale for slot in slots])
@@ -193,5 +192,5 @@ def _looks(
         gain = -0.5 * samples * float(np.log(max(1.0 - 2.0 * gains[i] / samples, 1e-6)))
         power = float(2.0 * gains[i] / np.min(bench.weights[touched]))
         worth = gain - 0.5 * slot.free * float(np.log(max(samples, 2.0)))
-        out.append(Look(slot, gain, power, bool(physical[i]), worth))
+        out.append(ScreenedCandidate(slot, gain, power, bool(physical[i]), worth))
     return out

@@ -22,7 +22,7 @@ CLEAR = 4.0
 """Times its noise beyond which the sign of a measured effort is the load's."""
 
 
-def instrument(signals: Signals, noise: Array | None = None, flicker: Array | None = None) -> Signals:
+def clean_signals(signals: Signals, noise: Array | None = None, flicker: Array | None = None) -> Signals:
     """Replaces the measured effort by its regression on the model's torque and the motion, and cleans the command.
 
     A column that is computed from the reading carries the reading's noise, and so does the residual: the two
@@ -123,3 +123,40 @@ def _basis(signals: Signals, joint: int, own: Array) -> Array:
 
 def _onto(basis: Array, values: Array) -> Array:
     return np.asarray(basis @ np.linalg.lstsq(basis, values, rcond=None)[0])
+
+
+STILL = 0.002
+"""Rms of a position about its mean below which its joint stands still [rad or m]."""
+
+
+def stationary_joints(position: Array) -> NDArray[np.bool_]:
+    """Joints that stand still over a recording's positions (N, n), as a mask (n,)."""
+    return np.asarray(position.std(axis=0) < STILL)
+
+
+def with_stationary_joints(signals: Signals) -> Signals:
+    """The same recording with still joints standing still."""
+    still = stationary_joints(signals.position)
+    if not still.any():
+        return signals
+    position, velocity, acceleration = (
+        x.copy() for x in (signals.position, signals.velocity, signals.acceleration)
+    )
+    position[:, still] = position[:, still].mean(axis=0)
+    velocity[:, still] = acceleration[:, still] = 0.0
+    calm = replace(signals, position=position, velocity=velocity, acceleration=acceleration)
+    if calm.drive is None:
+        return calm
+    assistance = calm.assistance
+    if assistance is not None:
+        assistance = np.where(still, calm.weight, assistance)
+    return replace(calm, drive=_asked_by_load(calm, calm.drive, still), assistance=assistance)
+
+
+def _asked_by_load(calm: Signals, drive: Array, still: NDArray[np.bool_]) -> Array:
+    """Drives (N, n), those of still joints as far as the links' torque and a constant make them."""
+    out = drive.copy()
+    for joint in np.flatnonzero(still):
+        basis = np.column_stack([np.ones(calm.samples), calm.rigid[:, joint]])
+        out[:, joint] = basis @ np.linalg.lstsq(basis, drive[:, joint], rcond=None)[0]
+    return out

@@ -15,11 +15,11 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Filler
+from impedance_modules.diagnosis.regression.cleaned_signals import with_stationary_joints
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.drafts import Draft, Filler
-from impedance_modules.diagnosis.regression.still import quieted
-from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.residual_kinds import Residual
 
 Array = NDArray[np.float64]
 
@@ -32,18 +32,18 @@ KNOTS = (0.15, 0.3, 0.5, 0.7, 0.85)
 GENERIC = "generic"
 
 
-def draft_stand_ins(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -> list[Draft]:
+def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -> list[CandidateRegressor]:
     """Draws the stand-ins of every joint in every residual."""
-    drafts: list[Draft] = []
+    drafts: list[CandidateRegressor] = []
     fillers = [Filler(item) for item in prepared]
-    signals = [quieted(item.signals) for item in prepared]
+    signals = [with_stationary_joints(item.signals) for item in prepared]
     for joint in range(prepared[0].signals.n):
         inputs = [_inputs(own, joint) for own in signals]
         stacked = np.concatenate(inputs)
         scaled = [(x - stacked.mean(axis=0)) / (stacked.std(axis=0) + 1e-9) for x in inputs]
         for name, columns in _functions(scaled):
             for residual in residuals:
-                draft = Draft(None, {}, (GENERIC, f"{residual}.{joint}", name))
+                draft = CandidateRegressor(None, {}, (GENERIC, f"{residual}.{joint}", name))
                 size = columns[0].shape[1]
                 draft.lower, draft.upper = np.full(size, -np.inf), np.full(size, np.inf)
                 for filler, values in zip(fillers, columns, strict=True):

@@ -4,20 +4,20 @@ r"""Fits of one model, on all recordings and without each fold: causes by least 
     \min_{\nu, \beta} \sum_g w_g |y_g - Z_g \nu - X_g \beta|^2 + |\nu|^2,      w_g = 1 / max(1, s_g^2)
 
 Rows are white and of unit noise; s_g^2 is what is left of a group over its noise, so that a group that is not
-understood yet does not pull the nuisance that it shares with others.
+understood yet does not pull the nuisance that it noise_ratios with others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.design_matrix import Design, Indices
-from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.regression.candidates import Candidate, Shaped
+from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, Indices
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Fit:
     inverse: Array
 
 
-class Bench:
+class ModelFit:
     """One model and all its fits.
 
     Attributes:
@@ -61,7 +61,7 @@ class Bench:
         starts: Index of each term's first coefficient.
     """
 
-    def __init__(self, design: Design, folds: Sequence[Sequence[int]], model: Sequence[Term]) -> None:
+    def __init__(self, design: Design, folds: Sequence[Sequence[int]], model: Sequence[ModelTerm]) -> None:
         """Fits a model on all folds."""
         self.design, self.model = design, tuple(model)
         self.folds = tuple(tuple(fold) for fold in folds)
@@ -181,3 +181,78 @@ class Bench:
         start, term = self.starts[index], self.model[index]
         values = (found or self.whole).coefficients[start : start + term.shaped.size]
         return np.asarray(values / term.slot.scale)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelTerm:
+    """A shaped candidate with its columns.
+
+    Attributes:
+        slot: Its description.
+        columns: Recording -> group -> (M, p) whitened and scaled.
+        fixed: Recording -> group -> (M,) whitened part without a coefficient; empty where there is none.
+    """
+
+    slot: ColumnLayout
+    columns: tuple[Mapping[int, Array], ...]
+    fixed: tuple[Mapping[int, Array], ...]
+
+    @property
+    def shaped(self) -> Shaped:
+        """The candidate in its shape."""
+        return self.slot.shaped
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Effect, carrier and port."""
+        return self.slot.shaped.key
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Groups that it touches."""
+        return self.slot.groups
+
+    @property
+    def generic(self) -> bool:
+        """Whether it is a stand-in without physics."""
+        return self.slot.shaped.candidate is None
+
+    @property
+    def candidate(self) -> Candidate:
+        """The physical candidate.
+
+        Raises:
+            TypeError: It is a stand-in.
+        """
+        if self.slot.shaped.candidate is None:
+            raise TypeError("a generic stand-in has no physical candidate")
+        return self.slot.shaped.candidate
+
+
+def term_of(design: Design, slot: ColumnLayout) -> ModelTerm:
+    """Cuts a candidate's columns out of the design."""
+    size, width = slot.shaped.size, slot.shaped.width
+    blocks = [
+        {group: block[group][:, first : first + width].astype(float) for group, first in slot.places.items()}
+        for block in design.X
+    ]
+    return ModelTerm(
+        slot=slot,
+        columns=tuple({group: block[:, :size] for group, block in found.items()} for found in blocks),
+        fixed=tuple(
+            {group: block[:, size] for group, block in found.items() if width > size} for found in blocks
+        ),
+    )
+
+
+def part_of(term: ModelTerm, kept: NDArray[np.intp]) -> ModelTerm:
+    """Keeps some of a term's coefficients."""
+    slot = term.slot
+    shaped = replace(
+        slot.shaped, size=len(kept), lower=slot.shaped.lower[kept], upper=slot.shaped.upper[kept]
+    )
+    return ModelTerm(
+        slot=ColumnLayout(shaped, slot.places, slot.scale[kept], slot.precision[kept], slot.unseen[kept]),
+        columns=tuple({g: block[:, kept] for g, block in found.items()} for found in term.columns),
+        fixed=term.fixed,
+    )

@@ -3,19 +3,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.candidates import Group
-from impedance_modules.diagnosis.regression.drafts import Draft
-from impedance_modules.diagnosis.regression.sensor_noise import Rounding, differentiated, read_noise, unseen_rounding
-from impedance_modules.diagnosis.regression.moments import Heard, listen
-from impedance_modules.diagnosis.regression.noise_motion import acceleration_noise, shares
-from impedance_modules.diagnosis.regression.nuisance_columns import Nuisance
+from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Group
+from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
+from impedance_modules.diagnosis.regression.sensor_noise import (
+    Rounding,
+    acceleration_noise,
+    differentiated,
+    noise_ratios,
+    read_noise,
+    unseen_rounding,
+)
 from impedance_modules.diagnosis.regression.whitening import Whitening, whitening_of
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -49,7 +54,7 @@ def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> lis
 def noise_by_repeats(
     left: Sequence[Sequence[Array]],
     prepared: Sequence[Prepared],
-    nuisance: Nuisance,
+    nuisance: NuisanceColumns,
     pairs: Sequence[tuple[int, int]],
     clear: Mapping[tuple[int, int], Mask] | None = None,
 ) -> Whitening:
@@ -81,7 +86,7 @@ def noise_by_repeats(
     moved = moved + np.mean([0.0 * moved if x is None else x.power for x in rounding], axis=0)
     power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
     assumed = [float(np.mean(np.concatenate(x) ** 2)) for x in unseen]
-    share = shares(nuisance.groups, prepared, pairs, power, moved)
+    share = noise_ratios(nuisance.groups, prepared, pairs, power, moved)
     return whitening_of(
         noise,
         share,
@@ -124,8 +129,8 @@ def _difference(one: Array, other: Array, shown: Mask) -> Array:
 def noise_by_smoothness(
     left: Sequence[Sequence[Array]],
     prepared: Sequence[Prepared],
-    nuisance: Nuisance,
-    flexible: Sequence[Draft],
+    nuisance: NuisanceColumns,
+    flexible: Sequence[CandidateRegressor],
     recordings: Sequence[int],
 ) -> Whitening:
     """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
@@ -169,14 +174,14 @@ def _no_quieter(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> 
 
 
 def _left_by(  # noqa: PLR0917 - all of them belong together
-    members: Sequence[Draft],
+    members: Sequence[CandidateRegressor],
     group: Group,
     index: int,
     left: Sequence[Sequence[Array]],
-    nuisance: Nuisance,
+    nuisance: NuisanceColumns,
     recordings: Sequence[int],
     rate: float,
-) -> Heard:
+) -> LoudWindowFit:
     """What functions of a group's motion leave of it, and the samples that they use up."""
     blocks = []
     for recording in recordings:
@@ -194,7 +199,7 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
         rest = y - X @ (axes @ ((axes.T @ (weighted.T @ y)) / (power + ridge)))
         return list(np.split(rest, ends)), _used(power, ridge)
 
-    return listen(fit, rate)
+    return fit_without_loud_windows(fit, rate)
 
 
 def _ridge(power: Array, samples: int) -> float:
@@ -209,3 +214,83 @@ def _used(power: Array, ridge: float) -> float:
     """Samples of white noise that such a regression takes away: tr(2 H - H^2), H what turns readings into its fit."""
     share = power / (power + ridge)
     return float(np.sum(share * (2.0 - share)))
+
+
+WINDOW = 0.5
+"""Length of a moment [s]."""
+
+STRUCK = 100.0
+"""Power of a moment over that of the median one, beyond which it is no noise on any joint: white noise comes to four,
+a real joint that sticks and slips to forty."""
+
+LOUD = 20.0
+"""The same on the other joints, once one was struck."""
+
+USUAL = 4.0
+"""Power over that of the median moment up to which a moment counts fully."""
+
+LEAST_POWER = 1e-30
+"""Power that stands for none at all."""
+
+RARE = 0.2
+"""Part of all moments that may be so loud; what is loud more often belongs to the recording."""
+
+STEPS = 6
+"""Times that a fit is repeated with loud moments counting less."""
+
+Left = tuple[list[Array], float]
+"""What a fit leaves, one piece (M,) for each recording, and the samples of white noise that it uses up."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoudWindowFit:
+    """What a fit leaves on one joint.
+
+    Attributes:
+        plain: With all moments alike.
+        quiet: By a fit that hardly looks at loud moments, which are then made as loud as the others.
+        struck: Whether some moment, and not too many, cannot be noise.
+    """
+
+    plain: Left
+    quiet: Left
+    struck: bool
+
+
+def fit_without_loud_windows(fit: Callable[[Array | None], Left], rate: float) -> LoudWindowFit:
+    """Fits twice: a flexible model that bends to a loud moment spoils all the others.
+
+    The second fit is repeated with each moment weighted by the median power over its own.
+
+    Args:
+        fit: Takes weights (sum of M,) of the squares, or None for none.
+        rate: Samples a second [1/s].
+    """
+    plain = fit(None)
+    size = max(2, round(WINDOW * rate))
+    pieces, used = plain
+    for _ in range(STEPS):
+        pieces, used = fit(np.concatenate(_each(pieces, size, lambda ratio: np.minimum(1.0, USUAL / ratio))))
+    ratios = np.concatenate(_each(pieces, size, lambda ratio: ratio))
+    rare = float(np.mean(ratios > LOUD)) <= RARE
+    if not rare:
+        return LoudWindowFit(plain, plain, struck=False)
+    gains = _each(pieces, size, lambda ratio: np.where(ratio > LOUD, ratio**-0.5, 1.0))
+    quiet = [piece * gain for piece, gain in zip(pieces, gains, strict=True)]
+    return LoudWindowFit(plain, (quiet, used), struck=float(ratios.max()) > STRUCK)
+
+
+def _each(pieces: Sequence[Array], size: int, law: Callable[[Array], Array]) -> list[Array]:
+    """Some law of each moment's power over the median one's, for every sample."""
+    powers = [_powers(piece, size) for piece in pieces]
+    usual = max(float(np.median(np.concatenate(powers))), LEAST_POWER)
+    return [
+        np.repeat(law(np.maximum(power / usual, LEAST_POWER)), size)[: len(piece)]
+        for power, piece in zip(powers, pieces, strict=True)
+    ]
+
+
+def _powers(piece: Array, size: int) -> Array:
+    """Mean square of each moment, the last one shorter."""
+    starts = np.arange(0, len(piece), size)
+    return np.asarray(np.add.reduceat(piece**2, starts) / np.diff(np.append(starts, len(piece))))

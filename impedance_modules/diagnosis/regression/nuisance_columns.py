@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.regression.candidates import Group
-from impedance_modules.diagnosis.regression.still import at_rest
+from impedance_modules.diagnosis.regression.cleaned_signals import stationary_joints
+from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ WEIGHT_PRIOR = 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class Nuisance:
+class NuisanceColumns:
     """Columns with a prior.
 
     Attributes:
@@ -71,7 +71,7 @@ class _Kind:
     columns: Callable[[Prepared, Group], Array]
 
 
-def build_nuisance(prepared: Sequence[Prepared], parameters: Array) -> Nuisance:
+def build_nuisance(prepared: Sequence[Prepared], parameters: Array) -> NuisanceColumns:
     """Collects the nuisance of all recordings.
 
     Args:
@@ -95,7 +95,7 @@ def build_nuisance(prepared: Sequence[Prepared], parameters: Array) -> Nuisance:
                 recording[index].append(block[:, seen])
         first += kind.size
     wide = WIDE_PRIOR / INERTIA_PRIOR * prior.reshape(-1, 10)
-    return Nuisance(
+    return NuisanceColumns(
         groups=groups,
         size=first,
         ids=tuple(np.array(found, dtype=np.intp) for found in ids),
@@ -155,7 +155,7 @@ def _groups(prepared: Sequence[Prepared]) -> tuple[Group, ...]:
     """
     first = prepared[0]
     common = [name for name in first.residuals if all(name in item.residuals for item in prepared)]
-    resting = np.all([at_rest(item.signals.position) for item in prepared], axis=0)
+    resting = np.all([stationary_joints(item.signals.position) for item in prepared], axis=0)
     return tuple(
         (name, joint)
         for name in common

@@ -7,18 +7,20 @@ columns give the shape's standard deviation: its place in the joint covariance (
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.regression.candidates import (
+    Candidate,
+    CandidateRegressor,
+    candidate_regressors,
+)
+from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, layout_of, scaled_block
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.regression.model_fit import Bench
-from impedance_modules.diagnosis.regression.candidates import Candidate
-from impedance_modules.diagnosis.regression.design_matrix import Design
-from impedance_modules.diagnosis.regression.drafts import Draft, draft_candidates
-from impedance_modules.diagnosis.regression.slots import Slot, scaled_block, slot_of
-from impedance_modules.diagnosis.regression.term import Term
+from impedance_modules.diagnosis.result import Estimate
 from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
@@ -39,7 +41,7 @@ SLOPE = 1e-3
 """Step of the differences, likewise."""
 
 
-class Refiner:
+class ShapeRefiner:
     """Evaluates candidates at any shape, in a design's rows.
 
     Attributes:
@@ -53,25 +55,28 @@ class Refiner:
         self.design, self.prepared, self.signals = design, tuple(prepared), tuple(signals)
         self._residuals = list(dict.fromkeys(residual for residual, _ in design.groups))
 
-    def draft(self, candidate: Candidate, shape: Mapping[str, float]) -> Draft | None:
+    def draft(self, candidate: Candidate, shape: Mapping[str, float]) -> CandidateRegressor | None:
         """A candidate's thinned columns, in their own units."""
         return next(
-            iter(draft_candidates([(candidate, shape)], self.prepared, self.signals, self._residuals)), None
+            iter(candidate_regressors([(candidate, shape)], self.prepared, self.signals, self._residuals)),
+            None,
         )
 
-    def term(self, candidate: Candidate, shape: Mapping[str, float], like: Slot | None = None) -> Term | None:
+    def term(
+        self, candidate: Candidate, shape: Mapping[str, float], like: ColumnLayout | None = None
+    ) -> ModelTerm | None:
         """Evaluates a candidate; scaled as another term where one is given."""
         draft = self.draft(candidate, shape)
         groups, nuisance = self.design.groups, self.design.nuisance
         slot = (
             None
             if draft is None
-            else slot_of(draft, groups, nuisance.links, dict.fromkeys(range(len(groups)), 0))
+            else layout_of(draft, groups, nuisance.links, dict.fromkeys(range(len(groups)), 0))
         )
         if draft is None or slot is None:
             return None
         if like is not None:
-            slot = Slot(slot.shaped, slot.places, like.scale, like.precision, like.unseen)
+            slot = ColumnLayout(slot.shaped, slot.places, like.scale, like.precision, like.unseen)
         size = slot.shaped.size
         columns, fixed = [], []
         for r in range(len(self.prepared)):
@@ -87,9 +92,9 @@ class Refiner:
             }
             columns.append({g: block[:, :size] for g, block in blocks.items()})
             fixed.append({g: block[:, size] for g, block in blocks.items() if slot.shaped.fixed})
-        return Term(slot, tuple(columns), tuple(fixed))
+        return ModelTerm(slot, tuple(columns), tuple(fixed))
 
-    def slopes(self, term: Term, coefficients: Array) -> dict[str, tuple[Mapping[int, Array], ...]]:
+    def slopes(self, term: ModelTerm, coefficients: Array) -> dict[str, tuple[Mapping[int, Array], ...]]:
         """What each nonlinear parameter changes per unit, symbol -> recording -> group -> (M,), whitened."""
         out: dict[str, tuple[Mapping[int, Array], ...]] = {}
         for symbol in term.candidate.effect.shape:
@@ -111,11 +116,11 @@ class Refiner:
             )
         return out
 
-    def refine(self, bench: Bench, term: Term) -> Term:
+    def refine(self, bench: ModelFit, term: ModelTerm) -> ModelTerm:
         """Improves a candidate's shape beside a model; gives back what came in where nothing is better."""
         if term.generic or not term.candidate.effect.shape:
             return term
-        best = Bench(bench.design, bench.folds, [*bench.model, term])
+        best = ModelFit(bench.design, bench.folds, [*bench.model, term])
         for _ in range(ROUNDS):
             better = self._better(best, bench)
             if better is None:
@@ -123,18 +128,18 @@ class Refiner:
             best = better
         return best.model[-1]
 
-    def _better(self, best: Bench, reference: Bench) -> Bench | None:
+    def _better(self, best: ModelFit, reference: ModelFit) -> ModelFit | None:
         """The first of some steps of the last term's shape that leaves less; None where none does."""
         for part in PARTS:
             moved = self._step(best, part)
             if moved is None:
                 return None
-            better = Bench(best.design, best.folds, [*best.model[:-1], moved])
+            better = ModelFit(best.design, best.folds, [*best.model[:-1], moved])
             if _loss(better, reference) < _loss(best, reference) - 1e-3:
                 return better
         return None
 
-    def _step(self, bench: Bench, part: float) -> Term | None:
+    def _step(self, bench: ModelFit, part: float) -> ModelTerm | None:
         """Some part of one step of the last term's shape; None where it has converged or cannot move."""
         term, index = bench.model[-1], len(bench.model) - 1
         coefficients = bench.of(index)
@@ -159,7 +164,7 @@ class Refiner:
             return None
         return self.term(candidate, limited)
 
-    def _newton(self, bench: Bench, term: Term, coefficients: Array) -> dict[str, float]:
+    def _newton(self, bench: ModelFit, term: ModelTerm, coefficients: Array) -> dict[str, float]:
         """Solves for coefficients and shape together, linearised."""
         slopes = self.slopes(term, coefficients)
         shape = dict(term.shaped.shape)
@@ -182,6 +187,174 @@ def _reach(value: float) -> float:
     return REACH * abs(value)
 
 
-def _loss(bench: Bench, reference: Bench) -> float:
+def _loss(bench: ModelFit, reference: ModelFit) -> float:
     """Squares left by the whole fit, all with the same weights."""
     return float(bench.left @ reference.weights) + float(bench.whole.coefficients**2 @ bench.prior)
+
+
+class UnwhitenedFit:
+    """Unwhitened columns of the terms that a diagnosis speaks about, evaluated once each."""
+
+    def __init__(self, refiner: ShapeRefiner) -> None:
+        """Takes what can evaluate candidates."""
+        self._refiner, self.design = refiner, refiner.design
+        self._kept: dict[int, tuple[ModelTerm, list[dict[int, Array]]]] = {}
+
+    def _columns(self, term: ModelTerm) -> Sequence[Mapping[int, Array]]:
+        if id(term) not in self._kept:
+            draft = self._refiner.draft(term.candidate, term.shaped.shape)
+            rows = []
+            for r, raw in enumerate(self.design.raw):
+                rows.append(
+                    {
+                        g: scaled_block(draft, term.slot, r, self.design.groups[g], len(raw[g])).astype(float)
+                        for g in term.groups
+                    }
+                    if draft is not None
+                    else {}
+                )
+            self._kept[id(term)] = (term, rows)
+        return self._kept[id(term)][1]
+
+    def torque(self, bench: ModelFit, index: int, recording: int) -> dict[int, Array]:
+        """What one term of a bench's whole fit adds to a recording: group -> (M,) in the group's unit."""
+        term, start = bench.model[index], int(bench.starts[index])
+        own = bench.whole.coefficients[start : start + term.shaped.size]
+        whole = np.append(own, np.ones(int(term.shaped.fixed)))
+        return {g: block @ whole for g, block in self._columns(term)[recording].items()}
+
+    def left(self, bench: ModelFit, recording: int) -> list[Array]:
+        """What a bench's whole fit leaves of a recording: group -> (M,) in the group's unit."""
+        design = self.design
+        coefficients = bench.whole.coefficients
+        out = [
+            raw - columns @ coefficients[ids]
+            for raw, columns, ids in zip(
+                design.raw[recording], design.nuisance.columns[recording], design.nuisance.ids, strict=True
+            )
+        ]
+        for index in range(len(bench.model)):
+            for g, torque in self.torque(bench, index, recording).items():
+                out[g] = out[g] - torque
+        return out
+
+
+CORRELATION_MAX = 0.9
+"""Of neighbouring samples of what is left, as far as errors are inflated for it."""
+
+ALLOWED = 1.45
+"""Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
+
+STAMPS = 0.05
+"""Part of a sample's period to which any time is known, however little the noise."""
+
+
+def estimates(
+    bench: ModelFit, refiner: ShapeRefiner, index: int, *, prismatic: bool
+) -> Mapping[str, Estimate]:
+    """Estimates the parameters of a bench's term.
+
+    Args:
+        bench: The accepted model.
+        refiner: To differentiate by the shape.
+        index: Of the term.
+        prismatic: Its joint slides.
+    """
+    term = bench.model[index]
+    candidate, shape = term.candidate, dict(term.shaped.shape)
+    signals = refiner.prepared[0].signals
+    coefficients = np.clip(bench.of(index), term.shaped.lower, term.shaped.upper)
+    symbols = [symbol for symbol in shape if symbol in candidate.effect.shape]
+
+    def values(x: Array) -> dict[str, float]:
+        moved = {**shape, **dict(zip(symbols, map(float, x[len(coefficients) :]), strict=True))}
+        return candidate.effect.values(x[: len(coefficients)], moved, signals, candidate.key, candidate.port)
+
+    point = np.concatenate([coefficients, [shape[symbol] for symbol in symbols]])
+    covariance = _covariance(bench, refiner, index, symbols)
+    nominal = values(point)
+    slopes = _slopes(values, point, np.sqrt(np.clip(np.diag(covariance), 0.0, None)))
+    out = {}
+    for symbol, value in nominal.items():
+        parameter = candidate.effect.description.parameter(symbol)
+        unit = parameter.linear_unit if prismatic and parameter.linear_unit else parameter.unit
+        variance = ALLOWED * float(slopes[symbol] @ covariance @ slopes[symbol])
+        if unit == "s":
+            variance += (STAMPS / refiner.prepared[0].log.rate) ** 2
+        out[symbol] = Estimate(float(value), float(np.sqrt(max(variance, 0.0))), unit)
+    return out
+
+
+def _slopes(values: Callable[[Array], dict[str, float]], point: Array, roots: Array) -> dict[str, Array]:
+    """Derivatives of all parameters by coefficients and shape, by differences."""
+    nominal = values(point)
+    slopes = {symbol: np.zeros(len(point)) for symbol in nominal}
+    for i, root in enumerate(roots):
+        step = np.zeros(len(point))
+        step[i] = max(1e-3 * root, 1e-9 * abs(point[i]), 1e-12)
+        moved = values(point + step)
+        for symbol in nominal:
+            slopes[symbol][i] = (moved[symbol] - nominal[symbol]) / step[i]
+    return slopes
+
+
+def _covariance(bench: ModelFit, refiner: ShapeRefiner, index: int, symbols: list[str]) -> Array:
+    """Of coefficients and shape together, (p + s, p + s), in their own units."""
+    term = bench.model[index]
+    size, count = term.shaped.size, len(symbols)
+    start = int(bench.starts[index])
+    own = np.arange(start, start + size)
+    moves = _told(bench, refiner, index)
+    free = {} if moves else refiner.slopes(term, bench.of(index) * term.slot.scale)
+    cross, gram = np.zeros((count, bench.size)), np.zeros((count, count))
+    for r in bench.fitted:
+        for g in term.groups:
+            columns = [free[s][r].get(g) if s in free else None for s in symbols]
+            for i, column in enumerate(columns):
+                if column is None:
+                    continue
+                cross[i, bench.ids[g]] += bench.weights[g] * (bench.rows[r][g].T @ column)
+                for j, other in enumerate(columns):
+                    if other is not None:
+                        gram[i, j] += bench.weights[g] * float(column @ other)
+    inverse = bench.whole.inverse
+    known = [i for i in range(count) if gram[i, i] > 0.0]
+    out = np.zeros((size + count, size + count))
+    scale = term.slot.scale
+    base = inverse[np.ix_(own, own)]
+    if known:
+        pull = cross[known] @ inverse
+        schur = gram[np.ix_(known, known)] - pull @ cross[known].T
+        shape_part = np.linalg.pinv(schur, hermitian=True)
+        into = pull[:, own]
+        base = base + into.T @ shape_part @ into
+        place = [size + i for i in known]
+        out[np.ix_(place, place)] = shape_part
+        out[np.ix_(range(size), place)] = -(into.T @ shape_part) / scale[:, None]
+        out[np.ix_(place, range(size))] = out[np.ix_(range(size), place)].T
+    out[:size, :size] = base / np.outer(scale, scale)
+    return out * _inflation(bench, index)
+
+
+def _told(bench: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
+    """Whether a parameter of the shape follows from the coefficients, which carry its error then."""
+    candidate = bench.model[index].candidate
+    shape = dict(bench.model[index].shaped.shape)
+    signals = refiner.prepared[0].signals
+    first, second = (
+        candidate.effect.values(bench.of(index) * factor, shape, signals, candidate.key, candidate.port)
+        for factor in (1.0, 1.01)
+    )
+    return any(first.get(s) != second.get(s) for s in shape)
+
+
+def _inflation(bench: ModelFit, index: int) -> float:
+    """By what correlation in time there is in what the model leaves where the term acts."""
+    above, below = 0.0, 0.0
+    for r in bench.fitted:
+        left = bench.residuals(bench.whole.coefficients, r)
+        for g in bench.model[index].groups:
+            above += float(left[g][1:] @ left[g][:-1]) * bench.weights[g]
+            below += float(left[g] @ left[g]) * bench.weights[g]
+    rho = float(np.clip(above / below if below > 0.0 else 0.0, 0.0, CORRELATION_MAX))
+    return (1.0 + rho) / (1.0 - rho)

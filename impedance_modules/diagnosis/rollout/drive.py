@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_robot import Dressed
-from impedance_modules.effects.motion import JointMotion
+from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.seeded import Seed
 

@@ -10,23 +10,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.diagnosis.result import Cause
 from impedance_modules.diagnosis.rollout.nuisance import Nuisance, body_changes
 from impedance_modules.diagnosis.rollout.outcome import LeftOut
 from impedance_modules.diagnosis.rollout.robot import RATE
-from impedance_modules.diagnosis.data.rigid_tree import RigidTree
+from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.effects.residual_kinds import Residual
-from impedance_modules.effects.apply import wear_patch, wear_plant
-from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.seeded import SeededPlant
 from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.document import parse_document
 from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, Quantity
 from impedance_modules.spec.robot_spec import RobotSpec
-from impedance_modules.spec.document import parse_document
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Dressed:
     """
 
     plant: SeededPlant
-    worn: WornPlant
+    worn: PlantEffects
     order: tuple[int, ...]
     nuisance: Nuisance
 
@@ -100,8 +100,8 @@ def dress(robot: RobotSpec, effects: Sequence[EffectSpec], nuisance: Nuisance, t
     """
     patch = PatchSpec(robot.name, tuple(effects), parse_document(Path("the causes"), "format: 1\n"))
     changed = replace(robot, body_changes=body_changes(tree.bodies, nuisance.links))
-    model = RobotModel(wear_patch(changed, patch) if effects else changed)
-    worn = wear_plant(model, patch)
+    model = RobotModel(apply_patch(changed, patch) if effects else changed)
+    worn = apply_to_plant(model, patch)
     for step in STEPS:
         plant = SeededPlant(model, [], None, PlantOptions(RATE, seed=0, noise=False, step=step), worn)
         try:

@@ -14,17 +14,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.served_description import compare_description
 from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
 from impedance_modules.backends.baxter.ros.messages import Float64, JointCommand
-from tests.support.in_process_transport import InProcessTransport
 from impedance_modules.backends.baxter.ros.transport import Offer
-from impedance_modules.effects.apply import wear_patch
+from impedance_modules.backends.baxter.served_description import compare_description
+from impedance_modules.effects.apply import apply_patch
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.task_reader import read_task
 from tests.support.baxter_stub import StandIn, open_session
+from tests.support.in_process_transport import InProcessTransport
 
 SPEC = read_task("joint-springs")[1]
 NOMINAL = SPEC.urdf.read_text()
@@ -158,7 +158,7 @@ def test_every_gate_closes_with_a_reason_and_a_remedy(name: str) -> None:
 
 def test_a_model_that_wears_the_springs_beside_s1_passes_every_gate() -> None:
     patch = read_patch(Path("robots/baxter/patches/counterbalance-springs.yaml"))
-    worn = wear_patch(SPEC, patch)
+    worn = apply_patch(SPEC, patch)
     assert np.abs(RobotModel(worn).winding(np.zeros(14))).max() > 30.0
     with open_session(StandIn(worn)) as session:
         gates = {gate.name: gate for gate in session.gates(("left", "right"))}

@@ -7,11 +7,11 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from impedance_modules.backends.baxter.simulator.options import FakeOptions
-from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
-from impedance_modules.backends.baxter.simulator.served import served_description, write_description
 from impedance_modules.backends.baxter.postures import named_posture
-from impedance_modules.effects.apply import wear_patch, wear_plant
+from impedance_modules.backends.baxter.simulator.options import FakeOptions
+from impedance_modules.backends.baxter.simulator.served import served_description, write_description
+from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
+from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import PatchSpec
 from impedance_modules.spec.robot_reader import read_robot
@@ -40,9 +40,9 @@ def build_fake(robot: str, posture: str, patch: PatchSpec | None, options: FakeO
     spec = read_robot(robot)
     stands = named_posture(spec, posture)
     if patch is not None:
-        spec = wear_patch(spec, patch)
+        spec = apply_patch(spec, patch)
     text = served_description(spec, options.mount_offset)
     with tempfile.TemporaryDirectory() as folder:
         model = RobotModel(replace(spec, urdf=write_description(text, Path(folder))))
-        worn = None if patch is None else wear_plant(model, patch)
+        worn = None if patch is None else apply_to_plant(model, patch)
         return BuiltFake(FakeBaxter(model, worn, model.position(stands), options), text)

@@ -18,15 +18,15 @@ from impedance_modules.backends.baxter.simulator.assembly_state import AssemblyM
 from impedance_modules.backends.baxter.simulator.boards import INERTIA_TICKS, Boards, Claim
 from impedance_modules.backends.baxter.simulator.collision_safety import ForceField
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, Doing, LimbDrive
+from impedance_modules.backends.baxter.simulator.options import FakeOptions
 from impedance_modules.backends.baxter.simulator.parameters import (
     COLLISION_PAUSE,
     STOP_MARGIN,
     TICK,
 )
-from impedance_modules.backends.baxter.simulator.options import FakeOptions
 from impedance_modules.backends.baxter.simulator.push import Push, contact_sense
 from impedance_modules.backends.baxter.simulator.suppression import Suppressions
-from impedance_modules.effects.worn import WornPlant
+from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.plant.driven import DrivenPlant
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.robot.kinematics import Kinematics
@@ -61,7 +61,7 @@ class FakeBaxter:
     """
 
     def __init__(
-        self, model: RobotModel, worn: WornPlant | None, posture: Array, options: FakeOptions
+        self, model: RobotModel, worn: PlantEffects | None, posture: Array, options: FakeOptions
     ) -> None:
         """Builds the robot, standing still at a posture (n,) [rad]; compiles what it needs."""
         self.model, self.options = model, options
