@@ -90,7 +90,7 @@ def normal_mass(assembly: Assembly, q: Array, normal: Array) -> float:
     return float(1.0 / (row @ np.linalg.solve(model.mass_matrix(q), row)))
 
 
-def strike(assembly: Assembly, seed: int) -> Impact:
+def first_contact(assembly: Assembly, seed: int) -> Impact:
     """Runs the task without sensor noise and takes the first touch from the plant's truth.
 
     Raises:

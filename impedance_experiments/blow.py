@@ -35,7 +35,7 @@ class Blow:
         return np.asarray(worst / np.max(np.abs(self.reduced), axis=1))
 
 
-def strike(joint: SeriesElasticJoint, lever: float) -> Blow:
+def blow_response(joint: SeriesElasticJoint, lever: float) -> Blow:
     """Lets the thesis's blow act on the hand and integrates both models.
 
     Args:

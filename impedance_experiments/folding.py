@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_experiments.pushing import only_arm
 from impedance_experiments.settings import Settings
 from impedance_experiments.task_run import watch_task
@@ -20,7 +20,7 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.tools.tune.folding import folding_share, unloading
 from impedance_modules.tools.tuned_task import WINDING, trial_task
 from impedance_modules.tools.tune.self_motion import Posture
-from impedance_modules.tools.spring_tuning import Question, Tuned, Tuning, tune, unloaded_arm
+from impedance_modules.tools.spring_tuning import TuningRequest, TunedPosture, TuningResult, tune, unloaded_arm
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def reproduce(settings: Settings) -> Page:
     """Tunes the thesis's arm for its 25 N, and tries the answer on the plant."""
     assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
     down = np.array([0.0, 0.0, -1.0])
-    question = Question(
+    question = TuningRequest(
         only_arm(assembly), down, 0.0, FORCE, postures=1, reach=0.75, softest=0.5, alone=False
     )
     own = tune(assembly, question).best
@@ -79,7 +79,7 @@ def reproduce(settings: Settings) -> Page:
     )
 
 
-def thesis_bears(assembly: Assembly, question: Question) -> float:
+def thesis_bears(assembly: Assembly, question: TuningRequest) -> float:
     """Finds the largest force that the thesis's own joint springs carry without folding [N]."""
     bias = assembly.modules.arm(question.arm).bias
     springs = np.zeros(0) if bias is None else np.asarray(bias.stiffness)
@@ -97,7 +97,7 @@ def thesis_bears(assembly: Assembly, question: Question) -> float:
 
 
 def trial(
-    settings: Settings, assembly: Assembly, question: Question, tuned: Tuned, share: float
+    settings: Settings, assembly: Assembly, question: TuningRequest, tuned: TunedPosture, share: float
 ) -> tuple[Array, Array]:
     """Winds springs and load up together; gives time [s] and how far the joints are from their posture [rad]."""
     path = settings.work / f"folding-{share:g}.yaml"
@@ -121,23 +121,23 @@ def _growth(time: Array, away: Array) -> float:
 
 
 def _comparisons(
-    assembly: Assembly, own: Tuned, elbows: Tuning, borne: float, growth: dict[float, float]
-) -> tuple[Comparison, ...]:
+    assembly: Assembly, own: TunedPosture, elbows: TuningResult, borne: float, growth: dict[float, float]
+) -> tuple[ThesisValue, ...]:
     bias = assembly.modules.arm(only_arm(assembly)).bias
     thesis = 0.0 if bias is None else float(np.sum(bias.stiffness))
     unit = "N.m/rad"
     rows = [
-        Comparison(
+        ThesisValue(
             "sum of the joint springs",
             round(thesis, 3),
             round(own.total, 1),
             unit,
             "another load case, see below",
         ),
-        Comparison(
+        ThesisValue(
             "the same, best elbow", None, round(elbows.best.total, 1), unit, "the hand in the same place"
         ),
-        Comparison(
+        ThesisValue(
             "force that the thesis's joint springs carry",
             None,
             round(borne, 2),
@@ -148,11 +148,11 @@ def _comparisons(
     for share, factor in growth.items():
         name = f"departure at the end over that at full load, {share:g} of the springs"
         told = "dies out: holds" if factor < 1.0 else "grows: folds"
-        rows.append(Comparison(name, None, round(factor, 2), "1", told))
+        rows.append(ThesisValue(name, None, round(factor, 2), "1", told))
     return tuple(rows)
 
 
-def _joints(assembly: Assembly, question: Question, own: Tuned) -> Table:
+def _joints(assembly: Assembly, question: TuningRequest, own: TunedPosture) -> Table:
     limb = assembly.model.limbs[question.arm]
     bias = assembly.modules.arm(question.arm).bias
     springs = np.zeros(limb.joints.size) if bias is None else np.asarray(bias.stiffness)
@@ -172,7 +172,7 @@ def _joints(assembly: Assembly, question: Question, own: Tuned) -> Table:
     return table_of("Joint springs at the thesis's posture", columns, rows)
 
 
-def _elbows(elbows: Tuning) -> Table:
+def _elbows(elbows: TuningResult) -> Table:
     rows: list[list[Cell]] = [
         [round(found.posture.along, 2), found.total, 100.0 * found.share, min(found.hand)]
         for found in elbows.found
@@ -186,7 +186,7 @@ def _elbows(elbows: Tuning) -> Table:
     return table_of("Elbows with the hand in its place", columns, rows)
 
 
-def _picture(elbows: Tuning, runs: dict[float, tuple[Array, Array]]) -> Plot:
+def _picture(elbows: TuningResult, runs: dict[float, tuple[Array, Array]]) -> Plot:
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     left.plot([f.posture.along for f in elbows.found], [f.total for f in elbows.found], "o-")

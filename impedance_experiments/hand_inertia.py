@@ -81,7 +81,7 @@ def ellipsoid_plot(found: Mapping[str, HandInertia]) -> Plot:
     rows = figure.subplots(len(VIEWS), len(found), squeeze=False)
     for column, (name, hand) in enumerate(found.items()):
         for axes, (view, plane) in zip(rows[:, column], VIEWS.items(), strict=True):
-            _draw(axes, hand, plane, POSTURES[name])
+            _draw_ellipsoids(axes, hand, plane, POSTURES[name])
             axes.set(
                 title=f"{name}, {view}", xlabel=f"{NAMES[plane[0]]} [m]", ylabel=f"{NAMES[plane[1]]} [m]"
             )
@@ -95,7 +95,7 @@ def ellipsoid_plot(found: Mapping[str, HandInertia]) -> Plot:
     return Plot("inertia", caption, figure)
 
 
-def _draw(axes: Axes, hand: HandInertia, plane: tuple[int, int], per_kilogram: float) -> None:
+def _draw_ellipsoids(axes: Axes, hand: HandInertia, plane: tuple[int, int], per_kilogram: float) -> None:
     picked = list(plane)
     axes.plot(*hand.joints[:, picked].T, "o-", color="0.5", ms=3)
     centre = hand.joints[-1, picked]

@@ -12,11 +12,11 @@ from impedance_experiments.hand_inertia import POSTURES, ellipsoid_plot, hand_in
 from impedance_experiments.lost_support import (
     AMPLE,
     LOST,
-    Lost,
+    LostSupport,
     one_degree_of_freedom,
     press_and_lose,
 )
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.settings import Settings, Size
 from impedance_modules.superposition.examples import thesis_net_stiffness
@@ -91,7 +91,7 @@ _DIFFERENCES = (
 )
 
 
-def _stiffness_rows(runs: list[Displaced]) -> list[Comparison]:
+def _stiffness_rows(runs: list[Displaced]) -> list[ThesisValue]:
     rows, loaded = [], thesis_net_stiffness().at_hand
     for run, worn in zip(runs, ("no dry friction", "dry friction worn"), strict=False):
         for item in run.found:
@@ -100,7 +100,7 @@ def _stiffness_rows(runs: list[Displaced]) -> list[Comparison]:
             printed = PRINTED[name][0 if item.sign > 0 else 1]
             old = "" if loaded is None else f"; the thesis's own eq. 5.1 {loaded[item.axis, item.axis]:.1f}"
             rows.append(
-                Comparison(
+                ThesisValue(
                     f"slope along {direction}{name}, {worn}",
                     printed,
                     round(item.out.slope, 1),
@@ -112,15 +112,15 @@ def _stiffness_rows(runs: list[Displaced]) -> list[Comparison]:
     return rows
 
 
-def _press_rows(lost: list[Lost]) -> list[Comparison]:
+def _press_rows(lost: list[LostSupport]) -> list[ThesisValue]:
     soft, stiff = lost[:2]
     ratio = round(soft.energy / stiff.energy, 3)
     faster = round(soft.speed / stiff.speed, 3)
     return [
-        Comparison(
+        ThesisValue(
             "energy of the soft, deep spring over the stiff one's", 2.0, ratio, "", "20 N both, twice the way"
         ),
-        Comparison(
+        ThesisValue(
             "speed after the loss, soft over stiff", "larger", faster, "", "root of 2 without any damping"
         ),
     ]
@@ -145,7 +145,7 @@ def _slopes(runs: list[Displaced]) -> Table:
     return table_of("Force over way: slope and intercept, out and back", columns, rows)
 
 
-def _presses(lost: list[Lost]) -> Table:
+def _presses(lost: list[LostSupport]) -> Table:
     rows: list[list[Cell]] = []
     for run in lost:
         _, _, speeds = one_degree_of_freedom(run)
@@ -185,7 +185,7 @@ def _drawn_lines(runs: list[Displaced]) -> Plot:
     return Plot("stiffness", "Force over way of a displaced hand (as fig. 5-2)", figure)
 
 
-def _drawn_losses(lost: list[Lost]) -> Plot:
+def _drawn_losses(lost: list[LostSupport]) -> Plot:
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     force, energy, speed = figure.subplots(1, 3)
     for index, run in enumerate(lost):

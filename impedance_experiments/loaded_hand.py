@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_experiments.pushing import Trace, first_pushes, only_arm, trace_pushed
+from impedance_experiments.pushing import PushTrace, first_pushes, only_arm, trace_pushed
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.prediction.analysis import analyse_task
 
@@ -21,7 +21,7 @@ SHARE = (0.15, 0.98)
 
 
 @dataclass(frozen=True)
-class Line:
+class FittedLine:
     """Force over way, fitted by a line.
 
     Attributes:
@@ -46,8 +46,8 @@ class Displacement:
 
     axis: int
     sign: float
-    out: Line
-    back: Line
+    out: FittedLine
+    back: FittedLine
     turned: float
 
 
@@ -56,7 +56,7 @@ class Displaced:
     """A whole run: what K_net says, and what the plant did."""
 
     stiffness: Array
-    trace: Trace
+    trace: PushTrace
     found: tuple[Displacement, ...]
 
 
@@ -70,7 +70,7 @@ def displace(effects: Path | None, pushes: int, seed: int) -> Displaced:
     return Displaced(stiffness, trace, _displacements(assembly, trace))
 
 
-def _displacements(assembly: Assembly, trace: Trace) -> tuple[Displacement, ...]:
+def _displacements(assembly: Assembly, trace: PushTrace) -> tuple[Displacement, ...]:
     found = []
     for push in assembly.task.pushes:
         wrench = np.array(push.wrench)
@@ -86,8 +86,8 @@ def _displacements(assembly: Assembly, trace: Trace) -> tuple[Displacement, ...]
     return tuple(found)
 
 
-def _line(trace: Trace, part: NDArray[np.bool_], axis: int, sign: float, full: float) -> Line:
+def _line(trace: PushTrace, part: NDArray[np.bool_], axis: int, sign: float, full: float) -> FittedLine:
     force, way = sign * trace.push[part, axis], sign * trace.place[part, axis]
     fitted = (force > SHARE[0] * full) & (force < SHARE[1] * full)
     slope, intercept = np.polyfit(way[fitted], force[fitted], 1)
-    return Line(float(slope), float(intercept))
+    return FittedLine(float(slope), float(intercept))

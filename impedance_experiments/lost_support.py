@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from impedance_experiments.pushing import Trace, only_arm, trace_pushed
+from impedance_experiments.pushing import PushTrace, only_arm, trace_pushed
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
@@ -30,7 +30,7 @@ AMPLE = 50.0
 
 
 @dataclass(frozen=True)
-class Lost:
+class LostSupport:
     """One run.
 
     Attributes:
@@ -45,14 +45,14 @@ class Lost:
 
     task: str
     tank: float
-    trace: Trace
+    trace: PushTrace
     force: float
     stretch: float
     energy: float
     speed: float
 
 
-def press_and_lose(task_name: str, tank: float | None, seed: int) -> Lost:
+def press_and_lose(task_name: str, tank: float | None, seed: int) -> LostSupport:
     """Runs a task of fig. 4-8.
 
     Args:
@@ -74,7 +74,7 @@ def press_and_lose(task_name: str, tank: float | None, seed: int) -> Lost:
     after = trace.time >= LOST
     speed = max(0.0, -float(trace.twist[after, Z].min())) if after.any() else 0.0
     force = float(trace.push[before, Z])
-    return Lost(task_name, assembly.tank.initial, trace, force, stretch, 0.5 * stiffness * stretch**2, speed)
+    return LostSupport(task_name, assembly.tank.initial, trace, force, stretch, 0.5 * stiffness * stretch**2, speed)
 
 
 def _spring(assembly: Assembly) -> tuple[float, float]:
@@ -86,7 +86,7 @@ def _spring(assembly: Assembly) -> tuple[float, float]:
     return float(spring.stiffness[Z, Z]), rest
 
 
-def one_degree_of_freedom(run: Lost) -> tuple[float, Array, Array]:
+def one_degree_of_freedom(run: LostSupport) -> tuple[float, Array, Array]:
     """Solves eq. 4.8 for the hand after the loss; returns the mass m [kg], times [s] and speeds [m/s]."""
     assembly = assemble(run.task, effects=None, rate=None, scale=1.0, arm=None)
     mechanism, modules = Mechanism(assembly), assembly.modules

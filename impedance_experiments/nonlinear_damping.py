@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impedance_experiments.drive_fit import DriveFit, fit_drive
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.struck_joint import swinging_joint
@@ -76,14 +76,14 @@ def reproduce(settings: Settings) -> Page:
     return Page(
         summary=_SUMMARY,
         comparisons=(
-            Comparison(
+            ThesisValue(
                 "dry friction by speed alone, interactive over forward path", "most likely differ",
                 round(ratio, 2), "1",
                 "pushed from outside, the gear carries the whole push; driven from inside, only the links' inertia",
             ),
             *_explained("friction by speed alone", swapped_plain),
             *_explained("friction by speed and load", swapped),
-            Comparison(
+            ThesisValue(
                 "dry friction per load, both excitations together", None,
                 round(both.values["load_dependent_friction"]["kl"], 4), "1",
                 f"the plant's own is {truth[('load_dependent_friction', 'kl')]:g}",
@@ -152,9 +152,9 @@ def _truth(run: TaskRun, joint: str) -> dict[tuple[str, str], float]:
     return found
 
 
-def _explained(law: str, shares: Mapping[str, float]) -> list[Comparison]:
+def _explained(law: str, shares: Mapping[str, float]) -> list[ThesisValue]:
     return [
-        Comparison(
+        ThesisValue(
             f"{law}: fitted by the other excitation, accounts for the friction of {task}",
             None,
             round(100.0 * share, 2),

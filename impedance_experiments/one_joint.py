@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from impedance_experiments.thesis_page import Comparison, Page, Plot
-from impedance_experiments.pushing import Trace, only_arm, trace_pushed
+from impedance_experiments.thesis_page import ThesisValue, Page, Plot
+from impedance_experiments.pushing import PushTrace, only_arm, trace_pushed
 from impedance_experiments.settings import Settings
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.plant.pushes import push_wrench
@@ -40,7 +40,7 @@ _DIFFERENCES = (
 
 
 @dataclass(frozen=True)
-class Numbers:
+class WheelNumbers:
     """Eq. 4.8's m [kg.m^2], whole damping [N.m.s/rad] and stiffness [N.m/rad], from task and robot."""
 
     inertia: float
@@ -70,12 +70,12 @@ def reproduce(settings: Settings) -> Page:
     return Page(
         summary=_SUMMARY,
         comparisons=(
-            Comparison("stiffness felt by a push", "K_d", round(felt, 3), "N.m/rad", f"K_d is {numbers.stiffness:g}"),
-            Comparison(
+            ThesisValue("stiffness felt by a push", "K_d", round(felt, 3), "N.m/rad", f"K_d is {numbers.stiffness:g}"),
+            ThesisValue(
                 "overshoot after the jump, plant", f"eq. 4.8: {100.0 * (over_foretold / rest - 1.0):.1f}",
                 round(100.0 * (over / rest - 1.0), 2), "%", damped,
             ),
-            Comparison(
+            ThesisValue(
                 "largest departure from eq. 4.8", 0, round(100.0 * worst / rest, 3), "% of the jump",
                 "a command's delay of one period, the reported velocity's lag of 3 ms",
             ),
@@ -86,20 +86,20 @@ def reproduce(settings: Settings) -> Page:
     )  # fmt: skip
 
 
-def numbers_of(assembly: Assembly) -> Numbers:
+def numbers_of(assembly: Assembly) -> WheelNumbers:
     """Collects inertia, damping and stiffness about the joint from robot and task."""
     arm = assembly.task.arms[only_arm(assembly)]
     joint = assembly.model.joint_names[0]
     spring = arm.springs[0]
     damping = 0.0 if spring.damping is None else float(spring.damping[TURN, TURN])
-    return Numbers(
+    return WheelNumbers(
         inertia=float(assembly.model.mass_matrix(assembly.modules.posture)[0, 0]),
         damping=damping + assembly.robot.joints[joint].motor_damping,
         stiffness=float(spring.stiffness[TURN, TURN]),
     )
 
 
-def equation(assembly: Assembly, numbers: Numbers, time: Array) -> Array:
+def equation(assembly: Assembly, numbers: WheelNumbers, time: Array) -> Array:
     """Solves eq. 4.8 at given times (N,) [s] for the task's moving equilibrium and push; returns (N,) [rad]."""
     task, arm = assembly.task, only_arm(assembly)
     rest, moved = task.phases[:2]
@@ -126,7 +126,7 @@ def _rest(assembly: Assembly) -> float:
     return rest
 
 
-def _drawn(trace: Trace, foretold: Array, angle: Array) -> Plot:
+def _drawn(trace: PushTrace, foretold: Array, angle: Array) -> Plot:
     figure = Figure(figsize=(7.0, 3.4), layout="constrained")
     axes = figure.subplots()
     axes.plot(trace.time, angle, color="C3", label="plant")

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_experiments.settings import Settings
 from impedance_modules.superposition.examples import FIRST_ARM, LINK_LENGTH, MIRRORED_ARM, planar_inertia
 
@@ -42,13 +42,13 @@ def reproduce(settings: Settings) -> Page:
     )
 
 
-def _comparisons(found: dict[str, Array]) -> tuple[Comparison, ...]:
+def _comparisons(found: dict[str, Array]) -> tuple[ThesisValue, ...]:
     rows = []
     for name, printed in PRINTED.items():
         for i, j, unit in ((0, 0, "kg"), (0, 1, "kg"), (0, 2, "kg.m"), (2, 2, "kg.m^2")):
             quantity = f"{name}, Lambda_{NAMES[i]},{NAMES[j]}"
             ours = round(float(found[name][i, j]), 3) + 0.0
-            rows.append(Comparison(quantity, printed[i][j], ours, unit, "same links, same law"))
+            rows.append(ThesisValue(quantity, printed[i][j], ours, unit, "same links, same law"))
     return tuple(rows)
 
 

@@ -29,7 +29,7 @@ EVERY = 5
 
 
 @dataclass(frozen=True)
-class Trace:
+class PushTrace:
     """Motion of a pushed body, N looks; true, not sensed.
 
     Attributes:
@@ -73,7 +73,7 @@ def first_pushes(assembly: Assembly, count: int, settle: float) -> Assembly:
     return replace(assembly, task=replace(task, pushes=pushes, phases=(phase,)))
 
 
-def trace_pushed(assembly: Assembly, target: str, *, seed: int, noise: bool) -> Trace:
+def trace_pushed(assembly: Assembly, target: str, *, seed: int, noise: bool) -> PushTrace:
     """Runs a task and follows one body that it pushes.
 
     Args:
@@ -96,7 +96,7 @@ def trace_pushed(assembly: Assembly, target: str, *, seed: int, noise: bool) -> 
     supervisor = watch_task(assembly, look, seed=seed, noise=noise)
     start = rows[0][1]
     ending = "" if supervisor.ending is None else supervisor.ending.value
-    return Trace(
+    return PushTrace(
         time=np.array([row[0] for row in rows]),
         place=np.array([displacement(start, row[1]) for row in rows]),
         twist=np.array([row[2] for row in rows]),

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impedance_experiments.drive_fit import DriveFit, fit_drive
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_experiments.settings import Settings, Size
-from impedance_experiments.struck_joint import Struck, strike
+from impedance_experiments.struck_joint import FreeSwing, strike
 from impedance_experiments.torque_steps import (
     LAWS,
-    Steps,
+    StepsFit,
     diagnose_steps,
     read_steps,
     step_against,
@@ -48,7 +48,7 @@ def reproduce(settings: Settings) -> Page:
         phases = SHORT_PHASES if quick else None
         runs.append(step_against(stiffness, joint, work, seed=settings.seed + number, phases=phases))
     steps = [read_steps(run, joint, k) for run, k in zip(runs, springs, strict=True)]
-    struck: dict[str, list[Struck]] = {}
+    struck: dict[str, list[FreeSwing]] = {}
     fits: dict[str, list[DriveFit]] = {}
     truth = {}
     for share, (task, patch, stiffnesses), name in zip((0.5, 0.65), BLOWS, (WRIST, ELBOW), strict=True):
@@ -68,8 +68,8 @@ def reproduce(settings: Settings) -> Page:
 
 
 def _page(
-    steps: Sequence[Steps],
-    struck: dict[str, list[Struck]],
+    steps: Sequence[StepsFit],
+    struck: dict[str, list[FreeSwing]],
     fits: dict[str, list[DriveFit]],
     answer: Diagnosis | None,
     truth: dict[str, float],
@@ -152,10 +152,10 @@ _DIFFERENCES = (
 )
 
 
-def _inertia(quantity: str, printed: str, values: Sequence[float], truth: float, how: str) -> Comparison:
+def _inertia(quantity: str, printed: str, values: Sequence[float], truth: float, how: str) -> ThesisValue:
     mean = float(np.mean(values))
     reason = f"{how}; the plant's own is {truth:g}: {100.0 * (mean / truth - 1.0):+.1f} %"
-    return Comparison(quantity, printed, round(mean, 5), "kg.m^2", reason, _range(values, 4))
+    return ThesisValue(quantity, printed, round(mean, 5), "kg.m^2", reason, _range(values, 4))
 
 
 def _range(values: Sequence[float], digits: int) -> str:
@@ -166,12 +166,12 @@ def _range(values: Sequence[float], digits: int) -> str:
     )
 
 
-def _accounted(quantity: str, shares: Sequence[float]) -> Comparison:
+def _accounted(quantity: str, shares: Sequence[float]) -> ThesisValue:
     percent = [100.0 * share for share in shares]
-    return Comparison(quantity, 96, round(min(percent), 2), "%", "the worst spring", _range(percent, 2))
+    return ThesisValue(quantity, 96, round(min(percent), 2), "%", "the worst spring", _range(percent, 2))
 
 
-def _named(answer: Diagnosis, truth: float) -> list[Comparison]:
+def _named(answer: Diagnosis, truth: float) -> list[ThesisValue]:
     rows = []
     for cause in answer.causes:
         for joint, symbols in cause.parameters.items():
@@ -180,7 +180,7 @@ def _named(answer: Diagnosis, truth: float) -> list[Comparison]:
             if cause.effect == "asymmetric_friction":
                 known = "the patch's are fc 0.15, da 0.04"
             rows.append(
-                Comparison(
+                ThesisValue(
                     f"named by the diagnosis: {cause.effect} on {joint}",
                     None,
                     numbers,
@@ -191,7 +191,7 @@ def _named(answer: Diagnosis, truth: float) -> list[Comparison]:
     return rows
 
 
-def _step_table(steps: Sequence[Steps]) -> Table:
+def _step_table(steps: Sequence[StepsFit]) -> Table:
     rows: list[list[Cell]] = []
     for one in steps:
         values = one.fit.values
@@ -209,7 +209,7 @@ def _step_table(steps: Sequence[Steps]) -> Table:
     return table_of("Torque steps on W1; the plant's own: 0.044, 0.7, 0.19, 0.11", columns, rows)
 
 
-def _blow_table(struck: dict[str, list[Struck]]) -> Table:
+def _blow_table(struck: dict[str, list[FreeSwing]]) -> Table:
     rows: list[list[Cell]] = []
     for joint, swings in struck.items():
         for one in swings:
@@ -222,7 +222,7 @@ def _blow_table(struck: dict[str, list[Struck]]) -> Table:
     return table_of("Free swings after a blow; the plant's own: 0.044 and 0.6, D 0.7", columns, rows)
 
 
-def _drawn_steps(steps: Sequence[Steps]) -> Plot:
+def _drawn_steps(steps: Sequence[StepsFit]) -> Plot:
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     angle, torque = figure.subplots(1, 2)
     one = steps[0]
@@ -238,7 +238,7 @@ def _drawn_steps(steps: Sequence[Steps]) -> Plot:
     return Plot("steps", "Four steps of torque against a real spring, and the fit (as fig. 3-7)", figure)
 
 
-def _drawn_blows(struck: dict[str, list[Struck]]) -> Plot:
+def _drawn_blows(struck: dict[str, list[FreeSwing]]) -> Plot:
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     for axes, (joint, swings) in zip(figure.subplots(1, 2), struck.items(), strict=True):
         for index, one in enumerate(swings):

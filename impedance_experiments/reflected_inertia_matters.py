@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impedance_experiments.apparent_mass import TASK, Impact, against, assembled, strike
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.apparent_mass import TASK, Impact, against, assembled, first_contact
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_experiments.planar_mass import ABSOLUTE, RELATIVE, Masses, planar_masses
 from impedance_experiments.settings import Settings
 
@@ -28,7 +28,7 @@ Pair = tuple[Impact, Impact]
 
 
 def reproduce(settings: Settings) -> Page:
-    """Computes the masses in all readings, and lets both robots strike the same surfaces."""
+    """Computes the masses in all readings, and lets both robots first_contact the same surfaces."""
     masses, strikes = _masses(), _strikes(settings)
     settings.on_progress(1.0, "done")
     return Page(
@@ -79,7 +79,7 @@ def _strikes(settings: Settings) -> dict[float, Pair]:
     found: dict[float, Pair] = {}
     for number, stiffness in enumerate(surfaces):
         settings.on_progress(number / len(surfaces), f"surface of {stiffness:g} N/m")
-        heavy, light = (strike(against(robot, stiffness), settings.seed) for robot in robots)
+        heavy, light = (first_contact(against(robot, stiffness), settings.seed) for robot in robots)
         found[stiffness] = (heavy, light)
     return found
 
@@ -98,29 +98,29 @@ def _summary(strikes: dict[float, Pair]) -> str:
     )
 
 
-def _mass_rows(masses: dict[str, Masses]) -> tuple[Comparison, ...]:
+def _mass_rows(masses: dict[str, Masses]) -> tuple[ThesisValue, ...]:
     reading = masses["joint angles"]
     rows = []
     for robot, printed in PRINTED.items():
         for which, value, mass in zip(("largest", "smallest"), printed, reading.extremes(robot), strict=True):
             reason = f"square root, as Appendix A draws it; the eigenvalue itself is {mass:.3g} kg"
             label = f"{which} apparent mass {robot} I_r, square root of the eigenvalue"
-            rows.append(Comparison(label, value, round(math.sqrt(mass), 3), "kg as printed", reason))
+            rows.append(ThesisValue(label, value, round(math.sqrt(mass), 3), "kg as printed", reason))
     for which, quotient, index in (("largest", 1.58, 0), ("smallest", 1.71, 1)):
         ratio = reading.extremes("with")[index] / reading.extremes("without")[index]
         label = f"ratio of the {which} apparent masses with / without I_r, read as"
         same = "the printed ratio is one of square roots"
-        rows.append(Comparison(f"{label} square roots", quotient, round(math.sqrt(ratio), 3), "", same))
+        rows.append(ThesisValue(f"{label} square roots", quotient, round(math.sqrt(ratio), 3), "", same))
         squared = f"{quotient} squared; what a touch feels"
         rows.append(
-            Comparison(f"{label} masses", f"{quotient**2:.2f} (squared)", round(ratio, 3), "", squared)
+            ThesisValue(f"{label} masses", f"{quotient**2:.2f} (squared)", round(ratio, 3), "", squared)
         )
     for robot, force in (("with", 3.67), ("without", 2.34)):
         mass = reading.extremes(robot)[0]
         label = f"F = m v / T {robot} I_r, {SPEED} m/s, 70 ms, the planar arm's heaviest direction"
         as_printed, really = (value * SPEED / CONTACT_TIME for value in (math.sqrt(mass), mass))
         reason = f"the square root in the place of the mass, as in the thesis; the mass itself gives {really:.2f} N"
-        rows.append(Comparison(label, force, round(as_printed, 3), "N", reason))
+        rows.append(ThesisValue(label, force, round(as_printed, 3), "N", reason))
     return tuple(rows)
 
 
@@ -165,7 +165,7 @@ def _ratios(strikes: dict[float, Pair]) -> dict[str, float]:
     }
 
 
-def _impact_rows(strikes: dict[float, Pair]) -> tuple[Comparison, ...]:
+def _impact_rows(strikes: dict[float, Pair]) -> tuple[ThesisValue, ...]:
     heavy, light = strikes[WITH_70_MS]
     slower = strikes[WITHOUT_70_MS][1]
     ratios = _ratios(strikes)
@@ -180,19 +180,19 @@ def _impact_rows(strikes: dict[float, Pair]) -> tuple[Comparison, ...]:
     }
     printed = {"mean force, same contact time": 1.6}
     rows = [
-        Comparison(
+        ThesisValue(
             f"the same with I_r, posture of `{TASK}`", 3.67, heavy.mass * SPEED / CONTACT_TIME, "N", MASS
         ),
-        Comparison(
+        ThesisValue(
             f"the same without, posture of `{TASK}`", 2.34, light.mass * SPEED / CONTACT_TIME, "N", MASS
         ),
-        Comparison(
+        ThesisValue(
             "contact time with I_r", 70, 1e3 * heavy.duration, "ms", "the surface's stiffness was chosen"
         ),
     ]
     for name, value in ratios.items():
         rows.append(
-            Comparison(f"{name}, with / without", printed.get(name), round(value, 3), "", reasons[name])
+            ThesisValue(f"{name}, with / without", printed.get(name), round(value, 3), "", reasons[name])
         )
     return tuple(rows)
 

@@ -12,10 +12,10 @@ from impedance_experiments.sanding_cases import (
     DEEP,
     SHALLOW,
     SLANTED,
-    Scheme,
+    DepthRuns,
     contact_shares,
     numbers,
-    run_scheme,
+    run_depth,
     smooth_board,
 )
 from impedance_experiments.sanding_plots import (
@@ -25,16 +25,16 @@ from impedance_experiments.sanding_plots import (
     stroke_plot,
     stuck_plot,
 )
-from impedance_experiments.sanding_rule import feel_of, operate, score, set_bound
+from impedance_experiments.sanding_rule import smooth_statistics, roc_curve, score, set_bound
 from impedance_experiments.sanding_runs import Sanding, board_of, sand, sanding_task
-from impedance_experiments.sanding_woods import Kind, draw_wood
+from impedance_experiments.sanding_woods import WoodKind, draw_wood
 from impedance_experiments.sanding_words import (
     BOTH,
     DIFFERENCES,
     FREE,
     MEASURES,
     UNTIL_SMOOTH,
-    Judged,
+    RuleEvaluation,
     case_table,
     comparisons_of,
     rule_table,
@@ -58,9 +58,9 @@ def reproduce(settings: Settings) -> Page:
     long, plain, slant = (settings.choose(*times) for times in ((15, 60, 60), (5, 29, 29), (6, 20, 20)))
     press = settings.choose(9, 60, 60)
     settings.on_progress(0.0, "nearly at the surface")
-    schemes = {"equilibrium 3 cm below the wood": run_scheme(SHALLOW, settings.seed, long, plain)}
+    schemes = {"equilibrium 3 cm below the wood": run_depth(SHALLOW, settings.seed, long, plain)}
     settings.on_progress(0.15, "deep below the surface")
-    schemes["equilibrium 12 cm below the wood"] = run_scheme(DEEP, settings.seed, press, plain)
+    schemes["equilibrium 12 cm below the wood"] = run_depth(DEEP, settings.seed, press, plain)
     settings.on_progress(0.3, "forearm slanting")
     slanted = sand(sanding_task(SLANTED, seconds=slant), settings.seed)
     finished = sand(_until_smooth(settings), settings.seed)
@@ -90,14 +90,14 @@ def _until_smooth(settings: Settings) -> Assembly:
     return sanding_task(UNTIL_SMOOTH, board=smooth_board(board_of(sanding_task(UNTIL_SMOOTH))))
 
 
-def _judge(settings: Settings) -> Judged:
+def _judge(settings: Settings) -> RuleEvaluation:
     """Sets the bound on some pieces of wood and counts on others."""
     set_on, judged_on = settings.choose(1, 10, 30), settings.choose(1, 10, 100)
     count = settings.choose(1, 4, 4)
     first = JUDGED_ON + settings.seed
     seeds = [*range(SET_ON, SET_ON + set_on), *range(first, first + judged_on)]
-    jobs = [(seed, kind, count) for seed in seeds for kind in Kind]
-    scores: dict[tuple[str, Kind], list[float]] = {(m, k): [] for m in MEASURES for k in Kind}
+    jobs = [(seed, kind, count) for seed in seeds for kind in WoodKind]
+    scores: dict[tuple[str, WoodKind], list[float]] = {(m, k): [] for m in MEASURES for k in WoodKind}
 
     def on_done(number: int) -> None:
         settings.on_progress(0.4 + 0.6 * number / len(jobs), f"piece of wood {number} of {len(jobs)}")
@@ -105,14 +105,14 @@ def _judge(settings: Settings) -> Judged:
     for job, found in zip(jobs, carry_out_all(_judge_piece, jobs, settings.work, on_done), strict=True):
         for measure, value in found.items():
             scores[measure, job[1]].append(value)
-    smooth, rough = ({m: np.array(scores[m, kind]) for m in MEASURES} for kind in (Kind.SMOOTH, Kind.ROUGH))
-    feel = feel_of({measure: values[:set_on] for measure, values in smooth.items()})
+    smooth, rough = ({m: np.array(scores[m, kind]) for m in MEASURES} for kind in (WoodKind.SMOOTH, WoodKind.ROUGH))
+    feel = smooth_statistics({measure: values[:set_on] for measure, values in smooth.items()})
     worst = feel.worst(smooth), feel.worst(rough)
     bound = set_bound(*(values[:set_on] for values in worst))
-    curves = {name: operate(smooth[m][set_on:], rough[m][set_on:]) for m, name in MEASURES.items()}
-    curves[BOTH] = operate(*(values[set_on:] for values in worst))
+    curves = {name: roc_curve(smooth[m][set_on:], rough[m][set_on:]) for m, name in MEASURES.items()}
+    curves[BOTH] = roc_curve(*(values[set_on:] for values in worst))
     fires = [values[set_on:] < bound for values in worst]
-    return Judged(
+    return RuleEvaluation(
         bounds=feel.bounds(bound),
         hits=float(np.mean(fires[0])),
         alarms=float(np.mean(fires[1])),
@@ -124,7 +124,7 @@ def _judge(settings: Settings) -> Judged:
     )
 
 
-def _judge_piece(job: tuple[int, Kind, int]) -> dict[str, float]:
+def _judge_piece(job: tuple[int, WoodKind, int]) -> dict[str, float]:
     """Sands one piece of wood, given by its seed and kind, and scores its first windows by every measure."""
     seed, kind, count = job
     board = draw_wood(board_of(sanding_task(SHALLOW)), kind, seed)
@@ -133,7 +133,7 @@ def _judge_piece(job: tuple[int, Kind, int]) -> dict[str, float]:
 
 
 def _facts(
-    shallow: Scheme, deep: Scheme, slanted: Sanding, judged: Judged, finished: Sanding
+    shallow: DepthRuns, deep: DepthRuns, slanted: Sanding, judged: RuleEvaluation, finished: Sanding
 ) -> dict[str, float]:
     first, last = shallow.rough.stuck or (0.0, 0.0)
     return {

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_experiments.sanding_runs import Sanding, board_of, sand, sanding_task
-from impedance_experiments.sanding_woods import KINDS, Kind
+from impedance_experiments.sanding_woods import KINDS, WoodKind
 from impedance_modules.control.roughness_windows import Window, frequencies
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.task import SurfaceSpec
@@ -23,7 +23,7 @@ MOST_WINDOWS = 8
 
 
 @dataclass(frozen=True)
-class Scheme:
+class DepthRuns:
     """One depth of the equilibrium.
 
     Attributes:
@@ -53,7 +53,7 @@ def smooth_board(board: SurfaceSpec) -> SurfaceSpec:
     wood = board.wood
     if wood is None or wood.roughness is None:
         return board
-    ranges = KINDS[Kind.SMOOTH]
+    ranges = KINDS[WoodKind.SMOOTH]
     even = replace(
         wood.roughness,
         height=float(np.mean(ranges.height)),
@@ -62,7 +62,7 @@ def smooth_board(board: SurfaceSpec) -> SurfaceSpec:
     return replace(board, wood=replace(wood, roughness=even, splinters=None))
 
 
-def run_scheme(task: str, seed: int, rough_seconds: float, smooth_seconds: float) -> Scheme:
+def run_depth(task: str, seed: int, rough_seconds: float, smooth_seconds: float) -> DepthRuns:
     """Sands the task's own wood and its smooth likeness."""
     rough = sand(sanding_task(task, seconds=rough_seconds), seed)
     board = smooth_board(board_of(sanding_task(task)))
@@ -73,7 +73,7 @@ def run_scheme(task: str, seed: int, rough_seconds: float, smooth_seconds: float
             f"task '{task}': too few windows, {len(rough.windows)} on rough and {len(smooth.windows)} on smooth wood "
             f"(valid: two and one; on rough wood {rough.stuck} s were spent in splinters)"
         )
-    return Scheme(rough, smooth, rough.windows[:count], rough.windows[-count:], smooth.windows[:MOST_WINDOWS])
+    return DepthRuns(rough, smooth, rough.windows[:count], rough.windows[-count:], smooth.windows[:MOST_WINDOWS])
 
 
 def numbers(windows: Sequence[Window], name: str) -> Array:

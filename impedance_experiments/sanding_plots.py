@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from scipy.signal import detrend
 
 from impedance_experiments.thesis_page import Plot
-from impedance_experiments.sanding_cases import Scheme, numbers, spectrum
-from impedance_experiments.sanding_rule import Operating
+from impedance_experiments.sanding_cases import DepthRuns, numbers, spectrum
+from impedance_experiments.sanding_rule import RocCurve
 from impedance_experiments.sanding_runs import Sanding
 from impedance_modules.control.roughness_windows import LENGTH, SAMPLE_RATE, Window
 
@@ -46,7 +46,7 @@ def stuck_plot(run: Sanding, until: float) -> Plot:
     )
 
 
-def stroke_plot(schemes: Mapping[str, Scheme], seconds: float = 7.0) -> Plot:
+def stroke_plot(schemes: Mapping[str, DepthRuns], seconds: float = 7.0) -> Plot:
     """Draws place, velocity and force of some strokes at both depths, judged windows shaded (fig. 5-10, 5-12)."""
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     rows = figure.subplots(4, len(schemes), sharex="col", squeeze=False)
@@ -88,7 +88,7 @@ def _mean_in_time(axes: Axes, run: Sanding, windows: Sequence[Window], colour: s
     axes.fill_between(since, mean - deviation, mean + deviation, color=colour, alpha=0.2)
 
 
-def spectrum_plot(schemes: Mapping[str, Scheme]) -> Plot:
+def spectrum_plot(schemes: Mapping[str, DepthRuns]) -> Plot:
     """Draws the force in time, mean spectra and the two measures of every case, a row per depth (fig. 5-11, 5-13)."""
     figure = Figure(figsize=(12.0, 3.0 * len(schemes)), layout="constrained")
     rows = figure.subplots(len(schemes), 4, squeeze=False, width_ratios=(2, 2, 1, 1))
@@ -138,7 +138,7 @@ def orientation_plot(upright: Sanding, slanted: Sanding, last: float) -> Plot:
     )
 
 
-def rule_plot(curves: Mapping[str, Operating], chosen: tuple[float, float]) -> Plot:
+def rule_plot(curves: Mapping[str, RocCurve], chosen: tuple[float, float]) -> Plot:
     """Draws the rules' operating characteristics."""
     figure = Figure(figsize=(4.6, 4.2), layout="constrained")
     axes = figure.subplots()

@@ -32,7 +32,7 @@ SPREADS = (0.5, 0.3)
 
 
 @dataclass(frozen=True)
-class Operating:
+class RocCurve:
     """A receiver operating characteristic.
 
     Attributes:
@@ -46,7 +46,7 @@ class Operating:
 
 
 @dataclass(frozen=True)
-class Feel:
+class SmoothStatistics:
     """What smooth wood feels like.
 
     Attributes:
@@ -66,11 +66,11 @@ class Feel:
         return {name: mean + bound * self.deviation[name] for name, mean in self.mean.items()}
 
 
-def feel_of(scores: Mapping[str, Array]) -> Feel:
+def smooth_statistics(scores: Mapping[str, Array]) -> SmoothStatistics:
     """Takes the scores (m,) of smooth pieces by every measure; pieces without enough windows say nothing."""
     known = {name: values[np.isfinite(values)] for name, values in scores.items()}
     deviations = {name: max(float(values.std()), 1e-3) for name, values in known.items()}
-    return Feel({name: float(values.mean()) for name, values in known.items()}, deviations)
+    return SmoothStatistics({name: float(values.mean()) for name, values in known.items()}, deviations)
 
 
 def score(windows: tuple[Window, ...], measure: str, count: int) -> float:
@@ -92,10 +92,10 @@ def set_bound(smooth: Array, rough: Array) -> float:
     return float(brentq(excess, 1e-6, top))
 
 
-def operate(smooth: Array, rough: Array) -> Operating:
+def roc_curve(smooth: Array, rough: Array) -> RocCurve:
     """Draws the curve of a rule over all its bounds."""
     bounds = np.concatenate([[-np.inf], np.sort(np.concatenate([smooth, rough]))])
     bounds = bounds[bounds < np.inf]
     false = np.array([*(np.mean(rough <= bound) for bound in bounds), 1.0])
     true = np.array([*(np.mean(smooth <= bound) for bound in bounds), 1.0])
-    return Operating(false, true, float(np.trapezoid(true, false)))
+    return RocCurve(false, true, float(np.trapezoid(true, false)))

@@ -24,7 +24,7 @@ from impedance_modules.spec.wood import RoughnessSpec, SplintersSpec, WoodSpec
 Range = tuple[float, float]
 
 
-class Kind(Enum):
+class WoodKind(Enum):
     """Which wood."""
 
     ROUGH = "rough"
@@ -46,13 +46,13 @@ class Ranges:
     density: Range
 
 
-KINDS: dict[Kind, Ranges] = {
-    Kind.ROUGH: Ranges(height=(3e-4, 8e-4), rough_friction=(0.2, 0.5), density=(50.0, 300.0)),
-    Kind.SMOOTH: Ranges(height=(1e-5, 8e-5), rough_friction=(0.0, 0.08), density=(0.0, 0.0)),
+KINDS: dict[WoodKind, Ranges] = {
+    WoodKind.ROUGH: Ranges(height=(3e-4, 8e-4), rough_friction=(0.2, 0.5), density=(50.0, 300.0)),
+    WoodKind.SMOOTH: Ranges(height=(1e-5, 8e-5), rough_friction=(0.0, 0.08), density=(0.0, 0.0)),
 }
-FRICTION: Range = (0.35, 0.55)
+BASE_FRICTION: Range = (0.35, 0.55)
 WAVELENGTH: Range = (0.008, 0.014)
-STIFFNESS: Range = (4e3, 1e4)
+BACKING_STIFFNESS: Range = (4e3, 1e4)
 WEAR: Range = (4e3, 1.2e4)
 LEAST_FORCE: Range = (8.0, 12.0)
 MOST_FORCE: Range = (15.0, 25.0)
@@ -61,7 +61,7 @@ REACH = 0.004
 """How near the tool must come to a splinter [m]."""
 
 
-def draw_wood(board: SurfaceSpec, kind: Kind, seed: int) -> SurfaceSpec:
+def draw_wood(board: SurfaceSpec, kind: WoodKind, seed: int) -> SurfaceSpec:
     """Draws a piece of wood of the same shape and place as a task's board.
 
     Args:
@@ -75,7 +75,7 @@ def draw_wood(board: SurfaceSpec, kind: Kind, seed: int) -> SurfaceSpec:
     def between(low_high: Range) -> float:
         return float(source.uniform(*low_high))
 
-    friction, stiffness = between(FRICTION), between(STIFFNESS)
+    friction, stiffness = between(BASE_FRICTION), between(BACKING_STIFFNESS)
     wavelength, wear = between(WAVELENGTH), between(WEAR)
     force, endurance = (between(LEAST_FORCE), between(MOST_FORCE)), between(ENDURANCE)
     height, rough_friction, density = (

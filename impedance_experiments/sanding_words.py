@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_experiments.thesis_page import Cell, Comparison, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Table, table_of
 from impedance_experiments.sanding_cases import (
     DEEP,
     SHALLOW,
     SLANTED,
-    Scheme,
+    DepthRuns,
     contact_shares,
     numbers,
     separation,
     spectrum,
 )
 from impedance_experiments.sanding_plots import wear_values
-from impedance_experiments.sanding_rule import Operating
+from impedance_experiments.sanding_rule import RocCurve
 from impedance_experiments.sanding_runs import Sanding
 
 MEASURES = {"band": "spectrum, 15 to 25 Hz", "friction": "coefficient of friction"}
@@ -37,7 +37,7 @@ FREE = 5.0
 
 
 @dataclass(frozen=True)
-class Judged:
+class RuleEvaluation:
     """The rule on pieces that it has not been set on.
 
     Attributes:
@@ -54,13 +54,13 @@ class Judged:
     hits: float
     alarms: float
     alarmed: tuple[int, ...]
-    curves: dict[str, Operating]
+    curves: dict[str, RocCurve]
     pieces: tuple[int, int]
     seeds: tuple[int, int]
     windows: int
 
 
-def summary_of(shallow: Scheme, judged: Judged, finished: Sanding) -> str:
+def summary_of(shallow: DepthRuns, judged: RuleEvaluation, finished: Sanding) -> str:
     """Says what was done and what came out; Markdown."""
     run = shallow.rough
     _, left = wear_values(run)
@@ -94,17 +94,17 @@ def _held(run: Sanding) -> str:
     )
 
 
-def comparisons_of(shallow: Scheme, deep: Scheme, slanted: Sanding, judged: Judged) -> Iterator[Comparison]:
+def comparisons_of(shallow: DepthRuns, deep: DepthRuns, slanted: Sanding, judged: RuleEvaluation) -> Iterator[ThesisValue]:
     """Lays the thesis's words and numbers beside ours."""
     first, last = shallow.rough.stuck or (0.0, 0.0)
-    yield Comparison(
+    yield ThesisValue(
         "stuck on splinters before breaking free", 7.0, last - first, "s", "the wood is ours: strength chosen"
     )
-    yield Comparison(
+    yield ThesisValue(
         "net work done on the wood", "done", float(shallow.rough.work[-1]), "J", "printed as a fact"
     )
     ratio = float(numbers(shallow.end, "band").mean() / numbers(shallow.start, "band").mean())
-    yield Comparison(
+    yield ThesisValue(
         "tangential force near 20 Hz, end over start, shallow",
         "almost 0.5",
         ratio,
@@ -114,7 +114,7 @@ def comparisons_of(shallow: Scheme, deep: Scheme, slanted: Sanding, judged: Judg
     nu, amplitude = spectrum(shallow.start)
     high = nu >= TEXTURE
     peak = float(nu[high][np.argmax(amplitude[high])])
-    yield Comparison(
+    yield ThesisValue(
         "local maximum of the spectrum above 12 Hz, shallow",
         20.0,
         peak,
@@ -123,7 +123,7 @@ def comparisons_of(shallow: Scheme, deep: Scheme, slanted: Sanding, judged: Judg
     )
     for name, scheme in (("shallow", shallow), ("deep", deep)):
         for measure, words in MEASURES.items():
-            yield Comparison(
+            yield ThesisValue(
                 f"start against smooth by {words}, {name}",
                 "marked" if (name == "shallow") == (measure == "band") else "less",
                 separation(scheme.start, scheme.plain, measure),
@@ -137,14 +137,14 @@ def comparisons_of(shallow: Scheme, deep: Scheme, slanted: Sanding, judged: Judg
     ):
         towards, away = contact_shares(run, FREE)
         reason = f"towards the robot: {towards:.2f}; slanting, the hand rises on an arc"
-        yield Comparison(f"share of pushing away in contact, {name}", printed, away, "1", reason)
+        yield ThesisValue(f"share of pushing away in contact, {name}", printed, away, "1", reason)
     named = f"seeds {', '.join(map(str, judged.alarmed))}" if judged.alarmed else ""
     pieces = f"{judged.pieces[1]} pieces that it was not set on"
-    yield Comparison("rule fires on smooth wood", "differs from rough", judged.hits, "1", pieces)
-    yield Comparison("rule fires on rough wood", "differs from smooth", judged.alarms, "1", pieces, named)
+    yield ThesisValue("rule fires on smooth wood", "differs from rough", judged.hits, "1", pieces)
+    yield ThesisValue("rule fires on rough wood", "differs from smooth", judged.alarms, "1", pieces, named)
 
 
-def case_table(schemes: dict[str, Scheme]) -> Table:
+def case_table(schemes: dict[str, DepthRuns]) -> Table:
     """Tabulates both measures of every case at both depths."""
     rows: list[list[Cell]] = [
         [
@@ -163,7 +163,7 @@ def case_table(schemes: dict[str, Scheme]) -> Table:
     return table_of("Windows of 0.8 s, mean and standard deviation", columns, rows)
 
 
-def rule_table(judged: Judged) -> Table:
+def rule_table(judged: RuleEvaluation) -> Table:
     """Tabulates how well each measure tells smooth from rough."""
     rows = [(name, curve.area) for name, curve in judged.curves.items()]
     return table_of(

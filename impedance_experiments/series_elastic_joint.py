@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_experiments.blow import BLOW_FORCE, Blow, strike
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Table, table_of
+from impedance_experiments.blow import BLOW_FORCE, Blow, blow_response
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Table, table_of
 from impedance_experiments.series_elastic_plots import draw_blow, draw_bode, draw_poles
 from impedance_experiments.settings import Settings
 from impedance_modules.robot.kinematics import Kinematics
@@ -30,7 +30,7 @@ def reproduce(settings: Settings) -> Page:
     studied = limb.short_names[ELBOW]
     joint, lever = joints[studied], _lever(model, limb, q)
     settings.on_progress(0.5, "blow")
-    blow = strike(joint, lever)
+    blow = blow_response(joint, lever)
     omega = np.geomspace(1.0, 1000.0, settings.choose(300, 2000, 2000))
     limits = {name: rigid_up_to(joint, motor=True) for name, joint in joints.items()}
     settings.on_progress(1.0, "done")
@@ -115,10 +115,10 @@ def _least_real_part(joint: SeriesElasticJoint, output: int, torque: int) -> flo
     return float(np.min(joint.mobility(omega)[:, output, torque].real))
 
 
-def _comparisons(joint: SeriesElasticJoint, limits: dict[str, float], blow: Blow) -> tuple[Comparison, ...]:
+def _comparisons(joint: SeriesElasticJoint, limits: dict[str, float], blow: Blow) -> tuple[ThesisValue, ...]:
     values = list(limits.values())
     return (
-        Comparison(
+        ThesisValue(
             "rigid mode dominates up to",
             "about 90",
             limits[_nearest(limits, 90.0)],
@@ -126,29 +126,29 @@ def _comparisons(joint: SeriesElasticJoint, limits: dict[str, float], blow: Blow
             f"nearest joint, {_nearest(limits, 90.0)}; 3 dB from the reduced model, motor torque to link velocity",
             f"{min(values):.0f} to {max(values):.0f} over the joints",
         ),
-        Comparison("poles of one joint", 4, len(joint.poles), "", "fourth order; 28 for an arm of seven"),
-        Comparison(
+        ThesisValue("poles of one joint", 4, len(joint.poles), "", "fourth order; 28 for an arm of seven"),
+        ThesisValue(
             "motor torque to link velocity passive",
             "no",
             "no" if _least_real_part(joint, 0, 1) < 0.0 else "yes",
             "",
             f"smallest real part {_least_real_part(joint, 0, 1):.2g} rad/s per N.m",
         ),
-        Comparison(
+        ThesisValue(
             "motor torque to motor velocity passive",
             "yes",
             "yes" if _least_real_part(joint, 1, 1) >= 0.0 else "no",
             "",
             "collocated; smallest real part not below 0",
         ),
-        Comparison(
+        ThesisValue(
             "blow: largest departure of the angle from the reduced model",
             "slightest oscillation",
             100.0 * float(blow.departure[0]),
             "% of the way moved",
             "on the scale of the whole motion the second mode is hardly seen: the thesis is right",
         ),
-        Comparison(
+        ThesisValue(
             "blow: the same for the velocity",
             None,
             100.0 * float(blow.departure[1]),

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.stability_search import (
@@ -150,9 +150,9 @@ def _summary(limits: list[Limit]) -> str:
     )
 
 
-def _comparisons(limits: list[Limit], drifts: list[tuple[float, float, float]]) -> tuple[Comparison, ...]:
+def _comparisons(limits: list[Limit], drifts: list[tuple[float, float, float]]) -> tuple[ThesisValue, ...]:
     rows = [
-        Comparison(
+        ThesisValue(
             f"highest stable endpoint stiffness, {limit.loop.rate:g} Hz, ratio {limit.loop.ratio:g}",
             "about 900",
             round(limit.simulated),
@@ -166,7 +166,7 @@ def _comparisons(limits: list[Limit], drifts: list[tuple[float, float, float]]) 
         printed = "drifts below about 10 N/m" if stiffness <= 10.0 else None
         reason = f"statics say {1e3 * predicted:.0f}; 2 N that the robot does not carry"
         rows.append(
-            Comparison(f"hand sinks at {stiffness:g} N/m by", printed, round(1e3 * found), "mm", reason)
+            ThesisValue(f"hand sinks at {stiffness:g} N/m by", printed, round(1e3 * found), "mm", reason)
         )
     return tuple(rows)
 

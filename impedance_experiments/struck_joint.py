@@ -34,7 +34,7 @@ SETTLED = 0.12
 
 
 @dataclass(frozen=True)
-class Struck:
+class FreeSwing:
     """One blow and the swing after it.
 
     Attributes:
@@ -63,7 +63,7 @@ class Struck:
     fitted: Array
 
 
-def strike(task: str, patch: str, stiffness: float, folder: Path, seed: int) -> tuple[TaskRun, Struck]:
+def strike(task: str, patch: str, stiffness: float, folder: Path, seed: int) -> tuple[TaskRun, FreeSwing]:
     """Runs a task whose only push is a blow, with another virtual spring, in the clamp of a patch."""
     short, limb = _struck(task)
     mark = f"{stiffness:g}"
@@ -86,7 +86,7 @@ def _struck(task: str) -> tuple[str, str]:
     return next(short for short in robot.limbs[limb].joints if short not in damped), limb
 
 
-def read_swing(run: TaskRun, joint: str, stiffness: float) -> Struck:
+def read_swing(run: TaskRun, joint: str, stiffness: float) -> FreeSwing:
     """Fits a decaying sine to the joint's measured angle after the blow, and reads I_r from its pole."""
     push = run.assembly.task.pushes[0]
     first = push.start + push.rise + push.hold + push.fall + SETTLED
@@ -97,7 +97,7 @@ def read_swing(run: TaskRun, joint: str, stiffness: float) -> Struck:
     pole, fitted = _pole(time, angle, np.sqrt(stiffness / (links + links)))
     late = timing.command_delay + 0.5 / run.assembly.rate
     inertia, damping = _rotor(pole, stiffness, links, drive.spring_stiffness, late)
-    return Struck(
+    return FreeSwing(
         joint=joint,
         stiffness=stiffness,
         links=links,

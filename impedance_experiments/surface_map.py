@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_experiments.settings import Settings, Size
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
@@ -19,7 +19,7 @@ from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.tools.surface_map.picture import draw_map
 from impedance_modules.tools.surface_fit import SurfaceMap, map_surface
 from impedance_modules.tools.surface_map.touches import touches_of
-from impedance_modules.tools.surface_truth import MapErrors, Truth, map_errors, true_surface
+from impedance_modules.tools.surface_truth import MapErrors, TrueSurface, map_errors, true_surface
 
 TASK = "map-sheet"
 CELL, LEAST_FORCE = 0.01, 2.0
@@ -78,17 +78,17 @@ def _record(assembly: Assembly, backend: SimBackend, settings: Settings) -> Epis
     return read_episode(out, ("position", "pose", "wrench"))
 
 
-def _comparisons(errors: MapErrors, found: SurfaceMap, truth: Truth) -> tuple[Comparison, ...]:
+def _comparisons(errors: MapErrors, found: SurfaceMap, truth: TrueSurface) -> tuple[ThesisValue, ...]:
     soft = int(np.nanargmax(np.where(np.isfinite(found.stiffness), found.compliance, np.nan)))
     return (
-        Comparison(
+        ThesisValue(
             "tactile map: pressed height against the sheet at rest, RMS",
             "general shape and deflection",
             1000.0 * errors.pressed,
             "mm",
             "the thesis shows figure 5-5 without a reference; here the plant knows the sheet",
         ),
-        Comparison(
+        ThesisValue(
             "shape at rest, RMS error",
             None,
             1000.0 * errors.shape,
@@ -96,7 +96,7 @@ def _comparisons(errors: MapErrors, found: SurfaceMap, truth: Truth) -> tuple[Co
             "several forces per place let the deflection be taken out",
             f"{errors.shape_cells} cells of {1000 * CELL:g} mm",
         ),
-        Comparison(
+        ThesisValue(
             "impedance map: error of the stiffness, median",
             "deferred to future work",
             100.0 * errors.stiffness,
@@ -104,7 +104,7 @@ def _comparisons(errors: MapErrors, found: SurfaceMap, truth: Truth) -> tuple[Co
             "slope of force over height at one place, friction taken out",
             f"worst {100 * errors.stiffness_worst:.0f} %, {errors.stiffness_cells} cells",
         ),
-        Comparison(
+        ThesisValue(
             "softest place of the sheet",
             None,
             float(found.stiffness[soft]),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from impedance_experiments.thesis_page import Cell, Table, table_of
 from impedance_experiments.settings import Settings
-from impedance_experiments.terrain_slides import Job, Slide, deviation_along_y, slide_all
+from impedance_experiments.terrain_slides import SlideJob, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
 
 FLAT, OVER = "slide-flat", "slide-over"
@@ -28,7 +28,7 @@ def friction_table(settings: Settings) -> tuple[Table, dict[float, float]]:
     worn = assemble(FLAT, effects=None, rate=None, scale=1.0, arm=None).robot.folder / PATCH
     ways: list[tuple[float, Path | None]] = [(mu, None) for mu in COEFFICIENTS]
     ways += [(mu, worn) for mu in COEFFICIENTS[:3]]
-    jobs = [_job(task, mu, patch, settings.seed) for mu, patch in ways for task in (FLAT, OVER)]
+    jobs = [_friction_job(task, mu, patch, settings.seed) for mu, patch in ways for task in (FLAT, OVER)]
     done = slide_all(jobs, settings, (0.2, 0.3), "other frictions")
     rows: list[list[Cell]] = []
     found: dict[float, float] = {}
@@ -48,10 +48,10 @@ def friction_table(settings: Settings) -> tuple[Table, dict[float, float]]:
     return table_of(caption, columns, rows), found
 
 
-def _job(task: str, friction: float, patch: Path | None, seed: int) -> Job:
+def _friction_job(task: str, friction: float, patch: Path | None, seed: int) -> SlideJob:
     surfaces = assemble(task, effects=None, rate=None, scale=1.0, arm=None).task.environment
     rubbed = tuple(replace(surface, friction=friction) for surface in surfaces)
-    return Job(task, surfaces=rubbed, tank=AMPLE, effects=patch, seed=seed)
+    return SlideJob(task, surfaces=rubbed, tank=AMPLE, effects=patch, seed=seed)
 
 
 def _whole(over: Slide) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from impedance_experiments.terrain_slides import LEANT, Slide
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.contact import place_surface
 
-COLOURS = {"impedance": "C0", "velocity": "C1", "position": "C3"}
+MODE_COLOURS = {"impedance": "C0", "velocity": "C1", "position": "C3"}
 MILLIMETRES = 1000.0
 
 
@@ -25,7 +25,7 @@ def picture_of_slides(found: Mapping[tuple[str, str], Slide]) -> Plot:
     surface_y, surface_z = _surface()
     path.fill_between(surface_y, surface_z, -320.0, color="0.85", label="sheet at rest over bar and block")
     for (way, surface), run in found.items():
-        colour, dashed = COLOURS[way], "--" if surface == "flat" else "-"
+        colour, dashed = MODE_COLOURS[way], "--" if surface == "flat" else "-"
         here = run.sliding
         label = f"{way}, {'flat table' if surface == 'flat' else 'bar and block'}"
         if surface == "over":
@@ -72,7 +72,7 @@ def picture_of_errors(found: Robustness) -> Plot:
     figure = Figure(figsize=(8.0, 5.6), layout="constrained")
     (height, slope), (deviation, peak) = figure.subplots(2, 2)
     for way, runs in found.slides.items():
-        colour, errors = COLOURS[way], found.errors[: len(runs)]
+        colour, errors = MODE_COLOURS[way], found.errors[: len(runs)]
         contact = [100.0 * run.contact for run in runs]
         marks = ["x" if run.stopped else "o" for run in runs]
         for mark in ("o", "x"):

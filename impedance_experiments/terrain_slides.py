@@ -35,7 +35,7 @@ FELT = 0.1
 
 
 @dataclass(frozen=True)
-class Job:
+class SlideJob:
     """A slide to be made.
 
     Attributes:
@@ -110,7 +110,7 @@ def deviation_along_y(flat: Slide, other: Slide) -> float:
     return float(np.sqrt(np.mean((ours - np.interp(when, flat.time, flat.place[:, 1])) ** 2)))
 
 
-def slide(job: Job) -> Slide:
+def slide(job: SlideJob) -> Slide:
     """Makes one slide."""
     assembly = assemble(job.task, effects=job.effects, rate=None, scale=1.0, arm=None)
     task = replace(assembly.task, phases=assembly.task.phases[: job.phases])
@@ -123,7 +123,7 @@ def slide(job: Job) -> Slide:
     return _led_by_springs(assembly, job) if job.path is None else _played_back(assembly, job, job.path)
 
 
-def _led_by_springs(assembly: Assembly, job: Job) -> Slide:
+def _led_by_springs(assembly: Assembly, job: SlideJob) -> Slide:
     rows: list[Array] = []
     hand, ticks = assembly.modules.arms[0].limb.hand, 0
 
@@ -137,7 +137,7 @@ def _led_by_springs(assembly: Assembly, job: Job) -> Slide:
     return _slide(rows, "" if supervisor.reason is None else supervisor.reason, ())
 
 
-def _played_back(assembly: Assembly, job: Job, path: JointPath) -> Slide:
+def _played_back(assembly: Assembly, job: SlideJob, path: JointPath) -> Slide:
     if job.playback is not None:
         model = assembly.model
         model.spec = replace(model.spec, playback=job.playback)
@@ -163,7 +163,7 @@ def _slide(rows: Sequence[Array], stopped: str, collisions: tuple[tuple[float, s
     return Slide(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7], table[:, 8:], stopped, collisions)
 
 
-def slide_all(jobs: Sequence[Job], settings: Settings, share: tuple[float, float], doing: str) -> list[Slide]:
+def slide_all(jobs: Sequence[SlideJob], settings: Settings, share: tuple[float, float], doing: str) -> list[Slide]:
     """Makes many slides side by side; results in order.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 
 from impedance_experiments.thesis_page import Cell, Table, table_of
 from impedance_experiments.settings import Settings
-from impedance_experiments.terrain_slides import Job, Slide, deviation_along_y, slide_all
+from impedance_experiments.terrain_slides import SlideJob, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
 from impedance_modules.spec.robot_spec import PlaybackSpec
 
@@ -36,7 +36,7 @@ def threshold_tables(flat: Slide, settings: Settings) -> list[Table]:
         raise TypeError(f"robot '{robot.name}' plays nothing back")
     spec, path = robot.playback, flat.joint_path()
     jobs = {
-        (mode, factor): Job(
+        (mode, factor): SlideJob(
             f"slide-over-{mode}", path=path, playback=scaled_collisions(spec, factor), seed=settings.seed
         )
         for mode in ("position", "velocity")
@@ -68,7 +68,7 @@ def _position_table(runs: Mapping[tuple[str, float], Slide], spec: PlaybackSpec)
     rows: list[list[Cell]] = []
     for factor in SENSITIVITIES:
         run = runs["position", factor]
-        row: list[Cell] = [_name(factor)]
+        row: list[Cell] = [_threshold_label(factor)]
         for tolerance in TOLERANCES:
             sample = stopped_at(run, tolerance)
             row.append(
@@ -87,7 +87,7 @@ def _position_table(runs: Mapping[tuple[str, float], Slide], spec: PlaybackSpec)
 def _velocity_table(runs: Mapping[tuple[str, float], Slide], flat: Slide) -> Table:
     rows: list[list[Cell]] = [
         [
-            _name(factor),
+            _threshold_label(factor),
             deviation_along_y(flat, runs["velocity", factor]),
             round(100.0 * runs["velocity", factor].contact, 1),
             runs["velocity", factor].peak,
@@ -110,5 +110,5 @@ def _velocity_table(runs: Mapping[tuple[str, float], Slide], flat: Slide) -> Tab
     )
 
 
-def _name(factor: float) -> str:
+def _threshold_label(factor: float) -> str:
     return "none" if math.isinf(factor) else "as fixed" if factor == 1.0 else f"times {factor:g}"

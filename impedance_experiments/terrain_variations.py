@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impedance_experiments.thesis_page import Cell, Table, table_of
 from impedance_experiments.settings import Settings
-from impedance_experiments.terrain_slides import Job, Slide, deviation_along_y, slide_all
+from impedance_experiments.terrain_slides import SlideJob, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.contact import place_surface, surface_distance
 from impedance_modules.robot.rotation import exp3
@@ -89,7 +89,7 @@ def how_robust(flat: Slide, settings: Settings) -> Robustness:
     path = replace(flat, time=flat.time[early], path=flat.path[early]).joint_path()
     sizes = {"impedance": count, "velocity": played, "position": played}
     jobs = [
-        _job(way, wrong_table(table, row), settings.seed + i, None if way == "impedance" else path)
+        _wrong_map_job(way, wrong_table(table, row), settings.seed + i, None if way == "impedance" else path)
         for way, size in sizes.items()
         for i, row in enumerate(errors[:size])
     ]
@@ -101,10 +101,10 @@ def how_robust(flat: Slide, settings: Settings) -> Robustness:
     return Robustness(flat, errors, redrawn, slides)
 
 
-def _job(way: str, table: SurfaceSpec, seed: int, path: object) -> Job:
+def _wrong_map_job(way: str, table: SurfaceSpec, seed: int, path: object) -> SlideJob:
     if path is None:
-        return Job("slide-flat", surfaces=(table,), phases=LEFTWARDS, seed=seed)
-    return Job(f"slide-over-{way}", surfaces=(table,), path=path, seed=seed)  # type: ignore[arg-type]
+        return SlideJob("slide-flat", surfaces=(table,), phases=LEFTWARDS, seed=seed)
+    return SlideJob(f"slide-over-{way}", surfaces=(table,), path=path, seed=seed)  # type: ignore[arg-type]
 
 
 def draw_maps(random: np.random.Generator, count: int, table: SurfaceSpec, hand: Array) -> tuple[Array, int]:

@@ -12,7 +12,7 @@ Cell = str | float | int | None
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ThesisValue:
     """One number of the thesis beside ours.
 
     Attributes:
@@ -62,7 +62,7 @@ class Page:
     """
 
     summary: str
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[ThesisValue, ...]
     tables: tuple[Table, ...] = ()
     plots: tuple[Plot, ...] = ()
     differences: str = ""

@@ -24,14 +24,14 @@ from impedance_modules.spec.task_reader import read_task
 
 Array = NDArray[np.float64]
 
-TASK, PATCH = "torque-steps", "torsion-spring"
+STEP_TASK, STEP_PATCH = "torque-steps", "torsion-spring"
 LAWS = ("reflected_inertia", "viscous_friction", "asymmetric_friction")
 SPRING = "effects.1.parameters.{}.k.value"
 """Where the patch has the torsion spring's stiffness."""
 
 
 @dataclass(frozen=True)
-class Steps:
+class StepsFit:
     """One spring.
 
     Attributes:
@@ -51,7 +51,7 @@ class Steps:
 
 def stepped_joint() -> str:
     """Names the joint whose rest the task's phases move."""
-    task, robot = read_task(TASK)
+    task, robot = read_task(STEP_TASK)
     limb, rests = next(item for phase in task.phases for item in phase.posture.items())
     return robot.limbs[limb].joints[next(iter(rests))]
 
@@ -60,34 +60,34 @@ def step_against(
     stiffness: float, joint: str, folder: Path, *, seed: int, phases: int | None = None
 ) -> TaskRun:
     """Runs the task against another torsion spring, or only its first phases."""
-    patch = patch_with(patch_of(TASK, PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}")
-    task = TASK
+    patch = patch_with(patch_of(STEP_TASK, STEP_PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}")
+    task = STEP_TASK
     if phases is not None:
-        first = task_document(TASK).data["phases"][:phases]
-        task = str(task_with(TASK, {"phases": first}, folder, f"first-{phases}"))
-    return record_task(task, folder / f"{TASK}-{stiffness:g}-{seed}", effects=patch, seed=seed)
+        first = task_document(STEP_TASK).data["phases"][:phases]
+        task = str(task_with(STEP_TASK, {"phases": first}, folder, f"first-{phases}"))
+    return record_task(task, folder / f"{STEP_TASK}-{stiffness:g}-{seed}", effects=patch, seed=seed)
 
 
 def step_down(stiffness: float, joint: str, folder: Path, *, seed: int) -> TaskRun:
     """Runs the task with all steps the other way, 0.9 times as large."""
-    patch = patch_with(patch_of(TASK, PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}")
+    patch = patch_with(patch_of(STEP_TASK, STEP_PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}")
     values = {}
-    for place, phase in enumerate(task_document(TASK).data["phases"]):
+    for place, phase in enumerate(task_document(STEP_TASK).data["phases"]):
         for limb, rests in phase.get("posture", {}).items():
             for short, rest in rests.items():
-                start = task_document(TASK).data["arms"][limb]["posture"][short]
+                start = task_document(STEP_TASK).data["arms"][limb]["posture"][short]
                 values[f"phases.{place}.posture.{limb}.{short}"] = start - 0.9 * (rest - start)
-    task = task_with(TASK, values, folder, "down")
-    return record_task(str(task), folder / f"{TASK}-down", effects=patch, seed=seed)
+    task = task_with(STEP_TASK, values, folder, "down")
+    return record_task(str(task), folder / f"{STEP_TASK}-down", effects=patch, seed=seed)
 
 
-def read_steps(run: TaskRun, joint: str, stiffness: float) -> Steps:
+def read_steps(run: TaskRun, joint: str, stiffness: float) -> StepsFit:
     """Fits the drive, and lets the second-order model with the fitted numbers follow the recorded command."""
     fit = fit_drive([run], joint, LAWS)
     time, angle = run.episode.time, run.episode.position[joint]
     fitted = _second_order(run, joint, fit)
     accounted = 1.0 - float(np.var(angle - fitted) / np.var(angle))
-    return Steps(stiffness, fit, accounted, time, angle, fitted)
+    return StepsFit(stiffness, fit, accounted, time, angle, fitted)
 
 
 def _second_order(run: TaskRun, joint: str, fit: DriveFit) -> Array:

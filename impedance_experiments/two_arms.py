@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
-from impedance_experiments.pushing import Trace, first_pushes, trace_pushed
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.pushing import PushTrace, first_pushes, trace_pushed
 from impedance_experiments.settings import Settings
 from impedance_experiments.two_arms_measured import (
-    Measured,
-    Predictor,
-    Sum,
+    PushAnswers,
+    SumPredictor,
+    ArmsSum,
     inertia_of,
     ratios,
     rest_places,
@@ -41,10 +41,10 @@ class _Found:
         inertia: (6, 6) measured.
     """
 
-    predicted: tuple[Sum, Sum, Sum]
-    traces: tuple[Trace, Trace, Trace]
-    rest: Measured
-    speed: Measured
+    predicted: tuple[ArmsSum, ArmsSum, ArmsSum]
+    traces: tuple[PushTrace, PushTrace, PushTrace]
+    rest: PushAnswers
+    speed: PushAnswers
     joints: tuple[Array, Array]
     inertia: Array
 
@@ -77,7 +77,7 @@ def _push_all(settings: Settings, axes: int) -> _Found:
     for index, task in enumerate((springs, dampers, free)):
         settings.on_progress(0.3 * index, task.task.name)
         traces.append(trace_pushed(task, OBJECT, seed=settings.seed, noise=True))
-    predictor, damped, loose = Predictor(springs), Predictor(dampers), Predictor(free)
+    predictor, damped, loose = SumPredictor(springs), SumPredictor(dampers), SumPredictor(free)
     predicted = predictor.at(predictor.posture)
     rest, moved = rest_places(springs, traces[0], predicted)
     if predicted.joints is None:
@@ -137,7 +137,7 @@ def _summary(found: _Found) -> str:
     )
 
 
-def _comparisons(found: _Found) -> tuple[Comparison, ...]:
+def _comparisons(found: _Found) -> tuple[ThesisValue, ...]:
     at_rest, speed, inertia = _errors(found)
     joints, _ = _joint_errors(found)
     pushes = "largest difference of measured and predicted answer to a push, in the norm of the matrix itself"
@@ -147,7 +147,7 @@ def _comparisons(found: _Found) -> tuple[Comparison, ...]:
         ("joints' moves under the same pushes as K", joints, "14 joints, self-motions included"),
     )
     found_rows = [
-        Comparison(
+        ThesisValue(
             name, None, round(100.0 * float(values.max()), 2), "%", reason, f"mean {100 * values.mean():.2f}"
         )
         for name, values, reason in rows
@@ -156,7 +156,7 @@ def _comparisons(found: _Found) -> tuple[Comparison, ...]:
     spread = f"ratios {inertia[0]:.3f} to {inertia[-1]:.3f}"
     reason = "eigenvalues of predicted^-1 measured, reflected inertia included: 1 in every direction if equal"
     found_rows.append(
-        Comparison("Lambda at the box: impulse over speed", None, round(worst, 2), "%", reason, spread)
+        ThesisValue("Lambda at the box: impulse over speed", None, round(worst, 2), "%", reason, spread)
     )
     return tuple(found_rows)
 
@@ -208,7 +208,7 @@ def _picture(found: _Found) -> Plot:
     return Plot("answers", "What the box did (lines) and what the arms' sums say (dashed)", figure)
 
 
-def _expected(found: _Found, trace: Trace) -> Array:
+def _expected(found: _Found, trace: PushTrace) -> Array:
     stiffness = found.predicted[0].stiffness
     if stiffness is None:
         raise ValueError("the springs' task has no springs")

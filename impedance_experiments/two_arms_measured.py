@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_experiments.pushing import EVERY, Trace, full_strength
+from impedance_experiments.pushing import EVERY, PushTrace, full_strength
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
@@ -35,7 +35,7 @@ NOTHING_HELD = "nothing is held in this task: there is no object to push"
 
 
 @dataclass(frozen=True)
-class Sum:
+class ArmsSum:
     """The arms' sum at the object at one posture.
 
     Attributes:
@@ -52,7 +52,7 @@ class Sum:
     self_motion: Array
 
 
-class Predictor:
+class SumPredictor:
     """Adds the arms of one task at any posture."""
 
     def __init__(self, assembly: Assembly) -> None:
@@ -76,7 +76,7 @@ class Predictor:
             raise ValueError(NOTHING_HELD)
         return held.limbs
 
-    def at(self, q: Array) -> Sum:
+    def at(self, q: Array) -> ArmsSum:
         """Adds the arms at q (n,) [rad]."""
         state = analyse_state(self._mechanism, self._setting, q)
         held = _held(state)
@@ -89,7 +89,7 @@ class Predictor:
         inertia = held.impedance.inertia.inertia
         if inertia is None:
             raise ValueError("the arms are singular at this posture: the object has no inertia there")
-        return Sum(
+        return ArmsSum(
             inertia=inertia,
             stiffness=held.impedance.stiffness if springs_on else None,
             damping=self._damping(state, held),
@@ -117,7 +117,7 @@ def _held(state: Analysed) -> HeldImpedance:
 
 
 @dataclass(frozen=True)
-class Measured:
+class PushAnswers:
     """Pushes and answers, m columns: wrenches (6, m), and what the object did, predicted and measured."""
 
     wrench: Array
@@ -135,7 +135,7 @@ class Measured:
         return np.asarray(self.wrench @ np.linalg.pinv(self.found))
 
 
-def rest_places(assembly: Assembly, trace: Trace, predicted: Sum) -> tuple[Measured, Array]:
+def rest_places(assembly: Assembly, trace: PushTrace, predicted: ArmsSum) -> tuple[PushAnswers, Array]:
     """Takes half the difference of the rest places under opposite pushes, and the joints' (k, m) likewise."""
     if predicted.stiffness is None:
         raise ValueError("this task has no springs: a pushed object does not come to rest")
@@ -146,12 +146,12 @@ def rest_places(assembly: Assembly, trace: Trace, predicted: Sum) -> tuple[Measu
         places.append(0.5 * (trace.place[there].mean(0) - trace.place[back].mean(0)))
         joints.append(0.5 * (trace.q[there].mean(0) - trace.q[back].mean(0)))
     wrench = np.array(wrenches).T
-    return Measured(wrench, np.linalg.solve(predicted.stiffness, wrench), np.array(places).T), np.array(
+    return PushAnswers(wrench, np.linalg.solve(predicted.stiffness, wrench), np.array(places).T), np.array(
         joints
     ).T
 
 
-def steady_speeds(assembly: Assembly, trace: Trace, predictor: Predictor) -> Measured:
+def steady_speeds(assembly: Assembly, trace: PushTrace, predictor: SumPredictor) -> PushAnswers:
     """Takes the speed at the end of every push, and the predicted one at the posture of that moment."""
     wrenches, expected, found = [], [], []
     for push in assembly.task.pushes:
@@ -160,10 +160,10 @@ def steady_speeds(assembly: Assembly, trace: Trace, predictor: Predictor) -> Mea
         wrenches.append(wrench)
         found.append(trace.twist[during].mean(0))
         expected.append(np.linalg.solve(predictor.at(trace.q[during].mean(0)).damping, wrench))
-    return Measured(np.array(wrenches).T, np.array(expected).T, np.array(found).T)
+    return PushAnswers(np.array(wrenches).T, np.array(expected).T, np.array(found).T)
 
 
-def inertia_of(assembly: Assembly, trace: Trace) -> Array:
+def inertia_of(assembly: Assembly, trace: PushTrace) -> Array:
     r"""Fits \int F dt = \Lambda v + B x + C \int x dt after the first push along every axis; gives \Lambda (6, 6).
 
     An arm that can also move within itself answers a push by a series in powers of 1/s: \Lambda s + B + C / s + ...,

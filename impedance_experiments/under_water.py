@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.pushing import Trace, first_pushes, only_arm, patch_of, trace_pushed
+from impedance_experiments.pushing import PushTrace, first_pushes, only_arm, patch_of, trace_pushed
 from impedance_experiments.settings import Settings
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.effects.water import BuoyancyTorque
@@ -32,7 +32,7 @@ SWING = 1.2
 
 
 @dataclass(frozen=True)
-class Felt:
+class PushResponse:
     """What one push and the swing after it show, along its axis.
 
     Attributes:
@@ -47,7 +47,7 @@ class Felt:
 
 
 @dataclass(frozen=True)
-class Foretold:
+class LinearPrediction:
     """What linear statics and dynamics say at the start posture.
 
     Attributes:
@@ -67,13 +67,13 @@ def reproduce(settings: Settings) -> Page:
     """Draws the hand aside and lets go, in air and under water."""
     pushes = settings.choose(1, 2, 2)
     worlds = {"air": None, "water": patch_of(TASK, PATCH)}
-    traces: dict[str, Trace] = {}
-    felt: dict[str, list[Felt]] = {}
-    told: dict[str, Foretold] = {}
+    traces: dict[str, PushTrace] = {}
+    felt: dict[str, list[PushResponse]] = {}
+    told: dict[str, LinearPrediction] = {}
     for step, (name, effects) in enumerate(worlds.items()):
         settings.on_progress(step / 2.0, name)
         assembly = assemble(TASK, effects=effects, rate=None, scale=1.0, arm=None)
-        told[name] = foretell(assembly)
+        told[name] = predict_linear(assembly)
         assembly = first_pushes(assembly, pushes, SWING + 0.3)
         traces[name] = trace_pushed(assembly, only_arm(assembly), seed=settings.seed, noise=True)
         felt[name] = [_felt(traces[name], push) for push in assembly.task.pushes]
@@ -101,7 +101,7 @@ def reproduce(settings: Settings) -> Page:
     )
 
 
-def foretell(assembly: Assembly) -> Foretold:
+def predict_linear(assembly: Assembly) -> LinearPrediction:
     """Computes rest, stiffness, apparent mass and swing at the start posture, water included if it is worn."""
     model, modules, q = assembly.model, assembly.modules, assembly.modules.posture
     mechanism = Mechanism(assembly)
@@ -118,7 +118,7 @@ def foretell(assembly: Assembly) -> Foretold:
     inertia = inertia[np.ix_(joints, joints)]
     J, hessian = arm.jacobian[:3], arm.system.stiffness
     damping = arm.system.damping + np.diag(model.column("motor_damping")[joints])
-    return Foretold(
+    return LinearPrediction(
         shift=J @ np.linalg.solve(hessian, lift[joints]),
         stiffness=1.0 / np.diag(J @ np.linalg.solve(hessian, J.T)),
         mass=1.0 / np.diag(J @ np.linalg.solve(inertia, J.T)),
@@ -138,12 +138,12 @@ def _swing_back(inertia: Array, damping: Array, stiffness: Array, row: Array) ->
     return float(time[int(np.argmax(way < 0.0))])
 
 
-def _rest(trace: Trace, start: float) -> Array:
+def _rest(trace: PushTrace, start: float) -> Array:
     """Mean place (3,) of the hand just before an instant [m]."""
     return np.asarray(np.mean(trace.place[trace.over(start - PERIOD, start), :3], axis=0))
 
 
-def _felt(trace: Trace, push: PushSpec) -> Felt:
+def _felt(trace: PushTrace, push: PushSpec) -> PushResponse:
     axis = int(np.argmax(np.abs(push.wrench)))
     let_go = push.start + push.rise + push.hold
     rest = _rest(trace, push.start)[axis]
@@ -153,7 +153,7 @@ def _felt(trace: Trace, push: PushSpec) -> Felt:
     first = int(np.argmax(away < 0.0))
     share = away[first - 1] / (away[first - 1] - away[first])
     time = trace.time[swing]
-    return Felt(
+    return PushResponse(
         axis,
         float(push.wrench[axis] / way),
         float(time[first - 1] + share * (time[first] - time[first - 1]) - let_go),
@@ -161,14 +161,14 @@ def _felt(trace: Trace, push: PushSpec) -> Felt:
 
 
 def _comparisons(
-    felt: dict[str, list[Felt]], told: dict[str, Foretold], shift: Array
-) -> tuple[Comparison, ...]:
+    felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction], shift: Array
+) -> tuple[ThesisValue, ...]:
     foretold = round(1e3 * float(told["water"].shift[2]), 1)
     rows = [
-        Comparison(
+        ThesisValue(
             "the hand floats up, foretold", None, foretold, "mm", "J H^-1 J_b^T m g, at the start posture"
         ),
-        Comparison(
+        ThesisValue(
             "the hand floats up, on the plant",
             None,
             round(1e3 * float(shift[2]), 1),
@@ -182,24 +182,24 @@ def _comparisons(
         mass = round(float(told["water"].mass[axis] / told["air"].mass[axis]), 3)
         slower = round(float(told["water"].back[axis] / told["air"].back[axis]), 3)
         rows += [
-            Comparison(
+            ThesisValue(
                 f"net stiffness along {name}, water over air",
                 None,
                 stiffness,
                 "1",
                 "water is no spring; another posture",
             ),
-            Comparison(
+            ThesisValue(
                 f"apparent mass along {name}, water over air", None, mass, "1", "J (M + I_r + A)^-1 J^T"
             ),
-            Comparison(
+            ThesisValue(
                 f"time to swing back along {name}, water over air, foretold",
                 None,
                 slower,
                 "1",
                 "linear, without drag",
             ),
-            Comparison(
+            ThesisValue(
                 f"time to swing back along {name}, water over air, on the plant",
                 None,
                 round(water.back / air.back, 3),
@@ -210,7 +210,7 @@ def _comparisons(
     return tuple(rows)
 
 
-def _table(felt: dict[str, list[Felt]], told: dict[str, Foretold]) -> Table:
+def _table(felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction]) -> Table:
     rows: list[list[Cell]] = [
         [
             f"{name}, {'xyz'[f.axis]}",
@@ -234,7 +234,7 @@ def _table(felt: dict[str, list[Felt]], told: dict[str, Foretold]) -> Table:
     return table_of("What the hand feels like", columns, rows)
 
 
-def _facts(felt: dict[str, list[Felt]], told: dict[str, Foretold], shift: Array) -> dict[str, float]:
+def _facts(felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction], shift: Array) -> dict[str, float]:
     facts = {"shift": float(shift[2]), "shift_foretold": float(told["water"].shift[2])}
     for air, water in zip(felt["air"], felt["water"], strict=True):
         name, axis = "xyz"[air.axis], air.axis
@@ -245,7 +245,7 @@ def _facts(felt: dict[str, list[Felt]], told: dict[str, Foretold], shift: Array)
     return facts
 
 
-def _picture(traces: dict[str, Trace]) -> Plot:
+def _picture(traces: dict[str, PushTrace]) -> Plot:
     figure = Figure(figsize=(8.0, 4.2), layout="constrained")
     for axes, axis in zip(figure.subplots(2, 1, sharex=True), (1, 2), strict=True):
         for (name, trace), style in zip(traces.items(), ("0.4", "C0"), strict=True):

@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from impedance_experiments.thesis_experiments import Experiment
-from impedance_experiments.thesis_page import Cell, Comparison, Page
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page
 from impedance_experiments.settings import Size
 
 RESOLUTION = 110
@@ -56,7 +56,7 @@ def write_page(experiment: Experiment, page: Page, command: str, seconds: float,
     return path
 
 
-def comparison_lines(comparisons: Sequence[Comparison]) -> list[str]:
+def comparison_lines(comparisons: Sequence[ThesisValue]) -> list[str]:
     """Returns the rows of thesis against ours as a Markdown table."""
     rows = [
         (row.quantity, "-" if row.thesis is None else row.thesis, row.ours, row.spread, row.unit, row.reason)

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from impedance_experiments.thesis_page import Cell, Comparison, Page, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Table, table_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.terrain_friction import COEFFICIENTS, friction_table
 from impedance_experiments.terrain_plots import picture_of_errors, picture_of_slides
 from impedance_experiments.terrain_variations import Robustness, how_robust, robustness_table
-from impedance_experiments.terrain_slides import Job, Slide, deviation_along_y, slide, slide_all
+from impedance_experiments.terrain_slides import SlideJob, Slide, deviation_along_y, slide, slide_all
 from impedance_experiments.terrain_thresholds import threshold_tables
 from impedance_modules.control.assembly import assemble
 
@@ -24,7 +24,7 @@ def reproduce(settings: Settings) -> Page:
     """Slides over the flat table and over bar and block, then over wrong maps at random."""
     phases = TO_THE_LEFT if settings.size is Size.SHORT else ALL_PHASES
     settings.on_progress(0.0, "springs on the flat table")
-    flat = slide(Job(FLAT, phases=phases, seed=settings.seed))
+    flat = slide(SlideJob(FLAT, phases=phases, seed=settings.seed))
     found = _slides(settings, flat, phases)
     tables = [_table_of_slides(found)]
     plots = [picture_of_slides(found)]
@@ -54,9 +54,9 @@ def _slides(settings: Settings, flat: Slide, phases: int) -> dict[tuple[str, str
     """Makes the slides of all three ways, (way, surface); the flat one of the springs is given."""
     path = flat.joint_path()
     surfaces = assemble(FLAT, effects=None, rate=None, scale=1.0, arm=None).task.environment
-    jobs = {("impedance", "over"): Job(OVER, phases=phases, seed=settings.seed)}
+    jobs = {("impedance", "over"): SlideJob(OVER, phases=phases, seed=settings.seed)}
     for mode in MODES if settings.size is not Size.SHORT else ("position",):
-        played = Job(f"{OVER}-{mode}", path=path, seed=settings.seed)
+        played = SlideJob(f"{OVER}-{mode}", path=path, seed=settings.seed)
         jobs[mode, "over"] = played
         if settings.size is not Size.SHORT:
             jobs[mode, "flat"] = replace(played, surfaces=surfaces)
@@ -102,10 +102,10 @@ def _table_of_slides(found: dict[tuple[str, str], Slide]) -> Table:
 
 def _comparisons(
     found: dict[tuple[str, str], Slide], robust: Robustness | None, rubbed: dict[float, float]
-) -> tuple[Comparison, ...]:
+) -> tuple[ThesisValue, ...]:
     impedance, position = found["impedance", "over"], found["position", "over"]
     rows = [
-        Comparison(
+        ThesisValue(
             "impedance: RMS deviation of y, flat against curved",
             0.024,
             _deviation(found, "impedance"),
@@ -113,7 +113,7 @@ def _comparisons(
             "the surface's friction decides, see the table of frictions",
             ", ".join(f"{rubbed[mu]:.3f} at a friction of {mu:g}" for mu in COEFFICIENTS[1:] if rubbed),
         ),
-        Comparison(
+        ThesisValue(
             "impedance: keeps contact",
             "throughout",
             f"{100.0 * impedance.contact:.1f} %",
@@ -124,14 +124,14 @@ def _comparisons(
     if ("velocity", "over") in found:
         velocity = found["velocity", "over"]
         rows += [
-            Comparison(
+            ThesisValue(
                 "velocity playback: RMS deviation of y",
                 0.119,
                 _deviation(found, "velocity"),
                 "m",
                 "it hangs at the bar; the thesis's slid back with its path. Pauses of 2 s after collisions decide",
             ),
-            Comparison(
+            ThesisValue(
                 "velocity playback: contact",
                 "lost at the bar",
                 f"{100.0 * velocity.contact:.1f} % of the slide",
@@ -140,7 +140,7 @@ def _comparisons(
             ),
         ]
     rows.append(
-        Comparison(
+        ThesisValue(
             "position playback",
             "shuts down at the bar",
             f"shuts down at y = {position.place[-1, 1]:.3f} m" if position.stopped else "does not shut down",
@@ -149,7 +149,7 @@ def _comparisons(
         )
     )
     rows += [
-        Comparison(
+        ThesisValue(
             f"{way}: peak force",
             None,
             found[way, "over"].peak,
@@ -162,7 +162,7 @@ def _comparisons(
     ]
     if robust is not None:
         rows += [
-            Comparison(
+            ThesisValue(
                 f"wrong maps: {name} keeps contact in",
                 None,
                 f"{100.0 * robust.kept(name):.0f} % of {len(robust.slides[name])}",

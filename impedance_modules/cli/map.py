@@ -11,7 +11,7 @@ import click
 if TYPE_CHECKING:
     from impedance_modules.episode.data import Episode
     from impedance_modules.tools.surface_fit import SurfaceMap
-    from impedance_modules.tools.surface_truth import MapErrors, Truth
+    from impedance_modules.tools.surface_truth import MapErrors, TrueSurface
 
 
 @click.command("map")
@@ -51,7 +51,7 @@ def command(episode: Path, out: Path, hand: str | None, force: float, cell: floa
     return 0
 
 
-def _compared(episode: Episode, found: SurfaceMap) -> tuple[Truth, MapErrors]:
+def _compared(episode: Episode, found: SurfaceMap) -> tuple[TrueSurface, MapErrors]:
     """Builds the surfaces of the episode's task as the plant wore them."""
     from impedance_modules.errors import BadInput
     from impedance_modules.runs.verify import reassemble

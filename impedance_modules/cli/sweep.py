@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from impedance_modules.tools.sweep_runs import Row
-    from impedance_modules.tools.sweep_plan import Job
+    from impedance_modules.tools.sweep_runs import SweepRow
+    from impedance_modules.tools.sweep_plan import SweepJob
 
 TABLE = "sweep.csv"
 
@@ -72,14 +72,14 @@ def command(
     """
     from rich.console import Console
 
-    from impedance_modules.tools.sweep_plan import Plan, make_jobs, read_range
+    from impedance_modules.tools.sweep_plan import SweepPlan, make_jobs, read_range
 
     _refuse_counts(draws=draws, seeds=seeds, jobs=jobs, duration=duration)
     if jobs is not None and scheduler is not None:
         raise BadInput("--jobs counts local cores, --scheduler uses none of them (valid: one of the two)")
     ranges = tuple(map(read_range, vary))
     folder = out if out is not None else Path("out") / f"sweep-{Path(task).stem}"
-    plan = Plan(task, ranges, effects, draws, seeds, seed, rate, duration, folder / "runs" if keep else None)
+    plan = SweepPlan(task, ranges, effects, draws, seeds, seed, rate, duration, folder / "runs" if keep else None)
     todo = make_jobs(plan)
     if (folder / TABLE).exists():
         raise BadInput(f"{folder} holds a sweep already (valid: another --out, or remove it)")
@@ -103,7 +103,7 @@ def _refuse_counts(*, draws: int | None, seeds: int, jobs: int | None, duration:
         raise BadInput(f"--duration {duration:g} s: nothing would run (valid: above 0)")
 
 
-def _running(todo: Sequence[Job], jobs: int | None, scheduler: str | None) -> Iterator[Row]:
+def _running(todo: Sequence[SweepJob], jobs: int | None, scheduler: str | None) -> Iterator[SweepRow]:
     from impedance_modules.tools.sweep.workers import run_here, run_on_cluster
 
     if scheduler is not None:
@@ -112,15 +112,15 @@ def _running(todo: Sequence[Job], jobs: int | None, scheduler: str | None) -> It
 
 
 def _collect(
-    running: Iterator[Row], count: int, paths: list[str], folder: Path, console: Console
-) -> list[Row]:
+    running: Iterator[SweepRow], count: int, paths: list[str], folder: Path, console: Console
+) -> list[SweepRow]:
     """Takes the rows as they come, then writes them in order with the plots."""
     from rich.progress import Progress
 
     from impedance_modules.tools.sweep_report import TableFile, draw
 
     table = TableFile(folder / TABLE, paths)
-    rows: list[Row] = []
+    rows: list[SweepRow] = []
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("running", total=count)
         for row in running:
@@ -134,7 +134,7 @@ def _collect(
     return rows
 
 
-def _print(rows: Sequence[Row], console: Console) -> None:
+def _print(rows: Sequence[SweepRow], console: Console) -> None:
     """Prints how the runs ended and each result's spread."""
     from rich.table import Table
     from rich.text import Text

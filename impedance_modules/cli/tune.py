@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from impedance_modules.control.assembly import Assembly
     from impedance_modules.robot.model import RobotModel
-    from impedance_modules.tools.spring_tuning import Question, Tuned, Tuning
+    from impedance_modules.tools.spring_tuning import TuningRequest, TunedPosture, TuningResult
 
 PATH = click.Path(path_type=Path)
 AXES = {
@@ -131,11 +131,11 @@ def _question(
     reach: float,
     softest: float,
     alone: bool,
-) -> Question:
+) -> TuningRequest:
     """Reads the options, or says what would be valid."""
     import numpy as np
 
-    from impedance_modules.tools.spring_tuning import Question
+    from impedance_modules.tools.spring_tuning import TuningRequest
 
     arms = tuple(assembly.task.arms)
     if arm is None and len(arms) > 1:
@@ -162,7 +162,7 @@ def _question(
         raise BadInput(f"--reach {reach:g} rad: no such angle (valid: above 0, up to 6.3)")
     if not 0.0 < softest <= 1000.0:
         raise BadInput(f"--softest {softest:g} N.m/rad: no such spring (valid: above 0, up to 1000)")
-    return Question(chosen, np.array(way) / length, low, high, postures, reach, softest, alone)
+    return TuningRequest(chosen, np.array(way) / length, low, high, postures, reach, softest, alone)
 
 
 def _numbers(option: str, text: str, between: str, valid: str, count: int) -> tuple[float, ...]:
@@ -185,11 +185,11 @@ def _write(path: Path, text: str) -> None:
         raise BadInput(f"{path}: cannot be written: {error.strerror} (valid: a writable file)") from error
 
 
-def _as_json(model: RobotModel, question: Question, tuning: Tuning) -> dict[str, object]:
+def _as_json(model: RobotModel, question: TuningRequest, tuning: TuningResult) -> dict[str, object]:
     names = model.limbs[question.arm].joint_names
     joints = model.limbs[question.arm].joints
 
-    def one(tuned: Tuned) -> dict[str, object]:
+    def one(tuned: TunedPosture) -> dict[str, object]:
         columns = (tuned.posture.q[joints], tuned.stiffness, tuned.torque, tuned.rest)
         return {
             "along": tuned.posture.along,
@@ -214,7 +214,7 @@ def _as_json(model: RobotModel, question: Question, tuning: Tuning) -> dict[str,
     }
 
 
-def _print(model: RobotModel, question: Question, tuning: Tuning, console: Console) -> None:
+def _print(model: RobotModel, question: TuningRequest, tuning: TuningResult, console: Console) -> None:
     from rich.table import Table
 
     table = Table(title="postures with the hand in its place", title_justify="left")
@@ -251,7 +251,7 @@ def _print(model: RobotModel, question: Question, tuning: Tuning, console: Conso
     console.print(_verdict(best), highlight=False)
 
 
-def _verdict(best: Tuned) -> str:
+def _verdict(best: TunedPosture) -> str:
     if best.folds_at > 0.97:
         return "the least that does not fold: 5 % less does"
     if best.folds_at > 0.0:

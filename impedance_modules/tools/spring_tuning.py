@@ -34,7 +34,7 @@ STIFFEST = 10000.0
 
 
 @dataclass(frozen=True)
-class Question:
+class TuningRequest:
     """What is asked.
 
     Attributes:
@@ -63,7 +63,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Tuned:
+class TunedPosture:
     """One posture with its least joint springs.
 
     Attributes:
@@ -91,7 +91,7 @@ class Tuned:
 
 
 @dataclass(frozen=True)
-class Tuning:
+class TuningResult:
     """All postures that can carry the force, and the best of them.
 
     Attributes:
@@ -100,12 +100,12 @@ class Tuning:
         refused: Way along the self-motion -> why a posture cannot.
     """
 
-    best: Tuned
-    found: tuple[Tuned, ...]
+    best: TunedPosture
+    found: tuple[TunedPosture, ...]
     refused: dict[float, str]
 
 
-def tune(assembly: Assembly, question: Question) -> Tuning:
+def tune(assembly: Assembly, question: TuningRequest) -> TuningResult:
     """Compares postures and finds each one's least joint springs.
 
     Raises:
@@ -116,7 +116,7 @@ def tune(assembly: Assembly, question: Question) -> Tuning:
             f"task '{assembly.task.name}' holds an object: tune looks at one free arm (valid: a task without object)"
         )
     limb = assembly.model.limbs[question.arm]
-    found, refused = list[Tuned](), dict[float, str]()
+    found, refused = list[TunedPosture](), dict[float, str]()
     for posture in self_motion(assembly.model, limb, assembly.modules.posture, question.postures):
         try:
             found.append(tune_posture(assembly, question, posture))
@@ -126,10 +126,10 @@ def tune(assembly: Assembly, question: Question) -> Tuning:
         reasons = "; ".join(f"at {along:+.2f} rad: {why}" for along, why in refused.items())
         raise BadInput(f"no posture of arm '{question.arm}' carries this: {reasons}")
     best = min(found, key=lambda tuned: (round(tuned.total, 6), abs(tuned.posture.along)))
-    return Tuning(best, tuple(found), refused)
+    return TuningResult(best, tuple(found), refused)
 
 
-def tune_posture(assembly: Assembly, question: Question, posture: Posture) -> Tuned:
+def tune_posture(assembly: Assembly, question: TuningRequest, posture: Posture) -> TunedPosture:
     """Finds the least joint springs of one posture.
 
     Raises:
@@ -145,7 +145,7 @@ def tune_posture(assembly: Assembly, question: Question, posture: Posture) -> Tu
     stiffness = MARGIN * least_stiffness(loads, least, STIFFEST)
     largest = int(np.argmax(np.abs(question.ends)))
     limb = assembly.model.limbs[question.arm]
-    return Tuned(
+    return TunedPosture(
         posture=posture,
         stiffness=stiffness,
         folds_at=folding_share(stiffness, loads),
@@ -156,7 +156,7 @@ def tune_posture(assembly: Assembly, question: Question, posture: Posture) -> Tu
     )
 
 
-def unloaded_arm(assembly: Assembly, question: Question, posture: Posture) -> tuple[Array, Array]:
+def unloaded_arm(assembly: Assembly, question: TuningRequest, posture: Posture) -> tuple[Array, Array]:
     """Gives the hand's Jacobian (6, k) and S (k, k), the task's other springs in joint space, at a posture."""
     limb = assembly.model.limbs[question.arm]
     arm = assembly.task.arms[question.arm]
@@ -175,7 +175,7 @@ def unloaded_arm(assembly: Assembly, question: Question, posture: Posture) -> tu
     return seen.jacobian.copy(), seen.system.stiffness - np.diag(own)
 
 
-def _share(assembly: Assembly, question: Question, posture: Posture, torques: Array) -> float:
+def _share(assembly: Assembly, question: TuningRequest, posture: Posture, torques: Array) -> float:
     """Gives the largest torque over its limit, the arm's own weight included; refuses what passes it."""
     model, limb = assembly.model, assembly.model.limbs[question.arm]
     limit, weight = model.column("effort_max")[limb.joints], model.gravity(posture.q)[limb.joints]
@@ -189,7 +189,7 @@ def _share(assembly: Assembly, question: Question, posture: Posture, torques: Ar
     return float(shares.max())
 
 
-def _room(assembly: Assembly, question: Question, posture: Posture, torques: Array) -> Array:
+def _room(assembly: Assembly, question: TuningRequest, posture: Posture, torques: Array) -> Array:
     """Gives how far each spring's rest may lie from the posture, the way it pulls, (2, k) [rad]."""
     model, limb = assembly.model, assembly.model.limbs[question.arm]
     q = posture.q[limb.joints]

@@ -18,7 +18,7 @@ from impedance_modules.errors import BadInput
 from impedance_modules.tools.surface_map.picture import draw_map
 from impedance_modules.tools.surface_fit import SurfaceMap
 from impedance_modules.tools.surface_map.touches import Touches
-from impedance_modules.tools.surface_truth import MapErrors, Truth
+from impedance_modules.tools.surface_truth import MapErrors, TrueSurface
 
 COLUMNS = (
     "along",
@@ -41,7 +41,7 @@ RESOLUTION = 120
 
 
 def write_map(
-    out: Path, source: str, touches: Touches, found: SurfaceMap, compared: tuple[Truth, MapErrors] | None
+    out: Path, source: str, touches: Touches, found: SurfaceMap, compared: tuple[TrueSurface, MapErrors] | None
 ) -> dict[str, Any]:
     """Writes the files and returns what ``map.json`` says.
 
@@ -73,7 +73,7 @@ def write_map(
     return said
 
 
-def _table(found: SurfaceMap, truth: Truth | None) -> str:
+def _table(found: SurfaceMap, truth: TrueSurface | None) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*COLUMNS, *(("true_height", "true_compliance") if truth is not None else ())])
@@ -94,7 +94,7 @@ def _table(found: SurfaceMap, truth: Truth | None) -> str:
 
 
 def _summary(
-    source: str, touches: Touches, found: SurfaceMap, compared: tuple[Truth, MapErrors] | None
+    source: str, touches: Touches, found: SurfaceMap, compared: tuple[TrueSurface, MapErrors] | None
 ) -> dict[str, Any]:
     said: dict[str, Any] = {
         "format": 1,

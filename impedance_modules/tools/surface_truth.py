@@ -21,7 +21,7 @@ STEPS = 20
 
 
 @dataclass(frozen=True)
-class Truth:
+class TrueSurface:
     """Height of the topmost surface under each cell of a map [m], and upward compliance [m/N], (M,) each.
 
     Where the hand was pressed below several surfaces at once, a sheet and the table under it, their stiffnesses add.
@@ -52,7 +52,7 @@ class MapErrors:
     covered: float
 
 
-def true_surface(surfaces: Sequence[SurfaceSpec], found: SurfaceMap) -> Truth:
+def true_surface(surfaces: Sequence[SurfaceSpec], found: SurfaceMap) -> TrueSurface:
     """Looks from above for what carried the hand in every cell.
 
     Raises:
@@ -70,7 +70,7 @@ def true_surface(surfaces: Sequence[SurfaceSpec], found: SurfaceMap) -> Truth:
         carrying = [1.0 / give for level, give in seen if level > pressed]
         rows.append((height, 1.0 / sum(carrying) if carrying else compliance))
     table = np.array(rows)
-    return Truth(table[:, 0], table[:, 1])
+    return TrueSurface(table[:, 0], table[:, 1])
 
 
 def _under(surface: PlacedSurface, x: float, y: float) -> tuple[float, float] | None:
@@ -108,7 +108,7 @@ def _under_sheet(surface: PlacedSurface, x: float, y: float) -> tuple[float, flo
     return height, compliance
 
 
-def map_errors(found: SurfaceMap, truth: Truth) -> MapErrors:
+def map_errors(found: SurfaceMap, truth: TrueSurface) -> MapErrors:
     """Compares a map with the truth."""
     fitted = np.isfinite(found.rest)
     told = np.isfinite(found.stiffness)

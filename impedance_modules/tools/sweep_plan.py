@@ -45,7 +45,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Job:
+class SweepJob:
     """One run, complete in itself, so that it can be sent elsewhere.
 
     Attributes:
@@ -70,7 +70,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SweepPlan:
     """A task and how it is varied.
 
     Attributes:
@@ -80,7 +80,7 @@ class Plan:
         draws: Number of random draws, uniform in all ranges; None for the whole grid.
         seeds: Noise seeds per point.
         seed: First of them, and of the draws.
-        rate, duration: See ``Job``.
+        rate, duration: See ``SweepJob``.
         keep: Folder for recordings, or None.
     """
 
@@ -131,7 +131,7 @@ def read_range(text: str) -> Range:
     return Range(path, low, high, points)
 
 
-def make_jobs(plan: Plan) -> list[Job]:
+def make_jobs(plan: SweepPlan) -> list[SweepJob]:
     """Writes out every run of a plan.
 
     Raises:
@@ -147,7 +147,7 @@ def make_jobs(plan: Plan) -> list[Job]:
     points = plan.points()
     if len(points) * plan.seeds > MOST_RUNS:
         raise BadInput(f"{len(points) * plan.seeds} runs are too many (valid: up to {MOST_RUNS})")
-    files = _Files(task, patch, homes)
+    files = _SourceTexts(task, patch, homes)
     return [
         _job(plan, files, number, point, seed)
         for number, (point, seed) in enumerate(itertools.product(points, range(plan.seeds)))
@@ -155,7 +155,7 @@ def make_jobs(plan: Plan) -> list[Job]:
 
 
 @dataclass(frozen=True)
-class _Files:
+class _SourceTexts:
     """Task and patch as they stand; path -> whether it varies the patch, and its steps."""
 
     task: Document
@@ -169,9 +169,9 @@ class _Files:
         return changed(self.task, in_task), None if self.patch is None else changed(self.patch, in_patch)
 
 
-def _job(plan: Plan, files: _Files, number: int, point: Mapping[str, float], seed: int) -> Job:
+def _job(plan: SweepPlan, files: _SourceTexts, number: int, point: Mapping[str, float], seed: int) -> SweepJob:
     task, patch = files.texts(point)
-    return Job(
+    return SweepJob(
         number=number,
         values=point,
         seed=plan.seed + seed,

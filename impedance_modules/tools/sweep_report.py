@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_modules.tools.sweep_runs import Row
+from impedance_modules.tools.sweep_runs import SweepRow
 
 Array = NDArray[np.float64]
 
@@ -24,9 +24,9 @@ class TableFile:
         """Takes where it is to stand, and the paths that are varied."""
         self._path, self._paths = path, tuple(paths)
         self._names: tuple[str, ...] = ()
-        self._rows: list[Row] = []
+        self._rows: list[SweepRow] = []
 
-    def add(self, row: Row) -> None:
+    def add(self, row: SweepRow) -> None:
         """Adds a run; the first one that was not refused says which results there are."""
         self._rows.append(row)
         if row.results and not self._names:
@@ -35,11 +35,11 @@ class TableFile:
             return
         self._write([row], "a" if len(self._rows) > 1 else "w", heading=len(self._rows) == 1)
 
-    def rewrite(self, rows: Iterable[Row]) -> None:
+    def rewrite(self, rows: Iterable[SweepRow]) -> None:
         """Writes the table anew, in the order given."""
         self._write(rows, "w", heading=True)
 
-    def _write(self, rows: Iterable[Row], mode: str, *, heading: bool) -> None:
+    def _write(self, rows: Iterable[SweepRow], mode: str, *, heading: bool) -> None:
         with self._path.open(mode, newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             if heading:
@@ -50,7 +50,7 @@ class TableFile:
                 writer.writerow([row.number, *values, row.seed, row.ending, *results, row.reason])
 
 
-def spread(rows: Sequence[Row]) -> dict[str, tuple[float, float, float, float, float]]:
+def spread(rows: Sequence[SweepRow]) -> dict[str, tuple[float, float, float, float, float]]:
     """Gives each result's least, 5 %, median, 95 % and largest value over the runs that ran."""
     ran = [row for row in rows if row.results]
     if not ran:
@@ -62,7 +62,7 @@ def spread(rows: Sequence[Row]) -> dict[str, tuple[float, float, float, float, f
     }
 
 
-def draw(rows: Sequence[Row], paths: Sequence[str], folder: Path) -> list[Path]:
+def draw(rows: Sequence[SweepRow], paths: Sequence[str], folder: Path) -> list[Path]:
     """Draws every result over every varied number, one picture a number, and a map where two are varied."""
     ran = [row for row in rows if row.results]
     if not ran:
@@ -76,7 +76,7 @@ def draw(rows: Sequence[Row], paths: Sequence[str], folder: Path) -> list[Path]:
     return written
 
 
-def _over(rows: Sequence[Row], path: str, names: Sequence[str]) -> Figure:
+def _over(rows: Sequence[SweepRow], path: str, names: Sequence[str]) -> Figure:
     figure = Figure(figsize=(7.0, 1.9 * len(names)), layout="constrained")
     x = np.array([row.values[path] for row in rows])
     done = np.array([row.ending == "done" for row in rows])
@@ -100,7 +100,7 @@ def _middle(axes: Axes, x: Array, y: Array) -> None:
         axes.plot(places, [np.median(y[x == place]) for place in places], color="C0", alpha=0.5)
 
 
-def _map(rows: Sequence[Row], paths: Sequence[str], names: Sequence[str]) -> Figure:
+def _map(rows: Sequence[SweepRow], paths: Sequence[str], names: Sequence[str]) -> Figure:
     figure = Figure(figsize=(6.0, 3.2 * len(names)), layout="constrained")
     x, y = (np.array([row.values[path] for row in rows]) for path in paths)
     for axes, name in zip(np.atleast_1d(figure.subplots(len(names), 1)), names, strict=True):

@@ -18,14 +18,14 @@ from impedance_modules.prediction.check import refuse_unfit
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.recorder import Recorder
 from impedance_modules.runs.run_summary import Summary
-from impedance_modules.tools.sweep_plan import Job
+from impedance_modules.tools.sweep_plan import SweepJob
 
 REFUSED = "refused"
 """Ending of a run that ``check`` does not allow."""
 
 
 @dataclass(frozen=True)
-class Row:
+class SweepRow:
     """What one run came to.
 
     Attributes:
@@ -45,7 +45,7 @@ class Row:
     results: Mapping[str, float] = field(default_factory=dict)
 
 
-def run_one(job: Job) -> Row:
+def run_one(job: SweepJob) -> SweepRow:
     """Carries one job out; a refusal is a result, too."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -60,11 +60,11 @@ def run_one(job: Job) -> Row:
             found = _carry_out(assembly, job, out)
         except ImpedanceError as error:
             reason = " | ".join(str(error).replace(f"{folder}/", "").splitlines())
-            return Row(job.number, job.values, job.seed, REFUSED, reason)
-    return Row(job.number, job.values, job.seed, str(found["ending"]), str(found["reason"]), _results(found))
+            return SweepRow(job.number, job.values, job.seed, REFUSED, reason)
+    return SweepRow(job.number, job.values, job.seed, str(found["ending"]), str(found["reason"]), _results(found))
 
 
-def _carry_out(assembly: Assembly, job: Job, out: Path) -> Mapping[str, Any]:
+def _carry_out(assembly: Assembly, job: SweepJob, out: Path) -> Mapping[str, Any]:
     supervisor, backend = Supervisor(assembly), sim_backend(assembly, job.seed)
     supervisor.controller.warm()
     first = backend.start()

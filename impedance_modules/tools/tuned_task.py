@@ -19,7 +19,7 @@ from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.task_text import Steps, changed, task_document
 from impedance_modules.spec.document import Document
-from impedance_modules.tools.spring_tuning import Question, Tuned, named
+from impedance_modules.tools.spring_tuning import TuningRequest, TunedPosture, named
 
 AMPLE = 50.0
 """Tank with which a task is rehearsed to find what it needs [J]."""
@@ -31,7 +31,7 @@ WINDING, HOLDING = 3.0, 12.0
 """Phases of a trial [s]."""
 
 
-def tuned_task(name: str, model: RobotModel, question: Question, tuned: Tuned, share: float) -> str:
+def tuned_task(name: str, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float) -> str:
     """Writes the task with the tuned posture and joint springs; the rest is the task's own.
 
     Args:
@@ -48,7 +48,7 @@ def tuned_task(name: str, model: RobotModel, question: Question, tuned: Tuned, s
     return _with_tank(document, _arm_changes(document, model, question, tuned, share), question, "")
 
 
-def trial_task(name: str, model: RobotModel, question: Question, tuned: Tuned, share: float) -> str:
+def trial_task(name: str, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float) -> str:
     """Writes a task that winds the joint springs while somebody resists with the same force.
 
     Both follow the same minimum-jerk course, so that the posture is an equilibrium at every moment: what the arm does
@@ -97,7 +97,7 @@ def trial_task(name: str, model: RobotModel, question: Question, tuned: Tuned, s
 
 
 def _arm_changes(
-    document: Document, model: RobotModel, question: Question, tuned: Tuned, share: float
+    document: Document, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float
 ) -> dict[Steps, Any]:
     arm: Mapping[str, Any] = document.data["arms"][question.arm]
     if "mirror" in arm:
@@ -115,7 +115,7 @@ def _arm_changes(
     return {("arms", question.arm): {**arm, "posture": posture, "joint_bias": bias}}
 
 
-def _with_tank(document: Document, changes: dict[Steps, Any], question: Question, heading: str) -> str:
+def _with_tank(document: Document, changes: dict[Steps, Any], question: TuningRequest, heading: str) -> str:
     """Fills the tank if what it holds is not enough for the changed task."""
     direction = ", ".join(f"{part:g}" for part in question.direction)
     heading = (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impedance_experiments import sanding
-from impedance_experiments.sanding_rule import feel_of, operate, set_bound
+from impedance_experiments.sanding_rule import smooth_statistics, roc_curve, set_bound
 from impedance_experiments.settings import Settings, Size
 
 
@@ -30,11 +30,11 @@ def test_the_bound_lies_where_it_tells_most_apart() -> None:
     rng = np.random.default_rng(0)
     smooth, rough = rng.normal(1.0, 0.2, 200), rng.normal(2.0, 0.2, 200)
     assert 1.3 < set_bound(smooth, rough) < 1.7
-    assert operate(smooth, rough).area > 0.99
-    assert operate(rough, smooth).area < 0.01
-    assert operate(smooth, rng.normal(1.0, 0.2, 200)).area == pytest.approx(0.5, abs=0.1)
+    assert roc_curve(smooth, rough).area > 0.99
+    assert roc_curve(rough, smooth).area < 0.01
+    assert roc_curve(smooth, rng.normal(1.0, 0.2, 200)).area == pytest.approx(0.5, abs=0.1)
     stuck = np.array([np.inf, np.inf, 2.0])
-    curve = operate(np.array([1.0, 1.1, 3.0]), stuck)
+    curve = roc_curve(np.array([1.0, 1.1, 3.0]), stuck)
     # A stuck piece says nothing about where rough pieces lie.
     assert set_bound(np.array([1.0, 1.1, 3.0]), stuck) == set_bound(np.array([1.0, 1.1, 3.0]), stuck[2:])
     assert curve.true[-2] == 1.0 and curve.false[-2] == pytest.approx(1.0 / 3.0)
@@ -48,13 +48,13 @@ def test_wood_must_feel_smooth_in_both_ways() -> None:
         "band": np.concatenate([np.full(50, 0.12), np.full(50, 0.062)]),
         "friction": np.concatenate([np.full(50, 0.8), np.full(50, 1.3)]),
     }
-    feel = feel_of(smooth)
+    feel = smooth_statistics(smooth)
     apart, together = feel.worst(smooth), feel.worst(rough)
     bound = set_bound(apart, together)
     assert (apart < bound).all() and not (together < bound).any()
     for measure, scores in smooth.items():
-        assert operate(scores, rough[measure]).area < 0.95
-    assert operate(apart, together).area == 1.0
+        assert roc_curve(scores, rough[measure]).area < 0.95
+    assert roc_curve(apart, together).area == 1.0
     limits = feel.bounds(bound)
     both = (rough["band"] < limits["band"]) & (rough["friction"] < limits["friction"])
     assert not both.any() and (smooth["band"] < limits["band"]).all()

@@ -9,7 +9,7 @@ import numpy as np
 
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.two_arms import reproduce
-from impedance_experiments.two_arms_measured import Measured, ratios
+from impedance_experiments.two_arms_measured import PushAnswers, ratios
 
 
 def test_a_pushed_box_answers_as_the_sum_of_its_arms(tmp_path: Path) -> None:
@@ -28,7 +28,7 @@ def test_the_measures_see_a_wrong_prediction() -> None:
     stiffness = factor @ factor.T + np.eye(6)
     wrench = random.normal(size=(6, 8))
     places = np.linalg.solve(stiffness, wrench)
-    same = Measured(wrench, places, places)
+    same = PushAnswers(wrench, places, places)
     np.testing.assert_allclose(same.matrix(), stiffness, rtol=1e-9)
-    np.testing.assert_allclose(Measured(wrench, places, 1.1 * places).errors(stiffness), 0.1, rtol=1e-9)
+    np.testing.assert_allclose(PushAnswers(wrench, places, 1.1 * places).errors(stiffness), 0.1, rtol=1e-9)
     np.testing.assert_allclose(ratios(1.2 * stiffness, stiffness), 1.2, rtol=1e-9)

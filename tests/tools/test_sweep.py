@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from impedance_modules.cli.main import impedance
 from impedance_modules.errors import BadInput, ImpedanceError
 from impedance_modules.tools.sweep_runs import run_one
-from impedance_modules.tools.sweep_plan import Plan, make_jobs, read_range
+from impedance_modules.tools.sweep_plan import SweepPlan, make_jobs, read_range
 from impedance_modules.tools.sweep.workers import run_on_cluster
 from tests.support.paths import CHECKOUT
 
@@ -32,7 +32,7 @@ def table(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def plan(*vary: str, **options: object) -> Plan:
+def plan(*vary: str, **options: object) -> SweepPlan:
     values = {
         "effects": None,
         "draws": None,
@@ -43,7 +43,7 @@ def plan(*vary: str, **options: object) -> Plan:
         "keep": None,
         **options,
     }
-    return Plan("wipe-table", tuple(map(read_range, vary)), **values)
+    return SweepPlan("wipe-table", tuple(map(read_range, vary)), **values)
 
 
 def test_a_grid_is_every_combination_and_draws_stay_in_their_ranges() -> None:

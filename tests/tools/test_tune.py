@@ -20,10 +20,10 @@ from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
 from impedance_modules.superposition.stiffness import net_stiffness
 from impedance_modules.tools.tune.folding import folding_share, least_stiffness
-from impedance_modules.tools.spring_tuning import MARGIN, Question, tune
+from impedance_modules.tools.spring_tuning import MARGIN, TuningRequest, tune
 
 DOWN = np.array([0.0, 0.0, -1.0])
-PRESS = Question("right", DOWN, 0.0, 25.0, postures=1, reach=2.0, softest=0.5, alone=True)
+PRESS = TuningRequest("right", DOWN, 0.0, 25.0, postures=1, reach=2.0, softest=0.5, alone=True)
 
 
 def task(name: str = "wipe-table"):

@@ -7,13 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from impedance_modules.tools.surface_fit import SurfaceMap
-from impedance_modules.tools.surface_truth import Truth
+from impedance_modules.tools.surface_truth import TrueSurface
 
 MILLIMETRES = 1000.0
 TWO_SIGMA = 2.0
 
 
-def draw_map(found: SurfaceMap, truth: Truth | None) -> Figure:
+def draw_map(found: SurfaceMap, truth: TrueSurface | None) -> Figure:
     """Draws shape above, stiffness below, over the way along the stroke.
 
     Args:
@@ -36,7 +36,7 @@ def draw_map(found: SurfaceMap, truth: Truth | None) -> Figure:
     return figure
 
 
-def _draw_shape(axes: Axes, found: SurfaceMap, truth: Truth | None) -> None:
+def _draw_shape(axes: Axes, found: SurfaceMap, truth: TrueSurface | None) -> None:
     along = MILLIMETRES * found.along
     if truth is not None:
         axes.plot(along, MILLIMETRES * truth.height, color="0.3", lw=1.2, label="truth, at rest")
@@ -53,7 +53,7 @@ def _draw_shape(axes: Axes, found: SurfaceMap, truth: Truth | None) -> None:
     axes.set_ylabel("height [mm]")
 
 
-def _draw_stiffness(axes: Axes, found: SurfaceMap, truth: Truth | None) -> None:
+def _draw_stiffness(axes: Axes, found: SurfaceMap, truth: TrueSurface | None) -> None:
     along = MILLIMETRES * found.along
     if truth is not None:
         axes.plot(along, 1.0 / truth.compliance, color="0.3", lw=1.2, label="truth")

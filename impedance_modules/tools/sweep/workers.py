@@ -10,14 +10,14 @@ from importlib import import_module
 from typing import Any
 
 from impedance_modules.errors import BadInput
-from impedance_modules.tools.sweep_runs import Row, run_one
-from impedance_modules.tools.sweep_plan import Job
+from impedance_modules.tools.sweep_runs import SweepRow, run_one
+from impedance_modules.tools.sweep_plan import SweepJob
 
 CONNECTING = 10.0
 """For how long a cluster may take to answer [s]."""
 
 
-def run_here(jobs: Sequence[Job], cores: int) -> Iterator[Row]:
+def run_here(jobs: Sequence[SweepJob], cores: int) -> Iterator[SweepRow]:
     """Runs on local cores, and gives each run's row as soon as it is there; one core is this process itself."""
     if cores == 1 or len(jobs) == 1:
         yield from map(run_one, jobs)
@@ -34,7 +34,7 @@ def run_here(jobs: Sequence[Job], cores: int) -> Iterator[Row]:
                 job.cancel()
 
 
-def run_on_cluster(jobs: Sequence[Job], address: str) -> Iterator[Row]:
+def run_on_cluster(jobs: Sequence[SweepJob], address: str) -> Iterator[SweepRow]:
     """Runs on an existing Dask cluster, whose workers have this package.
 
     Raises:

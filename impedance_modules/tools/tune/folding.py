@@ -24,10 +24,10 @@ from impedance_modules.superposition.stiffness import gamma
 
 Array = NDArray[np.float64]
 
-ROUNDS = 400
+CUTTING_ROUNDS = 400
 """Most cutting planes' rounds; a seven-joint arm takes about thirty."""
 
-TOLERANCE = 1e-5
+CUT_TOLERANCE = 1e-5
 """By how much, as a share of the largest stiffness, the bound may be missed."""
 
 
@@ -70,7 +70,7 @@ def least_stiffness(loads: Sequence[Array], least: Array, most: float) -> Array:
     """
     k = least.size
     cuts = [(u, load) for load in loads for u in np.eye(k)]
-    for _ in range(ROUNDS):
+    for _ in range(CUTTING_ROUNDS):
         rows = np.array([-(u**2) for u, _ in cuts])
         bounds = np.array([-(u @ load @ u) for u, load in cuts])
         found = linprog(np.ones(k), A_ub=rows, b_ub=bounds, bounds=[(low, most) for low in least])
@@ -79,7 +79,7 @@ def least_stiffness(loads: Sequence[Array], least: Array, most: float) -> Array:
         new = list[tuple[Array, Array]]()
         for load in loads:
             values, vectors = np.linalg.eigh(np.diag(found.x) - load)
-            missed = values < -TOLERANCE * max(1.0, float(found.x.max()))
+            missed = values < -CUT_TOLERANCE * max(1.0, float(found.x.max()))
             new += [(vector, load) for vector in vectors[:, missed].T]
         if not new:
             return _on_the_bound(np.asarray(found.x), loads, least)

@@ -15,17 +15,17 @@ from impedance_modules.robot.rotation import log3
 
 Array = NDArray[np.float64]
 
-STEP = 0.02
+SELF_MOTION_STEP = 0.02
 """Joint-space length of a step [rad]."""
 
 FARTHEST = 4.0
 """Joint-space length at which a self-motion is given up [rad]."""
 
-ROOM = 0.05
+LIMIT_DISTANCE = 0.05
 """Distance kept from the joints' limits [rad]."""
 
 CORRECTIONS = 4
-MISS = 1e-8
+HAND_TOLERANCE = 1e-8
 """Of the hand, m and rad, after the corrections."""
 
 
@@ -70,8 +70,8 @@ class _Follower:
         self._kinematics = Kinematics(model, (limb.hand,))
         self._limb, self._start = limb, q
         self._still = np.zeros(model.n)
-        self._low = model.column("position_min")[limb.joints] + ROOM
-        self._high = model.column("position_max")[limb.joints] - ROOM
+        self._low = model.column("position_min")[limb.joints] + LIMIT_DISTANCE
+        self._high = model.column("position_max")[limb.joints] - LIMIT_DISTANCE
         self._goal = self._look(q)[0]
 
     def _look(self, q: Array) -> tuple[Pose, Array]:
@@ -91,15 +91,15 @@ class _Follower:
             q = self._corrected(q, direction)
             here = q[self._limb.joints]
             missed, _ = self._miss(q)
-            if np.abs(missed).max() > MISS or np.any(here < self._low) or np.any(here > self._high):
+            if np.abs(missed).max() > HAND_TOLERANCE or np.any(here < self._low) or np.any(here > self._high):
                 break
-            along += STEP
+            along += SELF_MOTION_STEP
             found.append(Posture(sign * along, q.copy()))
         return found
 
     def _corrected(self, q: Array, direction: Array) -> Array:
         q = q.copy()
-        q[self._limb.joints] += STEP * direction
+        q[self._limb.joints] += SELF_MOTION_STEP * direction
         for _ in range(CORRECTIONS):
             missed, J = self._miss(q)
             q[self._limb.joints] += np.linalg.pinv(J) @ missed
