@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.pushing import only_arm
 from impedance_experiments.settings import Settings
 from impedance_experiments.task_run import watch_task
@@ -20,7 +20,13 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.tools.tune.folding import folding_share, unloading
 from impedance_modules.tools.tuned_task import WINDING, trial_task
 from impedance_modules.tools.tune.self_motion import Posture
-from impedance_modules.tools.spring_tuning import TuningRequest, TunedPosture, TuningResult, tune, unloaded_arm
+from impedance_modules.tools.spring_tuning import (
+    TuningRequest,
+    TunedPosture,
+    TuningResult,
+    tune,
+    unloaded_arm,
+)
 
 Array = NDArray[np.float64]
 
@@ -152,7 +158,7 @@ def _comparisons(
     return tuple(rows)
 
 
-def _joints(assembly: Assembly, question: TuningRequest, own: TunedPosture) -> Table:
+def _joints(assembly: Assembly, question: TuningRequest, own: TunedPosture) -> ResultTable:
     limb = assembly.model.limbs[question.arm]
     bias = assembly.modules.arm(question.arm).bias
     springs = np.zeros(limb.joints.size) if bias is None else np.asarray(bias.stiffness)
@@ -172,7 +178,7 @@ def _joints(assembly: Assembly, question: TuningRequest, own: TunedPosture) -> T
     return table_of("Joint springs at the thesis's posture", columns, rows)
 
 
-def _elbows(elbows: TuningResult) -> Table:
+def _elbows(elbows: TuningResult) -> ResultTable:
     rows: list[list[Cell]] = [
         [round(found.posture.along, 2), found.total, 100.0 * found.share, min(found.hand)]
         for found in elbows.found

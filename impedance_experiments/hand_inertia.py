@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, Plot, ResultTable, table_of
 from impedance_experiments.pushing import only_arm
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.analysis import analyse_task
@@ -61,7 +61,7 @@ def hand_inertia(task: str) -> HandInertia:
     return HandInertia(analyse_task(assembly, None).arms[arm].mobility[:3, :3], np.array(links))
 
 
-def mass_table(found: Mapping[str, HandInertia]) -> Table:
+def mass_table(found: Mapping[str, HandInertia]) -> ResultTable:
     """Tabulates apparent masses along the axes and along the principal directions."""
     rows: list[list[Cell]] = []
     for name, hand in found.items():

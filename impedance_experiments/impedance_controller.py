@@ -16,7 +16,7 @@ from impedance_experiments.lost_support import (
     one_degree_of_freedom,
     press_and_lose,
 )
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.settings import Settings, Size
 from impedance_modules.superposition.examples import thesis_net_stiffness
@@ -126,7 +126,7 @@ def _press_rows(lost: list[LostSupport]) -> list[ThesisValue]:
     ]
 
 
-def _slopes(runs: list[Displaced]) -> Table:
+def _slopes(runs: list[Displaced]) -> ResultTable:
     rows: list[list[Cell]] = []
     for run, worn in zip(runs, ("none", "worn"), strict=False):
         for item in run.found:
@@ -145,7 +145,7 @@ def _slopes(runs: list[Displaced]) -> Table:
     return table_of("Force over way: slope and intercept, out and back", columns, rows)
 
 
-def _presses(lost: list[LostSupport]) -> Table:
+def _presses(lost: list[LostSupport]) -> ResultTable:
     rows: list[list[Cell]] = []
     for run in lost:
         _, _, speeds = one_degree_of_freedom(run)

@@ -74,7 +74,9 @@ def press_and_lose(task_name: str, tank: float | None, seed: int) -> LostSupport
     after = trace.time >= LOST
     speed = max(0.0, -float(trace.twist[after, Z].min())) if after.any() else 0.0
     force = float(trace.push[before, Z])
-    return LostSupport(task_name, assembly.tank.initial, trace, force, stretch, 0.5 * stiffness * stretch**2, speed)
+    return LostSupport(
+        task_name, assembly.tank.initial, trace, force, stretch, 0.5 * stiffness * stretch**2, speed
+    )
 
 
 def _spring(assembly: Assembly) -> tuple[float, float]:

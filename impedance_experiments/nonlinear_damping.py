@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impedance_experiments.drive_fit import DriveFit, fit_drive
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.struck_joint import swinging_joint
@@ -170,7 +170,7 @@ def _table(
     loaded: Mapping[str, DriveFit],
     both: DriveFit,
     truth: dict[tuple[str, str], float],
-) -> Table:
+) -> ResultTable:
     fits = (plain[FORWARD], plain[INTERACTIVE], loaded[FORWARD], loaded[INTERACTIVE], both)
     rows: list[list[Cell]] = []
     for (law, symbol), name in NAMES.items():

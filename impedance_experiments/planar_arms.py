@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.settings import Settings
 from impedance_modules.superposition.examples import FIRST_ARM, LINK_LENGTH, MIRRORED_ARM, planar_inertia
 
@@ -52,7 +52,7 @@ def _comparisons(found: dict[str, Array]) -> tuple[ThesisValue, ...]:
     return tuple(rows)
 
 
-def _matrix(name: str, matrix: Array) -> Table:
+def _matrix(name: str, matrix: Array) -> ResultTable:
     rows: list[list[Cell]] = [
         [NAMES[i], *(round(float(value), 3) + 0.0 for value in row)] for i, row in enumerate(matrix)
     ]

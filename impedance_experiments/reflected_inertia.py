@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impedance_experiments.drive_fit import DriveFit, fit_drive
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.struck_joint import FreeSwing, strike
 from impedance_experiments.torque_steps import (
@@ -191,7 +191,7 @@ def _named(answer: Diagnosis, truth: float) -> list[ThesisValue]:
     return rows
 
 
-def _step_table(steps: Sequence[StepsFit]) -> Table:
+def _step_table(steps: Sequence[StepsFit]) -> ResultTable:
     rows: list[list[Cell]] = []
     for one in steps:
         values = one.fit.values
@@ -209,7 +209,7 @@ def _step_table(steps: Sequence[StepsFit]) -> Table:
     return table_of("Torque steps on W1; the plant's own: 0.044, 0.7, 0.19, 0.11", columns, rows)
 
 
-def _blow_table(struck: dict[str, list[FreeSwing]]) -> Table:
+def _blow_table(struck: dict[str, list[FreeSwing]]) -> ResultTable:
     rows: list[list[Cell]] = []
     for joint, swings in struck.items():
         for one in swings:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from impedance_experiments.apparent_mass import TASK, Impact, against, assembled, first_contact
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.planar_mass import ABSOLUTE, RELATIVE, Masses, planar_masses
 from impedance_experiments.settings import Settings
 
@@ -137,7 +137,7 @@ def _steps(strikes: dict[float, Pair]) -> dict[str, float]:
     }
 
 
-def _step_table(strikes: dict[float, Pair]) -> Table:
+def _step_table(strikes: dict[float, Pair]) -> ResultTable:
     rows: list[list[Cell]] = [[name, round(value, 3)] for name, value in _steps(strikes).items()]
     caption = (
         f"From masses to mean forces, with rotors on {WITH_70_MS / 1000:g} kN/m over without on "
@@ -200,7 +200,7 @@ def _impact_rows(strikes: dict[float, Pair]) -> tuple[ThesisValue, ...]:
 MASS = "all seven joints, another posture, and masses, not their square roots"
 
 
-def _mass_table(masses: dict[str, Masses]) -> Table:
+def _mass_table(masses: dict[str, Masses]) -> ResultTable:
     rows: list[list[Cell]] = [["Table 3.1", "", *PRINTED["with"], *PRINTED["without"], 1.58, 1.71]]
     for name, found in masses.items():
         heavy, light = np.array(found.extremes("with")), np.array(found.extremes("without"))
@@ -220,7 +220,7 @@ def _mass_table(masses: dict[str, Masses]) -> Table:
     return table_of("Apparent mass of the planar arm at 3 pi/4, 3 pi/4, pi/2 [kg]", columns, rows)
 
 
-def _impact_table(strikes: dict[float, Pair]) -> Table:
+def _impact_table(strikes: dict[float, Pair]) -> ResultTable:
     rows: list[list[Cell]] = []
     for stiffness, pair in strikes.items():
         for name, hit in zip(("with", "without"), pair, strict=True):

@@ -105,7 +105,9 @@ def _judge(settings: Settings) -> RuleEvaluation:
     for job, found in zip(jobs, carry_out_all(_judge_piece, jobs, settings.work, on_done), strict=True):
         for measure, value in found.items():
             scores[measure, job[1]].append(value)
-    smooth, rough = ({m: np.array(scores[m, kind]) for m in MEASURES} for kind in (WoodKind.SMOOTH, WoodKind.ROUGH))
+    smooth, rough = (
+        {m: np.array(scores[m, kind]) for m in MEASURES} for kind in (WoodKind.SMOOTH, WoodKind.ROUGH)
+    )
     feel = smooth_statistics({measure: values[:set_on] for measure, values in smooth.items()})
     worst = feel.worst(smooth), feel.worst(rough)
     bound = set_bound(*(values[:set_on] for values in worst))

@@ -73,7 +73,9 @@ def run_depth(task: str, seed: int, rough_seconds: float, smooth_seconds: float)
             f"task '{task}': too few windows, {len(rough.windows)} on rough and {len(smooth.windows)} on smooth wood "
             f"(valid: two and one; on rough wood {rough.stuck} s were spent in splinters)"
         )
-    return DepthRuns(rough, smooth, rough.windows[:count], rough.windows[-count:], smooth.windows[:MOST_WINDOWS])
+    return DepthRuns(
+        rough, smooth, rough.windows[:count], rough.windows[-count:], smooth.windows[:MOST_WINDOWS]
+    )
 
 
 def numbers(windows: Sequence[Window], name: str) -> Array:

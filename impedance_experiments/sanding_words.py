@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, ResultTable, table_of
 from impedance_experiments.sanding_cases import (
     DEEP,
     SHALLOW,
@@ -94,7 +94,9 @@ def _held(run: Sanding) -> str:
     )
 
 
-def comparisons_of(shallow: DepthRuns, deep: DepthRuns, slanted: Sanding, judged: RuleEvaluation) -> Iterator[ThesisValue]:
+def comparisons_of(
+    shallow: DepthRuns, deep: DepthRuns, slanted: Sanding, judged: RuleEvaluation
+) -> Iterator[ThesisValue]:
     """Lays the thesis's words and numbers beside ours."""
     first, last = shallow.rough.stuck or (0.0, 0.0)
     yield ThesisValue(
@@ -144,7 +146,7 @@ def comparisons_of(shallow: DepthRuns, deep: DepthRuns, slanted: Sanding, judged
     yield ThesisValue("rule fires on rough wood", "differs from smooth", judged.alarms, "1", pieces, named)
 
 
-def case_table(schemes: dict[str, DepthRuns]) -> Table:
+def case_table(schemes: dict[str, DepthRuns]) -> ResultTable:
     """Tabulates both measures of every case at both depths."""
     rows: list[list[Cell]] = [
         [
@@ -163,7 +165,7 @@ def case_table(schemes: dict[str, DepthRuns]) -> Table:
     return table_of("Windows of 0.8 s, mean and standard deviation", columns, rows)
 
 
-def rule_table(judged: RuleEvaluation) -> Table:
+def rule_table(judged: RuleEvaluation) -> ResultTable:
     """Tabulates how well each measure tells smooth from rough."""
     rows = [(name, curve.area) for name, curve in judged.curves.items()]
     return table_of(

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_experiments.blow import BLOW_FORCE, Blow, blow_response
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, ResultTable, table_of
 from impedance_experiments.series_elastic_plots import draw_blow, draw_bode, draw_poles
 from impedance_experiments.settings import Settings
 from impedance_modules.robot.kinematics import Kinematics
@@ -162,7 +162,7 @@ def _nearest(limits: dict[str, float], wanted: float) -> str:
     return min(limits, key=lambda name: abs(limits[name] - wanted))
 
 
-def _joint_table(joints: dict[str, SeriesElasticJoint], limits: dict[str, float]) -> Table:
+def _joint_table(joints: dict[str, SeriesElasticJoint], limits: dict[str, float]) -> ResultTable:
     columns = (
         "joint",
         "M [kg.m^2]",

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.pushing import patch_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.stability_search import (
@@ -171,7 +171,7 @@ def _comparisons(limits: list[Limit], drifts: list[tuple[float, float, float]]) 
     return tuple(rows)
 
 
-def _limit_table(limits: list[Limit]) -> Table:
+def _limit_table(limits: list[Limit]) -> ResultTable:
     rows: list[list[Cell]] = [
         [
             limit.loop.rate,
@@ -200,7 +200,7 @@ def _limit_table(limits: list[Limit]) -> Table:
     )
 
 
-def _drift_table(drifts: list[tuple[float, float, float]]) -> Table:
+def _drift_table(drifts: list[tuple[float, float, float]]) -> ResultTable:
     rows: list[list[Cell]] = [[k, round(1e3 * found, 1), round(1e3 * said, 1)] for k, found, said in drifts]
     return table_of(
         "How far 0.2 kg let a soft hand sink", ("stiffness [N/m]", "plant [mm]", "statics [mm]"), rows

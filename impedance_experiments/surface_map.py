@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.settings import Settings, Size
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
@@ -115,7 +115,7 @@ def _comparisons(errors: MapErrors, found: SurfaceMap, truth: TrueSurface) -> tu
     )
 
 
-def _errors_table(errors: dict[float, MapErrors]) -> Table:
+def _errors_table(errors: dict[float, MapErrors]) -> ResultTable:
     rows: list[list[Cell]] = [
         [
             f"{1000 * cell:g}",

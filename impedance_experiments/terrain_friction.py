@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from impedance_experiments.thesis_page import Cell, Table, table_of
+from impedance_experiments.thesis_page import Cell, ResultTable, table_of
 from impedance_experiments.settings import Settings
 from impedance_experiments.terrain_slides import SlideJob, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
@@ -19,7 +19,7 @@ AMPLE = 15.0
 PATCH = Path("patches", "dry-friction.yaml")
 
 
-def friction_table(settings: Settings) -> tuple[Table, dict[float, float]]:
+def friction_table(settings: Settings) -> tuple[ResultTable, dict[float, float]]:
     """Slides with the springs over both surfaces, with rougher ones and with dry friction in the joints.
 
     Returns:

@@ -163,7 +163,9 @@ def _slide(rows: Sequence[Array], stopped: str, collisions: tuple[tuple[float, s
     return Slide(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7], table[:, 8:], stopped, collisions)
 
 
-def slide_all(jobs: Sequence[SlideJob], settings: Settings, share: tuple[float, float], doing: str) -> list[Slide]:
+def slide_all(
+    jobs: Sequence[SlideJob], settings: Settings, share: tuple[float, float], doing: str
+) -> list[Slide]:
     """Makes many slides side by side; results in order.
 
     Args:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from impedance_experiments.thesis_page import Cell, Table, table_of
+from impedance_experiments.thesis_page import Cell, ResultTable, table_of
 from impedance_experiments.settings import Settings
 from impedance_experiments.terrain_slides import SlideJob, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
@@ -25,7 +25,7 @@ NO_TOLERANCE = 6.0
 """Never reached [rad]."""
 
 
-def threshold_tables(flat: Slide, settings: Settings) -> list[Table]:
+def threshold_tables(flat: Slide, settings: Settings) -> list[ResultTable]:
     """Plays the path back in both modes, with collisions found more or less easily, and never giving up by distance.
 
     Where position mode would have given up with a tolerance is read from the distance of such a run: up to that moment
@@ -64,7 +64,7 @@ def stopped_at(run: Slide, tolerance: float) -> int | None:
     return int(beyond[0]) if beyond.size else None
 
 
-def _position_table(runs: Mapping[tuple[str, float], Slide], spec: PlaybackSpec) -> Table:
+def _position_table(runs: Mapping[tuple[str, float], Slide], spec: PlaybackSpec) -> ResultTable:
     rows: list[list[Cell]] = []
     for factor in SENSITIVITIES:
         run = runs["position", factor]
@@ -84,7 +84,7 @@ def _position_table(runs: Mapping[tuple[str, float], Slide], spec: PlaybackSpec)
     )
 
 
-def _velocity_table(runs: Mapping[tuple[str, float], Slide], flat: Slide) -> Table:
+def _velocity_table(runs: Mapping[tuple[str, float], Slide], flat: Slide) -> ResultTable:
     rows: list[list[Cell]] = [
         [
             _threshold_label(factor),

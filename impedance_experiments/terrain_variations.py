@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, Table, table_of
+from impedance_experiments.thesis_page import Cell, ResultTable, table_of
 from impedance_experiments.settings import Settings
 from impedance_experiments.terrain_slides import SlideJob, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
@@ -138,7 +138,7 @@ def wrong_table(table: SurfaceSpec, errors: Array) -> SurfaceSpec:
     return replace(table, height=at_origin, rotation=(about_x, about_y, 0.0), stiffness=stiffness)
 
 
-def robustness_table(found: Robustness) -> Table:
+def robustness_table(found: Robustness) -> ResultTable:
     """Tabulates the distributions."""
     rows: list[list[Cell]] = []
     for way, runs in found.slides.items():

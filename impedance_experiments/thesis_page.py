@@ -33,7 +33,7 @@ class ThesisValue:
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """A table of results; cells that are numbers are printed to four digits."""
 
     caption: str
@@ -63,12 +63,12 @@ class Page:
 
     summary: str
     comparisons: tuple[ThesisValue, ...]
-    tables: tuple[Table, ...] = ()
+    tables: tuple[ResultTable, ...] = ()
     plots: tuple[Plot, ...] = ()
     differences: str = ""
     facts: Mapping[str, float] = field(default_factory=dict)
 
 
-def table_of(caption: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> Table:
+def table_of(caption: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> ResultTable:
     """Builds a table from any sequences."""
-    return Table(caption, tuple(columns), tuple(tuple(row) for row in rows))
+    return ResultTable(caption, tuple(columns), tuple(tuple(row) for row in rows))

@@ -60,7 +60,9 @@ def step_against(
     stiffness: float, joint: str, folder: Path, *, seed: int, phases: int | None = None
 ) -> TaskRun:
     """Runs the task against another torsion spring, or only its first phases."""
-    patch = patch_with(patch_of(STEP_TASK, STEP_PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}")
+    patch = patch_with(
+        patch_of(STEP_TASK, STEP_PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}"
+    )
     task = STEP_TASK
     if phases is not None:
         first = task_document(STEP_TASK).data["phases"][:phases]
@@ -70,7 +72,9 @@ def step_against(
 
 def step_down(stiffness: float, joint: str, folder: Path, *, seed: int) -> TaskRun:
     """Runs the task with all steps the other way, 0.9 times as large."""
-    patch = patch_with(patch_of(STEP_TASK, STEP_PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}")
+    patch = patch_with(
+        patch_of(STEP_TASK, STEP_PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}"
+    )
     values = {}
     for place, phase in enumerate(task_document(STEP_TASK).data["phases"]):
         for limb, rests in phase.get("posture", {}).items():

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.pushing import PushTrace, first_pushes, trace_pushed
 from impedance_experiments.settings import Settings
 from impedance_experiments.two_arms_measured import (
@@ -161,7 +161,7 @@ def _comparisons(found: _Found) -> tuple[ThesisValue, ...]:
     return tuple(found_rows)
 
 
-def _tables(found: _Found) -> tuple[Table, ...]:
+def _tables(found: _Found) -> tuple[ResultTable, ...]:
     free = found.predicted[2]
     tables = [_matrix("Lambda predicted [kg, kg.m, kg.m^2]", free.inertia)]
     tables.append(_matrix("Lambda measured", found.inertia))
@@ -172,7 +172,7 @@ def _tables(found: _Found) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-def _matrix(name: str, matrix: Array) -> Table:
+def _matrix(name: str, matrix: Array) -> ResultTable:
     rows: list[list[Cell]] = [
         [AXES[i], *(round(float(value), 3) + 0.0 for value in row)] for i, row in enumerate(matrix)
     ]

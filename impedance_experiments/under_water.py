@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impedance_experiments.pushing import PushTrace, first_pushes, only_arm, patch_of, trace_pushed
 from impedance_experiments.settings import Settings
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.effects.water import BuoyancyTorque
@@ -210,7 +210,7 @@ def _comparisons(
     return tuple(rows)
 
 
-def _table(felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction]) -> Table:
+def _table(felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction]) -> ResultTable:
     rows: list[list[Cell]] = [
         [
             f"{name}, {'xyz'[f.axis]}",
@@ -234,7 +234,9 @@ def _table(felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction
     return table_of("What the hand feels like", columns, rows)
 
 
-def _facts(felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction], shift: Array) -> dict[str, float]:
+def _facts(
+    felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction], shift: Array
+) -> dict[str, float]:
     facts = {"shift": float(shift[2]), "shift_foretold": float(told["water"].shift[2])}
     for air, water in zip(felt["air"], felt["water"], strict=True):
         name, axis = "xyz"[air.axis], air.axis

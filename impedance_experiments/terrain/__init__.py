@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Table, table_of
+from impedance_experiments.thesis_page import Cell, ThesisValue, Page, ResultTable, table_of
 from impedance_experiments.settings import Settings, Size
 from impedance_experiments.terrain_friction import COEFFICIENTS, friction_table
 from impedance_experiments.terrain_plots import picture_of_errors, picture_of_slides
@@ -88,7 +88,7 @@ def _outcome(run: Slide) -> str:
     return f"to the end, {pauses} pauses after collisions" if pauses else "to the end"
 
 
-def _table_of_slides(found: dict[tuple[str, str], Slide]) -> Table:
+def _table_of_slides(found: dict[tuple[str, str], Slide]) -> ResultTable:
     rows: list[list[Cell]] = []
     for (way, surface), run in sorted(found.items()):
         deviation = _deviation(found, way) if surface == "over" else None
