@@ -9,24 +9,25 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.pushing import only_arm
 from impedance_experiments.settings import Settings
 from impedance_experiments.task_run import watch_task
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, ThesisValue, table_of
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
-from impedance_modules.tools.tune.folding import folding_share, unloading
-from impedance_modules.tools.tuned_task import WINDING, trial_task
-from impedance_modules.tools.tune.self_motion import Posture
 from impedance_modules.tools.spring_tuning import (
-    TuningRequest,
+    Posture,
     TunedPosture,
+    TuningRequest,
     TuningResult,
+    folding_share,
     tune,
     unloaded_arm,
+    unloading,
 )
+from impedance_modules.tools.tuned_task import WINDING, trial_task
 
 Array = NDArray[np.float64]
 

@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
 from impedance_experiments.settings import Settings, Size
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, ThesisValue, table_of
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.execution import RunOptions, carry_out
-from impedance_modules.tools.surface_map.picture import draw_map
-from impedance_modules.tools.surface_fit import SurfaceMap, map_surface
-from impedance_modules.tools.surface_map.touches import touches_of
+from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.tools.surface_fit import SurfaceMap, map_surface, touches_of
+from impedance_modules.tools.surface_report import draw_map
 from impedance_modules.tools.surface_truth import MapErrors, TrueSurface, map_errors, true_surface
 
 TASK = "map-sheet"

@@ -36,8 +36,7 @@ def command(episode: Path, out: Path, hand: str | None, force: float, cell: floa
     from impedance_modules.episode.reader import read_episode
     from impedance_modules.episode.run_folder import the_episode
     from impedance_modules.errors import BadInput
-    from impedance_modules.tools.surface_fit import map_surface
-    from impedance_modules.tools.surface_map.touches import touches_of
+    from impedance_modules.tools.surface_fit import map_surface, touches_of
     from impedance_modules.tools.surface_report import write_map
 
     for name, value in (("--force", force), ("--cell", cell)):

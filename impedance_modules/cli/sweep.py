@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from impedance_modules.tools.sweep_runs import SweepRow
     from impedance_modules.tools.sweep_plan import SweepJob
+    from impedance_modules.tools.sweep_runs import SweepRow
 
 TABLE = "sweep.csv"
 
@@ -104,7 +104,7 @@ def _refuse_counts(*, draws: int | None, seeds: int, jobs: int | None, duration:
 
 
 def _running(todo: Sequence[SweepJob], jobs: int | None, scheduler: str | None) -> Iterator[SweepRow]:
-    from impedance_modules.tools.sweep.workers import run_here, run_on_cluster
+    from impedance_modules.tools.sweep_runs import run_here, run_on_cluster
 
     if scheduler is not None:
         return run_on_cluster(todo, scheduler)

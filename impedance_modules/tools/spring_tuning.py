@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput
@@ -21,8 +22,11 @@ from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import analyse_state
-from impedance_modules.tools.tune.folding import folding_share, least_stiffness, unloading
-from impedance_modules.tools.tune.self_motion import Posture, self_motion
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.model import Limb, RobotModel
+from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.rotation import log3
+from impedance_modules.superposition.stiffness import gamma
 
 Array = NDArray[np.float64]
 
@@ -210,3 +214,175 @@ def _along(jacobian: Array, hessian: Array, direction: Array) -> float:
 def named(values: Array, names: Sequence[str], digits: int) -> dict[str, float]:
     """Puts rounded numbers (k,) beside their joints' short names."""
     return {name: round(float(value), digits) for name, value in zip(names, values, strict=True)}
+
+
+CUTTING_ROUNDS = 400
+"""Most cutting planes' rounds; a seven-joint arm takes about thirty."""
+
+CUT_TOLERANCE = 1e-5
+"""By how much, as a share of the largest stiffness, the bound may be missed."""
+
+
+def unloading(jacobian: Array, others: Array, wrenches: Sequence[Array]) -> list[Array]:
+    r"""Gives sym(\Gamma(F_b)) - S (k, k) for each wrench (6,): what diag(K) must outweigh [N.m/rad].
+
+    Args:
+        jacobian: (6, k) of the hand.
+        others: (k, k) S.
+        wrenches: F_b in world axes at the hand [N, N.m].
+    """
+    turned = (gamma(jacobian, wrench) for wrench in wrenches)
+    return [0.5 * (g + g.T) - 0.5 * (others + others.T) for g in turned]
+
+
+def folding_share(stiffness: Array, loads: Sequence[Array]) -> float:
+    """Finds the largest share s at which s K just folds under the worst load; 0 where it never does.
+
+    Args:
+        stiffness: (k,) K, above zero.
+        loads: From ``unloading``.
+    """
+    root = 1.0 / np.sqrt(stiffness)
+    highest = max(float(np.linalg.eigvalsh(root[:, None] * load * root)[-1]) for load in loads)
+    return max(0.0, highest)
+
+
+def least_stiffness(loads: Sequence[Array], least: Array, most: float) -> Array:
+    """Finds K (k,) of the smallest sum with diag(K) - load positive semidefinite for all loads.
+
+    By cutting planes: every direction u in which a K still folds says u^2 . K >= u . load u, which is linear.
+
+    Args:
+        loads: From ``unloading``.
+        least: (k,) lower bounds for other reasons [N.m/rad].
+        most: Upper bound of every joint [N.m/rad].
+
+    Raises:
+        BadInput: No K below ``most`` holds these loads.
+    """
+    k = least.size
+    cuts = [(u, load) for load in loads for u in np.eye(k)]
+    for _ in range(CUTTING_ROUNDS):
+        rows = np.array([-(u**2) for u, _ in cuts])
+        bounds = np.array([-(u @ load @ u) for u, load in cuts])
+        found = linprog(np.ones(k), A_ub=rows, b_ub=bounds, bounds=[(low, most) for low in least])
+        if found.x is None:
+            break
+        new = list[tuple[Array, Array]]()
+        for load in loads:
+            values, vectors = np.linalg.eigh(np.diag(found.x) - load)
+            missed = values < -CUT_TOLERANCE * max(1.0, float(found.x.max()))
+            new += [(vector, load) for vector in vectors[:, missed].T]
+        if not new:
+            return _on_the_bound(np.asarray(found.x), loads, least)
+        cuts += new
+    raise BadInput(
+        f"no joint stiffness up to {most:g} N.m/rad keeps the arm from folding (valid: less force, or another posture)"
+    )
+
+
+def _on_the_bound(stiffness: Array, loads: Sequence[Array], least: Array) -> Array:
+    """Removes what the cuts' tolerance leaves: K just folds, or stands on its lower bounds."""
+    share = folding_share(np.maximum(stiffness, 1e-9), loads)
+    return np.maximum(stiffness * max(share, 1.0), least)
+
+
+SELF_MOTION_STEP = 0.02
+"""Joint-space length of a step [rad]."""
+
+FARTHEST = 4.0
+"""Joint-space length at which a self-motion is given up [rad]."""
+
+LIMIT_DISTANCE = 0.05
+"""Distance kept from the joints' limits [rad]."""
+
+CORRECTIONS = 4
+HAND_TOLERANCE = 1e-8
+"""Of the hand, m and rad, after the corrections."""
+
+
+@dataclass(frozen=True)
+class Posture:
+    """One posture of the self-motion.
+
+    Attributes:
+        along: Way along the self-motion from the task's posture, in joint space [rad].
+        q: (n,) all joints [rad].
+    """
+
+    along: float
+    q: Array
+
+
+def self_motion(model: RobotModel, limb: Limb, q: Array, count: int) -> tuple[Posture, ...]:
+    """Lists postures with the hand where it is at q, spread evenly between the joints' limits.
+
+    An arm of six joints or fewer has none but its own.
+
+    Args:
+        model: The robot.
+        limb: The arm.
+        q: (n,) posture to begin at; it is always among them.
+        count: How many at most.
+    """
+    if count == 1 or limb.joints.size <= 6:
+        return (Posture(0.0, q),)
+    follower = _Follower(model, limb, q)
+    path = [*reversed(follower.walk(-1.0)), Posture(0.0, q), *follower.walk(1.0)]
+    wanted = np.linspace(path[0].along, path[-1].along, count - 1)
+    nearest = [min(path, key=lambda posture, w=w: abs(posture.along - w)) for w in wanted]  # type: ignore[misc]
+    found = {posture.along: posture for posture in [*nearest, Posture(0.0, q)]}
+    return tuple(found[along] for along in sorted(found))
+
+
+class _Follower:
+    """Walks along the null space of the hand's Jacobian."""
+
+    def __init__(self, model: RobotModel, limb: Limb, q: Array) -> None:
+        self._kinematics = Kinematics(model, (limb.hand,))
+        self._limb, self._start = limb, q
+        self._still = np.zeros(model.n)
+        self._low = model.column("position_min")[limb.joints] + LIMIT_DISTANCE
+        self._high = model.column("position_max")[limb.joints] - LIMIT_DISTANCE
+        self._goal = self._look(q)[0]
+
+    def _look(self, q: Array) -> tuple[Pose, Array]:
+        self._kinematics.update(q, self._still)
+        hand = self._limb.hand
+        pose = self._kinematics.pose(hand)
+        kept = Pose(pose.rotation.copy(), pose.translation.copy())
+        return kept, self._kinematics.jacobian_of(hand)[:, self._limb.joints].copy()
+
+    def walk(self, sign: float) -> list[Posture]:
+        """Steps one way until a joint's limit, a singular posture, or far enough."""
+        q, along, found = self._start.copy(), 0.0, list[Posture]()
+        direction = sign * _null(self._look(q)[1])
+        while along < FARTHEST:
+            ahead = _null(self._look(q)[1])
+            direction = ahead if ahead @ direction > 0.0 else -ahead
+            q = self._corrected(q, direction)
+            here = q[self._limb.joints]
+            missed, _ = self._miss(q)
+            if np.abs(missed).max() > HAND_TOLERANCE or np.any(here < self._low) or np.any(here > self._high):
+                break
+            along += SELF_MOTION_STEP
+            found.append(Posture(sign * along, q.copy()))
+        return found
+
+    def _corrected(self, q: Array, direction: Array) -> Array:
+        q = q.copy()
+        q[self._limb.joints] += SELF_MOTION_STEP * direction
+        for _ in range(CORRECTIONS):
+            missed, J = self._miss(q)
+            q[self._limb.joints] += np.linalg.pinv(J) @ missed
+        return q
+
+    def _miss(self, q: Array) -> tuple[Array, Array]:
+        pose, J = self._look(q)
+        turn = log3(self._goal.rotation @ pose.rotation.T)
+        return np.concatenate([self._goal.translation - pose.translation, turn]), J
+
+
+def _null(jacobian: Array) -> Array:
+    """Gives the joint direction (k,) that moves the hand least, of length 1."""
+    return np.asarray(np.linalg.svd(jacobian)[2][-1])

@@ -3,20 +3,23 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.errors import ImpedanceError
+from impedance_modules.errors import BadInput, ImpedanceError
 from impedance_modules.prediction.check import refuse_unfit
-from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.recorder import Recorder
+from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.run_summary import Summary
 from impedance_modules.tools.sweep_plan import SweepJob
 
@@ -61,7 +64,9 @@ def run_one(job: SweepJob) -> SweepRow:
         except ImpedanceError as error:
             reason = " | ".join(str(error).replace(f"{folder}/", "").splitlines())
             return SweepRow(job.number, job.values, job.seed, REFUSED, reason)
-    return SweepRow(job.number, job.values, job.seed, str(found["ending"]), str(found["reason"]), _results(found))
+    return SweepRow(
+        job.number, job.values, job.seed, str(found["ending"]), str(found["reason"]), _results(found)
+    )
 
 
 def _carry_out(assembly: Assembly, job: SweepJob, out: Path) -> Mapping[str, Any]:
@@ -105,3 +110,53 @@ def _results(found: Mapping[str, Any]) -> dict[str, float]:
         results[f"{hand} tracking peak [m]"] = float(numbers["tracking_peak"])
         results[f"{hand} peak force [N]"] = float(numbers["peak_force"])
     return results
+
+
+CONNECTING = 10.0
+"""For how long a cluster may take to answer [s]."""
+
+
+def run_here(jobs: Sequence[SweepJob], cores: int) -> Iterator[SweepRow]:
+    """Runs on local cores, and gives each run's row as soon as it is there; one core is this process itself."""
+    if cores == 1 or len(jobs) == 1:
+        yield from map(run_one, jobs)
+        return
+    # Forked processes would inherit threads of numerical libraries in the middle of something.
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(cores, len(jobs)), mp_context=fresh) as pool:
+        waiting = [pool.submit(run_one, job) for job in jobs]
+        try:
+            for done in as_completed(waiting):
+                yield done.result()
+        finally:
+            for job in waiting:
+                job.cancel()
+
+
+def run_on_cluster(jobs: Sequence[SweepJob], address: str) -> Iterator[SweepRow]:
+    """Runs on an existing Dask cluster, whose workers have this package.
+
+    Raises:
+        BadInput: Dask is not installed here, or nobody answers at the address.
+    """
+    try:
+        distributed: Any = import_module("distributed")
+    except ImportError:
+        raise BadInput(
+            "--scheduler needs Dask, which is not installed (valid: pip install 'impedance-modules[cluster]', or"
+            " leave --scheduler out to use this machine's cores)"
+        ) from None
+    try:
+        client = distributed.Client(address, timeout=CONNECTING)
+    except (OSError, ValueError) as error:
+        raise BadInput(
+            f"--scheduler {address}: no Dask scheduler answers there ({error}) (valid: the address that"
+            " `dask scheduler` prints, e.g. tcp://192.168.0.2:8786)"
+        ) from None
+    with client:
+        waiting = client.map(run_one, list(jobs), pure=False)
+        try:
+            for done in distributed.as_completed(waiting):
+                yield done.result()
+        finally:
+            client.cancel(waiting)

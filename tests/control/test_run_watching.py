@@ -18,8 +18,8 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.rotation import exp3, log3, rotation_angle
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.recorder import SCALARS
+from impedance_modules.runs.run_summary import BLOCK, Tally
 from impedance_modules.runs.scene_view import INERTIA_SCALE, SceneView
-from impedance_modules.runs.tally import BLOCK, Tally
 from impedance_modules.superposition.ellipsoid import ellipsoid
 from impedance_modules.superposition.inertia import operational_inertia
 from tests.support.arm_samples import Array, random_psd, random_rotation

@@ -12,9 +12,8 @@ from click.testing import CliRunner, Result
 
 from impedance_modules.cli.main import impedance
 from impedance_modules.errors import BadInput, ImpedanceError
-from impedance_modules.tools.sweep_runs import run_one
 from impedance_modules.tools.sweep_plan import SweepPlan, make_jobs, read_range
-from impedance_modules.tools.sweep.workers import run_on_cluster
+from impedance_modules.tools.sweep_runs import run_on_cluster, run_one
 from tests.support.paths import CHECKOUT
 
 TASK = "stiff-shallow"
@@ -139,6 +138,6 @@ def test_without_dask_or_a_scheduler_the_remedy_is_named(monkeypatch: pytest.Mon
     with pytest.raises(BadInput, match="pip install"):
         list(run_on_cluster(jobs, "tcp://127.0.0.1:1"))
     monkeypatch.undo()
-    monkeypatch.setattr("impedance_modules.tools.sweep.workers.CONNECTING", 0.5)
+    monkeypatch.setattr("impedance_modules.tools.sweep_runs.CONNECTING", 0.5)
     with pytest.raises(BadInput, match="no Dask scheduler answers"):
         list(run_on_cluster(jobs, "tcp://127.0.0.1:1"))

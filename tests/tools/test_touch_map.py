@@ -17,8 +17,7 @@ from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
-from impedance_modules.tools.surface_fit import map_surface
-from impedance_modules.tools.surface_map.touches import Touches
+from impedance_modules.tools.surface_fit import Touches, map_surface
 from impedance_modules.tools.surface_truth import map_errors, true_surface
 
 HAND = "right_hand"

@@ -19,8 +19,7 @@ from impedance_modules.cli.main import impedance
 from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
 from impedance_modules.superposition.stiffness import net_stiffness
-from impedance_modules.tools.tune.folding import folding_share, least_stiffness
-from impedance_modules.tools.spring_tuning import MARGIN, TuningRequest, tune
+from impedance_modules.tools.spring_tuning import MARGIN, TuningRequest, folding_share, least_stiffness, tune
 
 DOWN = np.array([0.0, 0.0, -1.0])
 PRESS = TuningRequest("right", DOWN, 0.0, 25.0, postures=1, reach=2.0, softest=0.5, alone=True)

@@ -13,15 +13,15 @@ from impedance_modules.cli.baxter.connection import node, robot_option, transpor
 @click.option("--reset", is_flag=True, help="Clear a stop or fault first; it also disables.")
 @click.option("--tucked", is_flag=True, help="The arms are tucked: suppress their force field meanwhile.")
 @transport_option
-def command(robot: str, reset: bool, tucked: bool, transport: str) -> int:
+def enable(robot: str, reset: bool, tucked: bool, transport: str) -> int:
     """Switch motor power on. Stand back, e-stop in hand: the arms hold where they are.
 
     A robot that is not the one we mean, or stands outside its ranges, gets no power.
 
     Exit: 0 enabled, 2 no robot, another one, or it refuses; with the reason.
     """
-    from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
     from impedance_modules.backends.baxter.power import Power, describe
+    from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
     from impedance_modules.backends.baxter.session import Session
     from impedance_modules.spec.robot_reader import read_robot
 

@@ -26,7 +26,7 @@ from impedance_modules.errors import BadInput
 )
 @click.option("--repeat-of", metavar="NAME", help="Episode that this one repeats.")
 @transport_option
-def command(
+def record_robot(
     robot: str,
     out: Path | None,
     duration: float | None,
@@ -40,8 +40,8 @@ def command(
     """
     from rich.console import Console
 
-    from impedance_modules.backends.baxter.preflight_checks import refuse_closed
     from impedance_modules.backends.baxter.baxter_recorder import RecordOptions, record
+    from impedance_modules.backends.baxter.preflight_checks import refuse_closed
     from impedance_modules.backends.baxter.session import Session
     from impedance_modules.cli.baxter.ending import Ending
     from impedance_modules.spec.robot_reader import read_robot

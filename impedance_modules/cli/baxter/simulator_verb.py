@@ -58,7 +58,7 @@ from impedance_modules.errors import BadInput
     "--log", type=click.Path(path_type=Path), metavar="FILE", help="Write a diary, one JSON line per event."
 )
 @click.option("--duration", type=float, metavar="S", help="End after this time  [default: on Ctrl-C].")
-def command(
+def fake(
     robot: str,
     posture: str,
     enabled: bool,
@@ -83,15 +83,19 @@ def command(
     """
     import os
 
+    from impedance_modules.backends.baxter.ros.master_client import MasterClient, master_uri_of
     from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
     from impedance_modules.backends.baxter.simulator.fault_injection import describe, parse_fault
     from impedance_modules.backends.baxter.simulator.journal import Journal
-    from impedance_modules.backends.baxter.simulator.real_time import live
     from impedance_modules.backends.baxter.simulator.network import RosNetwork
-    from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
+    from impedance_modules.backends.baxter.simulator.options import (
+        FakeOptions,
+        over_torque_of,
+        time_out_result_of,
+    )
     from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
-    from impedance_modules.backends.baxter.simulator.options import FakeOptions, over_torque_of, time_out_result_of
-    from impedance_modules.backends.baxter.ros.master_client import MasterClient, master_uri_of
+    from impedance_modules.backends.baxter.simulator.real_time import live
+    from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
     from impedance_modules.cli.baxter.ending import Ending
     from impedance_modules.spec.patch_file import read_patch
 

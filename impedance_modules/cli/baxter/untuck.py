@@ -22,7 +22,7 @@ from impedance_modules.cli.baxter.connection import node, robot_option, transpor
     "--enable", is_flag=True, help="Switch power on first, the force field of tucked arms suppressed."
 )
 @transport_option
-def command(robot: str, posture: str, enable: bool, transport: str) -> int:
+def untuck(robot: str, posture: str, enable: bool, transport: str) -> int:
     """Move both arms slowly to a posture. Everybody out of reach, e-stop in hand.
 
     Tucked arms lie in their own force field, which is suppressed on the way: nothing but you then keeps the arms
@@ -30,10 +30,10 @@ def command(robot: str, posture: str, enable: bool, transport: str) -> int:
 
     Exit: 0 arrived, 2 refused with the reason, 3 stopped on the way, 130 after Ctrl-C.
     """
-    from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
     from impedance_modules.backends.baxter.position_mode import Mover
     from impedance_modules.backends.baxter.postures import named_posture
     from impedance_modules.backends.baxter.power import Power
+    from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
     from impedance_modules.backends.baxter.session import Session
     from impedance_modules.cli.baxter.ending import Ending
     from impedance_modules.spec.robot_reader import read_robot
