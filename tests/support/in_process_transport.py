@@ -13,9 +13,11 @@ from impedance_modules.backends.baxter.ros.transport import (
     Callback,
     Offer,
     ParameterValue,
+    Transport,
     TransportClosedError,
 )
 from impedance_modules.backends.baxter.ros.wire import checksum_of, decode, encode
+from impedance_modules.backends.baxter.simulator.network import GONE_NODE
 
 M = TypeVar("M", bound=Message)
 
@@ -114,6 +116,25 @@ class InProcessTransport:
     def _check(self) -> None:
         if self._closed:
             raise TransportClosedError(f"{self._node_name}: the transport is closed")
+
+
+class InProcessNetwork:
+    """Nodes within this process, for tests."""
+
+    def __init__(self, master: InProcessMaster) -> None:
+        self._master = master
+
+    def connect(self, node_name: str) -> Transport:
+        """Brings a node up."""
+        return InProcessTransport(self._master, node_name)
+
+    def haunt(self, topic: str, ros_type: str, on: bool) -> None:
+        """Registers a publisher that no longer exists, or has it forgotten."""
+        entry = (GONE_NODE, topic)
+        if on and entry not in self._master.dead:
+            self._master.dead.append(entry)
+        elif not on and entry in self._master.dead:
+            self._master.dead.remove(entry)
 
 
 class _Publisher(Generic[M]):

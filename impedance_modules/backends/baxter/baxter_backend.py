@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.approach import Approach
 from impedance_modules.backends.baxter.awake import AwakeProcessor
@@ -22,6 +21,7 @@ from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.sea_columns import SeaColumns
 from impedance_modules.backends.baxter.stop_rules import Mode
 from impedance_modules.backends.baxter.stops import Stops
+from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.errors import NotConnected, RobotRefused
 from impedance_modules.robot.model import Limb
 from impedance_modules.robot.state import RobotState

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.ros.messages import Float64, JointCommand, UInt16
-from impedance_modules.backends.baxter.stop_rules import Order
 from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.backends.baxter.ros.wire import encode
+from impedance_modules.backends.baxter.stop_rules import Order
 from impedance_modules.robot.model import Limb
 
 Array = NDArray[np.float64]

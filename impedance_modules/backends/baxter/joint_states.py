@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.ros.messages import JointState
 from impedance_modules.backends.baxter.robot_clock import RobotClock
+from impedance_modules.backends.baxter.ros.messages import JointState
 from impedance_modules.robot.state import RobotState
 
 Array = NDArray[np.float64]

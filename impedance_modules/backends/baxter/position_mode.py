@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,13 @@ from impedance_modules.backends.baxter.commander import Commander
 from impedance_modules.backends.baxter.joint_states import Sample
 from impedance_modules.backends.baxter.robot_link import Listener
 from impedance_modules.backends.baxter.ros.messages import AssemblyState, Empty
-from impedance_modules.backends.baxter.session import BRAKING_SHARE, Session
-from impedance_modules.backends.baxter.stop_rules import stop_rules
+from impedance_modules.backends.baxter.stop_rules import BRAKING_SHARE, stop_rules
 from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_events import Event
+
+if TYPE_CHECKING:
+    from impedance_modules.backends.baxter.session import Session
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.served_description import Comparison
 from impedance_modules.backends.baxter.gates_model import effort_gate, gravity_gate, hand_gate, range_gate
 from impedance_modules.backends.baxter.gates_network import (
     alone_gate,
@@ -20,6 +19,7 @@ from impedance_modules.backends.baxter.gates_network import (
 from impedance_modules.backends.baxter.gates_types import Gate
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.ros.messages import AssemblyState
+from impedance_modules.backends.baxter.served_description import Comparison
 from impedance_modules.backends.baxter.stop_rules import why_off
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel

@@ -14,6 +14,9 @@ from impedance_modules.safety.stop_events import Event
 
 Array = NDArray[np.float64]
 
+BRAKING_SHARE = 0.5
+"""The watchdog brakes with this share of a joint's torque limit at its declared top speed, as the supervisor does."""
+
 
 class Mode(Enum):
     """What leaves for the arms."""

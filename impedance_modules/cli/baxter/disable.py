@@ -10,7 +10,7 @@ from impedance_modules.cli.baxter.connection import node, transport_option
 
 @click.command("disable")
 @transport_option
-def command(transport: str) -> int:
+def disable(transport: str) -> int:
     """Switch motor power off. The arms sink: keep the space below them free.
 
     Exit: 0 disabled, 2 no robot, or it refuses; with the reason.

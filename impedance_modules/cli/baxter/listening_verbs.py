@@ -20,7 +20,7 @@ ANSWERS = {True: "open", False: "CLOSED", None: "unknown"}
 @click.command("check")
 @robot_option
 @transport_option
-def command(robot: str, transport: str) -> int:
+def check(robot: str, transport: str) -> int:
     """Ask a robot everything that must be true before a run may command it; listen only.
 
     Exit: 0 every gate is open or the robot does not tell, 2 no robot or a gate is closed, with the remedy.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.command("state")
 @robot_option
 @transport_option
-def command(robot: str, transport: str) -> int:
+def state(robot: str, transport: str) -> int:
     """Show power, joints, hands, cuffs and collisions of a robot; listen only.
 
     Exit: 0 shown, 2 no robot, or its arms say nothing.

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_modules.backends.baxter.ros.messages import JointCommand, JointState
 from impedance_modules.backends.baxter.ros.master_client import MasterClient
+from impedance_modules.backends.baxter.ros.messages import JointCommand, JointState
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
 from tests.support.baxter_process import (
     ATTEMPTS,

@@ -10,8 +10,8 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from impedance_modules.backends.baxter import watchdog
 from impedance_modules.backends.baxter import baxter_backend as backend
+from impedance_modules.backends.baxter import watchdog
 from impedance_modules.backends.baxter.approach import ARRIVED
 from impedance_modules.backends.baxter.awake import AwakeProcessor
 from impedance_modules.backends.baxter.watchdog import HELD_UP, LOOK, Watchdog

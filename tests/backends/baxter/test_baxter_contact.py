@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from impedance_modules.backends.baxter.preflight_checks import refuse_closed
 from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
 from impedance_modules.backends.baxter.simulator.push import Push
-from impedance_modules.backends.baxter.preflight_checks import refuse_closed
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.contact_gate import contact_gates
 from impedance_modules.errors import RobotRefused

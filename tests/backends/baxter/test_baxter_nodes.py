@@ -16,12 +16,12 @@ from pathlib import Path
 
 import pytest
 
-from impedance_modules.backends.baxter.ros.messages import Bool, Float64, UInt16
-from impedance_modules.backends.baxter.ros.transport import NoMasterError
-from impedance_modules.backends.baxter.ros.sockets.connect import topic_address
 from impedance_modules.backends.baxter.ros.master_client import MasterClient, master_uri_of
-from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.ros.messages import Bool, Float64, UInt16
 from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
+from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.ros.sockets.connect import topic_address
+from impedance_modules.backends.baxter.ros.transport import NoMasterError
 from tests.support.baxter_process import start
 from tests.support.ros_master import Heard, forget, free_port, until
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A double that differs from its model by something nobody told: run, recorded, diagnosed.
 
-In process, and over a real ROS master. More effects and joints: ``python -m benchmarks.backends.simulated_baxter_diagnosed``.
+In process, and over a real ROS master.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import pytest
 from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
 from impedance_modules.control.assembly import assemble
 from tests.backends.baxter.test_simulated_baxter_runs import ATTEMPTS, BUSY
-from tests.support.baxter_process import double, impedance
 from tests.support.baxter_lockstep import run_on_the_double
+from tests.support.baxter_process import double, impedance
 from tests.support.paths import TESTS
 
 MOTIONS = [str(TESTS / "data" / f"swing-{name}.yaml") for name in ("one", "one", "two")]

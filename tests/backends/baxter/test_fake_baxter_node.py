@@ -10,11 +10,10 @@ import pytest
 
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
-from impedance_modules.backends.baxter.simulator.network import InProcessNetwork
-from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
-from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
 from impedance_modules.backends.baxter.simulator.options import FakeOptions
-from tests.support.in_process_transport import InProcessMaster, InProcessTransport
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
+from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
+from tests.support.in_process_transport import InProcessMaster, InProcessNetwork, InProcessTransport
 
 ON = FakeOptions(enabled=True, springs=SPRINGS)
 

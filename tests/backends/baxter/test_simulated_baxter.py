@@ -8,20 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from impedance_modules.backends.baxter.postures import named_posture
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.simulator.assembly_state import AssemblyMachine, Button, Source
 from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
 from impedance_modules.backends.baxter.simulator.fault_injection import parse_fault
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, Doing
-from impedance_modules.backends.baxter.simulator.network import InProcessNetwork
-from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
-from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, STOP_MARGIN
 from impedance_modules.backends.baxter.simulator.options import FakeOptions
 from impedance_modules.backends.baxter.simulator.pace import Pacer
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, STOP_MARGIN
 from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
-from impedance_modules.backends.baxter.postures import named_posture
-from tests.support.in_process_transport import InProcessMaster
+from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
 from impedance_modules.errors import BadInput
+from tests.support.in_process_transport import InProcessMaster, InProcessNetwork
 
 ON = FakeOptions(enabled=True, springs=SPRINGS)
 

@@ -10,10 +10,10 @@ from itertools import count
 import pytest
 
 from impedance_modules.backends.baxter.ros.messages import Bool, Empty, Float64, String, UInt16
-from tests.support.in_process_transport import InProcessMaster, InProcessTransport
-from impedance_modules.backends.baxter.ros.transport import Transport, TransportClosedError
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.ros.transport import Transport, TransportClosedError
 from impedance_modules.backends.baxter.ros.wire import checksum_of
+from tests.support.in_process_transport import InProcessMaster, InProcessTransport
 from tests.support.ros_master import Heard, until
 
 NUMBERS = count()

@@ -7,10 +7,10 @@ import importlib.util
 import os
 from collections.abc import Mapping
 
-from impedance_modules.backends.baxter.ros.transport import Transport
 from impedance_modules.backends.baxter.ros.master_client import master_uri_of
-from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
 from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
+from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.ros.transport import Transport
 from impedance_modules.errors import BadInput
 
 KINDS = ("auto", "rospy", "sockets")

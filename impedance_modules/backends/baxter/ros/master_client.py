@@ -12,31 +12,13 @@ from typing import Any
 from urllib.parse import urlsplit
 from xml.parsers.expat import ExpatError
 
+from impedance_modules.backends.baxter.ros.tcp_connection import remote
 from impedance_modules.backends.baxter.ros.transport import NoMasterError, ParameterValue
 
 ANSWER_TIME = 2.0
 """Longest wait for the master's answer [s]; a robot description takes most of it over a slow network."""
 
 SUCCESS = 1
-
-
-class TimedTransport(xmlrpc.client.Transport):
-    """XML-RPC that gives up after a while."""
-
-    def __init__(self, seconds: float) -> None:
-        super().__init__()
-        self._seconds = seconds
-
-    def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        """Connects with a deadline."""
-        connection = super().make_connection(host)
-        connection.timeout = self._seconds
-        return connection
-
-
-def remote(uri: str, seconds: float) -> xmlrpc.client.ServerProxy:
-    """Returns a proxy of an XML-RPC server whose every call takes at most ``seconds`` per socket operation."""
-    return xmlrpc.client.ServerProxy(uri, transport=TimedTransport(seconds), allow_none=True)
 
 
 def master_uri_of(environment: Mapping[str, str]) -> str:

@@ -30,36 +30,6 @@ from impedance_modules.backends.baxter.messages_basic import (
     Wrench,
 )
 
-__all__ = [
-    "MESSAGE_TYPES",
-    "AssemblyState",
-    "Bool",
-    "CollisionAvoidanceState",
-    "CollisionDetectionState",
-    "DigitalIOState",
-    "Empty",
-    "EndEffectorState",
-    "EndpointState",
-    "Float64",
-    "Floats",
-    "HeadState",
-    "Header",
-    "JointCommand",
-    "JointState",
-    "Message",
-    "Names",
-    "Point",
-    "Pose",
-    "Quaternion",
-    "SEAJointState",
-    "String",
-    "Twist",
-    "UInt16",
-    "URDFConfiguration",
-    "Vector3",
-    "Wrench",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class JointState(Message):

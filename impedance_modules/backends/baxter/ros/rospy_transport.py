@@ -10,21 +10,21 @@ import time
 from functools import cache
 from typing import Any, Generic, TypeVar
 
-from impedance_modules.backends.baxter.ros.message_definitions import full_text
-from impedance_modules.backends.baxter.ros.messages import MESSAGE_TYPES, Message
-from impedance_modules.backends.baxter.ros.transport import (
-    Callback,
-    TransportClosedError,
-)
-from impedance_modules.backends.baxter.ros.tcp_connection import LENGTH
-from impedance_modules.backends.baxter.ros.sockets.listener import Listener
 from impedance_modules.backends.baxter.ros.master_client import (
     MasterClient,
     check_own_host,
     own_host,
 )
-from impedance_modules.backends.baxter.ros.with_master import MasterTransport
+from impedance_modules.backends.baxter.ros.message_definitions import full_text
+from impedance_modules.backends.baxter.ros.messages import MESSAGE_TYPES, Message
+from impedance_modules.backends.baxter.ros.sockets.listener import Listener
+from impedance_modules.backends.baxter.ros.tcp_connection import LENGTH
+from impedance_modules.backends.baxter.ros.transport import (
+    Callback,
+    TransportClosedError,
+)
 from impedance_modules.backends.baxter.ros.wire import checksum_of, decode, encode
+from impedance_modules.backends.baxter.ros.with_master import MasterTransport
 from impedance_modules.errors import ImpedanceError
 
 M = TypeVar("M", bound=Message)

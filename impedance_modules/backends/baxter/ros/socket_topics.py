@@ -10,10 +10,10 @@ from typing import Generic, TypeVar
 
 from impedance_modules.backends.baxter.ros.message_definitions import full_text
 from impedance_modules.backends.baxter.ros.messages import Message
-from impedance_modules.backends.baxter.ros.transport import TransportClosedError
 from impedance_modules.backends.baxter.ros.sockets.connect import ANYTHING
-from impedance_modules.backends.baxter.ros.tcp_connection import LENGTH, pack_greeting
 from impedance_modules.backends.baxter.ros.sockets.listener import Listener
+from impedance_modules.backends.baxter.ros.tcp_connection import LENGTH, pack_greeting
+from impedance_modules.backends.baxter.ros.transport import TransportClosedError
 from impedance_modules.backends.baxter.ros.wire import checksum_of, encode
 
 M = TypeVar("M", bound=Message)

@@ -7,15 +7,15 @@ import os
 import threading
 from typing import Any, TypeVar
 
+from impedance_modules.backends.baxter.ros.master_client import check_own_host, own_host
 from impedance_modules.backends.baxter.ros.messages import Message
+from impedance_modules.backends.baxter.ros.socket_topics import Outlet, SocketPublisher
+from impedance_modules.backends.baxter.ros.sockets.incoming import SocketSubscription
+from impedance_modules.backends.baxter.ros.sockets.node import NodeEvents, NodeServer
 from impedance_modules.backends.baxter.ros.transport import (
     Callback,
     NoMasterError,
 )
-from impedance_modules.backends.baxter.ros.sockets.incoming import SocketSubscription
-from impedance_modules.backends.baxter.ros.master_client import check_own_host, own_host
-from impedance_modules.backends.baxter.ros.sockets.node import NodeEvents, NodeServer
-from impedance_modules.backends.baxter.ros.socket_topics import Outlet, SocketPublisher
 from impedance_modules.backends.baxter.ros.with_master import MasterTransport
 
 M = TypeVar("M", bound=Message)

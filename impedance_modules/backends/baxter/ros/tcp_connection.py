@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import http.client
 import socket
 import struct
+import xmlrpc.client
 from collections.abc import Mapping
+from typing import Any
 
 from impedance_modules.errors import ImpedanceError
 
@@ -87,3 +90,22 @@ def _exactly(connection: socket.socket, count: int) -> bytes:
             raise GreetingError("the other side hung up")
         parts += more
     return bytes(parts)
+
+
+class TimedTransport(xmlrpc.client.Transport):
+    """XML-RPC that gives up after a while."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__()
+        self._seconds = seconds
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        """Connects with a deadline."""
+        connection = super().make_connection(host)
+        connection.timeout = self._seconds
+        return connection
+
+
+def remote(uri: str, seconds: float) -> xmlrpc.client.ServerProxy:
+    """Returns a proxy of an XML-RPC server whose every call takes at most ``seconds`` per socket operation."""
+    return xmlrpc.client.ServerProxy(uri, transport=TimedTransport(seconds), allow_none=True)

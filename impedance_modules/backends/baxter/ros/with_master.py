@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
+from impedance_modules.backends.baxter.ros.master_client import MasterClient
+from impedance_modules.backends.baxter.ros.sockets.offers import offers_of
 from impedance_modules.backends.baxter.ros.transport import (
     NoMasterError,
     Offer,
     ParameterValue,
     TransportClosedError,
 )
-from impedance_modules.backends.baxter.ros.master_client import MasterClient
-from impedance_modules.backends.baxter.ros.sockets.offers import offers_of
 
 
 class MasterTransport:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from functools import partial
 
 from impedance_modules.backends.baxter.ros import messages
+from impedance_modules.backends.baxter.ros.transport import Transport
 from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
 from impedance_modules.backends.baxter.simulator.suppression import SUPPRESSIBLE
-from impedance_modules.backends.baxter.ros.transport import Transport
 
 FAULT_TOPIC = "/fake_baxter/fault"
 """Takes a String in the words of ``faults``."""

@@ -11,6 +11,7 @@ from enum import Enum, IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.backends.baxter.simulator.options import FakeOptions
 from impedance_modules.backends.baxter.simulator.parameters import (
     DEFAULT_TIME_OUT,
     INTEGRAL_LIMIT,
@@ -22,7 +23,6 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     TICK,
     TORQUE_LIMITS,
 )
-from impedance_modules.backends.baxter.simulator.options import FakeOptions
 from impedance_modules.plant.servo import Reach, Reference, Sensed, Servo, Tuning
 from impedance_modules.robot.model import Limb, RobotModel
 

@@ -6,9 +6,8 @@ from __future__ import annotations
 import xmlrpc.client
 from typing import Protocol
 
-from tests.support.in_process_transport import InProcessMaster, InProcessTransport
-from impedance_modules.backends.baxter.ros.transport import Transport
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.ros.transport import Transport
 
 GONE_NODE, GONE_ADDRESS = "/realtime_loop_of_yesterday", "http://127.0.0.1:9/"
 """A node that was killed without a word; nobody listens at its address."""
@@ -22,25 +21,6 @@ class Network(Protocol):
 
     def haunt(self, topic: str, ros_type: str, on: bool) -> None:
         """Registers a publisher that no longer exists, or has it forgotten."""
-
-
-class InProcessNetwork:
-    """Nodes within this process, for tests."""
-
-    def __init__(self, master: InProcessMaster) -> None:
-        self._master = master
-
-    def connect(self, node_name: str) -> Transport:
-        """Brings a node up."""
-        return InProcessTransport(self._master, node_name)
-
-    def haunt(self, topic: str, ros_type: str, on: bool) -> None:  # noqa: ARG002 - the protocol's signature
-        """Registers a publisher that no longer exists, or has it forgotten."""
-        entry = (GONE_NODE, topic)
-        if on and entry not in self._master.dead:
-            self._master.dead.append(entry)
-        elif not on and entry in self._master.dead:
-            self._master.dead.remove(entry)
 
 
 class RosNetwork:

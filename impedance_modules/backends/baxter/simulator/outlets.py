@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from impedance_modules.backends.baxter.ros import messages
+from impedance_modules.backends.baxter.ros.messages import Message
 from impedance_modules.backends.baxter.simulator.parameters import (
     DEFAULT_RATE,
     FASTEST_RATE,
@@ -18,7 +19,6 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     TICK,
 )
 from impedance_modules.backends.baxter.simulator.publishers import Readout
-from impedance_modules.backends.baxter.ros.messages import Message
 from impedance_modules.robot.model import Limb
 
 Make = Callable[[int], Message]

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable
 
 from impedance_modules.backends.baxter.simulator.journal import Journal
-from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
 from impedance_modules.backends.baxter.simulator.pace import Pacer
+from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
 
 TURN = 0.0005
 """How long a thread may keep the others waiting [s]; commands come in threads of their own."""

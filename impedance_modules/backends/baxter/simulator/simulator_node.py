@@ -9,12 +9,13 @@ from functools import partial
 import numpy as np
 
 from impedance_modules.backends.baxter.ros import messages
+from impedance_modules.backends.baxter.ros.messages import Message
+from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.backends.baxter.simulator.assembly_state import ON
 from impedance_modules.backends.baxter.simulator.ears import listen
 from impedance_modules.backends.baxter.simulator.fault_injection import Fault, parse_fault
 from impedance_modules.backends.baxter.simulator.mishaps import Mishaps
 from impedance_modules.backends.baxter.simulator.network import Network
-from impedance_modules.backends.baxter.simulator.parameters import STATE_RATE
 from impedance_modules.backends.baxter.simulator.outlets import (
     JOINT_STATES,
     REALTIME_NODE,
@@ -23,11 +24,10 @@ from impedance_modules.backends.baxter.simulator.outlets import (
     bounded_rate,
     outlets,
 )
-from impedance_modules.backends.baxter.simulator.push import Push
+from impedance_modules.backends.baxter.simulator.parameters import STATE_RATE
 from impedance_modules.backends.baxter.simulator.publishers import Readout, assembly_message
+from impedance_modules.backends.baxter.simulator.push import Push
 from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
-from impedance_modules.backends.baxter.ros.messages import Message
-from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.errors import BadInput
 
 SECOND_NODE = "/another_robot"

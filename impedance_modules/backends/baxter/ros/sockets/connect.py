@@ -14,8 +14,8 @@ from impedance_modules.backends.baxter.ros.tcp_connection import (
     GreetingError,
     pack_greeting,
     read_greeting,
+    remote,
 )
-from impedance_modules.backends.baxter.ros.master_client import remote
 
 CONNECT_TIME = 1.0
 """Longest wait for another node in each step of a connection [s]."""
@@ -32,7 +32,7 @@ class NotPublishedError(GreetingError):
     """The node at an address says that it does not publish a topic."""
 
 
-def connect(
+def connect_to_topic(
     node_uri: str, caller: str, topic: str, fields: Mapping[str, str]
 ) -> tuple[socket.socket, dict[str, str]]:
     """Asks a node for a topic and opens the connection on which its messages come.
@@ -56,7 +56,7 @@ def connect(
 def greet(
     address: tuple[str, int], caller: str, topic: str, fields: Mapping[str, str]
 ) -> tuple[socket.socket, dict[str, str]]:
-    """Opens a connection to where a topic leaves a node; arguments and errors as in ``connect``."""
+    """Opens a connection to where a topic leaves a node; arguments and errors as in ``connect_to_topic``."""
     connection = socket.create_connection(address, CONNECT_TIME)
     try:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -11,9 +11,9 @@ from typing import Generic, TypeVar
 
 from impedance_modules.backends.baxter.ros.message_definitions import full_text
 from impedance_modules.backends.baxter.ros.messages import Message
-from impedance_modules.backends.baxter.ros.transport import Callback
-from impedance_modules.backends.baxter.ros.sockets.connect import connect
+from impedance_modules.backends.baxter.ros.sockets.connect import connect_to_topic
 from impedance_modules.backends.baxter.ros.tcp_connection import GreetingError, cut_frames
+from impedance_modules.backends.baxter.ros.transport import Callback
 from impedance_modules.backends.baxter.ros.wire import MessageError, checksum_of, decode
 
 M = TypeVar("M", bound=Message)
@@ -71,7 +71,7 @@ class SocketSubscription(Generic[M]):
         failures = 0
         while not link.stopped.is_set():
             try:
-                connection, _ = connect(link.uri, self._caller, self.topic, self._fields())
+                connection, _ = connect_to_topic(link.uri, self._caller, self.topic, self._fields())
                 failures = 0
                 with connection:
                     if link.holds(connection):

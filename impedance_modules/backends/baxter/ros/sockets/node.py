@@ -12,13 +12,13 @@ from socketserver import ThreadingMixIn
 from typing import Any
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
+from impedance_modules.backends.baxter.ros.socket_topics import Outlet
 from impedance_modules.backends.baxter.ros.sockets.connect import CONNECT_TIME
 from impedance_modules.backends.baxter.ros.tcp_connection import (
     GreetingError,
     pack_greeting,
     read_greeting,
 )
-from impedance_modules.backends.baxter.ros.socket_topics import Outlet
 
 Answer = tuple[int, str, Any]
 

@@ -17,7 +17,7 @@ import socket
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from impedance_modules.backends.baxter.ros.transport import Offer
+from impedance_modules.backends.baxter.ros.master_client import MasterClient
 from impedance_modules.backends.baxter.ros.sockets.connect import (
     ANYTHING,
     CONNECT_TIME,
@@ -32,7 +32,7 @@ from impedance_modules.backends.baxter.ros.tcp_connection import (
     GreetingError,
     pack_greeting,
 )
-from impedance_modules.backends.baxter.ros.master_client import MasterClient
+from impedance_modules.backends.baxter.ros.transport import Offer
 
 ASKING = {"type": ANYTHING, "md5sum": ANYTHING}
 
