@@ -12,7 +12,7 @@ from pathlib import Path
 
 from impedance_experiments.thesis_experiments import EXPERIMENTS, Experiment
 from impedance_experiments.thesis_page import Cell
-from impedance_experiments.write import COMPARISON_COLUMNS, COMPARISONS, MADE_BY, table_lines
+from impedance_experiments.page_files import COMPARISON_COLUMNS, COMPARISONS, MADE_BY, table_lines
 
 INDEX = "README.md"
 _MADE = re.compile(rf"{MADE_BY} `(?P<command>[^`]+)`(?: in (?P<seconds>[0-9.]+) s)?")

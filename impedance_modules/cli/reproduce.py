@@ -70,7 +70,7 @@ def _carry_out(
     from rich.progress import Progress
 
     from impedance_experiments.index import write_index
-    from impedance_experiments.write import command_of, write_page
+    from impedance_experiments.page_files import command_of, write_page
 
     done: list[tuple[Experiment, Page]] = []
     with tempfile.TemporaryDirectory() as temporary, Progress(console=console, transient=True) as bar:
@@ -108,7 +108,7 @@ def _print_comparisons(done: list[tuple[Experiment, Page]], console: Console) ->
     """Prints what the thesis says beside what came out."""
     from rich.table import Table
 
-    from impedance_experiments.write import cell_text
+    from impedance_experiments.page_files import cell_text
 
     table = Table(title="thesis against ours", title_justify="left")
     for column in ("experiment", "quantity", "thesis", "ours", "spread", "unit"):
