@@ -5,19 +5,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from impedance_experiments.task_run import TaskRun
+from impedance_experiments.task_run import TaskRun, patch_of, record_task, task_with
 from impedance_modules.diagnosis.data.admission import admit
-from impedance_modules.diagnosis.residuals.band import choose_cutoff
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
+from impedance_modules.diagnosis.residuals.band import choose_cutoff
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.effects.catalogue import BENCH, CATALOGUE
+from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.task_reader import read_task
 
 Array = NDArray[np.float64]
 
@@ -115,3 +119,125 @@ def _columns(log: Prepared, joint: str, law: str) -> Array:
 
 def _kept(log: Prepared, values: Array, index: int) -> Array:
     return log.band.condense(values[:, [index]])[:, 0]
+
+
+SETTLED = 0.12
+"""From the end of the blow until the joint's own spring has stopped ringing [s]."""
+
+
+@dataclass(frozen=True)
+class FreeSwing:
+    """One blow and the swing after it.
+
+    Attributes:
+        joint: Its name.
+        stiffness: Of the virtual spring [N.m/rad].
+        links: Inertia M of what swings with the joint, from the URDF [kg.m^2].
+        frequency: Of the swing [rad/s].
+        decay: Of the swing [1/s].
+        plain: I_r if links and rotor move as one [kg.m^2].
+        inertia, damping: I_r [kg.m^2] and D [N.m.s/rad] with the joint's own spring and the delay known.
+        accounted: Share of the angle's variance that the decaying swing accounts for.
+        time, angle, fitted: (N,) since the blow [s], and from the rest [rad].
+    """
+
+    joint: str
+    stiffness: float
+    links: float
+    frequency: float
+    decay: float
+    plain: float
+    inertia: float
+    damping: float
+    accounted: float
+    time: Array
+    angle: Array
+    fitted: Array
+
+
+def strike(task: str, patch: str, stiffness: float, folder: Path, seed: int) -> tuple[TaskRun, FreeSwing]:
+    """Runs a task whose only push is a blow, with another virtual spring, in the clamp of a patch."""
+    short, limb = _struck(task)
+    mark = f"{stiffness:g}"
+    changed = task_with(task, {f"arms.{limb}.joint_bias.stiffness.{short}": stiffness}, folder, mark)
+    run = record_task(str(changed), folder / f"{task}-{mark}", effects=patch_of(task, patch), seed=seed)
+    return run, read_swing(run, run.assembly.robot.limbs[limb].joints[short], stiffness)
+
+
+def swinging_joint(task: str) -> str:
+    """Names the joint that a task leaves without a damper, as the URDF calls it."""
+    short, limb = _struck(task)
+    return read_task(task)[1].limbs[limb].joints[short]
+
+
+def _struck(task: str) -> tuple[str, str]:
+    """Names the joint, and its limb, that a task leaves without a damper: it is the one that swings."""
+    spec, robot = read_task(task)
+    limb = next(iter(spec.arms))
+    damped = spec.document.data["arms"][limb]["joint_bias"]["damping"]
+    return next(short for short in robot.limbs[limb].joints if short not in damped), limb
+
+
+def read_swing(run: TaskRun, joint: str, stiffness: float) -> FreeSwing:
+    """Fits a decaying sine to the joint's measured angle after the blow, and reads I_r from its pole."""
+    push = run.assembly.task.pushes[0]
+    first = push.start + push.rise + push.hold + push.fall + SETTLED
+    episode, links = run.episode, links_inertia(run, joint)
+    drive, timing = run.assembly.robot.joints[joint], run.assembly.robot.timing
+    after = episode.time > first
+    time, angle = episode.time[after] - first, episode.position[joint][after]
+    pole, fitted = _pole(time, angle, np.sqrt(stiffness / (links + links)))
+    late = timing.command_delay + 0.5 / run.assembly.rate
+    inertia, damping = _rotor(pole, stiffness, links, drive.spring_stiffness, late)
+    return FreeSwing(
+        joint=joint,
+        stiffness=stiffness,
+        links=links,
+        frequency=float(pole.imag),
+        decay=float(-pole.real),
+        plain=stiffness / abs(pole) ** 2 - links,
+        inertia=inertia,
+        damping=damping,
+        accounted=1.0 - float(np.var(angle - fitted) / np.var(angle)),
+        time=time + first - push.start,
+        angle=angle,
+        fitted=fitted,
+    )
+
+
+def links_inertia(run: TaskRun, joint: str) -> float:
+    """Computes M of the links about a joint at the start, the joints beyond it held [kg.m^2]."""
+    model = run.assembly.model
+    posture = np.array([run.episode.position[name][0] for name in model.joint_names])
+    diagonal = RigidModel.of_robot(model).inertia_diagonal(posture[None, :])
+    return float(diagonal[0, model.joint_names.index(joint)])
+
+
+def _pole(time: Array, angle: Array, about: float) -> tuple[complex, Array]:
+    def swing(pole: Array) -> Array:
+        decay, frequency = pole
+        die = np.exp(-decay * time)
+        shapes = np.stack(
+            [die * np.cos(frequency * time), die * np.sin(frequency * time), np.ones_like(time)], -1
+        )
+        return np.asarray(shapes @ np.linalg.lstsq(shapes, angle, rcond=None)[0])
+
+    tries = [
+        least_squares(lambda pole: swing(pole) - angle, [1.0, about * factor])
+        for factor in (0.6, 0.8, 1.0, 1.3)
+    ]
+    best = min(tries, key=lambda found: float(found.cost))
+    return complex(-best.x[0], abs(best.x[1])), swing(best.x)
+
+
+def _rotor(
+    pole: complex, stiffness: float, links: float, spring: float | None, late: float
+) -> tuple[float, float]:
+    """Solves the motor's equation of motion at the pole for I_r and D."""
+    follows = 1.0 if spring is None else spring / (links * pole**2 + spring)
+    own = links * pole**2 * follows  # what the links take through the joint's spring
+    rest = -(own + stiffness * follows * np.exp(-pole * late))
+    square = pole**2
+    matrix = np.array([[square.real, pole.real], [square.imag, pole.imag]])
+    inertia, damping = np.linalg.solve(matrix, [rest.real, rest.imag])
+    return float(inertia), float(damping)

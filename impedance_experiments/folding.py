@@ -9,10 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.pushing import only_arm
-from impedance_experiments.settings import Settings
-from impedance_experiments.task_run import watch_task
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, ThesisValue, table_of
+from impedance_experiments.task_run import only_arm, watch_task
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant

@@ -11,16 +11,21 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.drive_fit import DriveFit, fit_drive
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
-from impedance_experiments.pushing import patch_of
-from impedance_experiments.settings import Settings, Size
-from impedance_experiments.struck_joint import swinging_joint
-from impedance_experiments.task_run import TaskRun, record_task
-from impedance_experiments.variants import task_with
+from impedance_experiments.drive_fit import DriveFit, fit_drive, swinging_joint
+from impedance_experiments.task_run import TaskRun, patch_of, record_task, task_with
+from impedance_experiments.thesis_page import (
+    Cell,
+    Page,
+    Plot,
+    ResultTable,
+    Settings,
+    Size,
+    ThesisValue,
+    table_of,
+)
 from impedance_modules.effects.joint_motion import sign
-from impedance_modules.spec.task_text import task_document
 from impedance_modules.spec.patch_file import EffectSpec
+from impedance_modules.spec.task_text import task_document
 
 Array = NDArray[np.float64]
 

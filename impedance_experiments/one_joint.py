@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from impedance_experiments.thesis_page import ThesisValue, Page, Plot
-from impedance_experiments.pushing import PushTrace, only_arm, trace_pushed
-from impedance_experiments.settings import Settings
+from impedance_experiments.task_run import PushTrace, only_arm, trace_pushed
+from impedance_experiments.thesis_page import Page, Plot, Settings, ThesisValue
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.plant.pushes import push_wrench
 

@@ -9,10 +9,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impedance_experiments.apparent_mass import TASK, Impact, against, assembled, first_contact
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
-from impedance_experiments.planar_mass import ABSOLUTE, RELATIVE, Masses, planar_masses
-from impedance_experiments.settings import Settings
+from impedance_experiments.apparent_mass import (
+    ABSOLUTE,
+    RELATIVE,
+    TASK,
+    Impact,
+    Masses,
+    against,
+    assembled,
+    first_contact,
+    planar_masses,
+)
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
 
 PRINTED = {"with": (2.574, 1.31), "without": (1.628, 0.7683)}
 """Table 3.1: largest and smallest apparent mass [kg]."""

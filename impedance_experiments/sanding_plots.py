@@ -10,10 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import detrend
 
-from impedance_experiments.thesis_page import Plot
-from impedance_experiments.sanding_cases import DepthRuns, numbers, spectrum
 from impedance_experiments.sanding_rule import RocCurve
-from impedance_experiments.sanding_runs import Sanding
+from impedance_experiments.sanding_runs import DepthRuns, Sanding, numbers, spectrum
+from impedance_experiments.thesis_page import Plot
 from impedance_modules.control.roughness_windows import LENGTH, SAMPLE_RATE, Window
 
 CASE_COLOURS = ("C3", "C0", "C2")

@@ -15,13 +15,16 @@ count, and not only the two next to it. A piece that gives too few windows (stuc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from impedance_modules.control.roughness_windows import Window
+from impedance_modules.spec.task import SurfaceSpec
+from impedance_modules.spec.wood import RoughnessSpec, SplintersSpec, WoodSpec
 
 Array = NDArray[np.float64]
 
@@ -99,3 +102,70 @@ def roc_curve(smooth: Array, rough: Array) -> RocCurve:
     false = np.array([*(np.mean(rough <= bound) for bound in bounds), 1.0])
     true = np.array([*(np.mean(smooth <= bound) for bound in bounds), 1.0])
     return RocCurve(false, true, float(np.trapezoid(true, false)))
+
+
+Range = tuple[float, float]
+
+
+class WoodKind(Enum):
+    """Which wood."""
+
+    ROUGH = "rough"
+    SMOOTH = "smooth"
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Between which numbers the pieces of one kind lie, evenly.
+
+    Attributes:
+        height: Of the highest hills [m].
+        rough_friction: Coefficient that fresh wood adds.
+        density: Of splinters [1/m^2]; both 0 for none.
+    """
+
+    height: Range
+    rough_friction: Range
+    density: Range
+
+
+KINDS: dict[WoodKind, Ranges] = {
+    WoodKind.ROUGH: Ranges(height=(3e-4, 8e-4), rough_friction=(0.2, 0.5), density=(50.0, 300.0)),
+    WoodKind.SMOOTH: Ranges(height=(1e-5, 8e-5), rough_friction=(0.0, 0.08), density=(0.0, 0.0)),
+}
+BASE_FRICTION: Range = (0.35, 0.55)
+WAVELENGTH: Range = (0.008, 0.014)
+BACKING_STIFFNESS: Range = (4e3, 1e4)
+WEAR: Range = (4e3, 1.2e4)
+LEAST_FORCE: Range = (8.0, 12.0)
+MOST_FORCE: Range = (15.0, 25.0)
+ENDURANCE: Range = (0.1, 0.4)
+REACH = 0.004
+"""How near the tool must come to a splinter [m]."""
+
+
+def draw_wood(board: SurfaceSpec, kind: WoodKind, seed: int) -> SurfaceSpec:
+    """Draws a piece of wood of the same shape and place as a task's board.
+
+    Args:
+        board: A box of the task's environment.
+        kind: Rough or smooth.
+        seed: Of this piece; the same for both kinds gives what they share the same values.
+    """
+    source = np.random.default_rng([seed, 2])
+    ranges = KINDS[kind]
+
+    def between(low_high: Range) -> float:
+        return float(source.uniform(*low_high))
+
+    friction, stiffness = between(BASE_FRICTION), between(BACKING_STIFFNESS)
+    wavelength, wear = between(WAVELENGTH), between(WEAR)
+    force, endurance = (between(LEAST_FORCE), between(MOST_FORCE)), between(ENDURANCE)
+    height, rough_friction, density = (
+        between(ranges.height),
+        between(ranges.rough_friction),
+        between(ranges.density),
+    )
+    splinters = SplintersSpec(density, force, endurance, REACH) if density > 0.0 else None
+    wood = WoodSpec(seed, RoughnessSpec(height, wavelength, rough_friction, wear), splinters)
+    return replace(board, friction=friction, stiffness=stiffness, wood=wood)

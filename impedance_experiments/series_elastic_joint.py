@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
 
-from impedance_experiments.blow import BLOW_FORCE, Blow, blow_response
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, ResultTable, table_of
-from impedance_experiments.series_elastic_plots import draw_blow, draw_bode, draw_poles
-from impedance_experiments.settings import Settings
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.task_reader import read_task
@@ -202,3 +203,120 @@ def _facts(joint: SeriesElasticJoint, limits: dict[str, float], blow: Blow) -> d
         "departure of the angle": float(blow.departure[0]),
         "departure of the velocity": float(blow.departure[1]),
     }
+
+
+BLOW_FORCE, BLOW_TIME, BLOW_WIDTH = 56.52, 0.2, 0.01775
+"""The thesis's fit of a measured blow (3.11): peak [N], time of the peak [s] (26.35 s in its log), width [s]."""
+BLOW_END = 6.0
+"""When the link has come to rest again [s]."""
+
+
+@dataclass(frozen=True)
+class Blow:
+    """Answer to the blow: time (m,) [s], force [N]; link angle [rad] and velocity [rad/s], (2, m), of both models."""
+
+    time: Array
+    force: Array
+    full: Array
+    reduced: Array
+
+    @property
+    def departure(self) -> Array:
+        """(2,) largest difference of the two angles, and velocities, over the largest of the reduced model."""
+        worst = np.max(np.abs(self.full - self.reduced), axis=1)
+        return np.asarray(worst / np.max(np.abs(self.reduced), axis=1))
+
+
+def blow_response(joint: SeriesElasticJoint, lever: float) -> Blow:
+    """Lets the thesis's blow act on the hand and integrates both models.
+
+    Args:
+        joint: At rest before the blow.
+        lever: Of the hand about the joint's axis [m].
+    """
+    time = np.linspace(0.0, BLOW_END, 10_001)
+
+    def force(t: Array | float) -> Array:
+        return np.asarray(BLOW_FORCE * np.exp(-(((t - BLOW_TIME) / BLOW_WIDTH) ** 2)))
+
+    inertia = joint.link_inertia + joint.reflected_inertia
+
+    def rate(t: float, x: Array) -> Array:
+        torque = lever * float(force(t))
+        full = joint.system @ x[:4] + joint.inputs[:, 0] * torque
+        return np.append(full, [x[5], (torque - joint.motor_damping * x[5]) / inertia])
+
+    found = solve_ivp(rate, (0.0, time[-1]), np.zeros(6), t_eval=time, rtol=1e-8, atol=1e-11, max_step=5e-3)
+    return Blow(time, force(time), found.y[[0, 2]], found.y[[4, 5]])
+
+
+def draw_bode(joint: SeriesElasticJoint, omega: Array) -> Plot:
+    """Draws the link's velocity per torque, in magnitude and phase, for both inputs."""
+    figure = Figure(figsize=(9.0, 5.2), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True)
+    mobility, rigid = joint.mobility(omega)[:, 0, :], joint.rigid_mobility(omega)
+    for column, title in enumerate(("external torque (collocated)", "motor torque (non-collocated)")):
+        magnitude, phase = axes[0, column], axes[1, column]
+        for values, label, style in ((mobility[:, column], "with its spring", "-"), (rigid, "reduced", "--")):
+            magnitude.loglog(omega, np.abs(values), style, label=label)
+            phase.semilogx(omega, np.degrees(np.unwrap(np.angle(values))), style)
+        magnitude.set_title(f"{title} to link velocity", fontsize=10)
+        magnitude.axvline(90.0, color="0.7", linewidth=0.8)
+        phase.axvline(90.0, color="0.7", linewidth=0.8)
+        phase.axhspan(-300.0, -90.0, color="C3", alpha=0.08)
+        phase.set(xlabel="frequency [rad/s]", ylim=(-290.0, 100.0))
+    axes[0, 0].set_ylabel("rad/s per N.m")
+    axes[1, 0].set_ylabel("phase [deg]")
+    axes[0, 0].legend(fontsize=8)
+    return Plot(
+        "bode",
+        "Fig. 3-2. Grey: the thesis's 90 rad/s. Shaded: phase below -90 degrees, where the port gives energy away",
+        figure,
+    )
+
+
+def draw_poles(joint: SeriesElasticJoint) -> Plot:
+    """Draws the poles, the link's zeros, and where a damper that reads the link drives the poles."""
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.subplots()
+    limit = joint.highest_damping_gain(sensed_at_link=True)
+    for gain in np.linspace(0.0, 3.0 * limit, 40):
+        loop = joint.system - gain * np.outer(joint.inputs[:, 1], [0.0, 0.0, 1.0, 0.0])
+        values = np.linalg.eigvals(loop)
+        axes.plot(values.real, values.imag, ".", color="C1", markersize=3, alpha=0.7)
+    axes.plot(joint.poles.real, joint.poles.imag, "x", color="C0", markersize=9, label="poles")
+    zeros = _zeros_at_the_link(joint)
+    axes.plot(zeros.real, zeros.imag, "o", color="C0", fillstyle="none", label="zeros, external torque")
+    axes.axvline(0.0, color="0.4", linewidth=0.8)
+    axes.set(xlabel="real [rad/s]", ylabel="imaginary [rad/s]")
+    axes.plot([], [], ".", color="C1", label=f"damper at the link, b up to {3.0 * limit:.3g} N.m.s/rad")
+    axes.legend(fontsize=8)
+    return Plot(
+        "poles",
+        "Fig. 3-5. The elastic pair lies near the imaginary axis; modest gains push it across",
+        figure,
+    )
+
+
+def _zeros_at_the_link(joint: SeriesElasticJoint) -> NDArray[np.complex128]:
+    """Zeros from external torque to link velocity: the rotor on its spring, the link held."""
+    damping = joint.spring_damping + joint.motor_damping
+    return np.roots([joint.reflected_inertia, damping, joint.spring_stiffness]).astype(np.complex128)
+
+
+def draw_blow(blow: Blow) -> Plot:
+    """Draws angle and velocity after the blow, and the blow."""
+    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for axes, row, label in ((left, 0, "link angle [rad]"), (right, 1, "link velocity [rad/s]")):
+        axes.plot(blow.time, blow.full[row], label="with its spring")
+        axes.plot(blow.time, blow.reduced[row], "--", label="reduced")
+        axes.set(xlabel="time [s]", ylabel=label)
+    left.legend(fontsize=8, loc="lower right")
+    right.set_xlim(BLOW_TIME - 0.1, BLOW_TIME + 0.6)
+    force = right.twinx()
+    force.plot(blow.time, blow.force, color="0.6", linewidth=0.8)
+    force.set_ylabel("blow [N]", color="0.5")
+    return Plot(
+        "blow", "Fig. 3-4. The answer to the blow of fig. 3-3: the whole way, and the first moments", figure
+    )

@@ -9,9 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
-from impedance_experiments.pushing import patch_of
-from impedance_experiments.settings import Settings, Size
 from impedance_experiments.stability_search import (
     Knock,
     finely_sensed,
@@ -19,6 +16,17 @@ from impedance_experiments.stability_search import (
     predicted_limit,
     simulated_limit,
     stiffened,
+)
+from impedance_experiments.task_run import patch_of
+from impedance_experiments.thesis_page import (
+    Cell,
+    Page,
+    Plot,
+    ResultTable,
+    Settings,
+    Size,
+    ThesisValue,
+    table_of,
 )
 from impedance_modules.control.assembly import Assembly, assemble
 

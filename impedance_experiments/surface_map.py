@@ -8,8 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_experiments.settings import Settings, Size
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, ThesisValue, table_of
+from impedance_experiments.thesis_page import (
+    Cell,
+    Page,
+    Plot,
+    ResultTable,
+    Settings,
+    Size,
+    ThesisValue,
+    table_of,
+)
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.data import Episode

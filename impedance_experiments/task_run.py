@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
@@ -14,10 +18,19 @@ from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.pushes import push_wrench
+from impedance_modules.plant.truth import OBJECT
 from impedance_modules.prediction.check import refuse_unfit
+from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.rotation import log3
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
+from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.spec.document import Document, scan_document
+from impedance_modules.spec.locate import data_folder
+from impedance_modules.spec.task import PushSpec
+from impedance_modules.spec.task_reader import read_task
+from impedance_modules.spec.task_text import changed, find_steps, task_document
 
 Look = Callable[[RobotState, Plant, Supervisor], None]
 
@@ -69,3 +82,124 @@ def watch_task(assembly: Assembly, look: Look, *, seed: int = 0, noise: bool = T
         read_only=False,
     )
     return supervisor
+
+
+Array = NDArray[np.float64]
+
+EVERY = 5
+"""Control periods from one look to the next."""
+
+
+@dataclass(frozen=True)
+class PushTrace:
+    """Motion of a pushed body, N looks; true, not sensed.
+
+    Attributes:
+        time: (N,) since the start [s].
+        place: (N, 6) displacement from the start: of the origin [m], rotation vector in world axes [rad].
+        twist: (N, 6) world axes [m/s], [rad/s].
+        q: (N, n) joints [rad].
+        push: (N, 6) what pushes it [N, N.m].
+        ending: How the run ended, and why.
+    """
+
+    time: Array
+    place: Array
+    twist: Array
+    q: Array
+    push: Array
+    ending: str
+
+    def over(self, first: float, last: float) -> NDArray[np.bool_]:
+        """Marks the looks between two times [s]."""
+        return np.asarray((self.time >= first) & (self.time < last))
+
+
+def patch_of(task_name: str, patch: str) -> Path:
+    """Finds a patch that is shipped with the robot of a task."""
+    task, _ = read_task(task_name)
+    return data_folder("robots") / task.robot / "patches" / f"{patch}.yaml"
+
+
+def only_arm(assembly: Assembly) -> str:
+    """Names a task's first arm."""
+    return next(iter(assembly.task.arms))
+
+
+def first_pushes(assembly: Assembly, count: int, settle: float) -> Assembly:
+    """Keeps a task's first pushes, and its only phase until ``settle`` seconds after them."""
+    task = assembly.task
+    pushes = task.pushes[:count]
+    end = max(push.start + push.rise + push.hold + push.fall for push in pushes) + settle
+    phase = replace(task.phases[0], duration=end)
+    return replace(assembly, task=replace(task, pushes=pushes, phases=(phase,)))
+
+
+def trace_pushed(assembly: Assembly, target: str, *, seed: int, noise: bool) -> PushTrace:
+    """Runs a task and follows one body that it pushes.
+
+    Args:
+        assembly: The task.
+        target: Limb whose hand is followed, or ``object``.
+        seed: Of the simulated noise.
+        noise: Whether sensors are noisy.
+    """
+    model, pushes = assembly.model, assembly.task.pushes
+    rows: list[tuple[float, Pose, Array, Array, Array]] = []
+    count = 0
+
+    def look(_: RobotState, plant: Plant, __: Supervisor) -> None:
+        nonlocal count
+        count += 1
+        if count % EVERY == 0:
+            q = plant.position
+            rows.append((plant.time, *_motion(plant, target, q), q, push_wrench(pushes, target, plant.time)))
+
+    supervisor = watch_task(assembly, look, seed=seed, noise=noise)
+    start = rows[0][1]
+    ending = "" if supervisor.ending is None else supervisor.ending.value
+    return PushTrace(
+        time=np.array([row[0] for row in rows]),
+        place=np.array([displacement(start, row[1]) for row in rows]),
+        twist=np.array([row[2] for row in rows]),
+        q=np.array([row[3] for row in rows]).reshape(-1, model.n),
+        push=np.array([row[4] for row in rows]),
+        ending=f"{ending} {supervisor.reason}".strip(),
+    )
+
+
+def _motion(plant: Plant, target: str, q: Array) -> tuple[Pose, Array]:
+    """Gives pose and twist (6,) of the object, or of a limb's hand."""
+    pose, twist = plant.object_pose, plant.object_twist
+    if target == OBJECT and pose is not None and twist is not None:
+        return pose, twist
+    hand = plant.model.limbs[target].hand
+    return plant.model.pose(q, hand), plant.hand_twist(hand)
+
+
+def displacement(start: Pose, now: Pose) -> Array:
+    """Gives how far a body has moved, (6,): its origin [m], and its rotation vector in world axes [rad]."""
+    turn = log3(now.rotation @ start.rotation.T)
+    return np.concatenate([now.translation - start.translation, turn])
+
+
+def full_strength(push: PushSpec, last: float) -> tuple[float, float]:
+    """Gives the last ``last`` seconds of a push at full strength, (first, last) [s]."""
+    end = push.start + push.rise + push.hold
+    return end - last, end
+
+
+def task_with(name: str, values: Mapping[str, Any], folder: Path, mark: str) -> Path:
+    """Writes a task with values replaced, by their paths as in ``sweep --vary``; returns its file."""
+    return _written(task_document(name), values, folder / f"{name}-{mark}.yaml")
+
+
+def patch_with(patch: Path, values: Mapping[str, Any], folder: Path, mark: str) -> Path:
+    """Does the same with a patch file."""
+    return _written(scan_document(patch), values, folder / f"{patch.stem}-{mark}.yaml")
+
+
+def _written(document: Document, values: Mapping[str, Any], path: Path) -> Path:
+    changes = {find_steps(document.data, steps): value for steps, value in values.items()}
+    path.write_text(changed(document, changes))
+    return path

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_experiments.parallel_runs import carry_out_all
-from impedance_experiments.settings import Settings
 from impedance_experiments.task_run import watch_task
+from impedance_experiments.thesis_page import Settings
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant

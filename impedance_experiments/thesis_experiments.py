@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 
-from impedance_experiments.thesis_page import Page
-from impedance_experiments.settings import Settings
+from impedance_experiments.thesis_page import Page, Settings
 from impedance_modules.errors import BadInput, nearest
 
 

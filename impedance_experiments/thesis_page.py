@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
 
 from matplotlib.figure import Figure
 
@@ -72,3 +74,36 @@ class Page:
 def table_of(caption: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> ResultTable:
     """Builds a table from any sequences."""
     return ResultTable(caption, tuple(columns), tuple(tuple(row) for row in rows))
+
+
+class Size(Enum):
+    """How much of an experiment is run.
+
+    ``SHORT`` is what tests run (seconds), ``NORMAL`` what ``impedance reproduce`` runs (a minute or two each),
+    ``FULL`` the long tables that are committed (``--full``).
+    """
+
+    SHORT = "short"
+    NORMAL = "normal"
+    FULL = "full"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What ``reproduce`` hands to an experiment.
+
+    Attributes:
+        size: How much is run.
+        seed: First seed of everything random.
+        work: Existing folder for recordings; the experiment names its own files in it.
+        on_progress: Called with the share done, 0 to 1, and what is going on.
+    """
+
+    size: Size
+    seed: int
+    work: Path
+    on_progress: Callable[[float, str], None]
+
+    def choose(self, short: int, normal: int, full: int) -> int:
+        """Returns the number of runs, samples or steps that belongs to the size."""
+        return {Size.SHORT: short, Size.NORMAL: normal, Size.FULL: full}[self.size]

@@ -9,9 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.pushing import PushTrace, first_pushes, only_arm, patch_of, trace_pushed
-from impedance_experiments.settings import Settings
-from impedance_experiments.thesis_page import Cell, ThesisValue, Page, Plot, ResultTable, table_of
+from impedance_experiments.task_run import PushTrace, first_pushes, only_arm, patch_of, trace_pushed
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.effects.water import BuoyancyTorque

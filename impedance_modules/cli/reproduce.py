@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from impedance_experiments.thesis_experiments import Experiment
-    from impedance_experiments.thesis_page import Page
-    from impedance_experiments.settings import Size
+    from impedance_experiments.thesis_page import Page, Size
 
 
 @click.command("reproduce")
@@ -57,7 +56,7 @@ def command(
 
 
 def _size(*, full: bool, short: bool) -> Size:
-    from impedance_experiments.settings import Size
+    from impedance_experiments.thesis_page import Size
 
     if full:
         return Size.FULL
@@ -69,8 +68,7 @@ def _carry_out(
 ) -> None:
     from rich.progress import Progress
 
-    from impedance_experiments.index import write_index
-    from impedance_experiments.page_files import command_of, write_page
+    from impedance_experiments.page_files import command_of, write_index, write_page
 
     done: list[tuple[Experiment, Page]] = []
     with tempfile.TemporaryDirectory() as temporary, Progress(console=console, transient=True) as bar:
@@ -96,7 +94,7 @@ def _processor_time() -> float:
 
 
 def _run(experiment: Experiment, size: Size, seed: int, work: Path, bar: object, line: object) -> Page:
-    from impedance_experiments.settings import Settings
+    from impedance_experiments.thesis_page import Settings
 
     def on_progress(share: float, doing: str) -> None:
         bar.update(line, completed=share, description=f"{experiment.name}: {doing}")  # type: ignore[attr-defined]

@@ -17,7 +17,7 @@ from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import read_tree
 from impedance_modules.diagnosis.rollout.nuisance import body_changes, no_nuisance
 from impedance_modules.diagnosis.rollout.robot import robot_of_model
-from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, shrink
+from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, total_shrink
 from impedance_modules.diagnosis.rollout.simulated_robot import dress
 from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
@@ -114,9 +114,9 @@ def test_the_floor_is_what_repeats_do_not_share() -> None:
     pairs = [(i, i + 1) for i in range(0, 400, 2)]
     np.testing.assert_allclose(floor_of_repeats(errors, pairs), 0.1, rtol=0.1)
     floor = np.array([0.1, 0.1, 0.1])
-    assert shrink([5.0 * floor], [floor], [floor]) == 1.0
-    assert shrink([5.0 * floor], [5.0 * floor], [floor]) == 0.0
-    assert shrink([0.5 * floor], [floor], [floor]) is None
+    assert total_shrink([5.0 * floor], [floor], [floor]) == 1.0
+    assert total_shrink([5.0 * floor], [5.0 * floor], [floor]) == 0.0
+    assert total_shrink([0.5 * floor], [floor], [floor]) is None
 
 
 def test_links_are_adjusted_only_as_far_as_they_stay_bodies(robot: Path) -> None:

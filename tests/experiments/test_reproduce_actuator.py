@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from impedance_experiments.thesis_experiments import find_experiment
-from impedance_experiments.settings import Settings, Size
+from impedance_experiments.thesis_page import Settings, Size
 
 
 def short(tmp_path: Path) -> Settings:

@@ -9,7 +9,7 @@ import pytest
 
 from impedance_experiments import one_joint
 from impedance_experiments.impedance_controller import reproduce
-from impedance_experiments.settings import Settings, Size
+from impedance_experiments.thesis_page import Settings, Size
 
 
 def test_the_hand_has_its_net_stiffness_and_a_deep_spring_holds_twice_the_energy(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from impedance_experiments import folding, nonlinear_damping
-from impedance_experiments.settings import Settings, Size
+from impedance_experiments.thesis_page import Settings, Size
 from impedance_experiments.under_water import reproduce
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from impedance_experiments import sanding
-from impedance_experiments.sanding_rule import smooth_statistics, roc_curve, set_bound
-from impedance_experiments.settings import Settings, Size
+from impedance_experiments.sanding_rule import roc_curve, set_bound, smooth_statistics
+from impedance_experiments.thesis_page import Settings, Size
 
 
 def test_it_is_held_comes_free_works_and_feels_what_is_rough(tmp_path: Path) -> None:

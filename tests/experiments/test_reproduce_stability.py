@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_experiments import stability_limits
-from impedance_experiments.settings import Settings, Size
+from impedance_experiments.thesis_page import Settings, Size
 
 
 def test_the_plant_rings_where_check_says_and_a_soft_hand_sinks(tmp_path: Path) -> None:

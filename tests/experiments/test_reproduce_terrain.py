@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_experiments.thesis_experiments import find_experiment
-from impedance_experiments.settings import Settings, Size
+from impedance_experiments.terrain_slides import Slide, deviation_along_y
 from impedance_experiments.terrain_variations import (
     CLEARANCE,
     MIDDLE,
     draw_errors,
     draw_maps,
+    stopped_at,
     wrong_table,
 )
-from impedance_experiments.terrain_slides import Slide, deviation_along_y
-from impedance_experiments.terrain_thresholds import stopped_at
+from impedance_experiments.thesis_experiments import find_experiment
+from impedance_experiments.thesis_page import Settings, Size
 from impedance_modules.prediction.contact import place_surface, surface_distance
 from impedance_modules.spec.task import SurfaceSpec
 

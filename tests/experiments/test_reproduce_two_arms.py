@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_experiments.settings import Settings, Size
-from impedance_experiments.two_arms import reproduce
-from impedance_experiments.two_arms_measured import PushAnswers, ratios
+from impedance_experiments.thesis_page import Settings, Size
+from impedance_experiments.two_arms import PushAnswers, ratios, reproduce
 
 
 def test_a_pushed_box_answers_as_the_sum_of_its_arms(tmp_path: Path) -> None:
