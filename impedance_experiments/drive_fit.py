@@ -14,9 +14,9 @@ from scipy.optimize import least_squares
 from impedance_experiments.task_run import TaskRun, patch_of, record_task, task_with
 from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
+from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.residuals.band import choose_cutoff
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
-from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.effects.catalogue import BENCH, CATALOGUE
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.spec.patch_file import EffectSpec

@@ -145,7 +145,7 @@ def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch:
 
         _save(report, html_report(found, answer))
     if patch is not None:
-        from impedance_modules.diagnosis.patch import patch_text
+        from impedance_modules.diagnosis.report.diagnosis_files import patch_text
 
         if answer["patch"] is None:
             click.echo(f"{patch}: not written, no effect shrank the held-out gap", err=True)

@@ -6,8 +6,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from impedance_modules.diagnosis.result import Diagnosis, JointGap
-from impedance_modules.diagnosis.rollout.outcome import Rollout
+from impedance_modules.diagnosis.result import Diagnosis, JointGap, Rollout
 
 QUIET = 2.0
 """Residual over noise below which a velocity needs no row of its own."""

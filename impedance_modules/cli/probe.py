@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from impedance_modules.diagnosis.data.nominal_model import NominalModel
-    from impedance_modules.diagnosis.experiment_design.propose import Probe
+    from impedance_modules.diagnosis.experiment_design.probe_choice import Probe
     from impedance_modules.spec.robot_spec import RobotSpec
 
 PATH = click.Path(path_type=Path)
@@ -38,7 +38,7 @@ def command(diagnosis: Path | None, robot: str | None, urdf: Path | None, out: P
     """
     from rich.console import Console
 
-    from impedance_modules.diagnosis.experiment_design.propose import propose_probe
+    from impedance_modules.diagnosis.experiment_design.probe_choice import propose_probe
 
     if (robot is None) == (urdf is None):
         raise BadInput("probe needs to know what moves: give --robot NAME or --urdf FILE, one of them")
@@ -85,9 +85,13 @@ def _answer(path: Path) -> dict[str, Any]:
 
 def _write(probe: Probe, spec: RobotSpec | None, out: Path) -> list[Path]:
     """Writes the files; the task with the tank that its own rehearsal asks for."""
-    from impedance_modules.diagnosis.experiment_design.propose import resisting_work
-    from impedance_modules.diagnosis.experiment_design.to_json import probe_object
-    from impedance_modules.diagnosis.experiment_design.probe_files import motion_table, posture_table, task_text
+    from impedance_modules.diagnosis.experiment_design.probe_choice import resisting_work
+    from impedance_modules.diagnosis.experiment_design.probe_files import (
+        motion_table,
+        posture_table,
+        probe_object,
+        task_text,
+    )
     from impedance_modules.spec.locate import list_robots
 
     texts = {"probe.json": json.dumps(probe_object(probe), indent=2, allow_nan=False) + "\n"}

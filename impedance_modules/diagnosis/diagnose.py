@@ -7,24 +7,20 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from impedance_modules.diagnosis.causes import name_causes
-from impedance_modules.diagnosis.compensated import compensation_note
 from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.folds import Arrangement, arrange
-from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.data.nominal_model import NominalModel, wearing
+from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.model_selection.cause_search import Progress, explain
-from impedance_modules.diagnosis.model_selection.conclusion import conclude
+from impedance_modules.diagnosis.model_selection.conclusion import compensation_note, conclude, name_causes
 from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
     without_touched_links,
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
-from impedance_modules.diagnosis.result import Diagnosis, Remainder
-from impedance_modules.diagnosis.rigid import BatchedRigidModel
-from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
+from impedance_modules.diagnosis.result import Diagnosis, LeftOut, Remainder, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
-from impedance_modules.diagnosis.wearing import wearing
 from impedance_modules.effects.catalogue import BENCH, SURFACES, WATER
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch_file import EffectSpec
@@ -111,7 +107,7 @@ def insufficient(robot: str, episodes: Sequence[str], reason: str) -> Diagnosis:
         reason=reason,
         gaps=(),
         shrink=None,
-        rollout=nothing_rolled_out(LeftOut("all recordings", "the data do not suffice")),
+        rollout=no_rollout(LeftOut("all recordings", "the data do not suffice")),
         where=(),
         causes=(),
         unexplained_weight=1.0,

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.log import DataReport
-from impedance_modules.diagnosis.rollout.outcome import CauseRollout, Rollout, shrink
 
 Array = NDArray[np.float64]
 
@@ -167,3 +166,133 @@ class Diagnosis:
     def exit_code(self) -> int:
         """Of the command line."""
         return EXIT_CODES[self.verdict]
+
+
+def shrink(before: float, after: float, noise_floor: float) -> float | None:
+    """Part of an rms error's excess over its noise that is gone, 1 - sqrt(excess after / excess before).
+
+    Returns:
+        1 where nothing is left, negative where it grew; None where there was no excess before.
+    """
+    start = before**2 - noise_floor**2
+    left = max(0.0, after**2 - noise_floor**2)
+    return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Rms error of one joint's rollouts in one quantity, over all windows.
+
+    Attributes:
+        before, after: Of the nominal plant, and of the one that wears the causes; in ``unit``.
+        noise_floor: What seeds and repetition alone would give.
+        unit: rad, rad/s, m or m/s.
+    """
+
+    before: float
+    after: float
+    noise_floor: float
+    unit: str
+
+    @property
+    def shrink(self) -> float | None:
+        """Part of the excess over the noise that is gone; None where there was none before."""
+        return shrink(self.before, self.after, self.noise_floor)
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How position errors grow: rms over windows at times after the seed.
+
+    Attributes:
+        time: Since the seed [s].
+        before, after: Joint -> one value per time [rad] or [m].
+    """
+
+    time: tuple[float, ...]
+    before: Mapping[str, tuple[float, ...]]
+    after: Mapping[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Something that was not rolled out, and why."""
+
+    what: str
+    why: str
+
+
+@dataclass(frozen=True)
+class CauseRollout:
+    """What wearing something does to the rollouts: with a cause against without it, or all against nothing.
+
+    Attributes:
+        without, with_it: Error power over that of the noise, or of what all causes leave, whichever is more; mean
+            over windows and over the joints that the cause acts on.
+        ratio: Geometric mean over windows of ``without`` over ``with_it``.
+        standard_error: Of its logarithm.
+        verdict: ``helps``, ``worsens`` or ``no difference``.
+    """
+
+    without: float
+    with_it: float
+    ratio: float
+    standard_error: float
+    verdict: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One joint's held-out window that the nominal plant misses most, for the report.
+
+    Attributes:
+        time: [s] of the recording.
+        measured, before, after: (M,) positions.
+    """
+
+    joint: str
+    episode: str
+    time: Array
+    measured: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """All of it.
+
+    Attributes:
+        drive: Which torque drove the plant: ``command``, ``effort`` (at the link) or ``motor``; empty if nothing
+            was rolled out.
+        window: Length of a window [s].
+        windows: Number of windows.
+        episodes: Recordings they are cut from.
+        floor: ``repeats``, or ``weak``: from the noise of the seeds alone.
+        position, velocity: Joint -> its error.
+        growth: Over the horizon.
+        shrink: Of position and velocity of all joints, squares summed in units of their floors'; None without a gap.
+        whole: What all causes do together, the links adjusted; None where nothing was rolled out.
+        causes: Effect and port -> what the cause does; those that were worn.
+        left_out: What was not rolled out.
+        traces: For the report.
+    """
+
+    drive: str
+    window: float
+    windows: int
+    episodes: tuple[str, ...]
+    floor: str
+    position: Mapping[str, Drift]
+    velocity: Mapping[str, Drift]
+    growth: Growth
+    shrink: float | None
+    whole: CauseRollout | None
+    causes: Mapping[tuple[str, str], CauseRollout]
+    left_out: tuple[LeftOut, ...]
+    traces: tuple[Trace, ...]
+
+
+def no_rollout(*reasons: LeftOut) -> Rollout:
+    """The outcome where no window could be lived through, with the reasons."""
+    return Rollout("", 0.0, 0, (), "", {}, {}, Growth((), {}, {}), None, None, {}, reasons, ())

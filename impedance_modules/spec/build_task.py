@@ -22,15 +22,17 @@ from impedance_modules.spec.task import (
     PhaseSpec,
     PushSpec,
     ReachedCondition,
+    RoughnessSpec,
     SheetSpec,
     Sine,
     SmoothCondition,
+    SplintersSpec,
     SpringSpec,
     SurfaceSpec,
     TankSpec,
     TaskPlayback,
+    WoodSpec,
 )
-from impedance_modules.spec.wood import build_wood
 
 Raw = Mapping[str, Any]
 
@@ -124,6 +126,27 @@ def _sheet(raw: Raw) -> SheetSpec:
         supports=tuple((float(support["at"]), float(support["height"])) for support in raw["supports"]),
         width=float(raw["width"]),
         bending_stiffness=float(raw["bending_stiffness"]),
+    )
+
+
+def build_wood(raw: Raw) -> WoodSpec:
+    """Makes the wood of one surface from clean plain data."""
+    roughness, splinters = raw.get("roughness"), raw.get("splinters")
+    return WoodSpec(
+        seed=int(raw["seed"]),
+        roughness=None
+        if roughness is None
+        else RoughnessSpec(
+            **{name: float(roughness[name]) for name in ("height", "wavelength", "friction", "wear")}
+        ),
+        splinters=None
+        if splinters is None
+        else SplintersSpec(
+            density=float(splinters["density"]),
+            force=(float(splinters["force"][0]), float(splinters["force"][1])),
+            endurance=float(splinters["endurance"]),
+            reach=float(splinters["reach"]),
+        ),
     )
 
 

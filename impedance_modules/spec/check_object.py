@@ -7,9 +7,12 @@ import itertools
 from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
-from impedance_modules.spec.build_task import build_object, build_push, build_surface, build_tank
+from impedance_modules.spec.build_task import build_object, build_push, build_surface, build_tank, build_wood
 from impedance_modules.spec.task import ObjectSpec
 from impedance_modules.spec.task_draft import Draft, DraftArm
+
+LARGEST_WOOD = 1.0
+"""Area of wood that the plant keeps account of [m^2]."""
 
 CLOSEST_SUPPORTS = 1e-3
 """Between two supports of a sheet [m]; the plane between closer ones would only be noise."""
@@ -132,3 +135,22 @@ def playback_problems(draft: Draft) -> Iterator[Problem]:
         if draft.has(key):
             message = f"a robot that plays a path back {what} here; leave out 'playback' or '{key}'"
             yield draft.problem((key,), message)
+
+
+def wood_problems(draft: Draft) -> Iterator[Problem]:
+    """Checks that every piece of wood is small enough to keep account of, and its forces are in order."""
+    for i in draft.count("environment"):
+        at = ("environment", i, "wood")
+        if not (draft.clean(*at) and draft.clean("environment", i, "size")):
+            continue
+        size, wood = draft.value("environment", i, "size"), build_wood(draft.value(*at))
+        if size[0] * size[1] > LARGEST_WOOD:
+            message = (
+                f"wood of {size[0]:g} m x {size[1]:g} m is more than the plant keeps account of; valid: a top "
+                f"face of at most {LARGEST_WOOD:g} m^2"
+            )
+            yield draft.problem(at, message, at="key")
+        if wood.splinters is not None and wood.splinters.force[0] > wood.splinters.force[1]:
+            low, high = wood.splinters.force
+            message = f"the least breaking force, {low:g} N, is above the largest, {high:g} N"
+            yield draft.problem((*at, "splinters", "force"), message)

@@ -12,8 +12,7 @@ import pytest
 
 from impedance_modules.diagnosis.data.admission import touching
 from impedance_modules.diagnosis.residuals.contact_mask import on_links, without_touched_links
-from impedance_modules.diagnosis.rollout.drive import RUN_IN
-from impedance_modules.diagnosis.rollout.windows import WINDOW, spread
+from impedance_modules.diagnosis.rollout.simulated_windows import RUN_IN, WINDOW, spread
 from impedance_modules.effects.residual_kinds import RESIDUALS, uses_motion
 from impedance_modules.spec.task_text import contact_phases
 from tests.support.paths import CHECKOUT

@@ -19,12 +19,11 @@ from hypothesis import strategies as st
 
 from impedance_modules.cli.main import impedance
 from impedance_modules.diagnosis.data.admission import admit
-from impedance_modules.diagnosis.data.folds import arrange
+from impedance_modules.diagnosis.data.folds import RUN_IN, arrange
 from impedance_modules.diagnosis.data.log import InsufficientData
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
 from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
-from impedance_modules.diagnosis.stretch import RUN_IN
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.errors import ImpedanceError

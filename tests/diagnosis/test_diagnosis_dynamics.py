@@ -15,8 +15,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import (
     inverse_dynamics,
     mass_matrix,
 )
-from impedance_modules.diagnosis.physical import can_exist
-from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree, can_exist, read_tree
 from tests.support.paths import CHECKOUT
 
 URDF = CHECKOUT / "robots" / "baxter" / "baxter.urdf"

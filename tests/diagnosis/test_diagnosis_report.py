@@ -19,10 +19,10 @@ from rerun.chunk import RrdReader
 
 from impedance_modules.cli.diagnose import command
 from impedance_modules.cli.replay import command as replay
+from impedance_modules.diagnosis.report.diagnosis_files import spectrum_object
 from impedance_modules.diagnosis.report.html_elements import number, percent, table
 from impedance_modules.diagnosis.report.report_plots import thinned
 from impedance_modules.diagnosis.result import Series
-from impedance_modules.diagnosis.spectrum import spectrum_object
 from impedance_modules.episode.residual_view import Comparison
 from impedance_modules.episode.run_folder import episode_paths, the_episode
 from impedance_modules.errors import BadInput

@@ -15,10 +15,13 @@ from click.testing import CliRunner
 from impedance_modules.cli.diagnose import command
 from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import read_tree
-from impedance_modules.diagnosis.rollout.nuisance import body_changes, no_nuisance
-from impedance_modules.diagnosis.rollout.robot import robot_of_model
 from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, total_shrink
-from impedance_modules.diagnosis.rollout.simulated_robot import dress
+from impedance_modules.diagnosis.rollout.simulated_robot import (
+    body_changes,
+    dress,
+    no_nuisance,
+    robot_of_model,
+)
 from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.options import PlantOptions
@@ -131,13 +134,13 @@ def test_links_are_adjusted_only_as_far_as_they_stay_bodies(robot: Path) -> None
 
 def test_recordings_without_any_torque_say_why_nothing_was_rolled_out(viscous: tuple, tmp_path: Path) -> None:
     """What schema and user get when there is nothing to drive a plant with."""
-    from impedance_modules.diagnosis.rollout.outcome import LeftOut, nothing_rolled_out
-    from impedance_modules.diagnosis.rollout.to_json import rollout_object
+    from impedance_modules.diagnosis.report.diagnosis_files import rollout_object
+    from impedance_modules.diagnosis.result import LeftOut, no_rollout
 
     found = {**viscous[2]}
     found["gap"] = {
         **found["gap"],
-        "rollout": rollout_object(nothing_rolled_out(LeftOut("all", "no torque"))),
+        "rollout": rollout_object(no_rollout(LeftOut("all", "no torque"))),
     }
     jsonschema.validate(found, load_schema("diagnosis"))
     assert found["gap"]["rollout"] == {"windows": 0, "left_out": [{"what": "all", "why": "no torque"}]}

@@ -14,8 +14,7 @@ from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.folds import arrange
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
-from impedance_modules.diagnosis.resolution import grid_of
-from impedance_modules.diagnosis.stamps import steady_stamps
+from impedance_modules.diagnosis.data.time_base import grid_of, steady_stamps
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
 from tests.diagnosis.test_diagnosis import JOINTS, URDF, answer, motion, torque

@@ -13,17 +13,18 @@ from click.testing import CliRunner
 from impedance_modules.cli.probe import _write, command
 from impedance_modules.control.assembly import assemble
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
-from impedance_modules.diagnosis.experiment_design.probe_choice import CHI_SQUARE, SHARE_PERHAPS, Chooser
-from impedance_modules.diagnosis.experiment_design.clearance import Clearance
-from impedance_modules.diagnosis.experiment_design.follow import Follower, spring_stiffness
-from impedance_modules.diagnosis.experiment_design.motion_library import motions
-from impedance_modules.diagnosis.experiment_design.propose import Probe, propose_probe
+from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
+from impedance_modules.diagnosis.experiment_design.motion_library import Motion, Stroke, motions
+from impedance_modules.diagnosis.experiment_design.motion_limits import Clearance, choose_start, room_of_robot
+from impedance_modules.diagnosis.experiment_design.probe_choice import (
+    CHI_SQUARE,
+    SHARE_PERHAPS,
+    Chooser,
+    Probe,
+    propose_probe,
+)
 from impedance_modules.diagnosis.experiment_design.probe_questions import brief_of, general_brief
-from impedance_modules.diagnosis.experiment_design.motion_limits import room_of_robot
-from impedance_modules.diagnosis.experiment_design.separation import Predictor
-from impedance_modules.diagnosis.experiment_design.start import choose_start
-from impedance_modules.diagnosis.experiment_design.strokes import Motion, Stroke
-from impedance_modules.diagnosis.rigid import BatchedRigidModel
+from impedance_modules.diagnosis.experiment_design.separation import Follower, Predictor, spring_stiffness
 from impedance_modules.errors import BadInput
 from impedance_modules.prediction.check import refuse_unfit
 from impedance_modules.spec.robot_reader import read_robot

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from impedance_modules.cli.main import impedance
 from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
-from impedance_modules.diagnosis.physical import can_exist
+from impedance_modules.diagnosis.data.rigid_tree import can_exist
 from tests.support.paths import CHECKOUT, TESTS
 
 MAPS = TESTS / "maps"

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from impedance_modules.diagnosis.compensated import compensation_note
+from impedance_modules.diagnosis.model_selection.conclusion import compensation_note
 
 
 def recording(compensation: str = "robot", residuals: tuple[str, ...] = ("link", "actuator", "velocity")):

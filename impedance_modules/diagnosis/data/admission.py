@@ -10,15 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.channel_checks import refuse_mistakes, unwrapped
-from impedance_modules.diagnosis.data.dataset_consistency import refuse_company, refuse_copies
+from impedance_modules.diagnosis.data.dataset_consistency import group_repeats, refuse_company, refuse_copies
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import stretch_note, stretch_origin
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.data.time_base import common_delay, even_time, resampled, shifted
-from impedance_modules.diagnosis.rates import one_rate
-from impedance_modules.diagnosis.repeats import group_repeats
-from impedance_modules.diagnosis.resolution import grid_of
-from impedance_modules.diagnosis.stamps import steady_stamps
+from impedance_modules.diagnosis.data.time_base import (
+    common_delay,
+    even_time,
+    grid_of,
+    one_rate,
+    resampled,
+    shifted,
+    steady_stamps,
+)
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.task_text import contact_phases

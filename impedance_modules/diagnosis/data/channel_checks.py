@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.data.torque_sign import refuse_flipped_torque
-from impedance_modules.diagnosis.units import refuse_units
+from impedance_modules.diagnosis.data.rigid_tree import Body
+from impedance_modules.diagnosis.data.torque_sign import refuse_flipped_torque, rough, without
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -92,3 +92,172 @@ def _refuse_jump(log: Log, joint: str, row: int, size: float) -> Log:
         f"{log.name}: position.{joint} jumps by {size:.3g} rad at row {row} (valid: a continuous position in rad;"
         " cut the recording there, or fix the encoder's fault)"
     )
+
+
+DEGREES = 180.0 / np.pi
+
+FARTHEST, FASTEST, STRONGEST = 1e4, 1e4, 1e6
+"""Beyond it no joint goes, in any unit that is meant."""
+
+OVERLOAD = 50.0
+"""Multiple of a joint's stated largest torque that no sensor reports."""
+
+TURNS = 2.0
+"""Positions beyond as many turns are no joint's, if its URDF does not allow them [rev]."""
+
+OVER_LIMIT = 1.3
+"""Positions beyond this part of the range's half width about its middle are doubted."""
+
+SAME_RATE = (0.67, 1.5)
+"""Velocity over the position's rate of change that a slow filter can still explain."""
+
+SPEED_UNITS = {
+    DEGREES: "deg/s for rad/s",
+    1.0 / DEGREES: "positions in degrees",
+    30.0 / np.pi: "rev/min for rad/s",
+    0.5 / np.pi: "rev/s for rad/s",
+    1e3: "time in milliseconds, or positions in thousandths",
+    1e-3: "velocities in thousandths",
+    -1.0: "opposite signs",
+}
+"""Velocity over rate of change -> what it looks like."""
+
+BETTER = 0.2
+"""Part of the torque's remainder that another unit of position must leave at most, to be asked about."""
+
+THOUSAND = (300.0, 3000.0)
+"""Torque over the model's torque that looks like thousandths."""
+
+
+def refuse_units(log: Log, model: NominalModel) -> None:
+    """Refuses numbers in another unit than they claim to have.
+
+    Raises:
+        BadInput: With the joint, the number and the unit that it looks like.
+    """
+    _refuse_absurd(log, model)
+    for index, body in enumerate(model.tree.bodies):
+        _refuse_range(log, body, log.position[:, index])
+        if log.velocity is not None:
+            _refuse_speed(log, body, log.position[:, index], log.velocity[:, index])
+    _refuse_by_torque(log, model)
+
+
+def _refuse_absurd(log: Log, model: NominalModel) -> None:
+    """Refuses single numbers that no robot reaches: a glitch would outweigh everything else."""
+    n = model.n
+    _refuse_beyond(log, model, "position", log.position, np.full(n, FARTHEST))
+    _refuse_beyond(log, model, "velocity", log.velocity, np.full(n, FASTEST))
+    for name, values in (("effort", log.effort), ("effort_command", log.command)):
+        _refuse_beyond(log, model, name, values, np.full(n, STRONGEST))
+    _refuse_thousandths(log, model)
+    for name, values in (("effort", log.effort), ("effort_command", log.command)):
+        _refuse_beyond(log, model, name, values, OVERLOAD * model.effort_max)
+
+
+def _refuse_beyond(log: Log, model: NominalModel, name: str, values: Array | None, most: Array) -> None:
+    if values is None or not (beyond := np.abs(values) > most).any():
+        return
+    row, joint = (int(x[0]) for x in np.nonzero(beyond))
+    raise BadInput(
+        f"{log.name}: {name}.{model.joints[joint]} is {values[row, joint]:.4g} in sample {row},"
+        f" {int(beyond.sum())} such samples in all: a glitch, or another unit (valid: at most"
+        f" {most[joint]:.4g} in SI units there; cut the glitches out, or state the unit in the import map)"
+    )
+
+
+def _refuse_range(log: Log, body: Body, q: Array) -> None:
+    if body.prismatic:
+        return
+    reach = float(np.abs(q).max())
+    limits = body.limits
+    allowed = TURNS * 2.0 * np.pi
+    if limits is not None and limits.upper > limits.lower:
+        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+        allowed = max(abs(middle + OVER_LIMIT * half), abs(middle - OVER_LIMIT * half))
+    if reach > allowed:
+        looks = "which looks like degrees" if reach < 1.1 * DEGREES * allowed else "which is no angle"
+        raise BadInput(
+            f"{log.name}: position.{body.joint} reaches {reach:.4g}, {looks}: the joint's range ends at"
+            f" {allowed / OVER_LIMIT:.3g} rad. Is it in degrees? (valid: rad; state 'unit: deg' in the import map)"
+        )
+
+
+def _refuse_speed(log: Log, body: Body, q: Array, v: Array) -> None:
+    step = max(1, round(log.rate / 20.0))
+    moved = q[2 * step :] - q[: -2 * step]
+    slope = _slope(moved * (log.rate / (2.0 * step)), _boxed(v, step))
+    if slope is None or SAME_RATE[0] < slope < SAME_RATE[1]:
+        return
+    near = min(SPEED_UNITS, key=lambda unit: abs(unit / slope - 1.0))
+    looks = f": {SPEED_UNITS[near]}?" if abs(near / slope - 1.0) < 0.2 else ": a gear ratio, or a wrong rate?"
+    raise BadInput(
+        f"{log.name}: velocity.{body.joint} is {slope:.3g} times the position's rate of change{looks}"
+        " (valid: rad, rad/s and s; state 'unit' or 'sign' in the import map)"
+    )
+
+
+def _boxed(v: Array, step: int) -> Array:
+    """Mean velocity over the same stretches as the positions' differences."""
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
+    return np.asarray((total[2 * step :] - total[: -2 * step]) / (2.0 * step))
+
+
+def _slope(cause: Array, effect: Array) -> float | None:
+    """Least-squares slope about the means where the two clearly are one quantity; else None."""
+    a, b = cause - cause.mean(), effect - effect.mean()
+    power, size = float(a @ a), float(b @ b)
+    if power == 0.0 or size == 0.0 or abs(float(a @ b)) < 0.9 * np.sqrt(power * size):
+        return None
+    return float(a @ b) / power
+
+
+def _refuse_by_torque(log: Log, model: NominalModel) -> None:
+    """Asks whether another unit of position, or of torque, would agree with the model far better."""
+    left = {scale: _left(log, model, scale) for scale in (1.0, DEGREES, 1.0 / DEGREES)}
+    now = left[1.0]
+    if now is None:
+        return
+    for scale, words in ((1.0 / DEGREES, "degrees"), (DEGREES, "radians that were divided by 57.3")):
+        other = left[scale]
+        if other is not None and other < BETTER * now and other < BETTER:
+            raise BadInput(
+                f"{log.name}: the torques agree with the links' weight and inertia far better if the positions"
+                f" are {words} ({100 * other:.0f} % of the torque's power is left over, now {100 * now:.0f} %)."
+                " Are they? (valid: rad; state 'unit' in the import map)"
+            )
+
+
+def _left(log: Log, model: NominalModel, scale: float) -> float | None:
+    """Part of the torque's power that the model and the joints' own effects leave, over all joints."""
+    if all(body.prismatic for body in model.tree.bodies):
+        return None
+    found = rough(log, model, scale)
+    if found is None:
+        return None
+    rest, power = 0.0, 0.0
+    for index, body in enumerate(model.tree.bodies):
+        if body.prismatic:
+            continue
+        own = np.ones((len(found.position), 1))
+        whole = float(np.sum(without(found.effort[:, index], own) ** 2))
+        rest += float(np.sum(without(found.effort[:, index] - found.model[:, index], own) ** 2))
+        power += whole
+    return rest / power if power > 0.0 else None
+
+
+def _refuse_thousandths(log: Log, model: NominalModel) -> None:
+    found = rough(log, model)
+    if found is None:
+        return
+    for index, joint in enumerate(model.joints):
+        slope = _slope(found.model[:, index], found.effort[:, index])
+        if slope is None or not (
+            THOUSAND[0] < abs(slope) < THOUSAND[1] or THOUSAND[0] < 1 / abs(slope) < THOUSAND[1]
+        ):
+            continue
+        looks = "mN.m" if abs(slope) > 1.0 else "kN.m"
+        raise BadInput(
+            f"{log.name}: the torque of {joint} is {abs(slope):.3g} times what the links need, which looks like {looks}"
+            " (valid: N.m; state its unit in the import map)"
+        )

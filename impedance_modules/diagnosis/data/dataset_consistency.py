@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,3 +91,95 @@ def _rows(log: Log, kinds: Sequence[str]) -> Rows:
     table = np.hstack([log.position, *(getattr(log, kind) for kind in kinds)])
     weights = np.random.default_rng(0).normal(size=table.shape[1])
     return np.unique(table @ weights)
+
+
+Array = NDArray[np.float64]
+
+LIKENESS = 0.1
+"""Two motions repeat each other if they differ by less than this part of their size."""
+
+LATE_MAX = 1.0
+"""Repeats that were started by hand may begin so much later in their recording [s]."""
+
+NEAR = 3
+"""Samples about the first guess of the lag among which the best one is looked for."""
+
+LENGTH = 0.05
+"""Repeats differ in length by less than this part, and by less than twice `LATE_MAX`."""
+
+
+def group_repeats(logs: Sequence[Log], said: Sequence[str | None], warnings: list[str]) -> tuple[Log, ...]:
+    """Puts recordings of one motion into one group, and brings them to one beginning and end.
+
+    Args:
+        logs: Recordings.
+        said: What each says it repeats; None where it says nothing.
+        warnings: Gets a sentence for each recording that is no repeat of what it says it repeats.
+    """
+    by_name = {log.name: index for index, log in enumerate(logs)}
+    leader = list(range(len(logs)))
+    lag = [0] * len(logs)
+    for index, (log, original) in enumerate(zip(logs, said, strict=True)):
+        others = [by_name[original]] if original in by_name else list(range(index))
+        if original in by_name and _lag(logs[by_name[original]], log) is None:
+            warnings.append(
+                f"{log.name} says it repeats {original}, but moves otherwise: not taken as a repeat"
+            )
+            continue
+        for other in others:
+            if other != index and leader[index] == index:
+                found = _lag(logs[leader[other]], log)
+                if found is not None and leader[other] != index:
+                    leader[index], lag[index] = leader[other], found
+    return tuple(_aligned(logs, leader, lag))
+
+
+def _aligned(logs: Sequence[Log], leader: Sequence[int], lag: Sequence[int]) -> list[Log]:
+    """Cuts the recordings of each group to what they have in common."""
+    out = list(logs)
+    for first in set(leader):
+        members = [index for index, found in enumerate(leader) if found == first]
+        begin = max(-lag[index] for index in members)
+        end = min(logs[index].samples - lag[index] for index in members)
+        for index in members:
+            whole = logs[index]
+            part = whole.part(begin + lag[index], end + lag[index]) if len(members) > 1 else whole
+            out[index] = replace(part, group=logs[first].name)
+    return out
+
+
+def repeats(log: Log, other: Log) -> bool:
+    """Whether two recordings show one motion, but for when it began."""
+    return _lag(log, other) is not None
+
+
+def _lag(log: Log, other: Log) -> int | None:
+    """By how many samples ``other`` runs behind ``log``; None where they show two motions."""
+    longer, shorter = max(log.samples, other.samples), min(log.samples, other.samples)
+    if abs(log.rate - other.rate) > 0.01 * log.rate:
+        return None
+    if longer - shorter > min(LENGTH * longer, 2.0 * LATE_MAX * log.rate):
+        return None
+    near = _shift(log.position, other.position, int(LATE_MAX * log.rate))
+    late = min(range(near - NEAR, near + NEAR + 1), key=lambda shift: _apart(log, other, shift))
+    size = float(np.sqrt(np.mean((log.position - log.position.mean(axis=0)) ** 2)))
+    return late if _apart(log, other, late) < LIKENESS * size else None
+
+
+def _apart(log: Log, other: Log, late: int) -> float:
+    """Rms distance of two motions, the second shifted back [rad]."""
+    first, second = log.position[max(0, -late) :], other.position[max(0, late) :]
+    samples = min(len(first), len(second))
+    return float(np.sqrt(np.mean((first[:samples] - second[:samples]) ** 2)))
+
+
+def _shift(one: Array, other: Array, most: int) -> int:
+    """Lag of ``other`` behind ``one`` at which they agree best [samples]."""
+    samples = min(len(one), len(other))
+    size = 2 ** int(np.ceil(np.log2(2 * samples)))
+    a, b = (np.diff(x[:samples], axis=0) for x in (one, other))
+    spectrum = np.conj(np.fft.rfft(a, size, axis=0)) * np.fft.rfft(b, size, axis=0)
+    correlation = np.fft.irfft(spectrum.sum(axis=1), size)
+    most = min(most, samples // 4)
+    window = np.concatenate([correlation[-most:], correlation[: most + 1]])
+    return int(np.argmax(window)) - most

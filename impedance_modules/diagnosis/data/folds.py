@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impedance_modules.diagnosis.data.log import InsufficientData, Log
-from impedance_modules.diagnosis.spare import most_spared
-from impedance_modules.diagnosis.stretch import cut, most_typical
 from impedance_modules.errors import BadInput
 
 FOLDS_MIN = 2
@@ -110,3 +111,120 @@ def _numbered(motions: Sequence[Sequence[Log]], tested: Sequence[Log], warnings:
         folds.append(tuple(range(first, first + len(motion))))
         first += len(motion)
     return Arrangement(tuple(logs), tuple(folds), tuple(range(first, len(logs))), tuple(warnings))
+
+
+Array = NDArray[np.float64]
+
+TAILS = (0.02, 0.98)
+"""Quantiles between which a joint's positions and speeds are taken to reach."""
+
+AS_GOOD = 0.05
+"""Motions that leave this little less of the reach behind are spared as well."""
+
+
+def most_spared(motions: Sequence[Sequence[Log]]) -> int:
+    """Chooses the motion to hold out: nothing is tested outside what was fitted, and nothing is fitted too little.
+
+    A motion that was repeated stays with those that are fitted, as long as there are others: repeats measure the
+    noise. Of the rest the one is taken without which the others still reach furthest; of those that are as good,
+    the one in which the joint that moves least moves most; then the last by name.
+
+    Args:
+        motions: Two or more, each with its repeats.
+    """
+    single = [i for i, found in enumerate(motions) if len(found) == 1]
+    asked = single or list(range(len(motions)))
+    reach = np.array([np.max([_reach(log) for log in found], axis=0) for found in motions])
+    whole = np.maximum(reach.max(axis=0), 1e-9)
+    left = {i: float(np.mean(np.delete(reach, i, axis=0).max(axis=0) / whole)) for i in asked}
+    spared = [i for i in asked if left[i] >= max(left.values()) - AS_GOOD]
+    return max(spared, key=lambda i: (round(float((reach[i] / whole).min()), 3), motions[i][0].name))
+
+
+def _reach(log: Log) -> Array:
+    """How far a recording's positions and speeds reach, each joint's, (2 n,)."""
+    speed = np.diff(log.position, axis=0) * log.rate
+    return np.concatenate([np.subtract(*np.quantile(x, TAILS[::-1], axis=0)) for x in (log.position, speed)])
+
+
+RUN_IN = 0.13
+"""What a filter of the widest band (20 Hz) throws away at each end [s]; a filter of a narrower one throws more away."""
+
+STRETCHES = 6
+"""Most stretches that one motion is cut into."""
+
+STRETCH_MIN = 2.0
+"""Stretches are at least so long where there is time for it [s]."""
+
+SHORTEST = 0.6
+"""Part of it that is enough for the fewest stretches; shorter ones of equal motion give way to those of equal time."""
+
+STRETCHES_MIN = 4
+"""Fewest: one is held out, and what is left still makes folds."""
+
+CALM_SHARE = 0.3
+"""Part of a stretch's worth that goes by time alone, so that rest is not one endless stretch."""
+
+PACE = 20.0
+"""Rate at which motion is summed up; faster differences are mostly noise [Hz]."""
+
+
+def cut(motion: Sequence[Log], useful: float, run_in: float = 0.0) -> list[list[Log]]:
+    """Cuts one motion, its repeats alike, into stretches of about equal motion, in order of time.
+
+    A stretch overlaps its neighbours by what the filter throws away, so that no sample counts twice and none is lost.
+
+    Args:
+        motion: A recording and its repeats.
+        useful: What must be left of a stretch [s].
+        run_in: What the filter throws away at each end [s].
+
+    Raises:
+        InsufficientData: Too short to fit on one part and to test on another.
+    """
+    shortest = min(motion, key=lambda log: log.samples)
+    run_in = max(run_in, RUN_IN)
+    left = shortest.duration - 2.0 * run_in
+    least = max(SHORTEST * STRETCH_MIN, useful)
+    pieces = min(STRETCHES, max(int((left + 2.0 * RUN_IN) / max(STRETCH_MIN, useful)), STRETCHES_MIN))
+    if left < pieces * least:
+        raise InsufficientData(
+            f"{shortest.name}: {shortest.duration:.3g} s is too short to fit one part and test on another"
+            f" (valid: {pieces * least + 2.0 * run_in:.2g} s, or several recordings)"
+        )
+    edges = _edges(shortest, pieces, least, run_in)
+    return [[_piece(log, edges, index, run_in) for log in motion] for index in range(pieces)]
+
+
+def _edges(log: Log, pieces: int, least: float, run_in: float) -> list[int]:
+    """Sample numbers between which every stretch is worth the same, or lasts as long if one were too short [s]."""
+    step = max(1, round(log.rate / PACE))
+    path = np.abs(np.diff(log.position[::step], axis=0))
+    whole = path.sum(axis=0)
+    moving = whole > 0.0
+    motion = (path[:, moving] / whole[moving]).mean(axis=1) if moving.any() else np.zeros(len(path))
+    worth = np.concatenate([[0.0], np.cumsum((1.0 - CALM_SHARE) * motion + CALM_SHARE / len(path))])
+    found = np.interp(np.linspace(0.0, worth[-1], pieces + 1), worth, step * np.arange(len(worth)))
+    lost = run_in * log.rate
+    kept = np.diff(np.concatenate([[lost], found[1:-1], [log.samples - lost]]))
+    if kept.min() < least * log.rate:
+        found = np.linspace(lost, log.samples - lost, pieces + 1)  # nearly all motion in one place
+    return [0, *(round(edge) for edge in found[1:-1]), log.samples]
+
+
+def _piece(log: Log, edges: Sequence[int], index: int, run_in: float) -> Log:
+    over = int(run_in * log.rate)
+    last = index + 2 == len(edges)
+    first, stop = max(0, edges[index] - over), log.samples if last else edges[index + 1] + over
+    return log.part(first, min(stop, log.samples), f"[{index + 1}/{len(edges) - 1}]")
+
+
+def most_typical(pieces: Sequence[Sequence[Log]]) -> int:
+    """Finds the stretch in which the joint that moves least, compared with its average, moves most."""
+    size = np.array([np.ptp(piece[0].position, axis=0) for piece in pieces])
+    usual = size.mean(axis=0)
+    moving = usual > 0.0
+    if not moving.any():
+        return len(pieces) - 1
+    share = (size[:, moving] / usual[moving]).min(axis=1)
+    return int(len(share) - 1 - np.argmax(share[::-1]))

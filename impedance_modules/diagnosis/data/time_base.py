@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
 
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
@@ -127,3 +129,115 @@ def _lag(cause: Array, effect: Array, rate: float) -> float | None:
     left, middle, right = window[peak - 1 : peak + 2]
     shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
     return float((peak - span + shift) / rate)
+
+
+SMOOTHER = 0.8
+"""Evenly counted samples are believed if they leave less than this part of the stamps' roughness."""
+
+EVEN = 1e-3
+"""Stamps that are even to this part of a step need no second opinion."""
+
+APART = 0.5
+"""Counted times further from any stamp than this part of a step mean that samples were not even."""
+
+
+def steady_stamps(time: Array, position: Array) -> Array:
+    """Gives the times at which samples were taken, (N,): as stamped, or evenly counted where that is smoother.
+
+    Args:
+        time: (N,) stamps [s].
+        position: (N, n) [rad].
+    """
+    steps = np.diff(time)
+    if len(time) < 4 or np.any(steps <= 0.0):
+        return time
+    step = float(np.median(steps))
+    index = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(steps / step), 1.0))])
+    counted = np.polyval(np.polyfit(index, time, 1), index)
+    off = np.abs(counted - time).max() / step
+    if off < EVEN or off > APART:
+        return time
+    return counted if _roughness(counted, position) < SMOOTHER * _roughness(time, position) else time
+
+
+def _roughness(time: Array, position: Array) -> float:
+    """Third differences at even times, of each joint over its motion, (rms)."""
+    even = np.linspace(time[0], time[-1], len(time))
+    third = np.diff(CubicSpline(time, position, axis=0)(even), 3, axis=0)
+    size = position.std(axis=0)
+    return (
+        float(np.sqrt(np.mean((third[:, size > 0.0] / size[size > 0.0]) ** 2))) if np.any(size > 0.0) else 0.0
+    )
+
+
+SAME = 1.01
+"""Rates that differ by less are one rate."""
+
+PASS = 0.4
+"""End of the band that is kept, over the new rate."""
+
+
+def one_rate(logs: Sequence[Log], warnings: list[str]) -> list[Log]:
+    """Brings all recordings to the lowest rate among them, behind a zero-phase low-pass, and says so."""
+    lowest = min(log.rate for log in logs)
+    faster = [log for log in logs if log.rate > SAME * lowest]
+    if not faster:
+        return list(logs)
+    said = ", ".join(f"{log.name} {log.rate:.4g} Hz" for log in faster[:5])
+    more = f" and {len(faster) - 5} more" if len(faster) > 5 else ""
+    warnings.append(f"mixed rates: {said}{more} brought to {lowest:.4g} Hz, the lowest of all")
+    return [_slowed(log, lowest) if log.rate > SAME * lowest else log for log in logs]
+
+
+def _slowed(log: Log, rate: float) -> Log:
+    sections = butter(6, PASS * rate / (0.5 * log.rate), output="sos")
+    old = np.arange(log.samples) / log.rate
+    new = np.arange(int(old[-1] * rate) + 1) / rate
+
+    def slow(values: Array | None) -> Array | None:
+        if values is None:
+            return None
+        smooth = sosfiltfilt(sections, values, axis=0)
+        return np.column_stack([np.interp(new, old, column) for column in smooth.T])
+
+    return replace(
+        log,
+        rate=rate,
+        position=np.column_stack(
+            [np.interp(new, old, c) for c in sosfiltfilt(sections, log.position, axis=0).T]
+        ),
+        velocity=slow(log.velocity),
+        effort=slow(log.effort),
+        command=slow(log.command),
+        position_command=slow(log.position_command),
+        touching=None
+        if log.touching is None
+        else log.touching[np.searchsorted(old, new).clip(0, log.samples - 1)],
+    )
+
+
+FINEST = 1e-9
+"""Differences below it are rounding of the file [rad]."""
+
+FEWEST = 20
+"""Fewer gaps than this say nothing about a grid."""
+
+NEAR = 20.0
+"""Gaps of up to so many steps are compared with whole numbers of them."""
+
+
+def grid_of(positions: Array) -> float:
+    """Finds the step of the grid that positions (N,) lie on; zero where they lie on none.
+
+    Args:
+        positions: One joint's [rad or m].
+    """
+    places = np.unique(np.round(positions / FINEST)) * FINEST
+    gaps = np.diff(places)
+    if len(gaps) < FEWEST:
+        return 0.0
+    step = float(gaps.min())
+    near = gaps[gaps < NEAR * step]
+    counts = near / step
+    on_grid = np.abs(counts - np.round(counts)) < 0.02 + FINEST / step
+    return float(np.median(near / np.round(counts))) if len(near) >= FEWEST and on_grid.all() else 0.0

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.errors import BadInput
+from impedance_modules.robot.distances import Distances
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
@@ -102,3 +106,106 @@ def room_of_model(model: NominalModel) -> Room:
 def _room(joints: tuple[str, ...], lower: Array, upper: Array, velocity: Array, effort: Array) -> Room:
     margin = np.minimum(POSITION_MARGIN * (upper - lower), POSITION_MARGIN_MAX)
     return Room(joints, lower + margin, upper - margin, VELOCITY_SHARE * velocity, EFFORT_SHARE * effort)
+
+
+STEP = 0.05
+"""Time between the postures of a path that are measured [s]."""
+
+ROOM = 2.0
+"""Times the robot's own margin that a probe keeps between links."""
+
+
+class Clearance:
+    """Measures the declared pairs of links; joints in the order of a diagnosis."""
+
+    def __init__(self, spec: RobotSpec, joints: tuple[str, ...]) -> None:
+        self._model = RobotModel(spec)
+        self._order = [joints.index(name) for name in self._model.joint_names]
+        self._kinematics = Kinematics(self._model, ())
+        margin = spec.collision.margin
+        # A period longer than any wait, so that every pair is measured at every posture.
+        self._distances = Distances(
+            self._kinematics,
+            spec.collision.pairs,
+            margin=margin,
+            approach_time=STEP,
+            horizon=STEP,
+            period=1.0,
+        )
+        self.needed = ROOM * spec.collision.margin
+
+    def nearest(self, postures: Array) -> tuple[float, str]:
+        """Finds the smallest distance [m] over postures (N, n), and the pair; infinite without declared pairs."""
+        best, pair = np.inf, ""
+        if not self._distances.pairs:
+            return best, pair
+        still = np.zeros(self._model.n)
+        for posture in postures[:, self._order]:
+            self._kinematics.update(posture, still)
+            self._distances.update(posture, still)
+            index = int(np.argmin(self._distances.distance))
+            if self._distances.distance[index] < best:
+                best = float(self._distances.distance[index])
+                pair = " and ".join(self._distances.pairs[index])
+        return best, pair
+
+
+DRAWN, TRIES = 4000, 200
+"""Postures that are drawn, from a fixed seed; of these so many with least weight have their distances measured."""
+
+MIDDLE = 0.3
+"""Part of a joint's range on either side of its middle in which they lie."""
+
+FREE = 0.15
+"""Room that a recorded start needs to either end of a joint's range [rad]."""
+
+
+WEIGHT_SHARE = 0.7
+"""Part of the torque that a probe may use, that the weight takes at the start: the rest is for moving."""
+
+Weight = Callable[[Array], Array]
+"""Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
+
+
+def choose_start(
+    room: Room, recorded: Mapping[str, float], clearance: Clearance | None, weight: Weight
+) -> Array:
+    """Chooses the posture at which a probe begins and ends, (n,) [rad].
+
+    Args:
+        room: Limits.
+        recorded: Joint -> angle about which was recorded.
+        clearance: Of the links; None where they are not known.
+        weight: Of the links.
+
+    Raises:
+        BadInput: Links are too near each other in every posture that was looked at.
+    """
+    middle, span = 0.5 * (room.lower + room.upper), room.upper - room.lower
+    known = np.array([recorded.get(name, middle[i]) for i, name in enumerate(room.joints)])
+    free = np.minimum(FREE, 0.4 * span)
+    known = np.clip(known, room.lower + free, room.upper - free)
+    random = np.random.default_rng(0)
+    drawn = middle + MIDDLE * span * random.uniform(-1.0, 1.0, (DRAWN, len(span)))
+    postures = np.clip(np.vstack([known, drawn]), room.lower + free, room.upper - free)
+    load = np.max(np.abs(weight(postures)) / room.effort, axis=1)
+    lightest = np.append(0, 1 + np.argsort(load[1:])[:TRIES])
+    postures, load = postures[lightest], load[lightest]
+    if clearance is None:
+        return np.asarray(np.round(postures[0 if load[0] <= WEIGHT_SHARE else int(np.argmin(load))], 3))
+    distance = np.array([clearance.nearest(posture[None])[0] for posture in postures])
+    free_enough = distance >= clearance.needed
+    if not free_enough.any():
+        raise BadInput(
+            f"in {TRIES} postures links come within {clearance.needed:g} m of each other"
+            " (valid: a diagnosis recorded in a posture with more room)"
+        )
+    light = free_enough & (load <= WEIGHT_SHARE)
+    if light[0]:
+        return np.asarray(np.round(known, 3))
+    best = (
+        np.argmax(np.where(light, distance, -np.inf))
+        if light.any()
+        else np.argmin(np.where(free_enough, load, np.inf))
+    )
+    return np.asarray(np.round(postures[int(best)], 3))

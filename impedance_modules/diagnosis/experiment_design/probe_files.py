@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.experiment_design.probe_choice import Proposal
-from impedance_modules.diagnosis.experiment_design.follow import RATIO, Follower
+from impedance_modules.diagnosis.experiment_design.probe_choice import CHI_SQUARE, SHARE, Probe, Proposal
+from impedance_modules.diagnosis.experiment_design.separation import RATIO, Follower
 from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
 
 Array = NDArray[np.float64]
@@ -104,3 +106,28 @@ def _goals(goal: Mapping[int, float], spec: RobotSpec, joints: Sequence[str]) ->
         if inside:
             parts.append(f"{limb.name}: {{{', '.join(f'{k}: {v:.4f}' for k, v in inside.items())}}}")
     return ", ".join(parts)
+
+
+def probe_object(probe: Probe) -> dict[str, Any]:
+    """Builds the JSON object; a distance that was not measured is null."""
+    proposal, joints = probe.proposal, probe.follower.model.joints
+    return {
+        "format": 1,
+        "purpose": probe.brief.purpose,
+        "robot": probe.follower.model.robot,
+        "motions": list(proposal.motion.kinds),
+        "joints": [joints[index] for index in proposal.motion.moved],
+        "duration_s": proposal.motion.duration,
+        "start": dict(zip(joints, probe.follower.start.tolist(), strict=True)),
+        "nearest_m": proposal.nearest if math.isfinite(proposal.nearest) else None,
+        "threshold": {"chi_square": CHI_SQUARE, "share": SHARE},
+        "questions": [
+            {
+                "question": item.question.name,
+                "chi_square": item.separation.chi_square,
+                "share": item.separation.share,
+                "answered": item.met,
+            }
+            for item in proposal.expected
+        ],
+    }

@@ -8,14 +8,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.certain import certain
-from impedance_modules.diagnosis.confirmed import confirmed
 from impedance_modules.diagnosis.data.folds import Arrangement
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.evidence import Evidence, felt, negligible
 from impedance_modules.diagnosis.model_selection.external_pushes import Push, find_pushes, moments_clear
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
-from impedance_modules.diagnosis.negligible import felt, negligible
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
     candidate_regressors,
@@ -29,14 +26,14 @@ from impedance_modules.diagnosis.regression.cleaned_signals import (
 )
 from impedance_modules.diagnosis.regression.design_matrix import build_design
 from impedance_modules.diagnosis.regression.generic_basis import generic_basis
-from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.regression.noise_floor import (
     noise_by_repeats,
     noise_by_smoothness,
     repeat_pairs,
 )
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns, build_nuisance
-from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner, UnwhitenedFit
+from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner, UnwhitenedFit, estimates
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import (
     both,
@@ -193,3 +190,46 @@ def _simple(drafts: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
         and len(draft.blocks[0]) == 1
         and not (draft.key[0] in IN_PROPORTION_TO_COMMAND and draft.key[2] == "actuator")
     ]
+
+
+SIGMA = 1.5
+"""Standard deviations, inflated as those in the answer are."""
+
+NEUTRAL = {"torque_gain": 1.0}
+"""Number of an effect that changes nothing, where it is not zero."""
+
+
+def certain(bench: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
+    """Terms of a fitted model whose number is there for certain; those of several numbers are not judged here."""
+    return [term for index, term in enumerate(bench.model) if _certain(bench, refiner, index, term)]
+
+
+def _certain(bench: ModelFit, refiner: ShapeRefiner, index: int, term: ModelTerm) -> bool:
+    effect = term.candidate.effect
+    if len(effect.description.parameters) != 1 or effect.replaces:
+        return True
+    (found,) = estimates(bench, refiner, index, prismatic=False).values()
+    return abs(found.value - NEUTRAL.get(effect.id, 0.0)) > SIGMA * found.std
+
+
+def confirmed(
+    bench: ModelFit, refit: Callable[[Sequence[ModelTerm]], ModelFit], heldout: Sequence[int]
+) -> list[ModelTerm]:
+    """Terms of a fitted model without which more is left of the unseen recordings; all of them where repeats exist.
+
+    Args:
+        bench: The model.
+        refit: Fits a model with fewer terms.
+        heldout: The unseen recordings.
+    """
+    if not bench.design.whitening.weak:
+        return list(bench.model)
+    with_all = bench.squares(bench.whole.coefficients, heldout)
+    kept = []
+    for term in bench.model:
+        rest = refit([other for other in bench.model if other is not term])
+        without = rest.squares(rest.whole.coefficients, heldout)
+        groups = list(term.groups)
+        if float(with_all[groups].sum()) < float(without[groups].sum()):
+            kept.append(term)
+    return kept

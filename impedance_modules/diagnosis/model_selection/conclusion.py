@@ -3,20 +3,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.lack_of_fit import Lack, lack_of_fit
 from impedance_modules.diagnosis.data.log import DataReport
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.next_motion import propose
-from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder
-from impedance_modules.diagnosis.rollout.outcome import nothing_rolled_out
-from impedance_modules.diagnosis.series import held_out_series
-from impedance_modules.diagnosis.model_selection.gap_location import locate
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.external_pushes import contact_cause
+from impedance_modules.diagnosis.model_selection.gap_location import held_out_series, locate
+from impedance_modules.diagnosis.model_selection.lack_of_fit import Lack, lack_of_fit
+from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
+from impedance_modules.diagnosis.regression.candidates import Candidate
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.regression.parameter_estimates import estimates
+from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder, no_rollout
+from impedance_modules.effects.catalogue import CATALOGUE
 
 Array = NDArray[np.float64]
 
@@ -47,7 +52,7 @@ def conclude(
         reason="",
         gaps=gaps,
         shrink=_shrink(gaps),
-        rollout=nothing_rolled_out(),
+        rollout=no_rollout(),
         where=locate(evidence, model),
         causes=causes,
         unexplained_weight=max(0.0, 1.0 - sum(cause.weight for cause in causes)),
@@ -120,3 +125,175 @@ def _remainder(found: Lack, evidence: Evidence, model: NominalModel) -> Remainde
                 f" (nearest: {evidence.refusal.trial.term.candidate.name}, which {evidence.refusal.reason})"
             )
     return Remainder(ratio, found.passed, words)
+
+
+SLIGHT = 0.1
+"""Weight of one joint's part over another's, of one effect, below which its rivals are not the effect's."""
+
+
+def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
+    """Turns the accepted candidates into causes, those that explain most first."""
+    merged: dict[tuple[str, str], Cause] = {}
+    for term, gain in _in_order(evidence):
+        cause = _cause(evidence, term, gain)
+        key = (cause.effect, cause.port)
+        merged[key] = _merge(merged[key], cause) if key in merged else cause
+    total = evidence.excess_before
+    left = min(1.0, evidence.excess(evidence.bench) / total) if total > 0.0 else 0.0
+    gains = sum(cause.weight for cause in merged.values())
+    scale = (1.0 - left) / gains if gains > 0.0 else 0.0
+    weighed = [
+        replace(cause, weight=cause.weight * scale, shrink=_own_shrink(evidence, cause))
+        for cause in merged.values()
+    ]
+    if evidence.pushes:
+        share = evidence.pushed_share
+        weighed = [replace(cause, weight=cause.weight * (1.0 - share)) for cause in weighed]
+        weighed.append(contact_cause(evidence.pushes, evidence.prepared, share))
+    return tuple(sorted(weighed, key=lambda cause: -cause.weight))
+
+
+def _in_order(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
+    """Each accepted term with the power it takes away after those that take more by themselves."""
+
+    def left(model: Sequence[ModelTerm]) -> float:
+        return evidence.excess(evidence.selector.bench(model))
+
+    order = sorted(evidence.bench.model, key=lambda term: left([term]))
+    steps = [left(order[:count]) for count in range(len(order) + 1)]
+    return [(term, max(steps[i] - steps[i + 1], 1e-12)) for i, term in enumerate(order)]
+
+
+def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
+    candidate = term.candidate
+    model = evidence.bench.model
+    equal, lost = judge_rivals(evidence.selector, model, term)
+    prismatic = any(
+        body.prismatic and body.joint in candidate.joints for body in evidence.prepared[0].tree.bodies
+    )
+    return Cause(
+        effect=candidate.effect.id,
+        joints=candidate.joints,
+        port=candidate.port,
+        parameters={
+            candidate.key: estimates(
+                evidence.bench, evidence.selector.refiner, model.index(term), prismatic=prismatic
+            )
+        },
+        weight=gain,
+        shrink=None,
+        equivalent=equal,
+        rivals=lost,
+        position_range=_range(evidence, candidate, "position"),
+        velocity_range=_range(evidence, candidate, "velocity"),
+    )
+
+
+def _range(evidence: Evidence, candidate: Candidate, quantity: str) -> Mapping[str, tuple[float, float]]:
+    out = {}
+    names = evidence.prepared[0].tree.joints
+    for joint in candidate.joints:
+        parts = [
+            getattr(evidence.prepared[i], quantity)[:, names.index(joint)] for i in evidence.bench.fitted
+        ]
+        out[joint] = (float(min(x.min() for x in parts)), float(max(x.max() for x in parts)))
+    return out
+
+
+def _merge(one: Cause, other: Cause) -> Cause:
+    most = max(one.weight, other.weight)
+    return replace(
+        one,
+        joints=tuple(dict.fromkeys([*one.joints, *other.joints])),
+        parameters={**one.parameters, **other.parameters},
+        weight=one.weight + other.weight,
+        # A joint where hardly anything happens says nothing about the others.
+        equivalent=tuple(
+            dict.fromkeys(
+                rival for cause in (one, other) if cause.weight >= SLIGHT * most for rival in cause.equivalent
+            )
+        ),
+        rivals=tuple(dict.fromkeys([*one.rivals, *other.rivals])),
+        position_range={**one.position_range, **other.position_range},
+        velocity_range={**one.velocity_range, **other.velocity_range},
+    )
+
+
+def _own_shrink(evidence: Evidence, cause: Cause) -> float | None:
+    """Held-out shrink of the nominal model plus this cause alone."""
+    own = [term for term in evidence.bench.model if (term.key[0], term.key[2]) == (cause.effect, cause.port)]
+    before = evidence.excess_before
+    if before <= 0.0:
+        return None
+    return 1.0 - float(np.sqrt(evidence.excess(evidence.selector.bench(own)) / before))
+
+
+SPRING, IMITATION = "parallel_spring", "crosstalk"
+"""What such a spring is named, among those that do as well or by a sensor that hears another joint."""
+
+
+def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> tuple[str, ...]:
+    """Says that a spring which the robot compensates may be behind a cause, and which recordings would tell.
+
+    Args:
+        prepared: The recordings.
+        causes: What was named.
+
+    Returns:
+        One sentence, or none where commands or sensors are missing, or nothing that such a spring looks like was named.
+    """
+    both = all({"link", "actuator"} <= set(item.residuals) for item in prepared)
+    if not both or any(item.log.gravity_compensation != "robot" for item in prepared):
+        return ()
+    known = {joint for cause in causes if cause.effect == SPRING for joint in cause.joints}
+    found = [
+        cause
+        for cause in causes
+        if cause.effect != SPRING
+        and not set(cause.joints) <= known
+        and {cause.effect, *(rival.effect for rival in cause.equivalent)} & {SPRING, IMITATION}
+    ]
+    if not found:
+        return ()
+    names = "; ".join(f"{cause.effect} on {', '.join(cause.joints)}" for cause in found)
+    return (
+        f"{names}: the robot adds torques of its own, and a spring beside a joint that it compensates shows both at the"
+        " link and at the motor, where one effect in one place does not explain it (valid: the same motions without"
+        " effort_command, as `impedance baxter record` writes them)",
+    )
+
+
+def propose(
+    causes: Sequence[Cause], report: DataReport, model: NominalModel, start: Mapping[str, float]
+) -> Mapping[str, object]:
+    """Names the joints to move, the excitation that the catalogue asks for, and about which posture.
+
+    `impedance probe` turns it into the shortest safe motion; it needs the robot's limits and shapes.
+
+    Args:
+        causes: What was found.
+        report: Of the data.
+        model: Of the robot.
+        start: Joint -> middle of what was recorded [rad].
+    """
+    return {**_asked(causes, report, model), "start": dict(start)}
+
+
+def _asked(causes: Sequence[Cause], report: DataReport, model: NominalModel) -> Mapping[str, object]:
+    unclear = [cause for cause in causes if cause.equivalent]
+    if unclear:
+        cause = unclear[0]
+        names = [cause.effect, *(rival.effect for rival in cause.equivalent)]
+        asked = dict.fromkeys(CATALOGUE[name].description.excitation for name in names if name in CATALOGUE)
+        return {
+            "purpose": f"tell {', '.join(dict.fromkeys(names))} apart",
+            "joints": list(cause.joints or model.joints),
+            "excitation": "; ".join(asked),
+        }
+    if report.weak_joints:
+        return {
+            "purpose": "see joints that hardly moved",
+            "joints": list(report.weak_joints),
+            "excitation": "reversals at three or more speeds over the joint's range",
+        }
+    return {"purpose": "none needed", "joints": [], "excitation": ""}

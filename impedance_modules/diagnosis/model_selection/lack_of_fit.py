@@ -17,8 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
+from impedance_modules.diagnosis.model_selection.acceptance import price
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.structure import structure
+from impedance_modules.diagnosis.regression.cleaned_signals import at_rest
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 
 Array = NDArray[np.float64]
 
@@ -85,3 +88,189 @@ def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, 
         limit = float(factors[g]) * float(fisher.ppf(chance, count, design.whitening.samples[g]))
         out.append((ratio, max(limit, ratio * float(small[g]))))
     return out
+
+
+ORDERS = 30
+"""Orders tried at most."""
+
+SPACING = 2.5
+"""Phase over the travel between two orders [rad]."""
+
+FOLLOWED = 1.0
+"""Phase from one sample to the next that still can be followed [rad]."""
+
+GAIN, PART = 12.0, 0.05
+"""Log-likelihood beyond its price, and part of the residual, that no constant law leaves to its own variation."""
+
+
+def uneven(evidence: Evidence) -> tuple[float, str] | None:
+    """Finds the cause whose size changes most along its joint's way.
+
+    Returns:
+        Part of the residual that the change takes, and a sentence; None where all are constant.
+    """
+    found = []
+    for index, term in enumerate(evidence.bench.model):
+        if len(term.candidate.joints) == 1 and len(term.groups) == 1:
+            part = _varies(evidence, index, term)
+            if part is not None:
+                name = f"{term.key[0]} on {term.candidate.joints[0]}"
+                said = f"the size of {name} changes along its way, by which {100 * part:.0f} % more is taken"
+                found.append((part, said))
+    return max(found, default=None)
+
+
+def _varies(evidence: Evidence, index: int, term: ModelTerm) -> float | None:
+    """Part of the residual that the best order takes beyond the model, confirmed on unseen recordings; None if none."""
+    bench, (g,) = evidence.bench, term.groups
+    joint = evidence.prepared[0].tree.joints.index(term.candidate.joints[0])
+    positions = [item.position[:, joint] for item in evidence.prepared]
+    orders = _orders(positions)
+    samples = float(bench.counts[g])
+    best: tuple[float, float] | None = None
+    for order in orders:
+        blocks = [_modulated(evidence, index, (r, g), order * q) for r, q in enumerate(positions)]
+        gain, coefficients, carried = _fit(evidence, blocks, g)
+        # The pair's own price, and that of the orders tried.
+        gain -= float(np.log(samples)) + float(np.log(len(orders)))
+        if (
+            gain > GAIN
+            and (best is None or gain > best[0])
+            and _confirmed(evidence, blocks, g, coefficients, carried)
+        ):
+            best = (gain, 1.0 - float(np.exp(-2.0 * gain / samples)))
+    return best[1] if best is not None and best[1] > PART else None
+
+
+def _orders(positions: Sequence[Array]) -> Array:
+    travel = float(np.ptp(np.concatenate(positions)))
+    jump = float(np.quantile(np.concatenate([np.abs(np.diff(q)) for q in positions]), 0.95))
+    if travel < 1e-3 or jump == 0.0:
+        return np.zeros(0)
+    return np.arange(SPACING, FOLLOWED * travel / jump, SPACING)[:ORDERS] / travel
+
+
+def _modulated(evidence: Evidence, index: int, place: tuple[int, int], phase: Array) -> Array:
+    """Whitened columns (M, 2) of a cause's torque times sine and cosine of a phase (M,)."""
+    r, g = place
+    torque = evidence.plain.torque(evidence.bench, index, r)[g]
+    block = torque[:, None] * np.column_stack([np.sin(phase), np.cos(phase)])
+    return np.asarray(evidence.design.whitening.apply(block, r, g))
+
+
+def _fit(evidence: Evidence, blocks: Sequence[Array], g: int) -> tuple[float, Array, Array]:
+    """Gain [nats] of columns beside the whole fit, their coefficients, and what they pull the model's along by."""
+    bench = evidence.bench
+    ids, weight = bench.ids[g], bench.weights[g]
+    cross, own, right = np.zeros((len(ids), 2)), np.zeros((2, 2)), np.zeros(2)
+    for r in bench.fitted:
+        left = bench.residuals(bench.whole.coefficients, r)[g]
+        cross += weight * (bench.rows[r][g].T @ blocks[r])
+        own += weight * (blocks[r].T @ blocks[r])
+        right += weight * (blocks[r].T @ left)
+    carried = bench.whole.inverse[np.ix_(ids, ids)] @ cross
+    free = own - cross.T @ carried
+    coefficients = np.linalg.pinv(free, rcond=1e-6, hermitian=True) @ right
+    samples = float(bench.counts[g])
+    explained = float(right @ coefficients) / samples
+    return -0.5 * samples * float(np.log(max(1.0 - explained, 1e-6))), np.asarray(coefficients), carried
+
+
+def _confirmed(
+    evidence: Evidence, blocks: Sequence[Array], g: int, coefficients: Array, carried: Array
+) -> bool:
+    """Whether the same numbers help on the recordings that no fit has seen."""
+    bench = evidence.bench
+    gained = 0.0
+    for r in evidence.heldout:
+        left = bench.residuals(bench.whole.coefficients, r)[g]
+        after = left - (blocks[r] - bench.rows[r][g] @ carried) @ coefficients
+        gained += float(left @ left - after @ after)
+    return gained > 0.0
+
+
+TONE_MAX = 16.0
+"""Largest power of one frequency over the median's that noise reaches."""
+
+MOMENT_MAX = 20.0
+"""Likewise of half a second."""
+
+MOMENT = 0.5
+"""[s]."""
+
+SMOOTH_GAIN, SMOOTH_PART = 9.0, 0.05
+"""Log-likelihood beyond its price, and part of a residual, that no stand-in finds in noise."""
+
+STAND_INS = 6
+"""So many of the best are tried."""
+
+
+def structure(evidence: Evidence) -> str:
+    """Says in words what is left beside noise; empty if nothing is."""
+    bench = evidence.bench
+    recordings = (*bench.fitted, *evidence.heldout)
+    left = [bench.residuals(bench.whole.coefficients, r) for r in recordings]
+    found = []
+    small = evidence.rms(bench, recordings) <= evidence.negligible
+    for g, (residual, joint) in enumerate(evidence.design.groups):
+        if small[g]:
+            continue
+        name = f"{evidence.prepared[0].tree.joints[joint]} ({residual})"
+        series = [values[g] for values in left]
+        frequency, tone = _tone(series, evidence.design.rate)
+        moment = _moment(series, evidence.design.rate)
+        if tone > TONE_MAX:
+            found.append((tone / TONE_MAX, f"a tone at {frequency:.2g} Hz is left on {name}"))
+        if moment > MOMENT_MAX:
+            found.append((moment / MOMENT_MAX, f"single moments stand out on {name}"))
+    best = _smooth(evidence, small)
+    if best is not None:
+        residual, joint = evidence.design.groups[best.term.groups[0]]
+        name = f"{evidence.prepared[0].tree.joints[joint]} ({residual})"
+        part = 100.0 * best.reduction
+        found.append(
+            (1.0, f"a function of the joint's motion without physics takes {part:.0f} % more on {name}")
+        )
+    changing = uneven(evidence)
+    if changing is not None:
+        found.append((1.0 + changing[0], changing[1]))
+    return max(found, default=(0.0, ""))[1]
+
+
+def _tone(series: Sequence[Array], rate: float) -> tuple[float, float]:
+    """Strongest frequency [Hz] and its power over the median's, all recordings together."""
+    size = min(len(values) for values in series)
+    power = np.sum([np.abs(np.fft.rfft(values[:size])) ** 2 for values in series], axis=0)
+    place = int(np.argmax(power[1:])) + 1
+    return place * rate / size, float(power[place] / max(np.median(power), 1e-24))
+
+
+def _moment(series: Sequence[Array], rate: float) -> float:
+    """Power of the strongest half second over the median's."""
+    size = max(2, round(MOMENT * rate))
+    blocks = [
+        np.add.reduceat(values**2, np.arange(0, max(len(values) - size + 1, 1), size)) for values in series
+    ]
+    power = np.concatenate(blocks)
+    return float(power.max() / max(np.median(power), 1e-24))
+
+
+def _smooth(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | None:
+    """The stand-in that finds most beside the causes, if it finds anything; none of a joint that always stands still.
+
+    What its encoder flickers is in its residual and in every function of its motion. Groups whose remainder is
+    ``small`` beside the load do not count either.
+    """
+    still = np.all([at_rest(item.signals.position) for item in evidence.prepared], axis=0)
+    selector, bench = evidence.selector, evidence.bench
+    looks = [look for look in selector.screen.look(bench) if look.slot.shaped.candidate is None]
+    trials = [selector.trial(bench, look.slot) for look in looks[:STAND_INS]]
+    good = [
+        trial
+        for trial in trials
+        if trial.gain - price(trial) > SMOOTH_GAIN
+        and trial.reduction > SMOOTH_PART
+        and not still[evidence.design.groups[trial.term.groups[0]][1]]
+        and not small[trial.term.groups[0]]
+    ]
+    return max(good, key=lambda trial: trial.gain, default=None)

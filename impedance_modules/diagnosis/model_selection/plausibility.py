@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.data.rigid_tree import can_exist
 from impedance_modules.diagnosis.model_selection.acceptance import disagreed
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
-from impedance_modules.diagnosis.physical import can_exist
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
 from impedance_modules.diagnosis.residuals.preparation import Prepared

@@ -3,14 +3,26 @@
 
 from __future__ import annotations
 
+import datetime
+import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from impedance_modules.diagnosis.patch import patch_object
-from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Rival
-from impedance_modules.diagnosis.rollout.to_json import cause_rollout_object, rollout_object
-from impedance_modules.diagnosis.spectrum import spectrum_object
+import numpy as np
+from numpy.typing import NDArray
+
+import impedance_modules
+from impedance_modules.diagnosis.result import (
+    Cause,
+    CauseRollout,
+    Diagnosis,
+    Drift,
+    JointGap,
+    Rival,
+    Rollout,
+    Series,
+)
 
 FORMAT = 1
 
@@ -116,3 +128,183 @@ def _ranges(cause: Cause) -> dict[str, Mapping[str, list[float]]]:
 
 def _number(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else value
+
+
+Array = NDArray[np.float64]
+
+EDGES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+"""Between octaves [Hz]."""
+
+
+def spectrum_object(series: Sequence[Series]) -> dict[str, Any]:
+    """Builds the JSON object of the first held-out recording's residuals."""
+    if not series:
+        return {"edges_hz": [], "per_port": []}
+    first = [item for item in series if item.episode == series[0].episode]
+    highest = max((_nyquist(item.time) for item in first), default=0.0)
+    edges = [edge for edge, below in zip(EDGES, (0.0, *EDGES), strict=False) if below < highest]
+    return {
+        "edges_hz": edges,
+        "per_port": [
+            {
+                "joint": item.joint,
+                "residual": item.residual,
+                "before": _octaves(item.time, item.before, edges),
+                "after": _octaves(item.time, item.after, edges),
+                "unit": item.unit,
+            }
+            for item in first
+        ],
+    }
+
+
+def _nyquist(time: Array) -> float:
+    return 0.5 / float(np.median(np.diff(time)))
+
+
+def _octaves(time: Array, values: Array, edges: Sequence[float]) -> list[float]:
+    """Rms in each octave."""
+    window = np.hanning(len(values))
+    power = 2.0 * np.abs(np.fft.rfft(window * values)) ** 2 / (len(values) * np.sum(window**2))
+    power[0] *= 0.5
+    frequency = np.fft.rfftfreq(len(values), float(np.median(np.diff(time))))
+    which = np.digitize(frequency, np.array(edges)) - 1
+    inside = np.minimum(which, len(edges) - 2)
+    return [float(np.sqrt(power[inside == k].sum())) for k in range(len(edges) - 1)]
+
+
+def rollout_object(rollout: Rollout) -> dict[str, Any]:
+    """Builds the JSON object; where nothing was rolled out it says why."""
+    left_out = [{"what": item.what, "why": item.why} for item in rollout.left_out]
+    if not rollout.windows:
+        return {"windows": 0, "left_out": left_out}
+    return {
+        "windows": rollout.windows,
+        "window_s": rollout.window,
+        "episodes": list(rollout.episodes),
+        "driven_by": rollout.drive,
+        "noise_floor_from": rollout.floor,
+        "shrink": rollout.shrink,
+        "all_causes": cause_rollout_object(rollout.whole),
+        "per_joint": {
+            joint: {"position": _drift(drift), "velocity": _drift(rollout.velocity[joint])}
+            for joint, drift in rollout.position.items()
+        },
+        "growth": {
+            "time_s": list(rollout.growth.time),
+            "before": _lists(rollout.growth.before),
+            "after": _lists(rollout.growth.after),
+        },
+        "left_out": left_out,
+    }
+
+
+def _drift(drift: Drift) -> dict[str, Any]:
+    return {
+        "before": drift.before,
+        "after": drift.after,
+        "noise_floor": drift.noise_floor,
+        "unit": drift.unit,
+        "shrink": drift.shrink,
+    }
+
+
+def _lists(values: Mapping[str, tuple[float, ...]]) -> dict[str, list[float]]:
+    return {joint: list(numbers) for joint, numbers in values.items()}
+
+
+def cause_rollout_object(cause: CauseRollout | None) -> dict[str, Any] | None:
+    """Builds a cause's entry; null where the rollouts could not wear it."""
+    if cause is None:
+        return None
+    return {
+        "without": cause.without,
+        "with": cause.with_it,
+        "ratio": cause.ratio,
+        "standard_error": cause.standard_error if math.isfinite(cause.standard_error) else None,
+        "verdict": cause.verdict,
+    }
+
+
+SHRINK_MIN = 0.02
+"""A cause that shrinks the held-out gap by less is not worn."""
+
+MOST = 9e8
+"""Numbers beyond the format's bounds are no finding."""
+
+
+def patch_object(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Builds the patch; None where nothing was found that may be worn."""
+    effects = [_effect(cause) for cause in diagnosis.causes if _worn(cause)]
+    if not effects or diagnosis.verdict not in ("explained", "partly_explained", "ambiguous"):
+        return None
+    return {
+        "format": 1,
+        "robot": diagnosis.robot,
+        "provenance": {
+            "origin": "diagnosis",
+            "date": datetime.date.today().isoformat(),
+            "episodes": list(diagnosis.episodes),
+            "verdict": diagnosis.verdict,
+            "versions": {"impedance-modules": impedance_modules.__version__},
+        },
+        "effects": effects,
+    }
+
+
+def _worn(cause: Cause) -> bool:
+    values = [e.value for symbols in cause.parameters.values() for e in symbols.values()]
+    finite = all(math.isfinite(value) and abs(value) < MOST for value in values)
+    return finite and cause.shrink is not None and cause.shrink >= SHRINK_MIN
+
+
+def _effect(cause: Cause) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "effect": cause.effect,
+        "joints": list(cause.joints),
+        "port": cause.port,
+        "parameters": {
+            key: {
+                symbol: {"value": e.value, "unit": e.unit, **({"std": e.std} if math.isfinite(e.std) else {})}
+                for symbol, e in symbols.items()
+            }
+            for key, symbols in cause.parameters.items()
+        },
+    }
+    if cause.position_range:
+        out["range"] = {
+            "position": {joint: list(ends) for joint, ends in cause.position_range.items()},
+            "velocity": {joint: list(ends) for joint, ends in cause.velocity_range.items()},
+        }
+    return out
+
+
+def patch_text(patch: Mapping[str, Any]) -> str:
+    """Writes a patch as YAML that every reader takes alike: block mappings, quoted text, numbers with a point."""
+    return "# yaml-language-server: $schema=patch.schema.json\n" + "".join(_lines(patch, 0))
+
+
+def _lines(value: Mapping[str, Any], depth: int) -> Iterator[str]:
+    for key, item in value.items():
+        head = f"{'  ' * depth}{json.dumps(key)}:"
+        if isinstance(item, Mapping):
+            yield f"{head}\n"
+            yield from _lines(item, depth + 1)
+        elif isinstance(item, list) and item and isinstance(item[0], Mapping):
+            yield f"{head}\n"
+            for entry in item:
+                yield f"{'  ' * (depth + 1)}-\n"
+                yield from _lines(entry, depth + 2)
+        elif isinstance(item, list):
+            yield f"{head} [{', '.join(_scalar(entry) for entry in item)}]\n"
+        else:
+            yield f"{head} {_scalar(item)}\n"
+
+
+def _scalar(value: str | float) -> str:
+    """A number keeps a point before its exponent: without one YAML 1.1 reads text."""
+    if isinstance(value, str):
+        return json.dumps(value)
+    text = repr(value)
+    mantissa, mark, exponent = text.partition("e")
+    return f"{mantissa}.0e{exponent}" if mark and "." not in mantissa else text

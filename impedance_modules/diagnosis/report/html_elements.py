@@ -81,3 +81,45 @@ def drawing(figure: Figure, caption: str) -> str:
 def gallery(figures: Sequence[str]) -> str:
     """Figures side by side as the width allows."""
     return f"<div class='gallery'>{''.join(figures)}</div>" if figures else ""
+
+
+BEFORE, AFTER, MEASURED, NOISE = "#d55e00", "#0072b2", "#333333", "#8a8a8a"
+"""Nominal model, with the causes, what was recorded, and the noise floor."""
+
+VERDICT_COLOURS = {
+    "no_gap": "#00795a",
+    "explained": "#00795a",
+    "partly_explained": "#a86200",
+    "ambiguous": "#a86200",
+    "unexplained": "#b3261e",
+    "insufficient_data": "#555555",
+}
+"""Verdict -> colour of its badge."""
+
+STYLE = """
+:root{color-scheme:light}
+*{box-sizing:border-box}
+body{font:16px/1.5 system-ui,sans-serif;color:#1d1d1f;background:#fff;max-width:72rem;margin:0 auto;padding:1rem}
+h1{font-size:1.5rem;margin:.5rem 0}
+h2{font-size:1.2rem;margin:2rem 0 .5rem;border-bottom:2px solid #e4e4e4;padding-bottom:.2rem}
+h3{font-size:1rem;margin:1.2rem 0 .3rem}
+.badge{display:inline-block;color:#fff;padding:.25rem .8rem;border-radius:1rem;font-weight:600}
+.lead{font-size:1.1rem}
+.note{background:#fff6e0;border-left:4px solid #e0a000;padding:.3rem .8rem}
+.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(11rem,1fr));gap:.6rem;margin:1rem 0}
+.card{border:1px solid #ddd;border-radius:.5rem;padding:.5rem .8rem}
+.card b{display:block;font-size:1.15rem;overflow-wrap:anywhere}
+.card span{color:#555;font-size:.85rem}
+.gallery{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,24rem),1fr));gap:.8rem}
+figure{margin:.5rem 0}
+figcaption{color:#555;font-size:.85rem}
+svg{max-width:100%;height:auto}
+.wide{overflow-x:auto}
+table{border-collapse:collapse;font-size:.9rem}
+td,th{padding:.25rem .7rem;border-bottom:1px solid #e4e4e4;text-align:left;vertical-align:top}
+th{background:#f6f6f6;font-weight:600}
+.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
+pre{overflow:auto;background:#f6f6f6;padding:.8rem;font-size:.8rem;line-height:1.35}
+@media print{body{max-width:none;padding:0;font-size:10.5pt}section,figure,tr{break-inside:avoid}
+.gallery{grid-template-columns:1fr 1fr}pre{white-space:pre-wrap;overflow:visible}details:not([open]){display:none}}
+"""

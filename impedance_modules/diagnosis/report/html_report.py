@@ -4,12 +4,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
-from impedance_modules.diagnosis.patch import patch_text
-from impedance_modules.diagnosis.report.causes import cause_sections, in_short
+import numpy as np
+
+from impedance_modules.diagnosis.report.diagnosis_files import patch_text
 from impedance_modules.diagnosis.report.html_elements import (
+    AFTER,
+    STYLE,
+    VERDICT_COLOURS,
     bullets,
+    drawing,
+    new_figure,
     number,
     paragraph,
     percent,
@@ -17,9 +24,13 @@ from impedance_modules.diagnosis.report.html_elements import (
     table,
     text,
 )
-from impedance_modules.diagnosis.report.report_plots import bars, frequency_map, over_time, regime_map
-from impedance_modules.diagnosis.report.rollouts import rollout_section
-from impedance_modules.diagnosis.report.style import STYLE, VERDICT_COLOURS
+from impedance_modules.diagnosis.report.report_plots import (
+    bars,
+    frequency_map,
+    over_time,
+    regime_map,
+    rollout_section,
+)
 from impedance_modules.diagnosis.result import Diagnosis
 
 SENTENCES = {
@@ -164,3 +175,127 @@ def _numbers(answer: dict[str, Any]) -> str:
     return section(
         "The numbers", f"<details><summary>Everything, as JSON</summary><pre>{body}</pre></details>"
     )
+
+
+NORMAL_95 = 1.96
+"""Standard deviations on either side that hold 95 % of a normal distribution."""
+
+VERDICTS = {
+    "helps": "Worn by the plant, it makes the simulated motion better",
+    "worsens": "Worn by the plant, it makes the simulated motion worse, although it explains torque",
+    "no difference": "Worn by the plant, it makes no clear difference to the simulated motion",
+}
+
+
+SHORT = 5
+"""Causes that the head of a report lists."""
+
+WIDE = 100.0
+"""Half an interval, in % of the value, beyond which a number cannot be told from zero and is not drawn."""
+
+
+def in_short(causes: Sequence[dict[str, Any]]) -> str:
+    """The causes in a line each: where, how large, how well known, and what it could be instead."""
+    lines = [_line(cause) for cause in causes[:SHORT]]
+    if len(causes) > SHORT:
+        lines.append(f"and {len(causes) - SHORT} more")
+    return bullets(lines)
+
+
+def _line(cause: dict[str, Any]) -> str:
+    numbers = "; ".join(
+        f"{key}: "
+        + ", ".join(f"{s} {number(e['value'])} ± {number(e['std'], 2)} {e['unit']}" for s, e in found.items())
+        for key, found in cause["parameters"].items()
+    )
+    equal = ", ".join(f"{r['effect']} {' '.join(r['joints'])}" for r in cause["equivalent"])
+    instead = f" - or instead: {equal}" if equal else ""
+    return f"{cause['effect']} ({percent(cause['weight'])}): {numbers}{instead}"
+
+
+def cause_sections(causes: Sequence[dict[str, Any]], unexplained: float) -> str:
+    """All causes, ranked; a sentence where there is none."""
+    if not causes:
+        return section("Causes", paragraph("None was found."))
+    weights = [[_place(c), c["effect"], c["port"], percent(c["weight"])] for c in causes]
+    weights.append(["", "not explained", "", percent(unexplained)])
+    head = table(("on", "effect", "port", "weight"), weights, numbers=(3,))
+    return section("Causes", head, *(_cause(cause) for cause in causes))
+
+
+def _place(cause: dict[str, Any]) -> str:
+    return ", ".join(cause["joints"] or cause["parameters"])
+
+
+def _cause(cause: dict[str, Any]) -> str:
+    words = f"At the {cause['port']} port; alone it shrinks the held-out gap by {percent(cause['shrink'])}."
+    equal = [[r["effect"], ", ".join(r["joints"])] for r in cause["equivalent"]]
+    lost = [[r["effect"], ", ".join(r["joints"]), r["lost_because"]] for r in cause["rivals"]]
+    parts = [
+        f"<h3>{cause['effect']} on {_place(cause)}</h3>",
+        paragraph(words),
+        _parameters(cause["parameters"]),
+        _ranges(cause["range"]),
+        _rollout(cause["rollout"]),
+    ]
+    if equal:
+        parts.append(paragraph("These recordings cannot tell it from:", "note"))
+        parts.append(table(("effect", "joints"), equal))
+    if lost:
+        parts.append("<h4>Rivals, and why each lost</h4>")
+        parts.append(table(("effect", "joints", "lost because"), lost))
+    return "".join(parts)
+
+
+def _parameters(parameters: dict[str, dict[str, dict[str, Any]]]) -> str:
+    flat = [(f"{symbol} of {key}", e) for key, symbols in parameters.items() for symbol, e in symbols.items()]
+    rows = [
+        [name, number(e["value"], 5), *(number(x, 5) for x in _interval(e)), number(e["std"]), e["unit"]]
+        for name, e in flat
+    ]
+    head = ("parameter", "value", "95 % from", "to", "std", "unit")
+    return table(head, rows, numbers=(1, 2, 3, 4)) + _intervals(flat)
+
+
+def _interval(estimate: dict[str, Any]) -> tuple[float, float]:
+    reach = NORMAL_95 * float(estimate["std"])
+    return estimate["value"] - reach, estimate["value"] + reach
+
+
+def _intervals(flat: Sequence[tuple[str, dict[str, Any]]]) -> str:
+    """Relative intervals, so that parameters of different units share one axis."""
+    drawn = [(name, 100.0 * NORMAL_95 * e["std"] / abs(e["value"])) for name, e in flat if e["value"]]
+    unsure = [name for name, e in flat if NORMAL_95 * e["std"] * 100.0 > WIDE * abs(e["value"])]
+    note = paragraph(f"Not told from zero: {', '.join(unsure)}.") if unsure else ""
+    drawn = [(name, half) for name, half in drawn if np.isfinite(half) and half <= WIDE]
+    if not drawn:
+        return note
+    figure = new_figure(5.5, 0.7 + 0.25 * len(drawn))
+    axes = figure.subplots()
+    for row, (_, half) in enumerate(drawn):
+        axes.errorbar(0.0, row, xerr=half, fmt="o", color=AFTER, capsize=3, markersize=4)
+    axes.axvline(0.0, color="black", linewidth=0.5)
+    axes.set_yticks(range(len(drawn)), [name for name, _ in drawn], fontsize=8)
+    axes.set_ylim(len(drawn) - 0.5, -0.5)
+    axes.set_xlabel("95 % interval, in % of the value", fontsize=8)
+    return drawing(figure, "How well each parameter is known.") + note
+
+
+def _ranges(ranges: dict[str, dict[str, list[float]]]) -> str:
+    rows = [
+        [joint, quantity, number(low), number(high)]
+        for quantity, joints in ranges.items()
+        for joint, (low, high) in joints.items()
+    ]
+    return table(("holds for", "of", "from", "to"), rows, numbers=(2, 3))
+
+
+def _rollout(found: dict[str, Any] | None) -> str:
+    if found is None:
+        return paragraph("The rollouts of the plant do not show it.")
+    words = (
+        f"{VERDICTS[found['verdict']]}: error power {number(found['without'])} without it,"
+        f" {number(found['with'])} with it, in units of the noise or of what all causes leave;"
+        f" ratio {number(found['ratio'])}."
+    )
+    return paragraph(words, "note" if found["verdict"] == "worsens" else "")

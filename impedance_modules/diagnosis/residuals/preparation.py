@@ -18,11 +18,14 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor, inertial_regressor
+from impedance_modules.diagnosis.data.rigid_dynamics import (
+    BatchedRigidModel,
+    gravity_regressor,
+    inertial_regressor,
+)
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.diagnosis.data.time_base import shifted
 from impedance_modules.diagnosis.residuals.band import Band, thin, thin_mask
-from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import predicted

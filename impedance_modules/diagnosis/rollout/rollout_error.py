@@ -15,14 +15,16 @@ and, where a measured torque drives, from its white noise \sigma_e at rate f, M 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.rollout.outcome import CauseRollout
-from impedance_modules.diagnosis.rollout.simulated_windows import Lived
+from impedance_modules.diagnosis.result import CauseRollout, Drift, Growth, LeftOut, Rollout, Trace
+from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, Lived, Window
 
 Array = NDArray[np.float64]
 Mobility = Callable[[Array], Array] | None
@@ -119,7 +121,7 @@ def judge(without: Array, with_it: Array) -> CauseRollout:
     return CauseRollout(float(np.mean(without)), float(np.mean(with_it)), float(np.exp(mean)), error, verdict)
 
 
-def shrink(before: Sequence[Array], after: Sequence[Array], floors: Sequence[Array]) -> float | None:
+def total_shrink(before: Sequence[Array], after: Sequence[Array], floors: Sequence[Array]) -> float | None:
     """The joints' ratio, squares summed after dividing each by its floor's; None without a gap."""
     start, left = 0.0, 0.0
     for first, last, floor in zip(before, after, floors, strict=True):
@@ -127,3 +129,88 @@ def shrink(before: Sequence[Array], after: Sequence[Array], floors: Sequence[Arr
         start += float(np.sum(np.clip(first**2 / floor**2 - 1.0, 0.0, None)))
         left += float(np.sum(np.clip(last**2 / floor**2 - 1.0, 0.0, None)[gap]))
     return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+
+
+GROWTH_EVERY = 4
+"""Every which look is told in the growth over the horizon."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Errors before and after, and the floors (n,) of position and velocity."""
+
+    before: Lived
+    after: Lived
+    floors: tuple[Array, Array]
+
+
+def summarise(  # noqa: PLR0917 - all of them are the outcome
+    evidence: Evidence,
+    drive: str,
+    windows: Sequence[Window],
+    sides: Sides,
+    floor: str,
+    verdicts: Mapping[tuple[str, str], CauseRollout],
+    left_out: tuple[LeftOut, ...],
+) -> Rollout:
+    """Puts the outcome together."""
+    first = [rms(sides.before.position), rms(sides.before.velocity)]
+    last = [rms(sides.after.position), rms(sides.after.velocity)]
+    bodies = evidence.prepared[0].tree.bodies
+    drifts = [
+        {
+            body.joint: Drift(
+                float(first[k][i]),
+                float(last[k][i]),
+                float(sides.floors[k][i]),
+                ("m" if body.prismatic else "rad") + ("/s" if k else ""),
+            )
+            for i, body in enumerate(bodies)
+        }
+        for k in range(2)
+    ]
+    sticks = yardsticks(sides.after, sides.floors)
+    every = range(len(bodies))
+    names = dict.fromkeys(evidence.prepared[window.recording].log.name for window in windows)
+    return Rollout(
+        drive=drive,
+        window=WINDOW,
+        windows=len(windows),
+        episodes=tuple(names),
+        floor=floor,
+        position=drifts[0],
+        velocity=drifts[1],
+        growth=_growth(sides, [body.joint for body in bodies]),
+        shrink=total_shrink(first, last, sides.floors),
+        whole=judge(power(sides.before, sticks, every), power(sides.after, sticks, every)),
+        causes=verdicts,
+        left_out=left_out,
+        traces=tuple(_trace(evidence, windows, sides, i) for i in range(len(bodies))),
+    )
+
+
+def _growth(sides: Sides, joints: Sequence[str]) -> Growth:
+    picked = slice(GROWTH_EVERY - 1, None, GROWTH_EVERY)
+
+    def told(lived: Lived) -> dict[str, tuple[float, ...]]:
+        over = np.sqrt(np.mean(lived.position**2, axis=0))[picked]
+        return {joint: tuple(map(float, over[:, i])) for i, joint in enumerate(joints)}
+
+    return Growth(tuple(map(float, sides.before.time[picked])), told(sides.before), told(sides.after))
+
+
+def _trace(evidence: Evidence, windows: Sequence[Window], sides: Sides, joint: int) -> Trace:
+    """The window of one joint that the nominal plant misses most, seen from its seed on."""
+    worst = int(np.argmax(np.mean(sides.before.position[:, :, joint] ** 2, axis=1)))
+    window = windows[worst]
+    item = evidence.prepared[window.recording]
+    time = item.signals.time[0] + window.start + sides.before.time
+    measured = np.interp(time, item.signals.time, item.log.position[:, joint])
+    return Trace(
+        joint=item.tree.joints[joint],
+        episode=item.log.name,
+        time=time,
+        measured=measured,
+        before=measured + sides.before.position[worst, :, joint],
+        after=measured + sides.after.position[worst, :, joint],
+    )

@@ -11,28 +11,36 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.result import Cause, Diagnosis
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.result import Cause, CauseRollout, Diagnosis, LeftOut, Rollout, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_error import (
+    Sides,
     floor_of_repeats,
     floor_of_seeds,
     judge,
     power,
+    summarise,
     yardsticks,
 )
-from impedance_modules.diagnosis.rollout.drive import choose_drive
-from impedance_modules.diagnosis.rollout.nuisance import Nuisance, fitted_nuisance, no_nuisance
-from impedance_modules.diagnosis.rollout.outcome import CauseRollout, LeftOut, Rollout, nothing_rolled_out
-from impedance_modules.diagnosis.rollout.robot import robot_of_model, turning_freely
-from impedance_modules.diagnosis.rollout.simulated_windows import Lived, live
-from impedance_modules.diagnosis.rollout.summary import Sides, summarise
-from impedance_modules.diagnosis.rollout.simulated_robot import dress, spec_of_cause, wearable
-from impedance_modules.diagnosis.rollout.windows import (
+from impedance_modules.diagnosis.rollout.simulated_robot import (
+    FittedNuisance,
+    dress,
+    fitted_nuisance,
+    no_nuisance,
+    robot_of_model,
+    spec_of_cause,
+    turning_freely,
+    wearable,
+)
+from impedance_modules.diagnosis.rollout.simulated_windows import (
+    Lived,
     Window,
+    choose_drive,
     common_windows,
     floor_windows,
     held_out_windows,
+    live,
 )
 from impedance_modules.errors import BadFile, ImpedanceError
 from impedance_modules.spec.patch_file import EffectSpec
@@ -54,12 +62,12 @@ class _Stage:
     windows: tuple[Window, ...]
     pairs: tuple[tuple[int, int], ...]
 
-    def live(self, effects: Sequence[EffectSpec], nuisance: Nuisance, windows: Sequence[Window]) -> Lived:
+    def live(self, effects: Sequence[EffectSpec], nuisance: FittedNuisance, windows: Sequence[Window]) -> Lived:
         prepared = self.evidence.prepared
         return live(dress(self.robot, effects, nuisance, prepared[0].tree), self.drive, prepared, windows)
 
     @cached_property
-    def fitted(self) -> Nuisance:
+    def fitted(self) -> FittedNuisance:
         return fitted_nuisance(self.evidence)
 
     def floors(self, after: Lived, effects: Sequence[EffectSpec]) -> tuple[str, tuple[Array, Array]]:
@@ -116,12 +124,12 @@ def roll_out(
     held = [evidence.prepared[index] for index in evidence.heldout]
     drive = choose_drive(held[0])
     if not drive:
-        return nothing_rolled_out(LeftOut("all recordings", "they hold no torque that could drive a plant"))
+        return no_rollout(LeftOut("all recordings", "they hold no torque that could drive a plant"))
     # Recordings that lack this torque cannot stand beside the others.
     alike = [index for index, item in enumerate(evidence.prepared) if choose_drive(item) == drive]
     windows = held_out_windows(evidence.prepared, [index for index in evidence.heldout if index in alike])
     if not windows:
-        return nothing_rolled_out(LeftOut("all recordings", "the held-out ones are too short for a window"))
+        return no_rollout(LeftOut("all recordings", "the held-out ones are too short for a window"))
     pairs = tuple(pair for pair in _pairs(evidence) if set(pair) <= set(alike))
     with turning_freely(urdf) as links:
         robot = robot_of_model(model, links, drive, held[0].log.gravity_compensation)
@@ -140,7 +148,7 @@ def _compared(stage: _Stage, causes: Sequence[Cause], worn: Sequence[EffectSpec]
         floor, floors = stage.floors(after, (*base, *chosen.values()))
         verdicts = _verdicts(stage, base, chosen, after, floors)
     except ImpedanceError as error:
-        return nothing_rolled_out(LeftOut("all recordings", _why(error)))
+        return no_rollout(LeftOut("all recordings", _why(error)))
     sides = Sides(before, after, floors)
     return summarise(
         stage.evidence, stage.drive, stage.windows, sides, floor, verdicts, (*left_out, *dropped, *refused)

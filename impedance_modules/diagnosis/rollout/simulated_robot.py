@@ -3,18 +3,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.data.rigid_tree import RigidTree
-from impedance_modules.diagnosis.result import Cause
-from impedance_modules.diagnosis.rollout.nuisance import Nuisance, body_changes
-from impedance_modules.diagnosis.rollout.outcome import LeftOut
-from impedance_modules.diagnosis.rollout.robot import RATE
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.regression.nuisance_columns import (
+    INERTIA_PRIOR,
+    TIMING_PRIOR,
+    WEIGHT_PRIOR,
+    inertia_prior,
+)
+from impedance_modules.diagnosis.result import Cause, LeftOut
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect_description import Port
@@ -26,7 +34,16 @@ from impedance_modules.plant.seeded import SeededPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import parse_document
 from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, Quantity
-from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.robot_spec import (
+    BodyChange,
+    CollisionSpec,
+    ContactDetectionSpec,
+    JointSpec,
+    RobotSpec,
+    SensorSpec,
+    TimingSpec,
+)
+from impedance_modules.spec.urdf import read_urdf
 
 Array = NDArray[np.float64]
 
@@ -58,7 +75,7 @@ class Dressed:
     plant: SeededPlant
     worn: PlantEffects
     order: tuple[int, ...]
-    nuisance: Nuisance
+    nuisance: FittedNuisance
 
     def lightness(self, position: Array) -> Array:
         """Squared entries (n, n) of the inverse mass matrix at a position, both in the diagnosis's joint order."""
@@ -92,7 +109,9 @@ def wearable(effects: Sequence[EffectSpec], drive: str) -> tuple[tuple[EffectSpe
     return tuple(kept), tuple(dropped)
 
 
-def dress(robot: RobotSpec, effects: Sequence[EffectSpec], nuisance: Nuisance, tree: RigidTree) -> Dressed:
+def dress(
+    robot: RobotSpec, effects: Sequence[EffectSpec], nuisance: FittedNuisance, tree: RigidTree
+) -> Dressed:
     """Builds the plant of a robot that wears effects, its links adjusted.
 
     Raises:
@@ -112,3 +131,133 @@ def dress(robot: RobotSpec, effects: Sequence[EffectSpec], nuisance: Nuisance, t
             continue
         break
     return Dressed(plant, worn, tuple(model.joint_names.index(name) for name in tree.joints), nuisance)
+
+
+HALVINGS = 6
+"""How often a body's change is halved until what results is a physical body."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedNuisance:
+    """Changes (10 n,) of the links' parameters and of the weights that the robot knows; delay [s]."""
+
+    links: Array
+    weights: Array
+    delay: float
+
+
+def no_nuisance(tree: RigidTree) -> FittedNuisance:
+    """The nominal model as it is."""
+    zero = np.zeros(10 * len(tree.bodies))
+    return FittedNuisance(zero, zero, 0.0)
+
+
+def fitted_nuisance(evidence: Evidence) -> FittedNuisance:
+    """Reads the fit of the accepted model."""
+    found = evidence.bench.whole.coefficients
+    prior = inertia_prior(evidence.prepared[0].tree.inertia)
+    size = len(prior)
+    rate = evidence.prepared[0].log.rate
+    return FittedNuisance(
+        links=found[:size] * prior,
+        weights=found[size : 2 * size] * prior * WEIGHT_PRIOR / INERTIA_PRIOR,
+        delay=float(found[2 * size] * TIMING_PRIOR / rate),
+    )
+
+
+def body_changes(bodies: Sequence[Body], links: Array) -> tuple[BodyChange, ...]:
+    """Turns the links' changes (10 n,) into what a robot wears, as far as every body stays a physical one."""
+    out = []
+    for body, change in zip(bodies, links.reshape(-1, 10), strict=True):
+        for halved in range(HALVINGS):
+            part = change * 0.5**halved
+            if part.any() and _physical(body.inertia + part):
+                out.append(BodyChange(body.link, tuple(float(value) for value in part)))
+                break
+    return tuple(out)
+
+
+def _physical(parameters: Array) -> bool:
+    """Whether the pseudo-inertia [[tr(I)/2 - I, h], [h^T, m]] is positive definite (Wensing, Kim & Slotine 2018)."""
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    pseudo[:3, 3] = pseudo[3, :3] = parameters[1:4]
+    pseudo[3, 3] = parameters[0]
+    lowest = np.linalg.eigvalsh(pseudo)
+    return bool(lowest[0] > 1e-6 * lowest[-1])
+
+
+FAR = 1e6
+"""Stands for a limit that no rollout reaches: a window starts where the robot really was."""
+
+RATE = 1000.0
+"""Of the robot's own loop [Hz]; the rollouts need no other."""
+
+
+@contextmanager
+def turning_freely(urdf: Path) -> Iterator[Path]:
+    """Gives a URDF in which every joint is one number: an endless joint becomes one with limits far away."""
+    tree = ET.parse(urdf)
+    endless = [joint for joint in tree.getroot().findall("joint") if joint.attrib.get("type") == "continuous"]
+    if not endless:
+        yield urdf
+        return
+    for joint in endless:
+        joint.attrib["type"] = "revolute"
+        for limit in joint.findall("limit"):
+            joint.remove(limit)
+        ET.SubElement(joint, "limit", lower=str(-FAR), upper=str(FAR), velocity=str(FAR), effort=str(FAR))
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / urdf.name
+        tree.write(copy)
+        yield copy
+
+
+def robot_of_model(model: NominalModel, urdf: Path, drive: str, gravity_compensation: str) -> RobotSpec:
+    """Builds the robot whose plant one kind of recorded torque drives.
+
+    Args:
+        model: What the diagnosis believes.
+        urdf: Its links, from ``turning_freely``.
+        drive: ``command``: the whole joint; ``motor``: rotor and link, stiffly coupled; ``effort``: the link alone.
+        gravity_compensation: Of the recording; only a command leaves it to the robot.
+    """
+    moving = [name for name, joint in read_urdf(urdf).joints.items() if joint.moves]
+    return RobotSpec(
+        name=model.robot,
+        urdf=urdf,
+        limbs={},
+        joints={name: _joint(model, index, drive) for index, name in enumerate(model.joints)},
+        locked={name: 0.0 for name in moving if name not in model.joints},
+        mirror=None,
+        timing=TimingSpec(RATE, 1.0, RATE, model.command_delay if drive == "command" else 0.0, 1.0),
+        sensors=SensorSpec(0.0, 0.0, 0.0, 0.0, 0.0),
+        contact_detection=ContactDetectionSpec(FAR, 1.0),
+        collision=CollisionSpec((), 0.0),
+        gravity_compensation=gravity_compensation if drive == "command" else "none",
+        control_modes=("torque",),
+        solver="daqp",
+        folder=urdf.parent,
+    )
+
+
+def _joint(model: NominalModel, index: int, drive: str) -> JointSpec:
+    compliance, limit = float(model.compliance[index]), float(model.effort_max[index])
+    whole = JointSpec(
+        name=model.joints[index],
+        position_min=-FAR,
+        position_max=FAR,
+        velocity_max=FAR,
+        effort_max=limit if np.isfinite(limit) else FAR,
+        effort_rate_max=FAR,
+        spring_stiffness=1.0 / compliance if compliance > 0.0 else None,
+        reflected_inertia=float(model.reflected_inertia[index]),
+        motor_damping=float(model.motor_damping[index]),
+        spring_damping=float(model.spring_damping[index]),
+    )
+    if drive == "command":
+        return whole
+    stiff = replace(whole, spring_stiffness=None)
+    return stiff if drive == "motor" else replace(stiff, reflected_inertia=0.0, motor_damping=0.0)
