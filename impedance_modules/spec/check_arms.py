@@ -10,7 +10,7 @@ from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.robot_spec import JointSpec, LimbSpec
 from impedance_modules.spec.task_draft import WORLD, Draft, DraftArm, mirrored_frames
 from impedance_modules.spec.urdf import UrdfFacts
-from impedance_modules.spec.yaml_tree import Path
+from impedance_modules.spec.yaml_tree import KeyPath
 
 
 def arm_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
@@ -98,7 +98,7 @@ def _joint_bias_problems(draft: Draft, arm: DraftArm) -> Iterator[Problem]:
             yield from joint_name_problems(draft, arm.path("joint_bias", key), limb)
 
 
-def joint_name_problems(draft: Draft, path: Path, limb: LimbSpec) -> Iterator[Problem]:
+def joint_name_problems(draft: Draft, path: KeyPath, limb: LimbSpec) -> Iterator[Problem]:
     """Checks that the keys of a mapping are short joint names of a limb."""
     known = tuple(limb.joints)
     for joint in draft.keys(*path):
@@ -108,7 +108,7 @@ def joint_name_problems(draft: Draft, path: Path, limb: LimbSpec) -> Iterator[Pr
 
 
 def limit_problems(
-    draft: Draft, angles: Mapping[str, float], limb: LimbSpec, parent: Path
+    draft: Draft, angles: Mapping[str, float], limb: LimbSpec, parent: KeyPath
 ) -> Iterator[Problem]:
     """Checks joint angles [rad] by short joint name against the robot's limits."""
     for short, angle in angles.items():

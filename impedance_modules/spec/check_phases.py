@@ -18,7 +18,7 @@ from impedance_modules.spec.check_springs import (
 )
 from impedance_modules.spec.task import SpringSpec
 from impedance_modules.spec.task_draft import Draft, DraftArm, spring_names
-from impedance_modules.spec.yaml_tree import Path
+from impedance_modules.spec.yaml_tree import KeyPath
 
 OBJECT = "object"
 
@@ -57,7 +57,7 @@ def _name_problems(draft: Draft) -> Iterator[Problem]:
             seen[name] = i
 
 
-def _equilibrium_problems(draft: Draft, at: Path, springs: tuple[str, ...]) -> Iterator[Problem]:
+def _equilibrium_problems(draft: Draft, at: KeyPath, springs: tuple[str, ...]) -> Iterator[Problem]:
     targets = (*springs, OBJECT) if draft.has(OBJECT) else springs
     for target in draft.keys(*at):
         if target == OBJECT and not draft.has(OBJECT):
@@ -70,7 +70,7 @@ def _equilibrium_problems(draft: Draft, at: Path, springs: tuple[str, ...]) -> I
             yield from _sine_problems(draft, (*at, target, axis, "sine", "frequency"))
 
 
-def _twice_moved_problems(draft: Draft, at: Path, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+def _twice_moved_problems(draft: Draft, at: KeyPath, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
     """An object target moves the hand springs of its arms; they cannot have another target as well."""
     holders = [draft.value(OBJECT, "held_by", i) for i in draft.count(OBJECT, "held_by")]
     if OBJECT not in draft.keys(*at):
@@ -83,7 +83,7 @@ def _twice_moved_problems(draft: Draft, at: Path, arms: Mapping[str, DraftArm]) 
                 yield draft.problem((*at, target), message, at="key")
 
 
-def _sine_problems(draft: Draft, at: Path) -> Iterator[Problem]:
+def _sine_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
     """A sampled motion cannot follow half its rate (Nyquist) or more."""
     if draft.robot is None or not draft.clean(*at):
         return
@@ -93,7 +93,7 @@ def _sine_problems(draft: Draft, at: Path) -> Iterator[Problem]:
         yield draft.problem(at, message)
 
 
-def _posture_problems(draft: Draft, at: Path) -> Iterator[Problem]:
+def _posture_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
     names = draft.keys("arms")
     for arm in draft.keys(*at):
         if arm not in names:
@@ -111,7 +111,7 @@ def _posture_problems(draft: Draft, at: Path) -> Iterator[Problem]:
             yield from limit_problems(draft, build_numbers(sound), limb, (*at, arm))
 
 
-def _until_problems(draft: Draft, at: Path) -> Iterator[Problem]:
+def _until_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
     target = draft.value(*at, "until", "contact", "target")
     names = draft.keys("arms")
     valid = (*names, OBJECT) if draft.has(OBJECT) else names
@@ -128,7 +128,7 @@ def _until_problems(draft: Draft, at: Path) -> Iterator[Problem]:
         yield draft.problem((*at, "until", "reached"), message, at="key")
 
 
-def _smooth_problems(draft: Draft, at: Path) -> Iterator[Problem]:
+def _smooth_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
     """Checks whose hand rubs, and that it does so along the surface."""
     names = draft.keys("arms")
     target = draft.value(*at, "target")
@@ -145,7 +145,7 @@ def _smooth_problems(draft: Draft, at: Path) -> Iterator[Problem]:
             yield draft.problem((*at, "friction_below"), message, ("by: spectrum",), at="key")
 
 
-def _moves_somewhere(draft: Draft, at: Path) -> bool:
+def _moves_somewhere(draft: Draft, at: KeyPath) -> bool:
     given = [draft.value(*at, target, axis) for target in draft.keys(*at) for axis in draft.keys(*at, target)]
     return any(not isinstance(coordinate, dict) for coordinate in given)
 
@@ -177,7 +177,7 @@ def _changed_spring(draft: Draft, phase: int, arm: str, spring: SpringSpec) -> S
     return spring
 
 
-def _cause(draft: Draft, phase: int, target: str, free: FreeAxis) -> Path:
+def _cause(draft: Draft, phase: int, target: str, free: FreeAxis) -> KeyPath:
     """The override that made an axis run free."""
     changed = ("phases", phase, "axes", target, free.axis)
     if draft.has(*changed):

@@ -22,7 +22,7 @@ from impedance_modules.errors import Problem
 from impedance_modules.spec.robot_spec import LimbSpec
 from impedance_modules.spec.task import AXES, HybridAxis, Matrix, SpringSpec
 from impedance_modules.spec.task_draft import Draft, DraftArm
-from impedance_modules.spec.yaml_tree import Path
+from impedance_modules.spec.yaml_tree import KeyPath
 
 RELATIVE_TOLERANCE = 1e-9
 """Of the largest entry: what rounding may do to symmetry and eigenvalues."""
@@ -66,7 +66,7 @@ def _name_problems(draft: Draft, arm: str) -> Iterator[Problem]:
                 yield draft.problem((*at, i, "name"), f"this arm already has a spring '{name}'")
 
 
-def matrix_problems(draft: Draft, path: Path, matrix: Matrix) -> Iterator[Problem]:
+def matrix_problems(draft: Draft, path: KeyPath, matrix: Matrix) -> Iterator[Problem]:
     """Checks that a matrix (6, 6) is symmetric and has no negative eigenvalue."""
     scale = float(np.abs(matrix).max())
     uneven = np.argwhere(np.abs(matrix - matrix.T) > RELATIVE_TOLERANCE * scale)

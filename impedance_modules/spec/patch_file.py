@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from impedance_modules.errors import BadFile
-from impedance_modules.spec.schema import schema_problems
 from impedance_modules.spec.document import Document, read_document
+from impedance_modules.spec.schema import schema_problems
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.document import Document
 from impedance_modules.spec.locate import find_schema
-from impedance_modules.spec.yaml_tree import Path
+from impedance_modules.spec.yaml_tree import KeyPath
 
 if TYPE_CHECKING:
     from jsonschema import Draft202012Validator
 
 
-_Fault = tuple[Path, str, tuple[str, ...], str]
+_Fault = tuple[KeyPath, str, tuple[str, ...], str]
 """The arguments of ``Document.problem``."""
 
 
@@ -44,7 +44,7 @@ def schema_problems(document: Document, schema_name: str) -> list[Problem]:
     return [problem for problem, _ in schema_faults(document, schema_name)]
 
 
-def schema_faults(document: Document, schema_name: str) -> list[tuple[Problem, Path]]:
+def schema_faults(document: Document, schema_name: str) -> list[tuple[Problem, KeyPath]]:
     """Like ``schema_problems``, each with its path, so that a reader can go on with the sound parts."""
     distinct = dict.fromkeys(_deviations(document, schema_name))
     return [(document.problem(*fault), fault[0]) for fault in distinct]

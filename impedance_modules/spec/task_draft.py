@@ -20,7 +20,7 @@ from impedance_modules.spec.document import Document
 from impedance_modules.spec.robot_spec import LimbSpec, MirrorSpec, RobotSpec
 from impedance_modules.spec.task import AXES, ArmSpec, HybridAxis, JointBiasSpec, Matrix, SpringSpec
 from impedance_modules.spec.urdf import UrdfFacts
-from impedance_modules.spec.yaml_tree import Path
+from impedance_modules.spec.yaml_tree import KeyPath
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Draft:
     """
 
     document: Document
-    broken: tuple[Path, ...]
+    broken: tuple[KeyPath, ...]
     robot: RobotSpec | None
     urdf: UrdfFacts | None
 
@@ -73,7 +73,7 @@ class Draft:
         """Locates a problem in the file, as ``Document.problem`` does."""
         return self.document.problem(path, message, valid, at)
 
-    def _find(self, path: Path) -> Any:
+    def _find(self, path: KeyPath) -> Any:
         found: Any = self.document.data
         for step in path:
             in_list = isinstance(found, list) and isinstance(step, int) and step < len(found)
@@ -158,7 +158,7 @@ class DraftArm:
     joint_bias: JointBiasSpec | None
     springs: Mapping[int, SpringSpec]
 
-    def path(self, *inside: str | int) -> Path:
+    def path(self, *inside: str | int) -> KeyPath:
         """Where a part of the arm stands in the file; a mirror image stands where it is asked for."""
         return ("arms", self.name, *inside) if self.mirror_of is None else ("arms", self.name, "mirror")
 

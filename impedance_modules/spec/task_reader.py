@@ -22,6 +22,7 @@ from impedance_modules.spec.check_object import (
     push_problems,
     surface_problems,
     tank_problems,
+    wood_problems,
 )
 from impedance_modules.spec.check_phases import phase_problems
 from impedance_modules.spec.check_springs import spring_problems
@@ -33,7 +34,6 @@ from impedance_modules.spec.schema import schema_faults
 from impedance_modules.spec.task import TaskSpec
 from impedance_modules.spec.task_draft import Draft, DraftArm, draft_arms
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
-from impedance_modules.spec.wood import wood_problems
 
 RobotReader = Callable[[Path], RobotSpec]
 """Reads the robot in a folder."""

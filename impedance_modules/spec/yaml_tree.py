@@ -21,8 +21,8 @@ MOST_VALUES = 20_000
 """Values of one file, aliases counted as often as they are used."""
 
 Place = tuple[int, int]
-Path = tuple[str | int, ...]
-Fault = tuple[Place, Path, str]
+KeyPath = tuple[str | int, ...]
+Fault = tuple[Place, KeyPath, str]
 """A place, a path inside the document, and what is wrong there."""
 
 
@@ -118,7 +118,7 @@ class TreeBuilder:
             if self._documents > 1:
                 raise TreeError((place, (), "a second document ('---') starts here; one file holds one"))
 
-    def _here(self) -> Path:
+    def _here(self) -> KeyPath:
         """Path of the value that is read next."""
         steps: list[str | int] = []
         for frame in self._open:

@@ -25,12 +25,12 @@ from impedance_modules.spec.locate import find_robot, list_robots
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
+from impedance_modules.spec.yaml_tree import KeyPath
 
 _TEXT_ONLY = ("header", "skip_rows", "comment")
 _SINGULAR = 1e12
 """Condition number from which a transmission counts as impossible to turn back."""
 
-Path = tuple[str | int, ...]
 
 
 def map_problems(document: Document, facts: RobotFacts | None, prismatic: frozenset[str]) -> list[Problem]:
@@ -95,7 +95,7 @@ def _transmission_problems(document: Document) -> Iterator[Problem]:
 def _table_problems(document: Document, prismatic: frozenset[str]) -> Iterator[Problem]:
     tables = document.data["tables"]
     for index, table in enumerate(tables):
-        path: Path = ("tables", index)
+        path: KeyPath = ("tables", index)
         if len(tables) > 1 and "file" not in table:
             yield document.problem((*path, "file"), "missing key 'file': which of the files is this table?")
         if "separator" in table and "header" not in table:
@@ -116,7 +116,7 @@ def _table_problems(document: Document, prismatic: frozenset[str]) -> Iterator[P
             yield document.problem(path, "nothing is taken from this table", JOINT_KINDS)
 
 
-def _time_problems(document: Document, path: Path, time: Mapping[str, Any] | None) -> Iterator[Problem]:
+def _time_problems(document: Document, path: KeyPath, time: Mapping[str, Any] | None) -> Iterator[Problem]:
     if time is not None and ("clock" in time) == ("column" in time):
         yield document.problem(
             (*path, "time"), "either 'column' with its 'unit', or, in a bag, 'clock'", at="key"
@@ -223,7 +223,7 @@ _BY_JOINT = ("unit", "sign", "offset", "gain", "counts_per_rev")
 
 def strangers(
     document: Document,
-    path: Path,
+    path: KeyPath,
     names: Sequence[str] | Mapping[str, Any],
     joints: Sequence[str],
     where: str,
@@ -236,7 +236,7 @@ def strangers(
             yield document.problem((*path, step), message, joints, at="key")
 
 
-def extra_problems(document: Document, path: Path, name: str, entry: Mapping[str, Any]) -> Iterator[Problem]:
+def extra_problems(document: Document, path: KeyPath, name: str, entry: Mapping[str, Any]) -> Iterator[Problem]:
     """Yields what is wrong with an extra quantity."""
     if name in _TAKEN:
         message = f"'{name}' has a meaning of its own in an episode; use another name"
@@ -248,7 +248,7 @@ def extra_problems(document: Document, path: Path, name: str, entry: Mapping[str
 
 
 def quantity_problems(
-    document: Document, path: Path, kind: str, prismatic: frozenset[str]
+    document: Document, path: KeyPath, kind: str, prismatic: frozenset[str]
 ) -> Iterator[Problem]:
     """Yields what is wrong with one joint quantity.
 
@@ -261,7 +261,7 @@ def quantity_problems(
     yield from _Checks(document, path, kind, prismatic).problems()
 
 
-def _column_problems(document: Document, path: Path, columns: Any) -> Iterator[Problem]:
+def _column_problems(document: Document, path: KeyPath, columns: Any) -> Iterator[Problem]:
     joints = document.data["joints"]
     if isinstance(columns, str):
         if len(joints) > 1 and "{joint}" not in columns and "{index}" not in columns:
@@ -276,7 +276,7 @@ def _column_problems(document: Document, path: Path, columns: Any) -> Iterator[P
 class _Checks:
     """The checks of one joint quantity."""
 
-    def __init__(self, document: Document, path: Path, kind: str, prismatic: frozenset[str]) -> None:
+    def __init__(self, document: Document, path: KeyPath, kind: str, prismatic: frozenset[str]) -> None:
         self._document = document
         self._path = path
         self._kind = kind
