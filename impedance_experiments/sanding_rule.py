@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from impedance_modules.control.roughness_windows import Window
-from impedance_modules.spec.task import SurfaceSpec
-from impedance_modules.spec.wood import RoughnessSpec, SplintersSpec, WoodSpec
+from impedance_modules.spec.task import RoughnessSpec, SplintersSpec, SurfaceSpec, WoodSpec
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from impedance_modules.episode import entities
+from impedance_modules.episode import view_layout as entities
 from impedance_modules.episode.view_layout import run_layout
 from impedance_modules.episode.view_scene import (
     ARRAYS,

@@ -13,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from impedance_modules.episode import entities
+from impedance_modules.episode import view_layout as entities
 from impedance_modules.episode.rerun_writer import open_stream, send_curves, time_index
 
 Array = NDArray[np.float64]

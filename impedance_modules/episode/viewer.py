@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from impedance_modules.episode import entities
+from impedance_modules.episode import view_layout as entities
 from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, POSE_COMPONENTS, WRENCH_COMPONENTS
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode

@@ -16,8 +16,9 @@ import pyarrow as pa
 import pytest
 from rerun.chunk import RrdReader
 
-from impedance_modules.episode import entities, viewer
 from impedance_modules.episode import live_view as view_module
+from impedance_modules.episode import view_layout as entities
+from impedance_modules.episode import viewer
 from impedance_modules.episode import viewer as display
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.columns import joint_columns, pose_columns, target_columns, wrench_columns

@@ -9,7 +9,7 @@ import pytest
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
-from impedance_modules.spec.wood import RoughnessSpec, SplintersSpec, WoodSpec
+from impedance_modules.spec.task import RoughnessSpec, SplintersSpec, WoodSpec
 from tests.support.plant_parts import BAXTER, block, exact, loose, plant, posture, spec_of
 
 G, MASS = 9.81, 0.8

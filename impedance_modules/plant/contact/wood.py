@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.plant.records import CELL, SPLINTER, WAVES, WOOD, Memory, Table
-from impedance_modules.spec.task import SurfaceSpec
-from impedance_modules.spec.wood import WoodSpec
+from impedance_modules.spec.task import SurfaceSpec, WoodSpec
 
 Array = NDArray[np.float64]
 
