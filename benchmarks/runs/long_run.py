@@ -20,10 +20,10 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.prediction.energy import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse
-from impedance_modules.runs.run_backends import make_backend
 from impedance_modules.runs.execution import RunOptions, carry_out
+from impedance_modules.runs.run_backends import make_backend
 
-TASK = Path(__file__).parents[1] / "tasks" / "mirrored-arms.yaml"
+TASK = Path(__file__).parents[2] / "tasks" / "mirrored-arms.yaml"
 DRAWN_OUT = "duration: 8\n"
 TANK = re.compile(r"tank: \{initial: [\d.]+, max: [\d.]+,")
 AMPLE = 800.0
