@@ -68,7 +68,8 @@ def _carry_out(work: tuple[Callable[[Any], object], Any, Path]) -> None:
 def program() -> str:
     """Says which program this is: a digest of its sources, tasks and robots."""
     found = hashlib.sha256()
-    roots = (Path(impedance_modules.__file__).parent, data_folder("tasks"), data_folder("robots"))
+    sources = (Path(__file__).parent, Path(impedance_modules.__file__).parent)
+    roots = (*sources, data_folder("tasks"), data_folder("robots"))
     for root in roots:
         for path in sorted(root.rglob("*")):
             if path.suffix in (".py", ".yaml", ".urdf"):

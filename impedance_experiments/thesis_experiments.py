@@ -36,7 +36,7 @@ class Experiment:
 
 
 _ALL: tuple[Experiment, ...] = (
-    Experiment("series-elastic", "3.1", "What do the springs in the joints do?", "series_elastic"),
+    Experiment("series-elastic", "3.1", "What do the springs in the joints do?", "series_elastic_joint"),
     Experiment("reflected-inertia", "3.2", "How large is a rotor's reflected inertia?", "reflected_inertia"),
     Experiment(
         "reflected-inertia-matters",

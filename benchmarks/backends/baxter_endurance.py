@@ -29,7 +29,7 @@ import pyarrow.parquet as pq
 from benchmarks.backends.machine_pauses import PauseWatch, describe
 from impedance_modules.runs.recorder import MISSED
 
-TASK = Path(__file__).parents[1] / "tasks" / "mirrored-arms.yaml"
+TASK = Path(__file__).parents[2] / "tasks" / "mirrored-arms.yaml"
 IMPEDANCE = [sys.executable, "-m", "impedance_modules"]
 
 

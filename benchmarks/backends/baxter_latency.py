@@ -6,7 +6,7 @@ This process plays a robot that stands still and stamps what it sends and hears;
 a constant torque in the callback: what the transport alone costs. Medians and the ratio to the echo say something
 about the code; the tails say how busy the machine was. The robot's other topics come half a period later.
 
-Usage: python benchmarks/baxter_latency.py [--transport rospy|sockets] [--rate HZ ...]
+Usage: python benchmarks/backends/baxter_latency.py [--transport rospy|sockets] [--rate HZ ...]
 """
 
 from __future__ import annotations
@@ -24,13 +24,12 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.backends.baxter import topics
+from impedance_modules.backends.baxter.preflight_checks import TIP
 from impedance_modules.backends.baxter.ros import messages
-from impedance_modules.backends.baxter.gates_model import TIP
-from impedance_modules.backends.baxter.ros.choose import connect
-from impedance_modules.backends.baxter.ros.transport import NoMasterError, Transport
 from impedance_modules.backends.baxter.ros.master_client import MasterClient
+from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport, connect
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
-from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
+from impedance_modules.backends.baxter.ros.transport import NoMasterError, Transport
 from impedance_modules.control.assembly import assemble
 
 TASK = "soft-hold"

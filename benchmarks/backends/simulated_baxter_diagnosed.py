@@ -21,11 +21,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from impedance_modules.control.assembly import assemble
-
-TESTS = Path(__file__).parents[1] / "tests"
-sys.path.insert(0, str(TESTS))
-
-from tests.support.baxter_lockstep import run_on_the_double  # noqa: E402 - a test helper, found by the line above
+from tests.support.baxter_lockstep import run_on_the_double
 
 RATE = 200.0
 NOTHING = "nothing"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Time of one filter solve per solver, as ratios within one run (14 joints, 53 rows).
 
-Run: python benchmarks/filter_solvers.py [problems]. Cases alternate in random order in blocks of 25, so
+Run: python -m benchmarks.control.filter_solvers [problems]. Cases alternate in random order in blocks of 25, so
 that a busy machine slows all of them alike; use the ratios, the microseconds are for orientation.
 """
 
@@ -11,11 +11,8 @@ import gc
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 from impedance_modules.safety.build import build
 from impedance_modules.safety.problem import FilterProblem, FilterWorkspace

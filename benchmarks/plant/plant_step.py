@@ -2,7 +2,7 @@
 """Times the plant against pinocchio's articulated-body algorithm and against the clock.
 
 Blocks of the cases alternate in one run, so that load on the machine falls on all of them; the medians'
-ratio is the number to quote. Run from the repository: ``python benchmarks/plant_step.py``.
+ratio is the number to quote. Run from the repository: ``python -m benchmarks.plant.plant_step``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ BOX = ObjectSpec(("right", "left"), "box", 1.2, (0.3, 0.2, 0.2), None, "weld", N
 def friction(model: RobotModel) -> PlantEffects:
     """Dry friction on every motor, asked for at every stage of a step."""
     builder = PlantBuilder(model)
-    CATALOGUE["coulomb_friction"].apply_to_plant(builder, "actuator", {j: {"fc": 0.5} for j in model.joint_names})
+    CATALOGUE["coulomb_friction"].apply_to_plant(
+        builder, "actuator", {j: {"fc": 0.5} for j in model.joint_names}
+    )
     return builder.finish()
 
 
@@ -85,7 +87,7 @@ def case(plant: Plant, command: np.ndarray) -> Callable[[], None]:
 
 def main() -> None:
     """Prints medians [us], ratios to one pin.aba, and how much faster than the clock the plant runs."""
-    model = RobotModel(read_robot(Path(__file__).parent.parent / "robots" / "baxter"))
+    model = RobotModel(read_robot(Path(__file__).parents[2] / "robots" / "baxter"))
     data, rng = model.pin_model.createData(), np.random.default_rng(0)
     q, v, tau = rng.normal(size=(3, model.n))
     cases: dict[str, Callable[[], None]] = {"pin.aba": lambda: pin.aba(model.pin_model, data, q, v, tau)}

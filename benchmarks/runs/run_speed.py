@@ -24,11 +24,11 @@ from impedance_modules.control.controller import Controller
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant
 from impedance_modules.runs import execution as run
-from impedance_modules.runs.run_backends import make_backend
-from impedance_modules.runs.recorder import Recorder
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
-from impedance_modules.runs.scene_view import SceneView
+from impedance_modules.runs.recorder import Recorder
+from impedance_modules.runs.run_backends import make_backend
 from impedance_modules.runs.run_summary import Summary
+from impedance_modules.runs.scene_view import SceneView
 
 TIMED = (
     ("robot: one period of the plant", Plant, "advance"),

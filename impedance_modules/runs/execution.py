@@ -17,13 +17,13 @@ from impedance_modules.control.loop import Interrupt, no_collections, run_loop
 from impedance_modules.control.signals import as_interrupt
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.control.warm_up import Rehearsal
-from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.reader import read_episode
+from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.errors import SafetyStop
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.recorder import Recorder
-from impedance_modules.runs.scene_view import SceneView
 from impedance_modules.runs.run_summary import Summary
+from impedance_modules.runs.scene_view import SceneView
 
 Array = NDArray[np.float64]
 

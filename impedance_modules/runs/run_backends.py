@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
-from impedance_modules.backends.baxter.gates_types import Gate
+from impedance_modules.backends.baxter.preflight_checks import Gate
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.session import Session
 from impedance_modules.backends.protocol import Backend

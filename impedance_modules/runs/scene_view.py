@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.background import Background
-from impedance_modules.episode.view_scene import Body, BodyShape, EllipsoidStyle, Pose7, Scene, ViewSample
 from impedance_modules.episode.live_view import RecordingView
+from impedance_modules.episode.view_scene import Body, BodyShape, EllipsoidStyle, Pose7, Scene, ViewSample
 from impedance_modules.modules.mobility import mobility
 from impedance_modules.plant.contact.sheet import Sheet
 from impedance_modules.robot.pose import Pose

@@ -18,8 +18,8 @@ from impedance_modules.episode.data import Episode
 from impedance_modules.episode.metadata import library_versions
 from impedance_modules.errors import BadInput, EndOfRecording, ReplayMismatch
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.run_backends import acting_in
 from impedance_modules.runs.recorder import MISSED
+from impedance_modules.runs.run_backends import acting_in
 from impedance_modules.spec.robot_spec import JointOrigin
 
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.errors import BadInput
-from impedance_modules.spec.task_text import Steps, changed, find_steps, task_document
-from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.document import Document
+from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.task_reader import read_task
+from impedance_modules.spec.task_text import Steps, changed, find_steps, task_document
 
 POINTS = 5
 """Values of a range that does not say how many."""

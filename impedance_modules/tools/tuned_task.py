@@ -17,9 +17,9 @@ from impedance_modules.prediction.energy import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.task_text import Steps, changed, task_document
 from impedance_modules.spec.document import Document
-from impedance_modules.tools.spring_tuning import TuningRequest, TunedPosture, named
+from impedance_modules.spec.task_text import Steps, changed, task_document
+from impedance_modules.tools.spring_tuning import TunedPosture, TuningRequest, named
 
 AMPLE = 50.0
 """Tank with which a task is rehearsed to find what it needs [J]."""
