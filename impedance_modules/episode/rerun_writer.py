@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from impedance_modules.episode import view_layout as entities
+from impedance_modules.episode import view_layout
 from impedance_modules.episode.view_layout import run_layout
 from impedance_modules.episode.view_scene import (
     ARRAYS,
@@ -86,27 +86,27 @@ class Recording:
 
     def _write_solids(self) -> None:
         world = rr.ViewCoordinates.RIGHT_HAND_Z_UP
-        self._stream.log(entities.WORLD, world, static=True)
+        self._stream.log(view_layout.WORLD, world, static=True)
         for body in (*self._scene.bodies, *self._scene.surfaces):
-            path = entities.body_path(body.role, body.name)
+            path = view_layout.body_path(body.role, body.name)
             for shape in body.shapes:
-                self._stream.log(f"{path}{entities.entity(shape.name)}", solid(shape, body), static=True)
+                self._stream.log(f"{path}{view_layout.entity(shape.name)}", solid(shape, body), static=True)
 
     def _write_styles(self) -> None:
         scene = self._scene
         for style in scene.ellipsoids:
             look = rr.Ellipsoids3D.from_fields(fill_mode="transparentfillmajorwireframe")
-            self._stream.log(entities.ellipsoid_path(style.name), look, static=True)
+            self._stream.log(view_layout.ellipsoid_path(style.name), look, static=True)
         for limb, joints in scene.limbs.items():
-            self._style(entities.torque_path(limb), joints)
+            self._style(view_layout.torque_path(limb), joints)
         for name in scene.wrenches:
-            self._style(entities.force_path(name), ("x", "y", "z"))
-        self._style(entities.POSITION_ERROR, scene.tracked)
-        self._style(entities.ANGLE_ERROR, scene.tracked)
-        self._style(entities.ACTIVE_ROWS, scene.constraints)
+            self._style(view_layout.force_path(name), ("x", "y", "z"))
+        self._style(view_layout.POSITION_ERROR, scene.tracked)
+        self._style(view_layout.ANGLE_ERROR, scene.tracked)
+        self._style(view_layout.ACTIVE_ROWS, scene.constraints)
         colours = [series_colour(2), LIMIT, LIMIT]
         tank = rr.SeriesLines(names=["tank", "floor", "max"], colors=colours, widths=[2.0, 1.0, 1.0])
-        self._stream.log(entities.TANK, tank, static=True)
+        self._stream.log(view_layout.TANK, tank, static=True)
 
     def _style(self, path: str, names: Sequence[str]) -> None:
         colours = [series_colour(index) for index in range(len(names))]
@@ -116,12 +116,12 @@ class Recording:
         for number, body in enumerate(self._scene.bodies):
             pose = stacked["poses"][:, number]
             columns = rr.Transform3D.columns(translation=pose[:, :3], quaternion=pose[:, 3:])
-            self._send(entities.body_path(body.role, body.name), index, columns)
+            self._send(view_layout.body_path(body.role, body.name), index, columns)
 
     def _write_springs(self, index: rr.TimeColumn, stacked: dict[str, Array]) -> None:
         for number, name in enumerate(self._scene.springs):
             ends = stacked["springs"][:, number]
-            path = entities.spring_path(name)
+            path = view_layout.spring_path(name)
             columns = rr.LineStrips3D.columns(
                 strips=list(ends), colors=_repeat(SPRING, ends), radii=_thin(ends)
             )
@@ -141,8 +141,8 @@ class Recording:
             columns = rr.Arrows3D.columns(
                 vectors=vectors, origins=points, colors=colours, radii=_thin(vectors)
             )
-            self._send(entities.wrench_path(name), index, columns.partition([2] * len(wrench)))
-            self._send_curves(entities.force_path(name), index, wrench[:, :3])
+            self._send(view_layout.wrench_path(name), index, columns.partition([2] * len(wrench)))
+            self._send_curves(view_layout.force_path(name), index, wrench[:, :3])
 
     def _write_ellipsoids(self, index: rr.TimeColumn, stacked: dict[str, Array]) -> None:
         for number, style in enumerate(self._scene.ellipsoids):
@@ -155,30 +155,30 @@ class Recording:
                 quaternions=pose[:, 3:],
                 colors=_repeat((*series_colour(number)[:3], 120), half),
             )
-            self._send(entities.ellipsoid_path(style.name), index, columns)
+            self._send(view_layout.ellipsoid_path(style.name), index, columns)
 
     def _write_curves(self, index: rr.TimeColumn, stacked: dict[str, Array], tank: Array) -> None:
         scene, first = self._scene, 0
         for limb, joints in scene.limbs.items():
             ratio = stacked["torque_ratio"][:, first : first + len(joints)]
-            self._send_curves(entities.torque_path(limb), index, ratio)
+            self._send_curves(view_layout.torque_path(limb), index, ratio)
             first += len(joints)
         bounds = np.tile([scene.tank_floor, scene.tank_max], (len(tank), 1))
-        self._send_curves(entities.TANK, index, np.column_stack([tank, bounds]))
-        self._send_curves(entities.POSITION_ERROR, index, 1000 * stacked["tracking_error"][:, :, 0])
-        self._send_curves(entities.ANGLE_ERROR, index, np.degrees(stacked["tracking_error"][:, :, 1]))
-        self._send_curves(entities.ACTIVE_ROWS, index, stacked["active_rows"].astype(float))
+        self._send_curves(view_layout.TANK, index, np.column_stack([tank, bounds]))
+        self._send_curves(view_layout.POSITION_ERROR, index, 1000 * stacked["tracking_error"][:, :, 0])
+        self._send_curves(view_layout.ANGLE_ERROR, index, np.degrees(stacked["tracking_error"][:, :, 1]))
+        self._send_curves(view_layout.ACTIVE_ROWS, index, stacked["active_rows"].astype(float))
 
     def _write_texts(self, samples: Sequence[ViewSample]) -> None:
         for sample in samples:
             self._rest()
-            self._stream.set_time(entities.TIMELINE, duration=sample.time)
+            self._stream.set_time(view_layout.TIMELINE, duration=sample.time)
             if sample.phase != self._phase:
                 self._phase = sample.phase
-                self._stream.log(entities.PHASE, rr.StateChange(state=sample.phase))
-                self._stream.log(entities.LOG, rr.TextLog(f"phase {sample.phase}", level="INFO"))
+                self._stream.log(view_layout.PHASE, rr.StateChange(state=sample.phase))
+                self._stream.log(view_layout.LOG, rr.TextLog(f"phase {sample.phase}", level="INFO"))
             for message in sample.messages:
-                self._stream.log(entities.LOG, rr.TextLog(message, level="WARN"))
+                self._stream.log(view_layout.LOG, rr.TextLog(message, level="WARN"))
 
     def _send(self, path: str, index: rr.TimeColumn, columns: Any) -> None:
         self._rest()
@@ -196,7 +196,7 @@ def new_stream(name: str) -> rr.RecordingStream:
     Args:
         name: Of the recording, as the viewer lists it.
     """
-    stream = rr.RecordingStream(entities.APPLICATION)
+    stream = rr.RecordingStream(view_layout.APPLICATION)
     stream.disable_timeline("log_time")
     stream.disable_timeline("log_tick")
     stream.send_recording_name(name)
@@ -212,7 +212,7 @@ def open_stream(path: Path, name: str) -> rr.RecordingStream:
 
 def time_index(seconds: Array) -> rr.TimeColumn:
     """Returns the instants [s] of a batch."""
-    return rr.TimeColumn(entities.TIMELINE, duration=seconds)
+    return rr.TimeColumn(view_layout.TIMELINE, duration=seconds)
 
 
 def send_curves(stream: rr.RecordingStream, path: str, index: rr.TimeColumn, values: Array) -> None:

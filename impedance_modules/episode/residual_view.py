@@ -13,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from impedance_modules.episode import view_layout as entities
+from impedance_modules.episode import view_layout
 from impedance_modules.episode.rerun_writer import open_stream, send_curves, time_index
 
 Array = NDArray[np.float64]
@@ -54,12 +54,12 @@ class Comparison:
     def paths(self) -> tuple[str, str]:
         """Entities of the signals and of the residuals."""
         place = (self.episode, self.port, self.joint)
-        return entities.entity("signals", *place), entities.entity("residuals", *place)
+        return view_layout.entity("signals", *place), view_layout.entity("residuals", *place)
 
     @property
     def regime_path(self) -> str:
         """Entity of what the joint does."""
-        return entities.entity("regimes", self.episode, self.joint)
+        return view_layout.entity("regimes", self.episode, self.joint)
 
 
 def write_comparisons(path: Path, comparisons: Sequence[Comparison], name: str) -> Path:
@@ -102,7 +102,7 @@ def _write_regimes(stream: rr.RecordingStream, item: Comparison) -> None:
     last = None
     for time, regime in zip(item.time, item.regimes, strict=True):
         if regime != last:
-            stream.set_time(entities.TIMELINE, duration=float(time))
+            stream.set_time(view_layout.TIMELINE, duration=float(time))
             stream.log(item.regime_path, rr.StateChange(state=regime))
             last = regime
 
@@ -115,7 +115,7 @@ def _layout(comparisons: Sequence[Comparison]) -> rrb.Blueprint:
     ]
     return rrb.Blueprint(
         rrb.Tabs(*tabs),
-        rrb.TimePanel(timeline=entities.TIMELINE, state="collapsed"),
+        rrb.TimePanel(timeline=view_layout.TIMELINE, state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,

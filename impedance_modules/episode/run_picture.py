@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
-from impedance_modules.episode import run_picture as panels
 from impedance_modules.episode.data import Episode, Vector
 from impedance_modules.episode.run_folder import whole_file
 from impedance_modules.episode.view_scene import LIMIT, css, series_colour
@@ -47,11 +46,11 @@ def write_picture(episode: Episode, path: Path) -> Path:
         figsize=(WIDTH, 1.2 + PANEL_HEIGHT * max(len(_time_panels(episode)), 3)), layout="constrained"
     )
     figure.suptitle(_title(episode), fontsize=12, x=0.01, ha="left")
-    right: panels.AnyFigure = figure
+    right: AnyFigure = figure
     if episode.pose or episode.target:
         left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[2, 3])[0]
-        for axes, (title, across, up) in zip(left.subplots(2, 1), panels.PLANES, strict=True):
-            panels.draw_path(axes, episode, title, across, up)
+        for axes, (title, across, up) in zip(left.subplots(2, 1), PLANES, strict=True):
+            draw_path(axes, episode, title, across, up)
             _style(axes)
     _draw_over_time(right, episode)
     FigureCanvasAgg(figure)
@@ -60,25 +59,25 @@ def write_picture(episode: Episode, path: Path) -> Path:
     return Path(path)
 
 
-def _time_panels(episode: Episode) -> list[panels.TimePanel]:
+def _time_panels(episode: Episode) -> list[TimePanel]:
     """Returns the panels for which the episode has columns."""
-    choice: list[tuple[bool, panels.TimePanel]] = [
-        (bool(panels.frames_with_target(episode)), panels.draw_error),
-        (bool(episode.wrench), panels.draw_force),
-        (episode.tank is not None, panels.draw_tank),
-        (bool(episode.effort_command or episode.effort), panels.draw_torque),
-        (not episode.pose, panels.draw_position),
+    choice: list[tuple[bool, TimePanel]] = [
+        (bool(frames_with_target(episode)), draw_error),
+        (bool(episode.wrench), draw_force),
+        (episode.tank is not None, draw_tank),
+        (bool(episode.effort_command or episode.effort), draw_torque),
+        (not episode.pose, draw_position),
     ]
-    return [panel for wanted, panel in choice if wanted] or [panels.draw_position]
+    return [panel for wanted, panel in choice if wanted] or [draw_position]
 
 
-def _draw_over_time(figure: panels.AnyFigure, episode: Episode) -> None:
+def _draw_over_time(figure: AnyFigure, episode: Episode) -> None:
     drawn = _time_panels(episode)
     column = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
-    rows = panels.thinning(episode)
+    rows = thinning(episode)
     for index, (axes, panel) in enumerate(zip(column, drawn, strict=True)):
         panel(axes, episode, rows)
-        panels.shade_phases(axes, episode, named=index == 0)
+        shade_phases(axes, episode, named=index == 0)
         _style(axes)
     column[-1].set_xlabel("time [s]")
 

@@ -9,25 +9,24 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 
-from impedance_modules.episode import view_layout as entities
 from impedance_modules.episode.view_scene import Scene
 
 
 def run_layout(scene: Scene) -> rrb.Blueprint:
     """Returns the layout of a run: 3D, phases and log; tank, torque over limit, tracking, forces, QP rows."""
     world = rrb.Spatial3DView(
-        origin=entities.WORLD,
+        origin=WORLD,
         name="arms, springs, wrenches",
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.25),
         eye_controls=rrb.EyeControls3D(position=(1.9, 0.9, 0.9), look_target=(0.4, 0.0, 0.15)),
         background=(28, 31, 36, 255),
     )
-    phases = rrb.StateTimelineView(origin=entities.PHASE, name="phase")
-    log = rrb.TextLogView(origin=entities.LOG, name="what happened")
+    phases = rrb.StateTimelineView(origin=PHASE, name="phase")
+    log = rrb.TextLogView(origin=LOG, name="what happened")
     left = rrb.Vertical(world, phases, log, row_shares=[7, 1, 2])
     return rrb.Blueprint(
         rrb.Horizontal(left, rrb.Vertical(*_curves(scene)), column_shares=[3, 2]),
-        rrb.TimePanel(timeline=entities.TIMELINE, state="collapsed"),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,
@@ -36,24 +35,24 @@ def run_layout(scene: Scene) -> rrb.Blueprint:
 
 def _curves(scene: Scene) -> list[Any]:
     top = 1.05 * scene.tank_max
-    views = [_plot("tank [J]: level, floor, max", [entities.TANK], (0.0, top))]
+    views = [_plot("tank [J]: level, floor, max", [TANK], (0.0, top))]
     torques = [
-        _plot(f"torque / limit, {limb}", [entities.torque_path(limb)], (-1.1, 1.1)) for limb in scene.limbs
+        _plot(f"torque / limit, {limb}", [torque_path(limb)], (-1.1, 1.1)) for limb in scene.limbs
     ]
     views += [_tabs(torques)] if torques else []
     if scene.tracked:
         views.append(
             _tabs(
                 [
-                    _plot("distance to target [mm]", [entities.POSITION_ERROR], None),
-                    _plot("angle to target [deg]", [entities.ANGLE_ERROR], None),
+                    _plot("distance to target [mm]", [POSITION_ERROR], None),
+                    _plot("angle to target [deg]", [ANGLE_ERROR], None),
                 ]
             )
         )
-    forces = [_plot(f"force [N], {name}", [entities.force_path(name)], None) for name in scene.wrenches]
+    forces = [_plot(f"force [N], {name}", [force_path(name)], None) for name in scene.wrenches]
     views += [_tabs(forces)] if forces else []
     if scene.constraints:
-        views.append(_plot("active QP rows", [entities.ACTIVE_ROWS], None))
+        views.append(_plot("active QP rows", [ACTIVE_ROWS], None))
     return views
 
 
@@ -61,15 +60,15 @@ def columns_layout(groups: Mapping[str, Sequence[str]], *, with_phases: bool) ->
     """Returns the layout of a log without a task: one plot per quantity, and nothing that was not recorded.
 
     Args:
-        groups: Title of a plot -> its entities.
+        groups: Title of a plot -> its 
         with_phases: The log names its phases.
     """
     views = [_plot(title, paths, None) for title, paths in groups.items()]
     if with_phases:
-        views.append(rrb.StateTimelineView(origin=entities.PHASE, name="phase"))
+        views.append(rrb.StateTimelineView(origin=PHASE, name="phase"))
     return rrb.Blueprint(
         rrb.Grid(*views, grid_columns=2),
-        rrb.TimePanel(timeline=entities.TIMELINE, state="collapsed"),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from impedance_modules.episode import view_layout as entities
+from impedance_modules.episode import view_layout
 from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, POSE_COMPONENTS, WRENCH_COMPONENTS
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
@@ -52,8 +52,8 @@ def recording_from_episode(episode: Episode, path: Path) -> Path:
             rows = slice(first, first + ROWS_PER_CHUNK)
             send_curves(stream, entity, time_index(episode.time[rows]), values[rows])
     for interval in episode.phase_intervals():
-        stream.set_time(entities.TIMELINE, duration=episode.time[interval.start])
-        stream.log(entities.PHASE, rr.StateChange(state=interval.phase))
+        stream.set_time(view_layout.TIMELINE, duration=episode.time[interval.start])
+        stream.log(view_layout.PHASE, rr.StateChange(state=interval.phase))
     stream.send_blueprint(columns_layout(groups, with_phases=episode.phase is not None))
     stream.flush()
     stream.disconnect()
@@ -97,16 +97,16 @@ def _curves(episode: Episode) -> Iterator[tuple[str, str, tuple[str, ...], Array
         joints = tuple(getattr(episode, kind))
         if joints:
             title = f"{kind} [{UNITS[kind]}]"
-            yield title, entities.column_path("joints", kind), joints, episode.matrix(kind)
+            yield title, view_layout.column_path("joints", kind), joints, episode.matrix(kind)
     for kind in FRAME_KINDS:
         names = WRENCH_COMPONENTS if kind == "wrench" else POSE_COMPONENTS
         for frame, values in getattr(episode, kind).items():
-            yield f"{kind} of {frame} [{UNITS[kind]}]", entities.column_path(kind, frame), names, values
+            yield f"{kind} of {frame} [{UNITS[kind]}]", view_layout.column_path(kind, frame), names, values
     if episode.tank is not None:
-        yield "tank [J]", entities.column_path("energy", "tank"), ("tank",), episode.tank[:, None]
+        yield "tank [J]", view_layout.column_path("energy", "tank"), ("tank",), episode.tank[:, None]
     if episode.extra:
         values = np.column_stack(list(episode.extra.values()))
-        yield "other columns", entities.column_path("other", "columns"), tuple(episode.extra), values
+        yield "other columns", view_layout.column_path("other", "columns"), tuple(episode.extra), values
 
 
 DISPLAYS: tuple[str, ...] = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")

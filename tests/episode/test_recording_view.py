@@ -17,7 +17,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from impedance_modules.episode import live_view as view_module
-from impedance_modules.episode import view_layout as entities
+from impedance_modules.episode import view_layout
 from impedance_modules.episode import viewer
 from impedance_modules.episode import viewer as display
 from impedance_modules.episode.background import Background
@@ -89,24 +89,24 @@ def test_the_file_holds_every_thing_of_the_scene(tmp_path):
     path = write_recording(tmp_path / "run.rrd", SCENE, samples(8), "press")
     found = paths_in(path)
     expected = {
-        entities.entity("world", "robot", "upper arm", "shell"),
-        entities.entity("world", "object", "crate", "crate"),
-        entities.entity("world", "surface", "table", "top"),
-        entities.spring_path("left/hand"),
-        entities.wrench_path("right"),
-        entities.ellipsoid_path("left/stiffness"),
-        entities.torque_path("left"),
-        entities.force_path("left"),
-        entities.TANK,
-        entities.ACTIVE_ROWS,
-        entities.POSITION_ERROR,
-        entities.ANGLE_ERROR,
-        entities.PHASE,
-        entities.LOG,
+        view_layout.entity("world", "robot", "upper arm", "shell"),
+        view_layout.entity("world", "object", "crate", "crate"),
+        view_layout.entity("world", "surface", "table", "top"),
+        view_layout.spring_path("left/hand"),
+        view_layout.wrench_path("right"),
+        view_layout.ellipsoid_path("left/stiffness"),
+        view_layout.torque_path("left"),
+        view_layout.force_path("left"),
+        view_layout.TANK,
+        view_layout.ACTIVE_ROWS,
+        view_layout.POSITION_ERROR,
+        view_layout.ANGLE_ERROR,
+        view_layout.PHASE,
+        view_layout.LOG,
     }
     assert expected <= found
     (blueprint,) = RrdReader(str(path)).blueprints()
-    assert blueprint.application_id == entities.APPLICATION
+    assert blueprint.application_id == view_layout.APPLICATION
     verified = subprocess.run(
         [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, check=False
     )
@@ -117,33 +117,33 @@ def test_the_numbers_in_the_file_are_the_sample_s(tmp_path):
     given = samples(8, seed=1)
     path = write_recording(tmp_path / "run.rrd", SCENE, given, "press")
 
-    times, vectors = column(path, entities.wrench_path("right"), "Arrows3D:vectors")
+    times, vectors = column(path, view_layout.wrench_path("right"), "Arrows3D:vectors")
     assert np.allclose(times, [one.time for one in given], atol=1e-9)
     scale = np.repeat([METRES_PER_NEWTON, METRES_PER_NEWTON_METRE], 3)
     assert np.allclose(np.reshape(vectors, (8, 6)), [one.wrenches[1] * scale for one in given], rtol=1e-6)
 
-    _, strips = column(path, entities.spring_path("left/hand"), "LineStrips3D:strips")
+    _, strips = column(path, view_layout.spring_path("left/hand"), "LineStrips3D:strips")
     assert np.allclose(np.reshape(strips, (8, 2, 3)), [one.springs[0] for one in given], rtol=1e-6)
 
-    _, moved = column(path, entities.body_path("object", "crate"), "Transform3D:translation")
+    _, moved = column(path, view_layout.body_path("object", "crate"), "Transform3D:translation")
     assert np.allclose(np.reshape(moved, (8, 3)), [one.poses[1, :3] for one in given], rtol=1e-6)
 
-    _, sizes = column(path, entities.ellipsoid_path("left/stiffness"), "Ellipsoids3D:half_sizes")
+    _, sizes = column(path, view_layout.ellipsoid_path("left/stiffness"), "Ellipsoids3D:half_sizes")
     drawn = np.reshape(sizes, (8, 3))
     assert (drawn[3] == 0).all()  # what does not exist is not drawn
     assert np.allclose(drawn[4], given[4].half_axes[1] * 1e-4, rtol=1e-6)
 
-    _, ratio = column(path, entities.torque_path("right"), "Scalars:scalars")
+    _, ratio = column(path, view_layout.torque_path("right"), "Scalars:scalars")
     assert np.array_equal(np.ravel(ratio), [one.torque_ratio[2] for one in given])
-    _, angle = column(path, entities.ANGLE_ERROR, "Scalars:scalars")
+    _, angle = column(path, view_layout.ANGLE_ERROR, "Scalars:scalars")
     assert np.allclose(np.ravel(angle), [np.degrees(one.tracking_error[0, 1]) for one in given])
-    _, tank = column(path, entities.TANK, "Scalars:scalars")
+    _, tank = column(path, view_layout.TANK, "Scalars:scalars")
     assert np.array_equal(tank, [[5.0, 0.5, 10.0]] * 8)
 
-    starts, names = column(path, entities.PHASE, "StateChange:state")
+    starts, names = column(path, view_layout.PHASE, "StateChange:state")
     assert np.allclose(starts, [0.0, 0.08])
     assert names == [["lower"], ["slide"]]
-    _, texts = column(path, entities.LOG, "TextLog:text")
+    _, texts = column(path, view_layout.LOG, "TextLog:text")
     assert texts == [["phase lower"], ["phase slide"], ["contact lost"]]
 
 
@@ -170,7 +170,7 @@ def test_the_view_takes_a_films_samples_and_loses_none(tmp_path, period):
     background.stop()
     view.close()
     assert len(wanted) == pytest.approx(4.0 * RATE, abs=3)
-    times, _ = column(tmp_path / "recording.rrd", entities.TANK, "Scalars:scalars")
+    times, _ = column(tmp_path / "recording.rrd", view_layout.TANK, "Scalars:scalars")
     assert np.allclose(np.sort(times), wanted, atol=1e-6)
     assert view.dropped == 0
     assert view.failure is None
@@ -189,7 +189,7 @@ def test_adding_a_sample_never_waits_for_rerun(tmp_path, monkeypatch):
     assert view.dropped > 0  # memory is bounded, and what was thrown away is counted
     background.stop()
     view.close()
-    times, _ = column(tmp_path / "recording.rrd", entities.TANK, "Scalars:scalars")
+    times, _ = column(tmp_path / "recording.rrd", view_layout.TANK, "Scalars:scalars")
     assert len(times) + view.dropped == 3000
 
 
@@ -233,7 +233,7 @@ def test_a_window_that_is_closed_harms_neither_run_nor_file(tmp_path, monkeypatc
     assert server.poll() is not None
     assert time.perf_counter() - start < 5.0
     assert view.failure is None
-    times, _ = column(tmp_path / "recording.rrd", entities.TANK, "Scalars:scalars")
+    times, _ = column(tmp_path / "recording.rrd", view_layout.TANK, "Scalars:scalars")
     assert len(times) == 120
 
 
@@ -265,7 +265,7 @@ def test_a_killed_run_leaves_a_recording_that_opens(tmp_path):
     assert process.stdout.readline() == b"ready\n"
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    times, _ = column(tmp_path / "recording.rrd", entities.TANK, "Scalars:scalars")
+    times, _ = column(tmp_path / "recording.rrd", view_layout.TANK, "Scalars:scalars")
     assert len(times) >= 400
 
 
@@ -296,10 +296,10 @@ def test_a_foreign_log_becomes_curves(tmp_path):
     path = write_episode(tmp_path / "log.parquet", log_columns(), log_metadata())
     made = viewer.recording_from_episode(read_episode(path), tmp_path / "log.rrd")
     found = paths_in(made)
-    assert {entities.column_path("joints", kind) for kind in ("position", "effort")} <= found
-    assert entities.column_path("joints", "velocity") not in found
-    assert entities.column_path("wrench", "tip") in found
-    _, values = column(made, entities.column_path("joints", "effort"), "Scalars:scalars")
+    assert {view_layout.column_path("joints", kind) for kind in ("position", "effort")} <= found
+    assert view_layout.column_path("joints", "velocity") not in found
+    assert view_layout.column_path("wrench", "tip") in found
+    _, values = column(made, view_layout.column_path("joints", "effort"), "Scalars:scalars")
     assert np.array_equal(values, np.tile(np.sin(np.arange(500) * 0.01)[:, None], 3))
 
 
