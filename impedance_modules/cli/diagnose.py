@@ -160,10 +160,10 @@ def _write_recording(found: Diagnosis, path: Path | None) -> None:
     if not found.series:
         click.echo(f"{path}: not written, there is no residual to show", err=True)
         return
-    from impedance_modules.episode.residual_view import Comparison, write_comparisons
+    from impedance_modules.episode.residual_view import ResidualCurves, write_residual_curves
 
     curves = [
-        Comparison(
+        ResidualCurves(
             episode=item.episode,
             port=item.residual,
             joint=item.joint,
@@ -178,7 +178,7 @@ def _write_recording(found: Diagnosis, path: Path | None) -> None:
     ]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_comparisons(path, curves, f"diagnosis of {found.robot}")
+        write_residual_curves(path, curves, f"diagnosis of {found.robot}")
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error} (valid: a writable place)") from error
 

@@ -14,7 +14,7 @@ from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import surface_index
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, Quantity
+from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, PatchQuantity
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.urdf import UrdfJoint, read_urdf
 
@@ -161,7 +161,7 @@ def _number_problems(check: _Check, key: str) -> Iterator[Problem]:
 
 
 def _quantity_problems(
-    check: _Check, key: str, parameter: Parameter, quantity: Quantity
+    check: _Check, key: str, parameter: Parameter, quantity: PatchQuantity
 ) -> Iterator[Problem]:
     symbol = parameter.symbol
     unit = parameter.linear_unit if check.slides(key) and parameter.linear_unit else parameter.unit
@@ -173,7 +173,7 @@ def _quantity_problems(
         yield check.problem("parameters", key, symbol, "value", message=message, valid=(parameter.bounds,))
 
 
-def numbers(quantities: Mapping[str, Quantity]) -> dict[str, float]:
+def numbers(quantities: Mapping[str, PatchQuantity]) -> dict[str, float]:
     """Strips units: symbol -> value."""
     return {symbol: quantity.value for symbol, quantity in quantities.items()}
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.episode.background import Background
-from impedance_modules.episode.rerun_writer import Recording, open_stream
+from impedance_modules.episode.rerun_writer import RerunRecording, open_stream
 from impedance_modules.episode.run_folder import RECORDING
 from impedance_modules.episode.view_scene import Scene, ViewSample, check_sample
 from impedance_modules.episode.viewer import open_live_stream
@@ -82,8 +82,8 @@ class RecordingView:
         self._longest_batch = BATCH_TIME if live else LONGEST_BATCH
         self._queue: deque[ViewSample] = deque()
         # Two streams: the file must not depend on a window that somebody may close.
-        self._live = Recording(open_live_stream(name), scene, background.rest) if live else None
-        self._file = Recording(open_stream(Path(directory) / RECORDING, name), scene, background.rest)
+        self._live = RerunRecording(open_live_stream(name), scene, background.rest) if live else None
+        self._file = RerunRecording(open_stream(Path(directory) / RECORDING, name), scene, background.rest)
         background.register(self._drain)
 
     def due(self, time: float) -> bool:
@@ -151,7 +151,7 @@ def write_recording(path: Path, scene: Scene, samples: Iterable[ViewSample], nam
     Raises:
         BadInput: A sample that does not fit the scene.
     """
-    file = Recording(open_stream(path, name), scene)
+    file = RerunRecording(open_stream(path, name), scene)
     file.write(list(samples))
     file.close(timeout=FILE_TIMEOUT)
     return path

@@ -20,7 +20,7 @@ from impedance_modules.episode.view_scene import (
     SPRING,
     TORQUE,
     Array,
-    Body,
+    SceneBody,
     BodyShape,
     Scene,
     ViewSample,
@@ -32,7 +32,7 @@ METRES_PER_NEWTON = 0.015
 METRES_PER_NEWTON_METRE = 0.1
 
 
-class Recording:
+class RerunRecording:
     """A recording that grows: the arms in 3D with their springs, wrenches and ellipsoids, and curves."""
 
     def __init__(
@@ -233,7 +233,7 @@ def _thin(like: Array) -> Array:
     return np.full(len(like), 0.006)
 
 
-def solid(shape: BodyShape, body: Body) -> Any:
+def solid(shape: BodyShape, body: SceneBody) -> Any:
     """Returns a shape as rerun draws it, in its body's frame and colour."""
     # What the hands touch is see-through, so that springs and ellipsoids inside it stay visible.
     fill = "solid" if body.role == "robot" else "transparentfillmajorwireframe"

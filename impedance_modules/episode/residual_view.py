@@ -26,7 +26,7 @@ CLOSING_TIMEOUT = 60.0
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ResidualCurves:
     """One joint at one port in one recording.
 
     Attributes:
@@ -62,7 +62,7 @@ class Comparison:
         return view_layout.entity("regimes", self.episode, self.joint)
 
 
-def write_comparisons(path: Path, comparisons: Sequence[Comparison], name: str) -> Path:
+def write_residual_curves(path: Path, comparisons: Sequence[ResidualCurves], name: str) -> Path:
     """Writes all comparisons as one recording; each one's time is its own recording's.
 
     Args:
@@ -86,7 +86,7 @@ def write_comparisons(path: Path, comparisons: Sequence[Comparison], name: str) 
     return path
 
 
-def _write_curves(stream: rr.RecordingStream, item: Comparison) -> None:
+def _write_curves(stream: rr.RecordingStream, item: ResidualCurves) -> None:
     signals, residuals = item.paths
     names = ["measured", "predicted before", "predicted after"]
     stream.log(signals, rr.SeriesLines(names=names, colors=[MEASURED, BEFORE, AFTER]), static=True)
@@ -97,7 +97,7 @@ def _write_curves(stream: rr.RecordingStream, item: Comparison) -> None:
     send_curves(stream, residuals, index, np.column_stack([item.before, item.after]))
 
 
-def _write_regimes(stream: rr.RecordingStream, item: Comparison) -> None:
+def _write_regimes(stream: rr.RecordingStream, item: ResidualCurves) -> None:
     """Writes each change of what the joint does."""
     last = None
     for time, regime in zip(item.time, item.regimes, strict=True):
@@ -107,7 +107,7 @@ def _write_regimes(stream: rr.RecordingStream, item: Comparison) -> None:
             last = regime
 
 
-def _layout(comparisons: Sequence[Comparison]) -> rrb.Blueprint:
+def _layout(comparisons: Sequence[ResidualCurves]) -> rrb.Blueprint:
     """One tab per recording and port: signals beside residuals, joint by joint, regimes below."""
     tabs = [
         _tab(name, [item for item in comparisons if (item.episode, item.port) == name])
@@ -122,7 +122,7 @@ def _layout(comparisons: Sequence[Comparison]) -> rrb.Blueprint:
     )
 
 
-def _tab(name: tuple[str, str], items: Sequence[Comparison]) -> Any:
+def _tab(name: tuple[str, str], items: Sequence[ResidualCurves]) -> Any:
     views = list(_pairs(items))
     regimes = rrb.StateTimelineView(
         origin="/", contents=[item.regime_path for item in items], name="what each joint does"
@@ -131,7 +131,7 @@ def _tab(name: tuple[str, str], items: Sequence[Comparison]) -> Any:
     return rrb.Vertical(grid, regimes, row_shares=[max(3, len(items)), 1], name=f"{name[1]} in {name[0]}")
 
 
-def _pairs(items: Sequence[Comparison]) -> Iterator[Any]:
+def _pairs(items: Sequence[ResidualCurves]) -> Iterator[Any]:
     for item in items:
         titles = (
             f"{item.joint}: measured and predicted [{item.unit}]",

@@ -40,7 +40,7 @@ class BodyShape:
 
 
 @dataclass(frozen=True)
-class Body:
+class SceneBody:
     """Something with a pose: a link, a held object, or (without a pose of its own) a surface of the world.
 
     Attributes:
@@ -84,8 +84,8 @@ class Scene:
         tank_max: [J].
     """
 
-    bodies: tuple[Body, ...]
-    surfaces: tuple[Body, ...]
+    bodies: tuple[SceneBody, ...]
+    surfaces: tuple[SceneBody, ...]
     springs: tuple[str, ...]
     wrenches: tuple[str, ...]
     ellipsoids: tuple[EllipsoidStyle, ...]

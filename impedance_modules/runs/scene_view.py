@@ -12,7 +12,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.live_view import RecordingView
-from impedance_modules.episode.view_scene import Body, BodyShape, EllipsoidStyle, Pose7, Scene, ViewSample
+from impedance_modules.episode.view_scene import SceneBody, BodyShape, EllipsoidStyle, Pose7, Scene, ViewSample
 from impedance_modules.modules.mobility import mobility
 from impedance_modules.plant.contact.sheet import Sheet
 from impedance_modules.robot.pose import Pose
@@ -159,12 +159,12 @@ def _scene(
     assembly: Assembly, shapes: tuple[LinkShape, ...], links: tuple[str, ...], kinds: tuple[str, ...]
 ) -> Scene:
     bodies = [
-        Body(link, tuple(_body_shape(i, s) for i, s in enumerate(shapes) if s.link == link), "robot")
+        SceneBody(link, tuple(_body_shape(i, s) for i, s in enumerate(shapes) if s.link == link), "robot")
         for link in links
     ]
     held = assembly.task.object
     if held is not None:
-        bodies.append(Body("object", (_object_shape(held),), "object"))
+        bodies.append(SceneBody("object", (_object_shape(held),), "object"))
     arms = assembly.modules.arms
     ellipsoids = [
         EllipsoidStyle(f"{arm.limb.name}/{name}", scale)
@@ -198,10 +198,10 @@ def _object_shape(held: ObjectSpec) -> BodyShape:
     return BodyShape("object", "sphere", (0.5 * held.size[0],))
 
 
-def _surface(index: int, surface: SurfaceSpec) -> Body:
+def _surface(index: int, surface: SurfaceSpec) -> SceneBody:
     rotation = exp3(np.array(surface.rotation))
     if surface.sheet is not None:
-        return Body(f"{surface.surface} {index}", _strips(surface, Sheet(surface.sheet), rotation), "surface")
+        return SceneBody(f"{surface.surface} {index}", _strips(surface, Sheet(surface.sheet), rotation), "surface")
     if surface.position is not None and surface.size is not None:
         centre, size = np.array(surface.position), surface.size
     else:
@@ -209,7 +209,7 @@ def _surface(index: int, surface: SurfaceSpec) -> Body:
         top = np.array([0.0, 0.0, surface.height or 0.0])
         centre, size = top - rotation[:, 2] * 0.5 * thickness, (GROUND, GROUND, thickness)
     shape = BodyShape(surface.surface, "box", size, _seven(Pose(rotation, centre)))
-    return Body(f"{surface.surface} {index}", (shape,), "surface")
+    return SceneBody(f"{surface.surface} {index}", (shape,), "surface")
 
 
 def _strips(surface: SurfaceSpec, sheet: Sheet, rotation: Array) -> tuple[BodyShape, ...]:

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.robot_spec import JointSpec, LimbSpec
-from impedance_modules.spec.task_draft import WORLD, Draft, DraftArm, mirrored_frames
+from impedance_modules.spec.task_draft import WORLD, TaskDraft, DraftArm, mirrored_frames
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import KeyPath
 
 
-def arm_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+def arm_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
     """Checks every arm against the robot."""
     for name in draft.keys("arms"):
         yield from _limb_problems(draft, name)
@@ -29,14 +29,14 @@ def arm_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem
             yield from _frame_problems(draft, arm)
 
 
-def _limb_problems(draft: Draft, name: str) -> Iterator[Problem]:
+def _limb_problems(draft: TaskDraft, name: str) -> Iterator[Problem]:
     if draft.robot is not None and name not in draft.robot.limbs and ("arms", name) not in draft.broken:
         limbs = tuple(draft.robot.limbs)
         message = f"the robot '{draft.robot.name}' has no limb '{name}'{nearest(name, limbs)}"
         yield draft.problem(("arms", name), message, limbs, at="key")
 
 
-def _mirror_problems(draft: Draft, name: str) -> Iterator[Problem]:
+def _mirror_problems(draft: TaskDraft, name: str) -> Iterator[Problem]:
     """An image needs a robot that says how, and an original that is written out."""
     at = ("arms", name, "mirror")
     if not draft.clean(*at):
@@ -61,7 +61,7 @@ def _mirror_problems(draft: Draft, name: str) -> Iterator[Problem]:
         yield from _image_problems(draft, name, original)
 
 
-def _image_problems(draft: Draft, name: str, original: str) -> Iterator[Problem]:
+def _image_problems(draft: TaskDraft, name: str, original: str) -> Iterator[Problem]:
     """Every frame that the original's springs name must have an image."""
     source, image = draft.limb(original), draft.limb(name)
     if draft.urdf is None or source is None or image is None:
@@ -78,7 +78,7 @@ def _image_problems(draft: Draft, name: str, original: str) -> Iterator[Problem]
                 yield draft.problem(("arms", name, "mirror"), message, sorted(frames))
 
 
-def _posture_problems(draft: Draft, arm: DraftArm) -> Iterator[Problem]:
+def _posture_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Problem]:
     limb = draft.limb(arm.name)
     if limb is None:
         return
@@ -91,14 +91,14 @@ def _posture_problems(draft: Draft, arm: DraftArm) -> Iterator[Problem]:
     yield from limit_problems(draft, arm.posture, limb, arm.path("posture"))
 
 
-def _joint_bias_problems(draft: Draft, arm: DraftArm) -> Iterator[Problem]:
+def _joint_bias_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Problem]:
     limb = draft.limb(arm.name)
     if limb is not None:
         for key in ("stiffness", "damping"):
             yield from joint_name_problems(draft, arm.path("joint_bias", key), limb)
 
 
-def joint_name_problems(draft: Draft, path: KeyPath, limb: LimbSpec) -> Iterator[Problem]:
+def joint_name_problems(draft: TaskDraft, path: KeyPath, limb: LimbSpec) -> Iterator[Problem]:
     """Checks that the keys of a mapping are short joint names of a limb."""
     known = tuple(limb.joints)
     for joint in draft.keys(*path):
@@ -108,7 +108,7 @@ def joint_name_problems(draft: Draft, path: KeyPath, limb: LimbSpec) -> Iterator
 
 
 def limit_problems(
-    draft: Draft, angles: Mapping[str, float], limb: LimbSpec, parent: KeyPath
+    draft: TaskDraft, angles: Mapping[str, float], limb: LimbSpec, parent: KeyPath
 ) -> Iterator[Problem]:
     """Checks joint angles [rad] by short joint name against the robot's limits."""
     for short, angle in angles.items():
@@ -129,7 +129,7 @@ def _degrees_hint(angle: float, joint: JointSpec) -> str:
     return ""
 
 
-def _frame_problems(draft: Draft, arm: DraftArm) -> Iterator[Problem]:
+def _frame_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Problem]:
     limb = draft.limb(arm.name)
     if draft.urdf is None or limb is None:
         return

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_object, build_push, build_surface, build_tank, build_wood
 from impedance_modules.spec.task import ObjectSpec
-from impedance_modules.spec.task_draft import Draft, DraftArm
+from impedance_modules.spec.task_draft import TaskDraft, DraftArm
 
 LARGEST_WOOD = 1.0
 """Area of wood that the plant keeps account of [m^2]."""
@@ -18,7 +18,7 @@ CLOSEST_SUPPORTS = 1e-3
 """Between two supports of a sheet [m]; the plane between closer ones would only be noise."""
 
 
-def object_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+def object_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
     """Checks who holds the object and where it starts."""
     names = draft.keys("arms")
     for i in draft.count("object", "held_by"):
@@ -36,7 +36,7 @@ def object_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Prob
         yield from _start_problems(draft, held)
 
 
-def _without_hand_spring(draft: Draft, arm: DraftArm) -> str:
+def _without_hand_spring(draft: TaskDraft, arm: DraftArm) -> str:
     """An arm moves and squeezes an object through a spring on its hand."""
     limb = draft.limb(arm.name)
     read_all = len(arm.springs) == len(draft.count("arms", arm.mirror_of or arm.name, "springs"))
@@ -45,7 +45,7 @@ def _without_hand_spring(draft: Draft, arm: DraftArm) -> str:
     return f"the arm '{arm.name}' holds the object but has no spring on its hand '{limb.hand}'"
 
 
-def _start_problems(draft: Draft, held: ObjectSpec) -> Iterator[Problem]:
+def _start_problems(draft: TaskDraft, held: ObjectSpec) -> Iterator[Problem]:
     """The object's origin must not begin below a level plane."""
     for i in draft.count("environment"):
         if held.position is None or not draft.clean("environment", i):
@@ -59,7 +59,7 @@ def _start_problems(draft: Draft, held: ObjectSpec) -> Iterator[Problem]:
             yield draft.problem(("object", "position", 2), message)
 
 
-def tank_problems(draft: Draft) -> Iterator[Problem]:
+def tank_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Checks floor < initial <= max."""
     at = ("safety", "tank")
     if not draft.clean(*at):
@@ -74,7 +74,7 @@ def tank_problems(draft: Draft) -> Iterator[Problem]:
         yield draft.problem((*at, "floor"), message)
 
 
-def surface_problems(draft: Draft) -> Iterator[Problem]:
+def surface_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Checks that the supports of every sheet lie one after the other, far enough for a gentle sheet between."""
     for place in (("environment",), ("playback", "taught_on")):
         for i in draft.count(*place):
@@ -82,7 +82,7 @@ def surface_problems(draft: Draft) -> Iterator[Problem]:
                 yield from _support_problems(draft, (*place, i, "supports"))
 
 
-def _support_problems(draft: Draft, at: tuple[str | int, ...]) -> Iterator[Problem]:
+def _support_problems(draft: TaskDraft, at: tuple[str | int, ...]) -> Iterator[Problem]:
     supports = [(float(raw["at"]), float(raw["height"])) for raw in draft.value(*at)]
     for k, ((before, low), (place, high)) in enumerate(itertools.pairwise(supports), start=1):
         if place - before < CLOSEST_SUPPORTS:
@@ -99,7 +99,7 @@ def _support_problems(draft: Draft, at: tuple[str | int, ...]) -> Iterator[Probl
             yield draft.problem((*at, k, "height"), message)
 
 
-def push_problems(draft: Draft) -> Iterator[Problem]:
+def push_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Checks that what is pushed is there, and that the run does not end before the push begins."""
     targets = (*draft.keys("arms"), *(("object",) if draft.has("object") else ()))
     lasts = _longest(draft)
@@ -117,14 +117,14 @@ def push_problems(draft: Draft) -> Iterator[Problem]:
             yield draft.problem(("pushes", i, "start"), message)
 
 
-def _longest(draft: Draft) -> float | None:
+def _longest(draft: TaskDraft) -> float | None:
     """Adds up the durations of all phases [s]; None where one of them is not sound."""
     if not draft.clean("phases"):
         return None
     return sum(float(draft.value("phases", i, "duration")) for i in draft.count("phases"))
 
 
-def playback_problems(draft: Draft) -> Iterator[Problem]:
+def playback_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Checks that the robot plays anything back, and that nothing is asked that a playback does not do."""
     if not draft.has("playback"):
         return
@@ -137,7 +137,7 @@ def playback_problems(draft: Draft) -> Iterator[Problem]:
             yield draft.problem((key,), message)
 
 
-def wood_problems(draft: Draft) -> Iterator[Problem]:
+def wood_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Checks that every piece of wood is small enough to keep account of, and its forces are in order."""
     for i in draft.count("environment"):
         at = ("environment", i, "wood")

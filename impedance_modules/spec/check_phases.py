@@ -17,13 +17,13 @@ from impedance_modules.spec.check_springs import (
     springs_complete,
 )
 from impedance_modules.spec.task import SpringSpec
-from impedance_modules.spec.task_draft import Draft, DraftArm, spring_names
+from impedance_modules.spec.task_draft import TaskDraft, DraftArm, spring_names
 from impedance_modules.spec.yaml_tree import KeyPath
 
 OBJECT = "object"
 
 
-def phase_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
     """Checks every phase, and the springs as the phases change them."""
     springs = tuple(f"{arm}.{name}" for arm in draft.keys("arms") for name in spring_names(draft, arm))
     yield from _name_problems(draft)
@@ -46,7 +46,7 @@ def phase_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Probl
         yield from _changed_spring_problems(draft, arm)
 
 
-def _name_problems(draft: Draft) -> Iterator[Problem]:
+def _name_problems(draft: TaskDraft) -> Iterator[Problem]:
     seen: dict[str, int] = {}
     for i in draft.count("phases"):
         name = draft.value("phases", i, "name")
@@ -57,7 +57,7 @@ def _name_problems(draft: Draft) -> Iterator[Problem]:
             seen[name] = i
 
 
-def _equilibrium_problems(draft: Draft, at: KeyPath, springs: tuple[str, ...]) -> Iterator[Problem]:
+def _equilibrium_problems(draft: TaskDraft, at: KeyPath, springs: tuple[str, ...]) -> Iterator[Problem]:
     targets = (*springs, OBJECT) if draft.has(OBJECT) else springs
     for target in draft.keys(*at):
         if target == OBJECT and not draft.has(OBJECT):
@@ -70,7 +70,7 @@ def _equilibrium_problems(draft: Draft, at: KeyPath, springs: tuple[str, ...]) -
             yield from _sine_problems(draft, (*at, target, axis, "sine", "frequency"))
 
 
-def _twice_moved_problems(draft: Draft, at: KeyPath, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+def _twice_moved_problems(draft: TaskDraft, at: KeyPath, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
     """An object target moves the hand springs of its arms; they cannot have another target as well."""
     holders = [draft.value(OBJECT, "held_by", i) for i in draft.count(OBJECT, "held_by")]
     if OBJECT not in draft.keys(*at):
@@ -83,7 +83,7 @@ def _twice_moved_problems(draft: Draft, at: KeyPath, arms: Mapping[str, DraftArm
                 yield draft.problem((*at, target), message, at="key")
 
 
-def _sine_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
+def _sine_problems(draft: TaskDraft, at: KeyPath) -> Iterator[Problem]:
     """A sampled motion cannot follow half its rate (Nyquist) or more."""
     if draft.robot is None or not draft.clean(*at):
         return
@@ -93,7 +93,7 @@ def _sine_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
         yield draft.problem(at, message)
 
 
-def _posture_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
+def _posture_problems(draft: TaskDraft, at: KeyPath) -> Iterator[Problem]:
     names = draft.keys("arms")
     for arm in draft.keys(*at):
         if arm not in names:
@@ -111,7 +111,7 @@ def _posture_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
             yield from limit_problems(draft, build_numbers(sound), limb, (*at, arm))
 
 
-def _until_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
+def _until_problems(draft: TaskDraft, at: KeyPath) -> Iterator[Problem]:
     target = draft.value(*at, "until", "contact", "target")
     names = draft.keys("arms")
     valid = (*names, OBJECT) if draft.has(OBJECT) else names
@@ -128,7 +128,7 @@ def _until_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
         yield draft.problem((*at, "until", "reached"), message, at="key")
 
 
-def _smooth_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
+def _smooth_problems(draft: TaskDraft, at: KeyPath) -> Iterator[Problem]:
     """Checks whose hand rubs, and that it does so along the surface."""
     names = draft.keys("arms")
     target = draft.value(*at, "target")
@@ -145,12 +145,12 @@ def _smooth_problems(draft: Draft, at: KeyPath) -> Iterator[Problem]:
             yield draft.problem((*at, "friction_below"), message, ("by: spectrum",), at="key")
 
 
-def _moves_somewhere(draft: Draft, at: KeyPath) -> bool:
+def _moves_somewhere(draft: TaskDraft, at: KeyPath) -> bool:
     given = [draft.value(*at, target, axis) for target in draft.keys(*at) for axis in draft.keys(*at, target)]
     return any(not isinstance(coordinate, dict) for coordinate in given)
 
 
-def _changed_spring_problems(draft: Draft, arm: DraftArm) -> Iterator[Problem]:
+def _changed_spring_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Problem]:
     """Follows an arm's springs through the phases and reports each axis once, where it comes to run free."""
     limb = draft.limb(arm.name)
     if limb is None or not springs_complete(draft, arm, limb):
@@ -167,7 +167,7 @@ def _changed_spring_problems(draft: Draft, arm: DraftArm) -> Iterator[Problem]:
         known.update(found)
 
 
-def _changed_spring(draft: Draft, phase: int, arm: str, spring: SpringSpec) -> SpringSpec:
+def _changed_spring(draft: TaskDraft, phase: int, arm: str, spring: SpringSpec) -> SpringSpec:
     target = f"{arm}.{spring.name}"
     if draft.clean("phases", phase, "stiffness", target):
         spring = replace(spring, stiffness=build_matrix(draft.value("phases", phase, "stiffness", target)))
@@ -177,7 +177,7 @@ def _changed_spring(draft: Draft, phase: int, arm: str, spring: SpringSpec) -> S
     return spring
 
 
-def _cause(draft: Draft, phase: int, target: str, free: FreeAxis) -> KeyPath:
+def _cause(draft: TaskDraft, phase: int, target: str, free: FreeAxis) -> KeyPath:
     """The override that made an axis run free."""
     changed = ("phases", phase, "axes", target, free.axis)
     if draft.has(*changed):

@@ -21,14 +21,14 @@ import numpy as np
 from impedance_modules.errors import Problem
 from impedance_modules.spec.robot_spec import LimbSpec
 from impedance_modules.spec.task import AXES, HybridAxis, Matrix, SpringSpec
-from impedance_modules.spec.task_draft import Draft, DraftArm
+from impedance_modules.spec.task_draft import TaskDraft, DraftArm
 from impedance_modules.spec.yaml_tree import KeyPath
 
 RELATIVE_TOLERANCE = 1e-9
 """Of the largest entry: what rounding may do to symmetry and eigenvalues."""
 
 
-def spring_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+def spring_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
     """Checks the springs as they are at the start."""
     for name in draft.keys("arms"):
         yield from _name_problems(draft, name)
@@ -46,7 +46,7 @@ def spring_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Prob
                 yield draft.problem(arm.path("springs", free.spring, *inside), free.message)
 
 
-def springs_complete(draft: Draft, arm: DraftArm, limb: LimbSpec) -> bool:
+def springs_complete(draft: TaskDraft, arm: DraftArm, limb: LimbSpec) -> bool:
     """Whether all springs and the joint bias of an arm could be read, so that nothing is missed in a sum."""
     given = draft.count("arms", arm.mirror_of or arm.name, "springs")
     bias = ("arms", arm.mirror_of or arm.name, "joint_bias")
@@ -55,7 +55,7 @@ def springs_complete(draft: Draft, arm: DraftArm, limb: LimbSpec) -> bool:
     return len(arm.springs) == len(given) and bias_is_sound
 
 
-def _name_problems(draft: Draft, arm: str) -> Iterator[Problem]:
+def _name_problems(draft: TaskDraft, arm: str) -> Iterator[Problem]:
     at = ("arms", arm, "springs")
     seen: Counter[str] = Counter()
     for i in draft.count(*at):
@@ -66,7 +66,7 @@ def _name_problems(draft: Draft, arm: str) -> Iterator[Problem]:
                 yield draft.problem((*at, i, "name"), f"this arm already has a spring '{name}'")
 
 
-def matrix_problems(draft: Draft, path: KeyPath, matrix: Matrix) -> Iterator[Problem]:
+def matrix_problems(draft: TaskDraft, path: KeyPath, matrix: Matrix) -> Iterator[Problem]:
     """Checks that a matrix (6, 6) is symmetric and has no negative eigenvalue."""
     scale = float(np.abs(matrix).max())
     uneven = np.argwhere(np.abs(matrix - matrix.T) > RELATIVE_TOLERANCE * scale)

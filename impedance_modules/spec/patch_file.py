@@ -14,7 +14,7 @@ from impedance_modules.spec.schema import schema_problems
 
 
 @dataclass(frozen=True)
-class Quantity:
+class PatchQuantity:
     """A number with its unit and, when it was identified, its standard deviation."""
 
     value: float
@@ -38,7 +38,7 @@ class EffectSpec:
     effect: str
     joints: tuple[str, ...]
     port: str
-    parameters: Mapping[str, Mapping[str, Quantity]]
+    parameters: Mapping[str, Mapping[str, PatchQuantity]]
     range: Mapping[str, Mapping[str, tuple[float, float]]]
 
 
@@ -86,7 +86,7 @@ def read_patch(path: Path) -> PatchSpec:
 def _effect(entry: Mapping[str, Any]) -> EffectSpec:
     parameters = {
         key: {
-            symbol: Quantity(float(quantity["value"]), quantity["unit"], quantity.get("std"))
+            symbol: PatchQuantity(float(quantity["value"]), quantity["unit"], quantity.get("std"))
             for symbol, quantity in symbols.items()
         }
         for key, symbols in entry["parameters"].items()

@@ -24,7 +24,7 @@ from impedance_modules.spec.yaml_tree import KeyPath
 
 
 @dataclass(frozen=True)
-class Draft:
+class TaskDraft:
     """A task file, its faults so far, and its robot.
 
     Attributes:
@@ -167,7 +167,7 @@ class DraftArm:
         return ArmSpec(self.name, self.posture, self.joint_bias, tuple(self.springs.values()))
 
 
-def draft_arms(draft: Draft) -> Mapping[str, DraftArm]:
+def draft_arms(draft: TaskDraft) -> Mapping[str, DraftArm]:
     """Returns the arms by name, in the order of the file; images whose original is unusable are left out."""
     names = draft.keys("arms")
     written = {name: _written_arm(draft, name) for name in names if not draft.has("arms", name, "mirror")}
@@ -181,7 +181,7 @@ def draft_arms(draft: Draft) -> Mapping[str, DraftArm]:
     return arms
 
 
-def _written_arm(draft: Draft, name: str) -> DraftArm:
+def _written_arm(draft: TaskDraft, name: str) -> DraftArm:
     at = ("arms", name)
     angles = {
         j: draft.value(*at, "posture", j)
@@ -203,7 +203,7 @@ def _written_arm(draft: Draft, name: str) -> DraftArm:
     )
 
 
-def _mirrored_arm(draft: Draft, name: str, original: DraftArm) -> DraftArm | None:
+def _mirrored_arm(draft: TaskDraft, name: str, original: DraftArm) -> DraftArm | None:
     source, image = draft.limb(original.name), draft.limb(name)
     if draft.robot is None or draft.urdf is None or draft.robot.mirror is None or not source or not image:
         return None
@@ -222,7 +222,7 @@ def _mirrored_arm(draft: Draft, name: str, original: DraftArm) -> DraftArm | Non
     )
 
 
-def spring_names(draft: Draft, arm: str) -> tuple[str, ...]:
+def spring_names(draft: TaskDraft, arm: str) -> tuple[str, ...]:
     """Names of an arm's springs as the file gives them, sound or not; an image has its original's."""
     original = draft.value("arms", arm, "mirror")
     at = ("arms", arm if original is None else str(original), "springs")

@@ -32,7 +32,7 @@ from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.schema import schema_faults
 from impedance_modules.spec.task import TaskSpec
-from impedance_modules.spec.task_draft import Draft, DraftArm, draft_arms
+from impedance_modules.spec.task_draft import TaskDraft, DraftArm, draft_arms
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 
 RobotReader = Callable[[Path], RobotSpec]
@@ -64,7 +64,7 @@ def check_task(document: Document, robot_reader: RobotReader = read_robot) -> tu
         robot, urdf = _read_robot(document, robot_reader)
     except BadFile as error:
         problems += error.problems
-    draft = Draft(document, broken, robot, urdf)
+    draft = TaskDraft(document, broken, robot, urdf)
     arms = draft_arms(draft)
     problems += _meaning_problems(draft, arms)
     if problems or robot is None:
@@ -86,7 +86,7 @@ def _read_robot(document: Document, robot_reader: RobotReader) -> tuple[RobotSpe
         raise BadFile([document.problem(("robot",), str(error))]) from None
 
 
-def _meaning_problems(draft: Draft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+def _meaning_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
     yield from arm_problems(draft, arms)
     yield from spring_problems(draft, arms)
     yield from object_problems(draft, arms)

@@ -23,7 +23,7 @@ from impedance_modules.diagnosis.report.diagnosis_files import spectrum_object
 from impedance_modules.diagnosis.report.html_elements import number, percent, table
 from impedance_modules.diagnosis.report.report_plots import thinned
 from impedance_modules.diagnosis.result import Series
-from impedance_modules.episode.residual_view import Comparison
+from impedance_modules.episode.residual_view import ResidualCurves
 from impedance_modules.episode.run_folder import episode_paths, the_episode
 from impedance_modules.errors import BadInput
 from tests.diagnosis import test_diagnosis as pendulum
@@ -173,7 +173,7 @@ def test_octaves_add_up_to_the_whole() -> None:
 
 
 def test_what_is_predicted_and_its_residual_make_what_was_measured() -> None:
-    item = Comparison(
+    item = ResidualCurves(
         "run 1", "link", "j/1", "N.m", np.zeros(1), np.ones(1), np.ones(1), np.ones(1), ("hold",)
     )
     signals, residuals = item.paths

@@ -28,7 +28,7 @@ from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.seeded import Seed, SeededPlant
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch_file import EffectSpec, Quantity
+from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity
 from impedance_modules.spec.schema import load_schema
 from tests.support.plant_recordings import MOVING, START, patch_text, record, robot_folder, two_joints
 
@@ -204,7 +204,7 @@ def test_a_sliding_joint_wears_friction_in_its_own_units(tmp_path: Path) -> None
 
     def friction(unit: str) -> EffectSpec:
         return EffectSpec(
-            "viscous_friction", ("rail",), "link", {"rail": {"fv": Quantity(4.0, unit, None)}}, {}
+            "viscous_friction", ("rail",), "link", {"rail": {"fv": PatchQuantity(4.0, unit, None)}}, {}
         )
 
     dressed = dress(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)

@@ -28,20 +28,20 @@ from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.rerun_writer import METRES_PER_NEWTON, METRES_PER_NEWTON_METRE, new_stream
 from impedance_modules.episode.run_picture import write_picture
-from impedance_modules.episode.view_scene import Body, BodyShape, EllipsoidStyle, Scene, ViewSample
+from impedance_modules.episode.view_scene import SceneBody, BodyShape, EllipsoidStyle, Scene, ViewSample
 from impedance_modules.errors import BadInput
 from tests.support.paths import CHECKOUT, TESTS
 
 SCENE = Scene(
     bodies=(
-        Body(
+        SceneBody(
             "upper arm",
             (BodyShape("shell", "capsule", (0.05, 0.2)), BodyShape("cap", "sphere", (0.06,))),
             "robot",
         ),
-        Body("crate", (BodyShape("crate", "box", (0.3, 0.2, 0.2)),), "object"),
+        SceneBody("crate", (BodyShape("crate", "box", (0.3, 0.2, 0.2)),), "object"),
     ),
-    surfaces=(Body("table", (BodyShape("top", "cylinder", (0.5, 0.04)),), "surface"),),
+    surfaces=(SceneBody("table", (BodyShape("top", "cylinder", (0.5, 0.04)),), "surface"),),
     springs=("left/hand",),
     wrenches=("left", "right"),
     ellipsoids=(EllipsoidStyle("left/inertia", 0.1), EllipsoidStyle("left/stiffness", 1e-4)),

@@ -33,7 +33,7 @@ from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.seeded import SeededPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import parse_document
-from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, Quantity
+from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, PatchQuantity
 from impedance_modules.spec.robot_spec import (
     BodyChange,
     CollisionSpec,
@@ -87,7 +87,7 @@ class Dressed:
 def spec_of_cause(cause: Cause) -> EffectSpec:
     """Writes a cause as an entry of a patch."""
     parameters = {
-        key: {symbol: Quantity(e.value, e.unit, None) for symbol, e in symbols.items()}
+        key: {symbol: PatchQuantity(e.value, e.unit, None) for symbol, e in symbols.items()}
         for key, symbols in cause.parameters.items()
     }
     return EffectSpec(cause.effect, cause.joints, cause.port, parameters, {})

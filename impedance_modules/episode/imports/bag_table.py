@@ -29,7 +29,7 @@ class BagTable:
     """One recording; its columns are called ``TOPIC.FIELD.JOINT``, and ``time`` [s] from the first row.
 
     Attributes:
-        path, names, scalars, row_word, notes: See `Table`.
+        path, names, scalars, row_word, notes: See `LogTable`.
         start: When the first row was measured [ns since the epoch of the robot's clock]; known once read.
     """
 
@@ -64,7 +64,7 @@ class BagTable:
         ]
 
     def chunks(self, wanted: Sequence[str]) -> Iterator[Chunk]:
-        """Yields the wanted columns; see `Table`."""
+        """Yields the wanted columns; see `LogTable`."""
         with tempfile.TemporaryDirectory(dir=self._scratch) as folder:
             columns = {name: self._columns[name] for name in wanted if name != TIME}
             streams = StreamSet(self.path, columns, self._clock, Path(folder))

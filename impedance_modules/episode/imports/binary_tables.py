@@ -42,7 +42,7 @@ class ArrayTable:
     side; a field of a struct is ``s.q``.
 
     Attributes:
-        path, names, scalars, row_word, notes: See `Table`.
+        path, names, scalars, row_word, notes: See `LogTable`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -67,7 +67,7 @@ class ArrayTable:
             raise BadInput(f"{path}: no variable of it is a series of numbers (valid: vectors and matrices)")
 
     def chunks(self, wanted: Sequence[str]) -> Iterator[Chunk]:
-        """Yields the wanted columns; see `Table`."""
+        """Yields the wanted columns; see `LogTable`."""
         lengths = {name: len(self._series[name]) for name in wanted}
         if len(set(lengths.values())) > 1:
             listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
@@ -143,7 +143,7 @@ class ParquetTable:
     """The numeric columns of one Parquet file.
 
     Attributes:
-        path, names, scalars, row_word, notes: See `Table`.
+        path, names, scalars, row_word, notes: See `LogTable`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -169,7 +169,7 @@ class ParquetTable:
         self.metadata: Mapping[bytes, bytes] = schema.metadata or {}
 
     def chunks(self, wanted: Sequence[str]) -> Iterator[Chunk]:
-        """Yields the wanted columns; see `Table`."""
+        """Yields the wanted columns; see `LogTable`."""
         start = 1
         try:
             for batch in self._file.iter_batches(CHUNK_ROWS, columns=list(wanted), use_threads=False):

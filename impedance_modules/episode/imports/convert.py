@@ -15,7 +15,7 @@ from impedance_modules.episode.columns import JOINT_KINDS, TIME, joint_column
 from impedance_modules.episode.imports.import_map import (
     EFFORTS,
     ImportMap,
-    Quantity,
+    MappedQuantity,
     TableMap,
     efforts_at_joints,
     positions_at_joints,
@@ -24,7 +24,7 @@ from impedance_modules.episode.imports.table import (
     CHUNK_ROWS,
     Block,
     Chunk,
-    Table,
+    LogTable,
     Vector,
     even_chunks,
     find_column,
@@ -48,14 +48,14 @@ class Part:
         wanted: All columns to read.
     """
 
-    table: Table
+    table: LogTable
     what: TableMap
     time: str | None
     seconds: float
     wanted: tuple[str, ...]
 
 
-def make_part(table: Table, what: TableMap, document_of: ImportMap) -> Part:
+def make_part(table: LogTable, what: TableMap, document_of: ImportMap) -> Part:
     """Finds a map's columns in its table.
 
     Raises:
@@ -79,7 +79,7 @@ def make_part(table: Table, what: TableMap, document_of: ImportMap) -> Part:
     return Part(table, what, time, seconds, wanted)
 
 
-def _check_gain(table: Table, quantity: Quantity) -> None:
+def _check_gain(table: LogTable, quantity: MappedQuantity) -> None:
     gain = quantity.gain_variable
     if gain is not None and gain not in table.scalars:
         present = ", ".join(table.scalars) or "none"
@@ -159,7 +159,7 @@ def _time(parts: Sequence[Part], chunks: Sequence[Chunk], done: int, rate: float
     return np.arange(done, done + len(chunks[0])) / rate
 
 
-def _joint_values(quantity: Quantity, part: Part, chunk: Chunk, what: ImportMap) -> Mapping[str, Vector]:
+def _joint_values(quantity: MappedQuantity, part: Part, chunk: Chunk, what: ImportMap) -> Mapping[str, Vector]:
     joints = tuple(quantity.columns)
     values: NDArray[np.float64] = np.column_stack(
         [chunk.columns[find_column(part.table, column)] for column in quantity.columns.values()]

@@ -23,7 +23,7 @@ COMMANDS = ("position_command", "effort_command")
 
 
 @dataclass(frozen=True)
-class Quantity:
+class MappedQuantity:
     """One joint quantity in one table.
 
     Attributes:
@@ -86,7 +86,7 @@ class TableMap:
     file: str | None
     text: TextLayout | None
     time: TimeColumn | None
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[MappedQuantity, ...]
     extra: Mapping[str, tuple[Reference, float]]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from impedance_modules.episode.imports.binary_tables import ArrayTable, ParquetTable
 from impedance_modules.episode.imports.import_map import ImportMap, TableMap
-from impedance_modules.episode.imports.table import Table
+from impedance_modules.episode.imports.table import LogTable
 from impedance_modules.episode.imports.text_table import TextTable
 from impedance_modules.episode.run_folder import EPISODE, part_paths
 from impedance_modules.errors import BadFile, BadInput
@@ -65,7 +65,7 @@ def kind_of(path: Path) -> str:
     return _SUFFIXES.get(path.suffix, "text")
 
 
-def open_table(path: Path, table: TableMap, what: ImportMap, scratch: Path) -> Table:
+def open_table(path: Path, table: TableMap, what: ImportMap, scratch: Path) -> LogTable:
     """Opens one table.
 
     Args:
@@ -98,7 +98,7 @@ def open_table(path: Path, table: TableMap, what: ImportMap, scratch: Path) -> T
     return _open(kind, path, table, scratch)
 
 
-def _open(kind: str, path: Path, table: TableMap, scratch: Path) -> Table:
+def _open(kind: str, path: Path, table: TableMap, scratch: Path) -> LogTable:
     if kind == "bag":
         # The readers of bags take half a second to import, which only those who read bags should pay.
         from impedance_modules.episode.imports.bag_table import BagTable  # noqa: PLC0415
@@ -124,24 +124,24 @@ EPISODE_MARK = "{episode}"
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordingFiles:
     """One recording: its name, and a source for each table of the map."""
 
     name: str
     paths: tuple[Path, ...]
 
 
-def plain_recordings(sources: Sequence[Path]) -> tuple[Recording, ...]:
+def plain_recordings(sources: Sequence[Path]) -> tuple[RecordingFiles, ...]:
     """Returns one recording for each source, named after its file, and after its folder where names collide."""
     names = [source_name(path) for path in sources]
     found = []
     for path, name in zip(sources, names, strict=True):
         full = f"{path.resolve().parent.name}-{name}" if names.count(name) > 1 else name
-        found.append(Recording(full, (path,)))
+        found.append(RecordingFiles(full, (path,)))
     return _distinct(found)
 
 
-def mapped_recordings(sources: Sequence[Path], what: ImportMap) -> tuple[Recording, ...]:
+def mapped_recordings(sources: Sequence[Path], what: ImportMap) -> tuple[RecordingFiles, ...]:
     """Returns the recordings that sources make under a map.
 
     Raises:
@@ -157,7 +157,7 @@ def mapped_recordings(sources: Sequence[Path], what: ImportMap) -> tuple[Recordi
             f"{what.document.path}: 'episode: {what.episode}' names one recording, and the sources make {len(found)}"
             " (valid: no 'episode' here, or one recording at a time)"
         )
-    return (Recording(what.episode, found[0].paths),)
+    return (RecordingFiles(what.episode, found[0].paths),)
 
 
 def source_name(path: Path) -> str:
@@ -190,7 +190,7 @@ def _pattern(file: str) -> re.Pattern[str]:
     return re.compile(re.escape(before) + ("(.+)" if mark else "()") + re.escape(after))
 
 
-def _matched(files: Sequence[Path], what: ImportMap) -> tuple[Recording, ...]:
+def _matched(files: Sequence[Path], what: ImportMap) -> tuple[RecordingFiles, ...]:
     groups: dict[str, dict[int, Path]] = {}
     for path in files:
         matches = [
@@ -212,7 +212,7 @@ def _matched(files: Sequence[Path], what: ImportMap) -> tuple[Recording, ...]:
     return tuple(_whole(name, group, what) for name, group in groups.items())
 
 
-def _whole(name: str, group: dict[int, Path], what: ImportMap) -> Recording:
+def _whole(name: str, group: dict[int, Path], what: ImportMap) -> RecordingFiles:
     missing = [str(table.file) for table in what.tables if table.index not in group]
     if missing:
         present = ", ".join(str(path) for path in group.values())
@@ -221,10 +221,10 @@ def _whole(name: str, group: dict[int, Path], what: ImportMap) -> Recording:
             f" {', '.join(file.replace(EPISODE_MARK, name) for file in missing)} (valid: all its files as sources)"
         )
     paths = tuple(group[table.index] for table in what.tables)
-    return Recording(name or source_name(paths[0]), paths)
+    return RecordingFiles(name or source_name(paths[0]), paths)
 
 
-def _distinct(found: Sequence[Recording]) -> tuple[Recording, ...]:
+def _distinct(found: Sequence[RecordingFiles]) -> tuple[RecordingFiles, ...]:
     names = [recording.name for recording in found]
     for recording in found:
         if names.count(recording.name) > 1:

@@ -13,7 +13,7 @@ from impedance_modules.episode.imports.import_map import (
     TIME_UNITS,
     Decimation,
     ImportMap,
-    Quantity,
+    MappedQuantity,
     Reference,
     TableMap,
     TextLayout,
@@ -132,7 +132,7 @@ def _time(time: Mapping[str, Any] | None) -> TimeColumn | None:
     return TimeColumn(time.get("column"), TIME_UNITS[time.get("unit", "s")], time.get("clock"))
 
 
-def _quantity(kind: str, entry: Mapping[str, Any], joints: list[str], prismatic: frozenset[str]) -> Quantity:
+def _quantity(kind: str, entry: Mapping[str, Any], joints: list[str], prismatic: frozenset[str]) -> MappedQuantity:
     columns = expand_columns(entry["columns"], joints)
     motor = entry.get("side") == "motor"
     gain = entry.get("gain", 1.0)
@@ -146,7 +146,7 @@ def _quantity(kind: str, entry: Mapping[str, Any], joints: list[str], prismatic:
             factor *= float(_of(gain, joint))
         scale[joint] = factor * entry.get("sign", {}).get(joint, 1)
     offset = {joint: float(value) for joint, value in entry.get("offset", {}).items()}
-    return Quantity(kind, columns, scale, gain if isinstance(gain, str) else None, motor, offset)
+    return MappedQuantity(kind, columns, scale, gain if isinstance(gain, str) else None, motor, offset)
 
 
 def _of(value: Any, joint: str) -> Any:

@@ -23,7 +23,7 @@ from impedance_modules.episode.imports.convert import Part, blocks, column_order
 from impedance_modules.episode.imports.import_map import ImportMap
 from impedance_modules.episode.imports.log_checks import Clock, Plausibility, SpeedMatch
 from impedance_modules.episode.imports.log_sources import (
-    Recording,
+    RecordingFiles,
     kind_of,
     mapped_recordings,
     open_table,
@@ -63,7 +63,7 @@ class Imported:
     notes: tuple[str, ...]
 
 
-def import_recording(recording: Recording, what: ImportMap, rate: float | None, target: Path) -> Imported:
+def import_recording(recording: RecordingFiles, what: ImportMap, rate: float | None, target: Path) -> Imported:
     """Writes one recording as an episode.
 
     Args:
@@ -129,19 +129,19 @@ class _Tables:
         self.rows = 0
         self._schema = schema
 
-    def of(self, first: Block, rest: Iterator[Block]) -> Iterator[pa.Table]:
+    def of(self, first: Block, rest: Iterator[Block]) -> Iterator[pa.LogTable]:
         yield self._table(first)
         for block in rest:
             yield self._table(block)
 
-    def _table(self, block: Block) -> pa.Table:
+    def _table(self, block: Block) -> pa.LogTable:
         self.rows += len(block.time)
         values = {TIME: block.time, **block.columns}
         arrays = [
             pa.array(np.ascontiguousarray(values[name]), from_pandas=not is_required(name))
             for name in self._schema.names
         ]
-        return pa.Table.from_arrays(arrays, schema=self._schema)
+        return pa.LogTable.from_arrays(arrays, schema=self._schema)
 
 
 def _stated_rate(parts: Sequence[Part], what: ImportMap, rate: float | None) -> float | None:
@@ -180,7 +180,7 @@ def _rate_hint(parts: Sequence[Part], what: ImportMap) -> str:
 
 
 def _metadata(
-    recording: Recording, parts: Sequence[Part], what: ImportMap, stated: float | None
+    recording: RecordingFiles, parts: Sequence[Part], what: ImportMap, stated: float | None
 ) -> dict[str, Any]:
     imported: dict[str, Any] = {
         "sources": [path.name for path in recording.paths],
@@ -271,7 +271,7 @@ def import_sources(
         return tuple(_into_place(imported, out) for imported in done)
 
 
-def _import_one(recording: Recording, what: ImportMap | None, rate: float | None, target: Path) -> Imported:
+def _import_one(recording: RecordingFiles, what: ImportMap | None, rate: float | None, target: Path) -> Imported:
     if what is not None:
         return import_recording(recording, what, rate, target)
     path = recording.paths[0]
@@ -298,7 +298,7 @@ def _refuse_twice(sources: Sequence[Path]) -> None:
             raise BadInput(f"{source}: given twice (valid: each source once)")
 
 
-def _refuse_present(recordings: Sequence[Recording], out: Path) -> None:
+def _refuse_present(recordings: Sequence[RecordingFiles], out: Path) -> None:
     existing = _closest_existing(out)
     if not existing.is_dir():
         raise BadInput(

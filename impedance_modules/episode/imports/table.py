@@ -37,7 +37,7 @@ class Chunk:
         return len(self.places)
 
 
-class Table(Protocol):
+class LogTable(Protocol):
     """A log of one kind or another.
 
     Attributes:
@@ -63,7 +63,7 @@ class Table(Protocol):
         ...  # pragma: no cover - a protocol's body never runs
 
 
-def find_column(table: Table, reference: Reference) -> str:
+def find_column(table: LogTable, reference: Reference) -> str:
     """Returns the name of a column.
 
     Raises:

@@ -32,7 +32,7 @@ class TextTable:
     """One text file.
 
     Attributes:
-        path, names, scalars, row_word, notes: See `Table`; without a header the names are the numbers.
+        path, names, scalars, row_word, notes: See `LogTable`; without a header the names are the numbers.
     """
 
     def __init__(self, path: Path, layout: TextLayout) -> None:
@@ -51,7 +51,7 @@ class TextTable:
             self.names = self._read_names(stream)
 
     def chunks(self, wanted: Sequence[str]) -> Iterator[Chunk]:
-        """Yields the wanted columns; see `Table`."""
+        """Yields the wanted columns; see `LogTable`."""
         indices = [self.names.index(name) for name in wanted]
         with open_text(self.path) as stream:
             lines = self._data_lines(stream)
