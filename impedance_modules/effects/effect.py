@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.effects.effect_description import Description, Port
-from impedance_modules.effects.joint_motion import JointSample, Shape, smoothing
+from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
@@ -66,7 +66,7 @@ class Effect(ABC):
         nearly_linear: Linearised where its shape starts it is good enough to be found by; it moves once it is accepted.
         brief: It may show in a few moments only, by its nature.
         symmetric: On a pair of joints it is the same effect either way round.
-        essence: Sums of coefficients that differ from zero if it is this effect and not a simpler one.
+        contrasts: Sums of coefficients that differ from zero if it is this effect and not a simpler one.
     """
 
     description: Description
@@ -75,7 +75,7 @@ class Effect(ABC):
     nearly_linear: bool = False
     brief: bool = False
     symmetric: bool = False
-    essence: tuple[tuple[float, ...], ...] = ()
+    contrasts: tuple[tuple[float, ...], ...] = ()
 
     @property
     def id(self) -> str:
@@ -152,16 +152,16 @@ class Effect(ABC):
         """Tells the plant what reality does and the model does not know."""
 
 
-WAY = "way"
+PRESLIDING = "way"
 """Shape: displacement over which dry friction turns over [rad]; zero where it turns over a speed."""
 
-SHORT_WAYS = (0.03, 0.1, 0.2)
-"""Displacements tried, in multiples of the distance that the turnover's speed goes in a second."""
+PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
+"""Displacements tried, in multiples of the distance that the regularisation's speed goes in a second."""
 
-TURN = "turn"
+REGULARISATION = "turn"
 """Shape: how much wider than usual the speed is over which dry friction turns over; missing where it is not."""
 
-WIDE_TURNS = (3.0, 7.0)
+WIDER_REGULARISATIONS = (3.0, 7.0)
 """Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
 
 
@@ -194,30 +194,30 @@ class JointLaw(Effect):
             return None
         joint = signals.joint(key)
         sample = signals.sample(joint, motor_side=port == "actuator")
-        way = float(shape.get(WAY, 0.0))
+        way = float(shape.get(PRESLIDING, 0.0))
         if way > 0.0:
             sample = replace(sample, bristles=signals.bristles(joint, way, motor_side=port == "actuator"))
-        turn = float(shape.get(TURN, 0.0))
+        turn = float(shape.get(REGULARISATION, 0.0))
         if turn > 0.0:
-            sample = replace(sample, turnover=turn * sample.turnover)
+            sample = replace(sample, regularisation=turn * sample.regularisation)
         return one_row(joint, self.basis(sample, shape), None, *self.bounds())
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """One empty shape, or both ways in which dry friction may turn over."""
-        return self.ways(signals, key, ({},))
+        """One empty shape, or both with_reversal_shapes in which dry friction may turn over."""
+        return self.with_reversal_shapes(signals, key, ({},))
 
-    def ways(
+    def with_reversal_shapes(
         self, signals: Signals, key: str, shapes: tuple[dict[str, float], ...]
     ) -> tuple[dict[str, float], ...]:
         """Lets every shape of a dry law turn over a speed, and over a way; a law of one number over wider speeds."""
         if not self.dry:
             return shapes
-        second = float(smoothing(signals.model.sliding)[signals.joint(key)])
-        over_ways = [{**shape, WAY: way * second} for way in SHORT_WAYS for shape in shapes]
+        second = float(regularisation_velocity(signals.model.sliding)[signals.joint(key)])
+        over_ways = [{**shape, PRESLIDING: way * second} for way in PRESLIDING_DISPLACEMENTS for shape in shapes]
         return (
             *shapes,
             *over_ways,
-            *({TURN: turn} for turn in WIDE_TURNS if len(self.description.symbols) == 1),
+            *({REGULARISATION: turn} for turn in WIDER_REGULARISATIONS if len(self.description.symbols) == 1),
         )
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.effect import JointLaw, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import SMOOTHING, JointSample, Shape, smoothing
+from impedance_modules.effects.joint_motion import REGULARISATION_VELOCITY, JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ COULOMB = Parameter("fc", "N.m", "Coulomb friction", lower=0.0, linear_unit="N")
 VISCOUS = Parameter("fv", "N.m.s/rad", "viscous friction", lower=0.0, linear_unit="N.s/m")
 
 
-TURNED_OVER = 2.0 * SMOOTHING
+SLIDING_FULLY = 2.0 * REGULARISATION_VELOCITY
 """Speed at which dry friction has turned over, nearly [rad/s]."""
 
 
@@ -102,7 +102,7 @@ class StribeckFriction(JointLaw):
     shape = ("vs",)
 
     dry = True
-    essence = ((0.0, 1.0),)
+    contrasts = ((0.0, 1.0),)
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes sgn(v), and the bump alone: neither coefficient is negative, so fs is not below fc."""
@@ -121,16 +121,16 @@ class StribeckFriction(JointLaw):
         return {"fc": fc, "fs": fc + bump, "vs": float(shape["vs"])}
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Tries speeds from just above the sign's smoothing to a third of the largest one."""
+        """Tries speeds from just above the sign's regularisation_velocity to a third of the largest one."""
         joint = signals.joint(key)
         fastest = float(np.abs(signals.velocity[:, joint]).max())
-        least = float(smoothing(signals.model.sliding)[joint])
+        least = float(regularisation_velocity(signals.model.sliding)[joint])
         speeds = np.geomspace(least, max(fastest / 3.0, 2.0 * least), 5)
-        return self.ways(signals, key, tuple({"vs": float(speed)} for speed in speeds))
+        return self.with_reversal_shapes(signals, key, tuple({"vs": float(speed)} for speed in speeds))
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
         """A fall as fast as dry friction itself turns over cannot be told from how it turns over."""
-        if float(shape["vs"]) >= TURNED_OVER:
+        if float(shape["vs"]) >= SLIDING_FULLY:
             return None
         return "falls as fast as dry friction turns over: dry friction as far as it can be seen"
 
@@ -197,7 +197,7 @@ class AsymmetricFriction(JointLaw):
     )
 
     dry = True
-    essence = ((1.0, -1.0, 0.0), (0.0, 0.0, 1.0))
+    contrasts = ((1.0, -1.0, 0.0), (0.0, 0.0, 1.0))
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes sgn(v) where v > 0, sgn(v) where v < 0, and |v|."""
@@ -277,7 +277,7 @@ class FrictionDrift(JointLaw):
         reference="Bittencourt et al. 2010",
         worn=WORN,
     )
-    essence = ((1.0, -1.0),)
+    contrasts = ((1.0, -1.0),)
     shape = ("T",)
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:

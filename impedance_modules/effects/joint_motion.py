@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Shape = Mapping[str, Array | float]
 """Values of the parameters that enter a law nonlinearly, by symbol; numbers or one per joint."""
 
-SMOOTHING, SLIDING_SMOOTHING = 0.01, 0.001
+REGULARISATION_VELOCITY, SLIDING_REGULARISATION_VELOCITY = 0.01, 0.001
 """Speed v_0 over which dry friction turns over, sgn(v) ~ tanh(v / v_0) [rad/s], and of a sliding joint [m/s].
 
 The diagnosis always uses this one, the plant a larger one where a light link would demand a shorter step.
@@ -34,7 +34,7 @@ class JointSample:
         position, velocity, acceleration: Of the side at which the effect acts [rad], [rad/s], [rad/s^2];
             the plant, which is still to find the acceleration, gives zeros.
         load: Torque between gear and link [N.m].
-        turnover: Speed v_0 over which dry friction turns over.
+        regularisation: Speed v_0 over which dry friction turns over.
         bristles: Bend in [-1, 1] of what rubs, where dry friction turns over a way and not a speed; or None.
     """
 
@@ -43,7 +43,7 @@ class JointSample:
     velocity: Array
     acceleration: Array
     load: Array
-    turnover: Array | float = SMOOTHING
+    regularisation: Array | float = REGULARISATION_VELOCITY
     bristles: Array | None = None
 
     @property
@@ -51,17 +51,17 @@ class JointSample:
         """The regularised sign of the velocity, or the bend of the bristles."""
         if self.bristles is not None:
             return self.bristles
-        return sign(self.velocity, self.turnover)
+        return sign(self.velocity, self.regularisation)
 
 
-def smoothing(sliding: NDArray[np.bool_]) -> Array:
+def regularisation_velocity(sliding: NDArray[np.bool_]) -> Array:
     """Gives each joint's v_0 (n,) from whether it slides."""
-    return np.where(sliding, SLIDING_SMOOTHING, SMOOTHING)
+    return np.where(sliding, SLIDING_REGULARISATION_VELOCITY, REGULARISATION_VELOCITY)
 
 
-def sign(velocity: Array, turnover: Array | float = SMOOTHING) -> Array:
+def sign(velocity: Array, regularisation: Array | float = REGULARISATION_VELOCITY) -> Array:
     """Gives the regularised sign tanh(v / v_0)."""
-    return np.asarray(np.tanh(velocity / turnover))
+    return np.asarray(np.tanh(velocity / regularisation))
 
 
 @dataclass

@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.effects.effect_description import Port
-from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, JointSample, Shape, smoothing
+from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.rigid_model import sliding_joints
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.rotation import exp3
@@ -129,7 +129,7 @@ class PlantBuilder:
 Side = Literal["motor", "link"]
 
 FAST = 5.0
-"""Multiple of the turnover speed at which dry friction is measured."""
+"""Multiple of the regularisation speed at which dry friction is measured."""
 
 
 class LawTorque:
@@ -157,7 +157,7 @@ class LawTorque:
         self._coefficients = coefficients
         self._shape = shape
         self._mobility = mobility
-        self._sharp = smoothing(sliding)
+        self._sharp = regularisation_velocity(sliding)
         self._turnover = self._sharp
 
     @property
@@ -166,12 +166,12 @@ class LawTorque:
         return self._side
 
     def start(self, motion: JointMotion, step: float) -> None:
-        """Widens dry friction's turnover where it would stop a light part within less than a step.
+        """Widens dry friction's regularisation where it would stop a light part within less than a step.
 
         Over a step h a torque F changes a speed by F h / I: below that speed no friction of size F can be told
         from sticking, and an explicit integrator would shake.
         """
-        sharp = replace(self._sample(motion), turnover=self._sharp)
+        sharp = replace(self._sample(motion), regularisation=self._sharp)
         speed = FAST * self._sharp
         there = self._consumed(replace(sharp, velocity=speed))
         back = self._consumed(replace(sharp, velocity=-speed))
@@ -201,7 +201,7 @@ class LawTorque:
             velocity=velocity[self._joints],
             acceleration=np.zeros(self._joints.size),
             load=motion.load[self._joints],
-            turnover=self._turnover,
+            regularisation=self._turnover,
         )
 
 

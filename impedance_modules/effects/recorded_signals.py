@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.joint_motion import JointSample, follow, smoothing
+from impedance_modules.effects.joint_motion import JointSample, follow, regularisation_velocity
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.task import SurfaceSpec
@@ -61,7 +61,7 @@ class Signals:
         surfaces: What the hands could press on, as the task has it; empty where nobody says.
         hands: Links whose origins touch them.
         clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
-            otherwise gain by smoothing the noise that the residual carries too.
+            otherwise gain by regularisation_velocity the noise that the residual carries too.
         reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that ask for no more than its sign.
     """
 
@@ -197,5 +197,5 @@ class Signals:
             side[0][:, joint],
             side[1][:, joint],
             self.load[:, joint],
-            turnover=float(smoothing(self.model.sliding)[joint]),
+            regularisation=float(regularisation_velocity(self.model.sliding)[joint]),
         )

@@ -60,7 +60,7 @@ class ParallelSpring(JointLaw):
         worn="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
     )
 
-    essence = ((1.0, 0.0),)
+    contrasts = ((1.0, 0.0),)
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes q and -1."""
@@ -157,7 +157,7 @@ class TorqueRipple(JointLaw):
         keys=("joint",),
         signature="a line in the spectrum over position, at the same place for every speed",
         confusable_with=("parallel_spring",),
-        excitation="slow sweeps over the whole range, both ways",
+        excitation="slow sweeps over the whole range, both with_reversal_shapes",
         reference="Ghorbel, Gandhi & Alpeter 2001 (harmonic drives)",
         worn=WORN,
     )

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from impedance_modules.effects.bodies import all_rows
 from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import SLIDING_SMOOTHING, Shape
+from impedance_modules.effects.joint_motion import SLIDING_REGULARISATION_VELOCITY, Shape
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.robot.rotation import exp3
@@ -253,7 +253,7 @@ class SurfaceFriction(SurfaceNumber):
         column = np.zeros((signals.samples, signals.n))
         for touch in touches(signals, surface):
             speed = np.linalg.norm(touch.sliding, axis=1)
-            share = np.tanh(speed / SLIDING_SMOOTHING) / np.maximum(speed, 1e-12)
+            share = np.tanh(speed / SLIDING_REGULARISATION_VELOCITY) / np.maximum(speed, 1e-12)
             column += touch.consumed(-(touch.pressure(surface) * share)[:, None] * touch.sliding)
         bounds = np.array([-surface.friction]), np.array([np.inf])
         return self.one_column(signals, column, np.zeros_like(column), bounds)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from impedance_modules.diagnosis.model_selection import backward_elimination as module
-from impedance_modules.diagnosis.model_selection.backward_elimination import pruned
+from impedance_modules.diagnosis.model_selection.backward_elimination import eliminate_backward
 
 
 def term(name: str, *groups: int) -> SimpleNamespace:
@@ -23,7 +23,7 @@ def judged(monkeypatch):
     def prune(model, stands):
         return [
             one.name
-            for one in pruned(model, list, lambda trial: None if stands(trial[0].name, trial[1]) else "no")
+            for one in eliminate_backward(model, list, lambda trial: None if stands(trial[0].name, trial[1]) else "no")
         ]
 
     return prune

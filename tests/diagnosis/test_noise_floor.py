@@ -23,8 +23,8 @@ def floor_of(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch: py
     monkeypatch.setattr(judged, "differentiated", lambda *_: SimpleNamespace(of=lambda _: made))
     item = SimpleNamespace(band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0))
     nuisance = NuisanceColumns((GROUP,), 0, (np.zeros(0, int),), ((np.zeros((len(noise), 0)),),), {})
-    draft = CandidateRegressor(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])
-    return float(judged.noise_by_smoothness([[noise]], [item], nuisance, [draft], [0]).rms[0, 0])
+    regressor = CandidateRegressor(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])
+    return float(judged.noise_by_smoothness([[noise]], [item], nuisance, [regressor], [0]).rms[0, 0])
 
 
 @pytest.mark.parametrize("columns", [5, 60, 300])

@@ -105,8 +105,8 @@ def _answer(rows: _Rows, question: Question) -> Separation:
 
 
 def _essential(suspect: Suspect) -> list[int]:
-    """Columns that make an effect itself, where every row of its essence names one alone; empty otherwise."""
-    rows = np.array(CATALOGUE[suspect.effect].essence)
+    """Columns that make an effect itself, where every row of its contrasts names one alone; empty otherwise."""
+    rows = np.array(CATALOGUE[suspect.effect].contrasts)
     if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
         return []
     return [int(index) for index in np.flatnonzero(rows.any(axis=0))]
@@ -153,7 +153,7 @@ class _Rows:
                     blocks |= {g: picked[:, [g[1]]] for g in self._groups if g[0] == residual}
                 yield self._stack(blocks, 1)[:, 0]
             else:
-                yield from (_unit(_itself(C, effect.essence)) for C in self._columns(suspect, port))
+                yield from (_unit(_itself(C, effect.contrasts)) for C in self._columns(suspect, port))
 
     def spaces(self, suspect: Suspect) -> Iterator[Array]:
         """Gives a suspect's column spaces, one per port and shape."""
@@ -212,10 +212,10 @@ LINKED: tuple[Residual, ...] = ("link", "motor", "whole")
 """Residuals that the links' inertia enters."""
 
 
-def _itself(C: Array, essence: Sequence[Sequence[float]]) -> Array:
+def _itself(C: Array, contrasts: Sequence[Sequence[float]]) -> Array:
     """Adds up the columns that make an effect itself; all of them where nothing is said."""
     weights = np.zeros(C.shape[1])
-    known = np.any(np.array(essence), axis=0) if essence else np.ones(C.shape[1])
+    known = np.any(np.array(contrasts), axis=0) if contrasts else np.ones(C.shape[1])
     weights[: min(len(known), len(weights))] = known[: len(weights)]
     return np.asarray(C @ weights)
 

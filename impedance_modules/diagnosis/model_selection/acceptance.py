@@ -46,22 +46,22 @@ REDUCTION_MIN = 0.05
 """Least part of a group's held-out squares that a cause removes."""
 
 
-def best_of_each(looks: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:
+def best_of_each(entries: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:
     """The physical shape of each candidate that is worth most, the best candidates first."""
     found: dict[tuple[str, str, str], ScreenedCandidate] = {}
-    for look in looks:
-        if look.physical and look.slot.shaped.candidate is not None:
-            best = found.setdefault(look.slot.shaped.key, look)
-            if look.worth > best.worth:
-                found[look.slot.shaped.key] = look
+    for entry in entries:
+        if entry.physical and entry.layout.shaped.candidate is not None:
+            best = found.setdefault(entry.layout.shaped.key, entry)
+            if entry.worth > best.worth:
+                found[entry.layout.shaped.key] = entry
     return list(found.values())[:most]
 
 
-def promising(looks: Sequence[ScreenedCandidate], most: int) -> list[ColumnLayout]:
+def promising(entries: Sequence[ScreenedCandidate], most: int) -> list[ColumnLayout]:
     """The best candidates by likelihood, and the best by the power they would explain."""
-    by_gain = best_of_each(looks, most)
-    by_power = best_of_each(sorted(looks, key=lambda look: -look.power), most)
-    return list({look.slot.shaped.key: look.slot for look in [*by_gain, *by_power]}.values())
+    by_gain = best_of_each(entries, most)
+    by_power = best_of_each(sorted(entries, key=lambda entry: -entry.power), most)
+    return list({entry.layout.shaped.key: entry.layout for entry in [*by_gain, *by_power]}.values())
 
 
 def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
@@ -98,7 +98,7 @@ def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
     if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
         return False
     keys = [trial.term.candidate.effect.description.keys for trial in (one, other)]
-    if not all("body" in key for key in keys) or one.term.slot.free > 1 or other.term.slot.free <= 1:
+    if not all("body" in key for key in keys) or one.term.layout.free > 1 or other.term.layout.free <= 1:
         return False
     return one.reach >= IN_PROPORTION * other.reach
 
@@ -122,12 +122,12 @@ def adjusted(trial: CandidateTrial) -> float:
 def price(trial: CandidateTrial) -> float:
     """Price of a candidate's parameters by the Bayesian information criterion, and of its choice of shapes [nats]."""
     shaped = trial.term.shaped
-    samples = float(np.max(trial.bench.counts[list(trial.term.groups)]))
-    searched = np.log(max(trial.bench.design.shapes[shaped.key], 1))
-    return float(0.5 * trial.term.slot.free * np.log(max(samples, 2.0)) + searched)
+    samples = float(np.max(trial.model_fit.counts[list(trial.term.groups)]))
+    searched = np.log(max(trial.model_fit.design.shapes[shaped.key], 1))
+    return float(0.5 * trial.term.layout.free * np.log(max(samples, 2.0)) + searched)
 
 
-def objection(trial: CandidateTrial, stand_ins: Sequence[CandidateTrial]) -> str | None:
+def objection(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str | None:
     """Why a candidate does not earn its place; None if it does."""
     gain = 2.0 * (trial.gain - price(trial))
     lost, won = -float(np.minimum(trial.folds, 0.0).sum()), float(np.maximum(trial.folds, 0.0).sum())
@@ -159,7 +159,7 @@ def objection(trial: CandidateTrial, stand_ins: Sequence[CandidateTrial]) -> str
             "the joints do not agree on it, and it is one number for all",
         ),
         (
-            any(_as_good(rival, trial) for rival in stand_ins),
+            any(_as_good(rival, trial) for rival in generic),
             "no better than a generic smooth function of the same signals: not specific",
         ),
     )
@@ -179,6 +179,6 @@ def disagreed(trial: CandidateTrial) -> bool:
 def _as_good(rival: CandidateTrial, trial: CandidateTrial) -> bool:
     """Whether a stand-in with no more coefficients does about as well where a candidate acts."""
     own = trial.term.groups
-    if not set(own) & set(rival.term.groups) or rival.term.slot.free > trial.term.slot.free:
+    if not set(own) & set(rival.term.groups) or rival.term.layout.free > trial.term.layout.free:
         return False
     return rival.reach_on(own) > trial.reach_on(own) or trial.gain < rival.gain + SPECIFIC

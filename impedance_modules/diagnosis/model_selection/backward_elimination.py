@@ -15,7 +15,7 @@ from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner
 
 
-def pruned(
+def eliminate_backward(
     model: Sequence[ModelTerm],
     make: Callable[[Sequence[ModelTerm]], ModelFit],
     objection: Callable[[CandidateTrial], str | None],
@@ -63,7 +63,7 @@ GIVEN_UP = 5.0
 """Log-likelihood that the common name may cost on a joint [nats]."""
 
 
-def united(
+def merge_delays(
     model: Sequence[ModelTerm], make: Callable[[Sequence[ModelTerm]], ModelFit], refiner: ShapeRefiner
 ) -> list[ModelTerm]:
     """Exchanges lags for delays where most joints could be late alike and the recordings hardly mind.
@@ -98,8 +98,8 @@ def _delay(
 ) -> ModelTerm | None:
     """The delay that does best in a lag's place; None where none was ever a candidate."""
     rest = make([other for other in model if other is not lag])
-    slots = [slot for slot in rest.design.slots if slot.shaped.key[:2] == (COMMON, lag.key[1])]
-    trials = [try_term(rest, term_of(rest.design, slot)) for slot in slots]
+    layouts = [layout for layout in rest.design.layouts if layout.shaped.key[:2] == (COMMON, lag.key[1])]
+    trials = [try_term(rest, term_of(rest.design, layout)) for layout in layouts]
     if not trials:
         return None
     return refiner.refine(rest, max(trials, key=lambda trial: trial.seen.gain).term)

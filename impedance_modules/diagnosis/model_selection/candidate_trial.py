@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 BLOCK = 1.0
 """Length of the blocks over which a gain is averaged and its error judged [s]."""
 
-Unseen = Mapping[int, Sequence[Array]]
+HeldOutResiduals = Mapping[int, Sequence[Array]]
 """Recording -> group -> (M,) residual by a fit that has not seen the recording's fold."""
 
 
@@ -41,26 +41,26 @@ class CandidateTrial:
     """A candidate, tried beside a model.
 
     Attributes:
-        bench: The model.
+        model_fit: The model.
         term: The candidate.
         coefficients: (folds, p) without each fold, scaled.
         unseen: What model and candidate leave.
-        seen: Gain on the fitted recordings themselves, and what the effect's essence weighs there.
+        seen: Gain on the fitted recordings themselves, and what the effect's contrasts weighs there.
     """
 
-    bench: ModelFit
+    model_fit: ModelFit
     term: ModelTerm
     coefficients: Array
-    unseen: Unseen
+    unseen: HeldOutResiduals
     seen: InSampleFit
 
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
         """(folds, groups) squares without and with the candidate."""
-        pairs = (self.bench.unseen, self.unseen)
+        pairs = (self.model_fit.unseen, self.unseen)
         first, second = (
             np.array(
-                [np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in self.bench.folds]
+                [np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in self.model_fit.folds]
             )
             for left in pairs
         )
@@ -80,7 +80,7 @@ class CandidateTrial:
         """Held-out gain [nats]."""
         without, with_it = self._sums
         ratio = np.log(np.maximum(without.sum(axis=0), 1e-9) / np.maximum(with_it.sum(axis=0), 1e-9))
-        return float(0.5 * np.sum(self.bench.counts * ratio))
+        return float(0.5 * np.sum(self.model_fit.counts * ratio))
 
     @cached_property
     def powers(self) -> Array:
@@ -92,7 +92,7 @@ class CandidateTrial:
     def folds(self) -> Array:
         """(folds,) weighted gain on each fold."""
         without, with_it = self._sums
-        return np.asarray(0.5 * ((without - with_it) * self.bench.weights).sum(axis=1))
+        return np.asarray(0.5 * ((without - with_it) * self.model_fit.weights).sum(axis=1))
 
     @cached_property
     def reduction(self) -> float:
@@ -104,20 +104,20 @@ class CandidateTrial:
     def narrow(self) -> float:
         """Part of its weighted gain that comes from the one group where it gains most."""
         without, with_it = self._sums
-        gains = ((without - with_it) * self.bench.weights).sum(axis=0)
+        gains = ((without - with_it) * self.model_fit.weights).sum(axis=0)
         total = float(gains.sum())
         return float(gains.max()) / total if total > 0.0 else 1.0
 
     @cached_property
     def spread(self) -> float:
         """Part of what it predicts that falls on other groups than the one where it predicts most."""
-        power = np.zeros(len(self.bench.design.groups))
-        for fold, own in zip(self.bench.folds, self.coefficients, strict=True):
+        power = np.zeros(len(self.model_fit.design.groups))
+        for fold, own in zip(self.model_fit.folds, self.coefficients, strict=True):
             for r in fold:
                 for g, block in self.term.columns[r].items():
                     steady = self.term.fixed[r].get(g)
                     torque = block @ own if steady is None else block @ own + steady
-                    power[g] += self.bench.weights[g] * float(torque @ torque)
+                    power[g] += self.model_fit.weights[g] * float(torque @ torque)
         total = float(power.sum())
         return 1.0 - float(power.max()) / total if total > 0.0 else 0.0
 
@@ -130,15 +130,15 @@ class CandidateTrial:
         """
         if self.term.shaped.size != 1:
             return 0.0
-        groups = self.bench.design.groups
+        groups = self.model_fit.design.groups
         free = [g for g in self.term.groups if not uses_motion(groups[g][0])] or self.term.groups
         right, own = np.zeros(len(groups)), np.zeros(len(groups))
-        for r in self.bench.fitted:
-            left = self.bench.residuals(self.bench.whole.coefficients, r)
+        for r in self.model_fit.fitted:
+            left = self.model_fit.residuals(self.model_fit.whole.coefficients, r)
             for g in free:
                 block = self.term.columns[r][g]
-                right[g] += self.bench.weights[g] * float(block[:, 0] @ left[g])
-                own[g] += self.bench.weights[g] * float(block[:, 0] @ block[:, 0])
+                right[g] += self.model_fit.weights[g] * float(block[:, 0] @ left[g])
+                own[g] += self.model_fit.weights[g] * float(block[:, 0] @ block[:, 0])
         shown = own > 1e-9
         common = float(right[shown].sum() ** 2 / max(own[shown].sum(), 1e-9))
         apart = float(np.sum(right[shown] ** 2 / own[shown])) - float(shown.sum())
@@ -147,7 +147,7 @@ class CandidateTrial:
     @property
     def outside(self) -> bool:
         """Whether its mean coefficients leave their physical bounds."""
-        mean = self.coefficients.mean(axis=0) / self.term.slot.scale
+        mean = self.coefficients.mean(axis=0) / self.term.layout.scale
         return bool(np.any(mean <= self.term.shaped.lower) or np.any(mean >= self.term.shaped.upper))
 
     @property
@@ -167,7 +167,7 @@ class CandidateTrial:
             least: What the others must gain to be enough in any case [nats].
         """
         groups = self.term.groups
-        gains = losses(self.bench, self.bench.unseen, groups) - losses(self.bench, self.unseen, groups)
+        gains = losses(self.model_fit, self.model_fit.unseen, groups) - losses(self.model_fit, self.unseen, groups)
         most = max(2, int(np.ceil(part * len(gains))))
         rest = 0.5 * float(np.sum(np.sort(gains)[: len(gains) - most]))
         return rest < least and rest < 0.25 * float(np.sum(gains))
@@ -177,32 +177,32 @@ class CandidateTrial:
 
         Both are judged where this candidate acts.
         """
-        other = self.bench.unseen if rival is None else rival.unseen
+        other = self.model_fit.unseen if rival is None else rival.unseen
         groups = self.term.groups
-        return significance(losses(self.bench, self.unseen, groups), losses(self.bench, other, groups))
+        return significance(losses(self.model_fit, self.unseen, groups), losses(self.model_fit, other, groups))
 
 
-def losses(bench: ModelFit, unseen: Unseen, groups: Sequence[int]) -> Array:
+def losses(model_fit: ModelFit, unseen: HeldOutResiduals, groups: Sequence[int]) -> Array:
     """Weighted held-out squares of some groups, in blocks of time, (blocks,)."""
-    size = max(2, round(BLOCK * bench.design.rate))
+    size = max(2, round(BLOCK * model_fit.design.rate))
     out = []
     for left in unseen.values():
-        total = np.sum([left[g] ** 2 * bench.weights[g] for g in groups], axis=0)
+        total = np.sum([left[g] ** 2 * model_fit.weights[g] for g in groups], axis=0)
         starts = np.arange(0, max(len(total) - size + 1, 1), size)
         out.append(np.add.reduceat(total, starts))
     return np.concatenate(out)
 
 
-def try_term(bench: ModelFit, term: ModelTerm) -> CandidateTrial:
+def try_term(model_fit: ModelFit, term: ModelTerm) -> CandidateTrial:
     """Tries one candidate beside a model, without each fold in turn."""
     unseen: dict[int, Sequence[Array]] = {}
     coefficients = []
-    for fold, base in enumerate(bench.without):
-        found, more, _ = extended(bench, bench.train(fold), base, term)
+    for fold, base in enumerate(model_fit.without):
+        found, more, _ = extended(model_fit, model_fit.train(fold), base, term)
         coefficients.append(more)
-        for r in bench.folds[fold]:
-            unseen[r] = with_term(bench.residuals(found, r), term, r, more)
-    return CandidateTrial(bench, term, np.array(coefficients), unseen, seen_by_all(bench, term))
+        for r in model_fit.folds[fold]:
+            unseen[r] = with_term(model_fit.residuals(found, r), term, r, more)
+    return CandidateTrial(model_fit, term, np.array(coefficients), unseen, seen_by_all(model_fit, term))
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class InSampleFit:
 
     Attributes:
         gain: [nats].
-        essence: Chi-square of what makes it this effect.
+        contrasts: Chi-square of what makes it this effect.
         displaced: A term of the model beside it that it drives out of its physical bounds; None where it does not.
         spread: (p,) standard deviations of its coefficients, scaled.
         beside: (K + P,) the model's coefficients beside it.
@@ -219,63 +219,63 @@ class InSampleFit:
     """
 
     gain: float
-    essence: float
+    contrasts: float
     displaced: ModelTerm | None
     spread: Array
     beside: Array
     own: Array
 
 
-def seen_by_all(bench: ModelFit, term: ModelTerm) -> InSampleFit:
+def seen_by_all(model_fit: ModelFit, term: ModelTerm) -> InSampleFit:
     """Looks at the fit of all recordings, in likelihood and prior together."""
-    found, more, covariance = extended(bench, bench.fitted, bench.whole, term)
-    squares = np.zeros(len(bench.design.groups))
-    for r in bench.fitted:
-        squares += [float(x @ x) for x in with_term(bench.residuals(found, r), term, r, more)]
-    ratio = np.log(np.maximum(bench.left, 1e-9) / np.maximum(squares, 1e-9))
-    prior = float(bench.prior @ (bench.whole.coefficients**2 - found**2))
-    own = float(term.slot.precision @ more**2)
-    known = _sharpening(bench, term, squares)
-    gain = float(0.5 * (bench.counts @ ratio + prior - own))
+    found, more, covariance = extended(model_fit, model_fit.fitted, model_fit.whole, term)
+    squares = np.zeros(len(model_fit.design.groups))
+    for r in model_fit.fitted:
+        squares += [float(x @ x) for x in with_term(model_fit.residuals(found, r), term, r, more)]
+    ratio = np.log(np.maximum(model_fit.left, 1e-9) / np.maximum(squares, 1e-9))
+    prior = float(model_fit.prior @ (model_fit.whole.coefficients**2 - found**2))
+    own = float(term.layout.precision @ more**2)
+    known = _sharpening(model_fit, term, squares)
+    gain = float(0.5 * (model_fit.counts @ ratio + prior - own))
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     return InSampleFit(
-        gain, known * _essence(term, more, covariance), _displaced(bench, found), spread, found, more
+        gain, known * _essence(term, more, covariance), _displaced(model_fit, found), spread, found, more
     )
 
 
-def _displaced(bench: ModelFit, coefficients: Array) -> ModelTerm | None:
+def _displaced(model_fit: ModelFit, coefficients: Array) -> ModelTerm | None:
     """The first term of a model that coefficients leave outside its bounds for certain, and which was inside."""
-    spread = np.sqrt(np.diag(bench.whole.inverse))
-    for term, start in zip(bench.model, bench.starts, strict=False):
+    spread = np.sqrt(np.diag(model_fit.whole.inverse))
+    for term, start in zip(model_fit.model, model_fit.starts, strict=False):
         own = slice(start, start + term.shaped.size)
-        lower, upper = term.shaped.lower * term.slot.scale, term.shaped.upper * term.slot.scale
+        lower, upper = term.shaped.lower * term.layout.scale, term.shaped.upper * term.layout.scale
 
         def beyond(values: Array, lower: Array = lower, upper: Array = upper) -> Array:
             return np.maximum(lower - values, values - upper)
 
-        now, before = beyond(coefficients[own]), beyond(bench.whole.coefficients[own])
+        now, before = beyond(coefficients[own]), beyond(model_fit.whole.coefficients[own])
         if np.any((now > spread[own]) & (now > before)):
             return term
     return None
 
 
-def _sharpening(bench: ModelFit, term: ModelTerm, squares: Array) -> float:
+def _sharpening(model_fit: ModelFit, term: ModelTerm, squares: Array) -> float:
     """By how much the rows that a candidate touches weigh more once it takes part.
 
     A gap that is not understood counts for little, and so would everything that is read off its rows; where
     the candidate closes it, its own numbers are known as well as what is left then allows.
     """
     touched = list(term.groups)
-    weights = 1.0 / np.maximum(squares[touched] / bench.counts[touched], 1.0)
-    return float(max(1.0, np.min(weights / bench.weights[touched])))
+    weights = 1.0 / np.maximum(squares[touched] / model_fit.counts[touched], 1.0)
+    return float(max(1.0, np.min(weights / model_fit.weights[touched])))
 
 
 def _essence(term: ModelTerm, coefficients: Array, covariance: Array) -> float:
     """Chi-square of the sums that make an effect what it is (Wald); infinite where every coefficient does."""
-    rows = () if term.generic else term.candidate.effect.essence
+    rows = () if term.generic else term.candidate.effect.contrasts
     if not rows or len(rows[0]) != len(coefficients):
         return float("inf")
-    L = np.array(rows) / term.slot.scale
+    L = np.array(rows) / term.layout.scale
     found = L @ coefficients
     return float(found @ np.linalg.pinv(L @ covariance @ L.T, hermitian=True) @ found)
 
@@ -291,24 +291,24 @@ def with_term(left: Sequence[Array], term: ModelTerm, recording: int, coefficien
 
 
 def extended(
-    bench: ModelFit, recordings: Sequence[int], base: Fit, term: ModelTerm
+    model_fit: ModelFit, recordings: Sequence[int], base: Fit, term: ModelTerm
 ) -> tuple[Array, Array, Array]:
     """Adds a candidate to a fit; returns the model's coefficients, its own and their covariance."""
     size = term.shaped.size
     steady = bool(term.fixed[recordings[0]])
     width = size + steady
-    cross, own, right = np.zeros((width, bench.size)), np.zeros((width, width)), np.zeros(width)
+    cross, own, right = np.zeros((width, model_fit.size)), np.zeros((width, width)), np.zeros(width)
     for r in recordings:
         for g, block in term.columns[r].items():
             X = np.column_stack([block, term.fixed[r][g]]) if steady else block
-            ids, rows = bench.ids[g], bench.rows[r][g]
-            left = bench.target[r][g] - rows @ base.coefficients[ids]
-            cross[:, ids] += bench.weights[g] * (X.T @ rows)
-            own += bench.weights[g] * (X.T @ X)
-            right += bench.weights[g] * (X.T @ left)
+            ids, rows = model_fit.ids[g], model_fit.rows[r][g]
+            left = model_fit.target[r][g] - rows @ base.coefficients[ids]
+            cross[:, ids] += model_fit.weights[g] * (X.T @ rows)
+            own += model_fit.weights[g] * (X.T @ X)
+            right += model_fit.weights[g] * (X.T @ left)
     pull = base.inverse @ cross.T
     schur = own - cross @ pull
-    matrix = schur[:size, :size] + np.diag(FLAT * (1.0 + np.diag(own)[:size]) + term.slot.precision)
+    matrix = schur[:size, :size] + np.diag(FLAT * (1.0 + np.diag(own)[:size]) + term.layout.precision)
     covariance = np.linalg.inv(matrix)
     found = covariance @ (right[:size] - schur[:size, size:].sum(axis=1))
     whole = np.append(found, np.ones(int(steady)))

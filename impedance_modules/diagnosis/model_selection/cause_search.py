@@ -78,16 +78,16 @@ def explain(
         for candidate in list_candidates(CATALOGUE, prepared, {*without, CONTACT})
         for shape in shapes_of(candidate, signals)
     ]
-    stand_ins = generic_basis(prepared, residuals)
-    drafts = candidate_regressors(shaped, prepared, signals, residuals)
+    generic = generic_basis(prepared, residuals)
+    regressors = candidate_regressors(shaped, prepared, signals, residuals)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
     aside = on_links(contact_aside(prepared), nuisance.groups)
-    floor = _floor(raw, prepared, nuisance, [*stand_ins, *_simple(drafts)], arrangement.fitted, aside)
+    floor = _floor(raw, prepared, nuisance, [*generic, *_simple(regressors)], arrangement.fitted, aside)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]
-    design = build_design([*drafts, *stand_ins], nuisance, raw, floor, names=names, rate=rate)
-    del drafts
+    design = build_design([*regressors, *generic], nuisance, raw, floor, names=names, rate=rate)
+    del regressors
     selector = Selector(
         design, arrangement.folds, ShapeRefiner(design, prepared, signals), model.position_resolution
     )
@@ -107,7 +107,7 @@ def _search(
 ) -> Evidence:
     """Finds the causes, sets moments of contact aside, and judges the noise once more with all of that known."""
     found = selector.run(progress)
-    pushes = find_pushes(selector.bench(found.causes), prepared) if contact else ()
+    pushes = find_pushes(selector.model_fit(found.causes), prepared) if contact else ()
     if pushes:
         progress("setting moments of contact aside")
         touched = on_links(moments_clear(pushes, prepared), selector.design.groups)
@@ -119,21 +119,21 @@ def _search(
             selector, found = narrowed, again
         else:
             pushes = ()  # what the causes explain better on the very same rows was no push
-    bench, plain = selector.bench(found.causes), UnwhitenedFit(selector.refiner)
+    model_fit, plain = selector.model_fit(found.causes), UnwhitenedFit(selector.refiner)
     for kept in (
-        felt(bench, plain, negligible(prepared, selector.design.groups)),
-        certain(bench, selector.refiner),
-        confirmed(bench, selector.bench, arrangement.heldout),
+        felt(model_fit, plain, negligible(prepared, selector.design.groups)),
+        certain(model_fit, selector.refiner),
+        confirmed(model_fit, selector.model_fit, arrangement.heldout),
     ):
-        model = [term for term in bench.model if term in kept]
-        bench = bench if len(model) == len(bench.model) else selector.bench(model)
+        model = [term for term in model_fit.model if term in kept]
+        model_fit = model_fit if len(model) == len(model_fit.model) else selector.model_fit(model)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
     if pairs:
         # With the causes known, repeats that did not quite repeat no longer leak into the floor.
-        left = [plain.left(bench, r) for r in range(len(prepared))]
+        left = [plain.left(model_fit, r) for r in range(len(prepared))]
         clear = selector.design.whitening.clear
         floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, clear)
-    return Evidence(selector, arrangement.heldout, prepared, bench, floor, plain, found.refusal, pushes)
+    return Evidence(selector, arrangement.heldout, prepared, model_fit, floor, plain, found.refusal, pushes)
 
 
 POORER = 1.2
@@ -144,18 +144,18 @@ def _measured(
     selector: Selector, narrowed: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
 ) -> tuple[Push, ...]:
     """The pushes again, by a model that was fitted without them: the links' numbers no longer bend to them."""
-    known = [selector.refiner.term(term.candidate, term.shaped.shape, term.slot) for term in causes]
+    known = [selector.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in causes]
     model = [term for term in known if term is not None]
     if len(model) < len(known):
         return ()
-    return find_pushes(selector.bench(model), prepared, narrowed.bench(causes).whole.coefficients)
+    return find_pushes(selector.model_fit(model), prepared, narrowed.model_fit(causes).whole.coefficients)
 
 
 def _as_good(narrowed: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
     """Whether causes found without some rows explain the others about as well as those found with all rows do."""
-    moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.slot) for term in first]
+    moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in first]
     known = [term for term in moved if term is not None]
-    return float(narrowed.bench(causes).left.sum()) <= POORER * float(narrowed.bench(known).left.sum())
+    return float(narrowed.model_fit(causes).left.sum()) <= POORER * float(narrowed.model_fit(known).left.sum())
 
 
 def _floor(  # noqa: PLR0917 - all of them belong together
@@ -180,15 +180,15 @@ that noise, and would take it from any floor.
 """
 
 
-def _simple(drafts: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
+def _simple(regressors: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
     """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
     return [
-        draft
-        for draft in drafts
-        if not draft.shape
-        and draft.width <= 3
-        and len(draft.blocks[0]) == 1
-        and not (draft.key[0] in IN_PROPORTION_TO_COMMAND and draft.key[2] == "actuator")
+        regressor
+        for regressor in regressors
+        if not regressor.shape
+        and regressor.width <= 3
+        and len(regressor.blocks[0]) == 1
+        and not (regressor.key[0] in IN_PROPORTION_TO_COMMAND and regressor.key[2] == "actuator")
     ]
 
 
@@ -199,35 +199,35 @@ NEUTRAL = {"torque_gain": 1.0}
 """Number of an effect that changes nothing, where it is not zero."""
 
 
-def certain(bench: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
+def certain(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
     """Terms of a fitted model whose number is there for certain; those of several numbers are not judged here."""
-    return [term for index, term in enumerate(bench.model) if _certain(bench, refiner, index, term)]
+    return [term for index, term in enumerate(model_fit.model) if _certain(model_fit, refiner, index, term)]
 
 
-def _certain(bench: ModelFit, refiner: ShapeRefiner, index: int, term: ModelTerm) -> bool:
+def _certain(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: ModelTerm) -> bool:
     effect = term.candidate.effect
     if len(effect.description.parameters) != 1 or effect.replaces:
         return True
-    (found,) = estimates(bench, refiner, index, prismatic=False).values()
+    (found,) = estimates(model_fit, refiner, index, prismatic=False).values()
     return abs(found.value - NEUTRAL.get(effect.id, 0.0)) > SIGMA * found.std
 
 
 def confirmed(
-    bench: ModelFit, refit: Callable[[Sequence[ModelTerm]], ModelFit], heldout: Sequence[int]
+    model_fit: ModelFit, refit: Callable[[Sequence[ModelTerm]], ModelFit], heldout: Sequence[int]
 ) -> list[ModelTerm]:
     """Terms of a fitted model without which more is left of the unseen recordings; all of them where repeats exist.
 
     Args:
-        bench: The model.
+        model_fit: The model.
         refit: Fits a model with fewer terms.
         heldout: The unseen recordings.
     """
-    if not bench.design.whitening.weak:
-        return list(bench.model)
-    with_all = bench.squares(bench.whole.coefficients, heldout)
+    if not model_fit.design.whitening.weak:
+        return list(model_fit.model)
+    with_all = model_fit.squares(model_fit.whole.coefficients, heldout)
     kept = []
-    for term in bench.model:
-        rest = refit([other for other in bench.model if other is not term])
+    for term in model_fit.model:
+        rest = refit([other for other in model_fit.model if other is not term])
         without = rest.squares(rest.whole.coefficients, heldout)
         groups = list(term.groups)
         if float(with_all[groups].sum()) < float(without[groups].sum()):

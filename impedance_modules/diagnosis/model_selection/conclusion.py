@@ -82,7 +82,7 @@ def _verdict(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> st
 
 
 def _gaps(evidence: Evidence, model: NominalModel) -> tuple[JointGap, ...]:
-    first, last = evidence.rms(None), evidence.rms(evidence.bench)
+    first, last = evidence.rms(None), evidence.rms(evidence.model_fit)
     units = model.tree.units()
     return tuple(
         JointGap(
@@ -139,7 +139,7 @@ def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
         key = (cause.effect, cause.port)
         merged[key] = _merge(merged[key], cause) if key in merged else cause
     total = evidence.excess_before
-    left = min(1.0, evidence.excess(evidence.bench) / total) if total > 0.0 else 0.0
+    left = min(1.0, evidence.excess(evidence.model_fit) / total) if total > 0.0 else 0.0
     gains = sum(cause.weight for cause in merged.values())
     scale = (1.0 - left) / gains if gains > 0.0 else 0.0
     weighed = [
@@ -157,16 +157,16 @@ def _in_order(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
     """Each accepted term with the power it takes away after those that take more by themselves."""
 
     def left(model: Sequence[ModelTerm]) -> float:
-        return evidence.excess(evidence.selector.bench(model))
+        return evidence.excess(evidence.selector.model_fit(model))
 
-    order = sorted(evidence.bench.model, key=lambda term: left([term]))
+    order = sorted(evidence.model_fit.model, key=lambda term: left([term]))
     steps = [left(order[:count]) for count in range(len(order) + 1)]
     return [(term, max(steps[i] - steps[i + 1], 1e-12)) for i, term in enumerate(order)]
 
 
 def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
     candidate = term.candidate
-    model = evidence.bench.model
+    model = evidence.model_fit.model
     equal, lost = judge_rivals(evidence.selector, model, term)
     prismatic = any(
         body.prismatic and body.joint in candidate.joints for body in evidence.prepared[0].tree.bodies
@@ -177,7 +177,7 @@ def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
         port=candidate.port,
         parameters={
             candidate.key: estimates(
-                evidence.bench, evidence.selector.refiner, model.index(term), prismatic=prismatic
+                evidence.model_fit, evidence.selector.refiner, model.index(term), prismatic=prismatic
             )
         },
         weight=gain,
@@ -194,7 +194,7 @@ def _range(evidence: Evidence, candidate: Candidate, quantity: str) -> Mapping[s
     names = evidence.prepared[0].tree.joints
     for joint in candidate.joints:
         parts = [
-            getattr(evidence.prepared[i], quantity)[:, names.index(joint)] for i in evidence.bench.fitted
+            getattr(evidence.prepared[i], quantity)[:, names.index(joint)] for i in evidence.model_fit.fitted
         ]
         out[joint] = (float(min(x.min() for x in parts)), float(max(x.max() for x in parts)))
     return out
@@ -221,11 +221,11 @@ def _merge(one: Cause, other: Cause) -> Cause:
 
 def _own_shrink(evidence: Evidence, cause: Cause) -> float | None:
     """Held-out shrink of the nominal model plus this cause alone."""
-    own = [term for term in evidence.bench.model if (term.key[0], term.key[2]) == (cause.effect, cause.port)]
+    own = [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) == (cause.effect, cause.port)]
     before = evidence.excess_before
     if before <= 0.0:
         return None
-    return 1.0 - float(np.sqrt(evidence.excess(evidence.selector.bench(own)) / before))
+    return 1.0 - float(np.sqrt(evidence.excess(evidence.selector.model_fit(own)) / before))
 
 
 SPRING, IMITATION = "parallel_spring", "crosstalk"

@@ -30,7 +30,7 @@ class Evidence:
         selector: The candidates and how they were searched.
         heldout: Recordings that no fit has seen.
         prepared: All recordings.
-        bench: The accepted model, fitted.
+        model_fit: The accepted model, fitted.
         floor: The noise, judged with the causes known.
         plain: Rows in their own units.
         refusal: Why the next best candidate was not accepted.
@@ -40,7 +40,7 @@ class Evidence:
     selector: Selector
     heldout: tuple[int, ...]
     prepared: tuple[Prepared, ...]
-    bench: ModelFit
+    model_fit: ModelFit
     floor: Whitening
     plain: UnwhitenedFit
     refusal: Refusal | None
@@ -54,7 +54,7 @@ class Evidence:
     @cached_property
     def calibrated(self) -> ModelFit:
         """The nominal model with the nuisance adjusted within its prior, and no cause."""
-        return self.selector.bench(())
+        return self.selector.model_fit(())
 
     @cached_property
     def heldout_noise(self) -> Array:
@@ -75,10 +75,10 @@ class Evidence:
             [np.mean([p for p, other in zip(power, names, strict=True) if other == name]) for name in names]
         )
 
-    def rms(self, bench: ModelFit | None, recordings: Sequence[int] | None = None) -> Array:
+    def rms(self, model_fit: ModelFit | None, recordings: Sequence[int] | None = None) -> Array:
         """(groups,) rms that a model leaves on some recordings, the unseen ones; None is the nominal model itself."""
         chosen = self.heldout if recordings is None else recordings
-        left = [self.design.raw[r] if bench is None else self.plain.left(bench, r) for r in chosen]
+        left = [self.design.raw[r] if model_fit is None else self.plain.left(model_fit, r) for r in chosen]
         shown = [
             np.concatenate([x[g][self.clear(r, g)] for r, x in zip(chosen, left, strict=True)])
             for g in range(len(self.design.groups))
@@ -101,9 +101,9 @@ class Evidence:
                 total += float(power.sum())
         return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
 
-    def excess(self, bench: ModelFit | None) -> float:
-        """Unseen residual power beyond the noise, over all groups, in units of the average joint's noise."""
-        power = self.rms(bench) ** 2 - self.heldout_noise**2
+    def excess(self, model_fit: ModelFit | None) -> float:
+        """HeldOutResiduals residual power beyond the noise, over all groups, in units of the average joint's noise."""
+        power = self.rms(model_fit) ** 2 - self.heldout_noise**2
         return float(np.sum(np.clip(power, 0.0, None) / self.unit_power))
 
     @cached_property
@@ -125,18 +125,18 @@ def negligible(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:
     return np.array([speed[joint] if residual == "velocity" else load[joint] for residual, joint in groups])
 
 
-def felt(bench: ModelFit, plain: UnwhitenedFit, least: Array) -> list[ModelTerm]:
+def felt(model_fit: ModelFit, plain: UnwhitenedFit, least: Array) -> list[ModelTerm]:
     """Terms of a fitted model whose own part is more than negligible somewhere.
 
     Args:
-        bench: The model.
+        model_fit: The model.
         plain: Rows in their own units.
         least: (groups,) what is negligible.
     """
-    recordings = range(len(bench.design.raw))
+    recordings = range(len(model_fit.design.raw))
     kept = []
-    for index, term in enumerate(bench.model):
-        parts = [plain.torque(bench, index, r) for r in recordings]
+    for index, term in enumerate(model_fit.model):
+        parts = [plain.torque(model_fit, index, r) for r in recordings]
         size = {g: np.sqrt(np.mean(np.concatenate([part[g] for part in parts]) ** 2)) for g in term.groups}
         if any(value > least[g] for g, value in size.items()):
             kept.append(term)

@@ -85,30 +85,30 @@ class Push:
 
 
 def find_pushes(
-    bench: ModelFit, prepared: Sequence[Prepared], coefficients: Array | None = None
+    model_fit: ModelFit, prepared: Sequence[Prepared], coefficients: Array | None = None
 ) -> tuple[Push, ...]:
     """Looks for pushes in what a model leaves of each recording.
 
     Args:
-        bench: The model.
+        model_fit: The model.
         prepared: The recordings.
         coefficients: Of the model; None takes those that fit all rows.
     """
-    known = bench.whole.coefficients if coefficients is None else coefficients
-    groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
+    known = model_fit.whole.coefficients if coefficients is None else coefficients
+    groups = [g for g, (residual, _) in enumerate(model_fit.design.groups) if uses_motion(residual)]
     if len(groups) < 2:
         return ()
     found: dict[int, Forces] = {}
     out: list[Push] = []
     for r, item in enumerate(prepared):
-        left = bench.residuals(known, r)
-        if bench.design.whitening.weak:
+        left = model_fit.residuals(known, r)
+        if model_fit.design.whitening.weak:
             left = [x / _usual(x) for x in left]
-        if _quiet(bench, item, r, left, groups):
+        if _quiet(model_fit, item, r, left, groups):
             continue
-        best = [fit_forces(bench, item, r, left, body.link) for body in item.tree.bodies]
+        best = [fit_forces(model_fit, item, r, left, body.link) for body in item.tree.bodies]
         found[r] = max(best, key=lambda forces: forces.gain)
-        out += _intervals(bench, item, r, left, found[r])
+        out += _intervals(model_fit, item, r, left, found[r])
     return tuple(push for push in out if not _repeated(push, prepared, found))
 
 
@@ -128,20 +128,20 @@ def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[
     return out
 
 
-def _quiet(bench: ModelFit, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
+def _quiet(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
     """Whether no joint's residual stands out at any moment."""
-    return all(float(np.max(free_torques(bench, item, r, left, g))) < STRONG for g in groups)
+    return all(float(np.max(free_torques(model_fit, item, r, left, g))) < STRONG for g in groups)
 
 
-def _intervals(bench: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces) -> list[Push]:
+def _intervals(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces) -> list[Push]:
     """Runs of strong hats that pass as pushes."""
     count = len(forces.force)
     strength = np.array([strength_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
     runs = _runs(strength > STRONG)
-    weak = bench.design.whitening.weak
+    weak = model_fit.design.whitening.weak
     least, pattern = (UNCERTAIN * GAIN_MIN, _pattern_min(forces)) if weak else (GAIN_MIN, PATTERN_MIN)
-    groups = [g for g, (residual, _) in enumerate(bench.design.groups) if uses_motion(residual)]
-    each = np.array([free_torques(bench, item, r, left, g) for g in groups])
+    groups = [g for g, (residual, _) in enumerate(model_fit.design.groups) if uses_motion(residual)]
+    each = np.array([free_torques(model_fit, item, r, left, g) for g in groups])
     free = each.sum(axis=0)
     second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
     if pattern >= 1.0 or second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
@@ -227,28 +227,28 @@ def hats_of(item: Prepared, rows: int) -> tuple[Array, Array]:
     return tips, np.clip(1.0 - np.abs(time[:, None] - tips) / SPACING, 0.0, None)
 
 
-def free_torques(bench: ModelFit, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
+def free_torques(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
     """Chi-square (k,) of a free torque of one joint at each hat."""
     _, hats = hats_of(item, item.samples)
-    X = np.asarray(bench.design.whitening.apply(hats, r, g))
+    X = np.asarray(model_fit.design.whitening.apply(hats, r, g))
     gram = X.T @ X + 1e-6 * np.eye(X.shape[1])
     covariance = np.linalg.inv(gram)
     torque = covariance @ (X.T @ left[g])
     return np.asarray(torque**2 / np.diag(covariance))
 
 
-def fit_forces(bench: ModelFit, item: Prepared, r: int, left: Sequence[Array], body: str) -> Forces:
+def fit_forces(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], body: str) -> Forces:
     """Fits one link's hats."""
     J = item.band.condense(item.signals.model.jacobian(body, item.signals.position)[:, :3])
     _, hats = hats_of(item, item.samples)
     count = hats.shape[1]
     gram, right = 1e-6 * np.eye(3 * count), np.zeros(3 * count)
     blocks = {}
-    for g, (residual, joint) in enumerate(bench.design.groups):
+    for g, (residual, joint) in enumerate(model_fit.design.groups):
         if not uses_motion(residual):
             continue
         columns = -(hats[:, :, None] * J[:, None, :, joint]).reshape(len(hats), -1)
-        X = np.asarray(bench.design.whitening.apply(columns, r, g))
+        X = np.asarray(model_fit.design.whitening.apply(columns, r, g))
         gram += X.T @ X
         right += X.T @ left[g]
         blocks[g] = X

@@ -16,9 +16,9 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
     promising,
     twins,
 )
-from impedance_modules.diagnosis.model_selection.backward_elimination import pruned, united
+from impedance_modules.diagnosis.model_selection.backward_elimination import eliminate_backward, merge_delays
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
-from impedance_modules.diagnosis.model_selection.geared_start import geared
+from impedance_modules.diagnosis.model_selection.geared_start import geared_start_model
 from impedance_modules.diagnosis.model_selection.plausibility import Plausibility
 from impedance_modules.diagnosis.model_selection.screening import ScreenedCandidate, Screening
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
@@ -71,7 +71,7 @@ class Selector:
     Attributes:
         design: All candidates.
         folds: Fitted recordings by fold.
-        screen: First looks.
+        screen: First entries.
         refiner: Moves shapes off their grid.
         resolution: Grid of the position sensors [rad]; zero where nothing is stated.
     """
@@ -79,7 +79,7 @@ class Selector:
     def __init__(
         self, design: Design, folds: Sequence[Sequence[int]], refiner: ShapeRefiner, resolution: float
     ) -> None:
-        """Prepares the first look."""
+        """Prepares the first entry."""
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
         fitted = [index for fold in folds for index in fold]
         self.possible = Plausibility.of(refiner.prepared, fitted, resolution)
@@ -94,7 +94,7 @@ class Selector:
         refiner = ShapeRefiner(design, self.refiner.prepared, self.refiner.signals)
         return Selector(design, self.folds, refiner, self.resolution)
 
-    def bench(self, model: Sequence[ModelTerm]) -> ModelFit:
+    def model_fit(self, model: Sequence[ModelTerm]) -> ModelFit:
         """Fits a model."""
         return ModelFit(self.design, self.folds, model)
 
@@ -103,14 +103,14 @@ class Selector:
 
         What is removed makes room: the search goes on from what remains, a few times at most.
         """
-        model = list(geared(self.bench([]), self.bench, self.trials, self.objection))
+        model = list(geared_start_model(self.model_fit([]), self.model_fit, self.trials, self.objection))
         for term in model:
             progress(f"found {term.key[0]} on {term.key[1]}")
         refusal: Refusal | None = None
         for _ in range(ROUNDS):
             model, refusal = self._grown(model, progress)
-            grown = united(model, self.bench, self.refiner)
-            model = pruned(grown, self.bench, self.objection)
+            grown = merge_delays(model, self.model_fit, self.refiner)
+            model = eliminate_backward(grown, self.model_fit, self.objection)
             if len(model) == len(grown):
                 break
             self._falls.update(term.key for term in grown if term not in model)
@@ -122,10 +122,10 @@ class Selector:
         """Accepts one cause, or a pair, at a time; each new one may exchange those beside it."""
         refusal: Refusal | None = None
         while len(model) < CAUSES_MAX:
-            bench = self.bench(model)
-            found, refusal = self._next(bench)
+            model_fit = self.model_fit(model)
+            found, refusal = self._next(model_fit)
             more = (
-                (found,) if found else find_pair(self.screen, bench, self.bench, best_of_each, self.objection)
+                (found,) if found else find_pair(self.screen, model_fit, self.model_fit, best_of_each, self.objection)
             )
             if more is None:
                 break
@@ -135,72 +135,72 @@ class Selector:
                 model = self._exchanged(model)
         return model, refusal
 
-    def trial(self, bench: ModelFit, slot: ColumnLayout) -> CandidateTrial:
+    def trial(self, model_fit: ModelFit, layout: ColumnLayout) -> CandidateTrial:
         """Tries a candidate of the grid."""
-        return try_term(bench, term_of(self.design, slot))
+        return try_term(model_fit, term_of(self.design, layout))
 
     def objection(self, trial: CandidateTrial) -> str | None:
         """Why a candidate does not earn its place; None if it does. Stand-ins are tried last, they cost most."""
         return self._refused(trial, []) or objection(
-            trial, self.stand_ins(trial.bench, self.screen.look(trial.bench))
+            trial, self.generic(trial.model_fit, self.screen.entry(trial.model_fit))
         )
 
-    def _refused(self, trial: CandidateTrial, stand_ins: Sequence[CandidateTrial]) -> str | None:
+    def _refused(self, trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str | None:
         """Why a candidate is not accepted beside some stand-ins; None if it is."""
         if self._falls[trial.term.key] >= FALLS:
             return "does not last beside the others: it was accepted and removed again twice"
-        return objection(trial, stand_ins) or self.possible.impossible(trial)
+        return objection(trial, generic) or self.possible.impossible(trial)
 
-    def stand_ins(self, bench: ModelFit, looks: Sequence[ScreenedCandidate]) -> list[CandidateTrial]:
+    def generic(self, model_fit: ModelFit, entries: Sequence[ScreenedCandidate]) -> list[CandidateTrial]:
         """The best stand-ins beside a model, tried once."""
-        if self._stood[0] is not bench:
-            generic = [look.slot for look in looks if look.slot.shaped.candidate is None][:STAND_INS]
-            self._stood = (bench, [self.trial(bench, slot) for slot in generic])
+        if self._stood[0] is not model_fit:
+            generic = [entry.layout for entry in entries if entry.layout.shaped.candidate is None][:STAND_INS]
+            self._stood = (model_fit, [self.trial(model_fit, layout) for layout in generic])
         return self._stood[1]
 
-    def _next(self, bench: ModelFit) -> tuple[ModelTerm | None, Refusal | None]:
+    def _next(self, model_fit: ModelFit) -> tuple[ModelTerm | None, Refusal | None]:
         """The best candidate that earns its place, or why there is none."""
-        trials = self.trials(bench)
-        stand_ins = self.stand_ins(bench, self._looked(bench))
+        trials = self.trials(model_fit)
+        generic = self.generic(model_fit, self._looked(model_fit))
         refusal: Refusal | None = None
         for trial in by_merit(trials):
-            reason = self._refused(trial, stand_ins)
+            reason = self._refused(trial, generic)
             if reason is None:
-                return self._settled(bench, trial, trials), None
+                return self._settled(model_fit, trial, trials), None
             refusal = refusal or Refusal(trial, reason)
         return None, refusal
 
-    def _settled(self, bench: ModelFit, trial: CandidateTrial, trials: Sequence[CandidateTrial]) -> ModelTerm:
+    def _settled(self, model_fit: ModelFit, trial: CandidateTrial, trials: Sequence[CandidateTrial]) -> ModelTerm:
         """An accepted candidate off its grid; of a delay and a lag on one joint the better one at its own best time."""
         if not trial.term.candidate.effect.nearly_linear:
             return trial.term
         alike = [other for other in trials if twins(trial, other) and self.objection(other) is None]
-        return max((self.moved(bench, one) for one in [trial, *alike]), key=adjusted).term
+        return max((self.moved(model_fit, one) for one in [trial, *alike]), key=adjusted).term
 
-    def moved(self, bench: ModelFit, trial: CandidateTrial) -> CandidateTrial:
+    def moved(self, model_fit: ModelFit, trial: CandidateTrial) -> CandidateTrial:
         """A trial of the same candidate, off its grid."""
-        return try_term(bench, self.refiner.refine(bench, trial.term))
+        return try_term(model_fit, self.refiner.refine(model_fit, trial.term))
 
-    def trials(self, bench: ModelFit) -> list[CandidateTrial]:
+    def trials(self, model_fit: ModelFit) -> list[CandidateTrial]:
         """Tries the most promising candidates beside a model, in their best shapes; done once for each model."""
-        if self._tried[0] is not bench:
-            own = [self.trial(bench, slot) for slot in promising(self._looked(bench), TRIED)]
-            self._tried = (bench, self.refined(bench, own))
+        if self._tried[0] is not model_fit:
+            own = [self.trial(model_fit, layout) for layout in promising(self._looked(model_fit), TRIED)]
+            self._tried = (model_fit, self.refined(model_fit, own))
         return self._tried[1]
 
-    def _looked(self, bench: ModelFit) -> list[ScreenedCandidate]:
-        """First looks beside a model, taken once."""
-        if self._looks[0] is not bench:
-            self._looks = (bench, self.screen.look(bench))
+    def _looked(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
+        """First entries beside a model, taken once."""
+        if self._looks[0] is not model_fit:
+            self._looks = (model_fit, self.screen.entry(model_fit))
         return self._looks[1]
 
-    def refined(self, bench: ModelFit, trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
+    def refined(self, model_fit: ModelFit, trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
         """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
         shaped = [trial for trial in trials if not trial.term.generic and _moves(trial.term)]
         out = [trial for trial in trials if trial not in shaped]
         ranked = sorted(shaped, key=lambda trial: -trial.seen.gain)
         for old in ranked[:REFINED]:
-            new = try_term(bench, self.refiner.refine(bench, old.term))
+            new = try_term(model_fit, self.refiner.refine(model_fit, old.term))
             out.append(new if new.gain > old.gain else old)
         return [*out, *ranked[REFINED:]]
 
@@ -217,14 +217,14 @@ class Selector:
     def _better(self, model: list[ModelTerm], index: int) -> list[ModelTerm]:
         """Exchanges one cause for a better one beside the others, or moves its shape."""
         term, rest = model[index], [*model[:index], *model[index + 1 :]]
-        bench = self.bench(rest)
-        own = try_term(bench, term)
-        rivals = [self.trial(bench, look.slot) for look in best_of_each(self.screen.look(bench), 3)]
-        better = max(self.refined(bench, rivals), key=adjusted, default=own)
+        model_fit = self.model_fit(rest)
+        own = try_term(model_fit, term)
+        rivals = [self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.entry(model_fit), 3)]
+        better = max(self.refined(model_fit, rivals), key=adjusted, default=own)
         ahead = adjusted(better) - adjusted(own)
-        simpler = self.possible.of_body(own) and better.term.slot.free < own.term.slot.free
+        simpler = self.possible.of_body(own) and better.term.layout.free < own.term.layout.free
         exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None
-        chosen = better.term if exchanged else self.refiner.refine(bench, term)
+        chosen = better.term if exchanged else self.refiner.refine(model_fit, term)
         return [*model[:index], chosen, *model[index + 1 :]]
 
 
@@ -245,7 +245,7 @@ Best = Callable[[Sequence[ScreenedCandidate], int], list[ScreenedCandidate]]
 
 def find_pair(
     screen: Screening,
-    bench: ModelFit,
+    model_fit: ModelFit,
     make: Callable[[Sequence[ModelTerm]], ModelFit],
     best: Best,
     objection: Objection,
@@ -253,24 +253,24 @@ def find_pair(
     """Finds two candidates of which each earns its place beside the other.
 
     Args:
-        screen: First looks.
-        bench: The model that no single candidate betters.
+        screen: First entries.
+        model_fit: The model that no single candidate betters.
         make: Fits a model.
         best: The best physical shape of each candidate.
         objection: Why a trial does not earn its place; None if it does.
     """
-    lacking = bench.left / bench.counts > LACKING
-    firsts = [look for look in best(screen.look(bench), 4 * FIRST) if lacking[list(look.slot.groups)].any()]
+    lacking = model_fit.left / model_fit.counts > LACKING
+    firsts = [entry for entry in best(screen.entry(model_fit), 4 * FIRST) if lacking[list(entry.layout.groups)].any()]
     for first in firsts[:FIRST]:
-        one = term_of(bench.design, first.slot)
-        beside = make([*bench.model, one])
+        one = term_of(model_fit.design, first.layout)
+        beside = make([*model_fit.model, one])
         near = [
-            look for look in best(screen.look(beside), 2 * SECOND) if set(look.slot.groups) & set(one.groups)
+            entry for entry in best(screen.entry(beside), 2 * SECOND) if set(entry.layout.groups) & set(one.groups)
         ]
         for second in near[:SECOND]:
-            other = term_of(bench.design, second.slot)
+            other = term_of(model_fit.design, second.layout)
             if objection(try_term(beside, other)) is not None:
                 continue
-            if objection(try_term(make([*bench.model, other]), one)) is None:
+            if objection(try_term(make([*model_fit.model, other]), one)) is None:
                 return one, other
     return None

@@ -111,7 +111,7 @@ def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[Series, ..
     out = []
     for index in evidence.heldout[:MOST_RECORDINGS]:
         item = evidence.prepared[index]
-        left = evidence.plain.left(evidence.bench, index)
+        left = evidence.plain.left(evidence.model_fit, index)
         doing = [_doing(item, model, joint) for joint in range(model.n)]
         for group, (residual, joint) in enumerate(evidence.design.groups):
             out.append(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Where a drive's plain losses and its rotor all lack at once: no single law of them is right before the others are.
 
-A model that knows links alone meets a geared robot: every joint lacks friction, damping and a rotor together. Taken one
+A model that knows links alone meets a geared_start_model robot: every joint lacks friction, damping and a rotor together. Taken one
 at a time, a richer law of one kind (bristles, directions) imitates two plain ones, and blocks the place of both.
 """
 
@@ -11,10 +11,10 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, Unseen, try_term
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, HeldOutResiduals, try_term
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
-from impedance_modules.effects.effect import TURN
+from impedance_modules.effects.effect import REGULARISATION
 
 PLAIN = ("coulomb_friction", "viscous_friction", "reflected_inertia")
 """One number each, and together what every gear and motor has."""
@@ -28,8 +28,8 @@ HOPELESS = 3.0
 Objection = Callable[[CandidateTrial], str | None]
 
 
-def geared(
-    bench: ModelFit,
+def geared_start_model(
+    model_fit: ModelFit,
     make: Callable[[Sequence[ModelTerm]], ModelFit],
     single: Callable[[ModelFit], Sequence[CandidateTrial]],
     objection: Objection,
@@ -37,7 +37,7 @@ def geared(
     """Finds the plain laws of joints that lack all of them.
 
     Args:
-        bench: The model so far.
+        model_fit: The model so far.
         make: Fits a model.
         single: Tries the best candidates beside a model, one by one.
         objection: Why a trial does not earn its place; None if it does.
@@ -46,26 +46,26 @@ def geared(
         For each such joint its laws, each of which earns its place beside the others.
     """
     found: list[ModelTerm] = []
-    for joint, slots in _plain(bench).items():
-        groups = slots[0][0].groups
-        most = LESS * _left(bench.unseen, groups)
-        left, terms = _best(bench, make, slots, most)
-        if left > most or not _all_earn(bench, make, terms, objection):
+    for joint, layouts in _plain(model_fit).items():
+        groups = layouts[0][0].groups
+        most = LESS * _left(model_fit.unseen, groups)
+        left, terms = _best(model_fit, make, layouts, most)
+        if left > most or not _all_earn(model_fit, make, terms, objection):
             continue
-        alone = [trial for trial in single(bench) if joint in trial.term.candidate.joints]
+        alone = [trial for trial in single(model_fit) if joint in trial.term.candidate.joints]
         if all(left < LESS * _left(trial.unseen, groups) for trial in alone):
             found += terms
     return tuple(found)
 
 
 def _best(
-    bench: ModelFit, make: Callable[[Sequence[ModelTerm]], ModelFit], slots: Sequence[Sequence[ColumnLayout]], most: float
+    model_fit: ModelFit, make: Callable[[Sequence[ModelTerm]], ModelFit], layouts: Sequence[Sequence[ColumnLayout]], most: float
 ) -> tuple[float, list[ModelTerm]]:
-    """The shapes of a joint's laws that together leave least, and what they leave; one look where that is hopeless."""
+    """The shapes of a joint's laws that together leave least, and what they leave; one entry where that is hopeless."""
     best: tuple[float, list[ModelTerm]] = (float("inf"), [])
-    for choice in product(*slots):
-        terms = [term_of(bench.design, slot) for slot in choice]
-        left = _left(make([*bench.model, *terms]).unseen, terms[0].groups)
+    for choice in product(*layouts):
+        terms = [term_of(model_fit.design, layout) for layout in choice]
+        left = _left(make([*model_fit.model, *terms]).unseen, terms[0].groups)
         best = min(best, (left, terms), key=lambda found: found[0])
         if left > HOPELESS * most:
             break
@@ -73,30 +73,30 @@ def _best(
 
 
 def _all_earn(
-    bench: ModelFit, make: Callable[[Sequence[ModelTerm]], ModelFit], terms: Sequence[ModelTerm], objection: Objection
+    model_fit: ModelFit, make: Callable[[Sequence[ModelTerm]], ModelFit], terms: Sequence[ModelTerm], objection: Objection
 ) -> bool:
     """Whether each of some terms earns its place beside the others."""
     rests = ([other for other in terms if other is not term] for term in terms)
     return all(
-        objection(try_term(make([*bench.model, *rest]), term)) is None
+        objection(try_term(make([*model_fit.model, *rest]), term)) is None
         for rest, term in zip(rests, terms, strict=True)
     )
 
 
-def _plain(bench: ModelFit) -> dict[str, list[list[ColumnLayout]]]:
+def _plain(model_fit: ModelFit) -> dict[str, list[list[ColumnLayout]]]:
     """Joint -> shapes of each plain law next to the motor, where all of them show in the same residuals."""
-    slots: dict[str, dict[str, list[ColumnLayout]]] = defaultdict(lambda: defaultdict(list))
-    for slot in bench.design.slots:
-        effect, key, port = slot.shaped.key
+    layouts: dict[str, dict[str, list[ColumnLayout]]] = defaultdict(lambda: defaultdict(list))
+    for layout in model_fit.design.layouts:
+        effect, key, port = layout.shaped.key
         # Dry friction that creeps noise_ratios its part with viscous friction; together they would hide a rotor.
-        if effect in PLAIN and port == "actuator" and TURN not in slot.shaped.shape:
-            slots[key][effect].append(slot)
-    full = {key: list(own.values()) for key, own in slots.items() if len(own) == len(PLAIN)}
+        if effect in PLAIN and port == "actuator" and REGULARISATION not in layout.shaped.shape:
+            layouts[key][effect].append(layout)
+    full = {key: list(own.values()) for key, own in layouts.items() if len(own) == len(PLAIN)}
     return {
-        key: own for key, own in full.items() if len({slot.groups for shapes in own for slot in shapes}) == 1
+        key: own for key, own in full.items() if len({layout.groups for shapes in own for layout in shapes}) == 1
     }
 
 
-def _left(unseen: Unseen, groups: Sequence[int]) -> float:
+def _left(unseen: HeldOutResiduals, groups: Sequence[int]) -> float:
     """Squares that a model leaves of some groups on recordings that its fits have not seen."""
     return float(sum(left[g] @ left[g] for left in unseen.values() for g in groups))

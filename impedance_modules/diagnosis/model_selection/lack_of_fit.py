@@ -20,7 +20,7 @@ from scipy.stats import f as fisher
 from impedance_modules.diagnosis.model_selection.acceptance import price
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.regression.cleaned_signals import at_rest
+from impedance_modules.diagnosis.regression.cleaned_signals import stationary_joints
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ class Lack:
 def lack_of_fit(evidence: Evidence) -> Lack:
     """Tests what the accepted model leaves, on unseen recordings and on all of them."""
     unseen = _ratios(evidence, evidence.heldout)
-    fitted = _ratios(evidence, (*evidence.bench.fitted, *evidence.heldout))
+    fitted = _ratios(evidence, (*evidence.model_fit.fitted, *evidence.heldout))
     ratio, limit = (np.array(part) for part in zip(*map(_worse, unseen, fitted), strict=True))
     return Lack(ratio, limit, structure(evidence))
 
@@ -72,17 +72,17 @@ def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float,
 
 def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, float]]:
     """Residual power over expected power, and its limit, of each group."""
-    bench, design = evidence.bench, evidence.design
+    model_fit, design = evidence.model_fit, evidence.design
     rescale = design.whitening.innovation / evidence.floor.innovation
-    left = {r: bench.residuals(bench.whole.coefficients, r) for r in recordings}
+    left = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in recordings}
     chance = 1.0 - ALPHA / len(design.groups)
     factors = SYSTEMATIC * (1.0 + (WEAK - 1.0) * evidence.floor.assumed)
-    small = (evidence.negligible / np.maximum(evidence.rms(bench, recordings), LEAST)) ** 2
+    small = (evidence.negligible / np.maximum(evidence.rms(model_fit, recordings), LEAST)) ** 2
     out = []
-    for g, ids in enumerate(bench.ids):
+    for g, ids in enumerate(model_fit.ids):
         rows = np.concatenate([left[r][g] * rescale[r, g] for r in recordings])
-        T = np.concatenate([bench.rows[r][g] * rescale[r, g] for r in recordings])
-        variance = float(np.sum((T @ bench.whole.inverse[np.ix_(ids, ids)]) * T) / len(T))
+        T = np.concatenate([model_fit.rows[r][g] * rescale[r, g] for r in recordings])
+        variance = float(np.sum((T @ model_fit.whole.inverse[np.ix_(ids, ids)]) * T) / len(T))
         part, count = design.whitening.part[g], design.count(recordings)[g]
         ratio = part * float(np.sum(rows**2)) / count / (part + variance)
         limit = float(factors[g]) * float(fisher.ppf(chance, count, design.whitening.samples[g]))
@@ -110,7 +110,7 @@ def uneven(evidence: Evidence) -> tuple[float, str] | None:
         Part of the residual that the change takes, and a sentence; None where all are constant.
     """
     found = []
-    for index, term in enumerate(evidence.bench.model):
+    for index, term in enumerate(evidence.model_fit.model):
         if len(term.candidate.joints) == 1 and len(term.groups) == 1:
             part = _varies(evidence, index, term)
             if part is not None:
@@ -122,11 +122,11 @@ def uneven(evidence: Evidence) -> tuple[float, str] | None:
 
 def _varies(evidence: Evidence, index: int, term: ModelTerm) -> float | None:
     """Part of the residual that the best order takes beyond the model, confirmed on unseen recordings; None if none."""
-    bench, (g,) = evidence.bench, term.groups
+    model_fit, (g,) = evidence.model_fit, term.groups
     joint = evidence.prepared[0].tree.joints.index(term.candidate.joints[0])
     positions = [item.position[:, joint] for item in evidence.prepared]
     orders = _orders(positions)
-    samples = float(bench.counts[g])
+    samples = float(model_fit.counts[g])
     best: tuple[float, float] | None = None
     for order in orders:
         blocks = [_modulated(evidence, index, (r, g), order * q) for r, q in enumerate(positions)]
@@ -153,25 +153,25 @@ def _orders(positions: Sequence[Array]) -> Array:
 def _modulated(evidence: Evidence, index: int, place: tuple[int, int], phase: Array) -> Array:
     """Whitened columns (M, 2) of a cause's torque times sine and cosine of a phase (M,)."""
     r, g = place
-    torque = evidence.plain.torque(evidence.bench, index, r)[g]
+    torque = evidence.plain.torque(evidence.model_fit, index, r)[g]
     block = torque[:, None] * np.column_stack([np.sin(phase), np.cos(phase)])
     return np.asarray(evidence.design.whitening.apply(block, r, g))
 
 
 def _fit(evidence: Evidence, blocks: Sequence[Array], g: int) -> tuple[float, Array, Array]:
     """Gain [nats] of columns beside the whole fit, their coefficients, and what they pull the model's along by."""
-    bench = evidence.bench
-    ids, weight = bench.ids[g], bench.weights[g]
+    model_fit = evidence.model_fit
+    ids, weight = model_fit.ids[g], model_fit.weights[g]
     cross, own, right = np.zeros((len(ids), 2)), np.zeros((2, 2)), np.zeros(2)
-    for r in bench.fitted:
-        left = bench.residuals(bench.whole.coefficients, r)[g]
-        cross += weight * (bench.rows[r][g].T @ blocks[r])
+    for r in model_fit.fitted:
+        left = model_fit.residuals(model_fit.whole.coefficients, r)[g]
+        cross += weight * (model_fit.rows[r][g].T @ blocks[r])
         own += weight * (blocks[r].T @ blocks[r])
         right += weight * (blocks[r].T @ left)
-    carried = bench.whole.inverse[np.ix_(ids, ids)] @ cross
+    carried = model_fit.whole.inverse[np.ix_(ids, ids)] @ cross
     free = own - cross.T @ carried
     coefficients = np.linalg.pinv(free, rcond=1e-6, hermitian=True) @ right
-    samples = float(bench.counts[g])
+    samples = float(model_fit.counts[g])
     explained = float(right @ coefficients) / samples
     return -0.5 * samples * float(np.log(max(1.0 - explained, 1e-6))), np.asarray(coefficients), carried
 
@@ -180,11 +180,11 @@ def _confirmed(
     evidence: Evidence, blocks: Sequence[Array], g: int, coefficients: Array, carried: Array
 ) -> bool:
     """Whether the same numbers help on the recordings that no fit has seen."""
-    bench = evidence.bench
+    model_fit = evidence.model_fit
     gained = 0.0
     for r in evidence.heldout:
-        left = bench.residuals(bench.whole.coefficients, r)[g]
-        after = left - (blocks[r] - bench.rows[r][g] @ carried) @ coefficients
+        left = model_fit.residuals(model_fit.whole.coefficients, r)[g]
+        after = left - (blocks[r] - model_fit.rows[r][g] @ carried) @ coefficients
         gained += float(left @ left - after @ after)
     return gained > 0.0
 
@@ -207,11 +207,11 @@ STAND_INS = 6
 
 def structure(evidence: Evidence) -> str:
     """Says in words what is left beside noise; empty if nothing is."""
-    bench = evidence.bench
-    recordings = (*bench.fitted, *evidence.heldout)
-    left = [bench.residuals(bench.whole.coefficients, r) for r in recordings]
+    model_fit = evidence.model_fit
+    recordings = (*model_fit.fitted, *evidence.heldout)
+    left = [model_fit.residuals(model_fit.whole.coefficients, r) for r in recordings]
     found = []
-    small = evidence.rms(bench, recordings) <= evidence.negligible
+    small = evidence.rms(model_fit, recordings) <= evidence.negligible
     for g, (residual, joint) in enumerate(evidence.design.groups):
         if small[g]:
             continue
@@ -261,10 +261,10 @@ def _smooth(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | No
     What its encoder flickers is in its residual and in every function of its motion. Groups whose remainder is
     ``small`` beside the load do not count either.
     """
-    still = np.all([at_rest(item.signals.position) for item in evidence.prepared], axis=0)
-    selector, bench = evidence.selector, evidence.bench
-    looks = [look for look in selector.screen.look(bench) if look.slot.shaped.candidate is None]
-    trials = [selector.trial(bench, look.slot) for look in looks[:STAND_INS]]
+    still = np.all([stationary_joints(item.signals.position) for item in evidence.prepared], axis=0)
+    selector, model_fit = evidence.selector, evidence.model_fit
+    looks = [look for look in selector.screen.look(model_fit) if look.layout.shaped.candidate is None]
+    trials = [selector.trial(model_fit, look.layout) for look in looks[:STAND_INS]]
     good = [
         trial
         for trial in trials

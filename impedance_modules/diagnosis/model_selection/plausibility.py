@@ -21,7 +21,7 @@ from impedance_modules.effects.residual_kinds import EFFORT_SIGN
 
 Array = NDArray[np.float64]
 
-ESSENCE_MIN = 12.0
+CONTRAST_MIN = 12.0
 """Least chi-square of what makes an effect this effect: three and a half standard deviations of one number."""
 
 
@@ -68,13 +68,13 @@ class Plausibility:
 
     def impossible(self, trial: CandidateTrial) -> str | None:
         """Why a trial's own numbers speak against it."""
-        if trial.seen.essence < ESSENCE_MIN:
+        if trial.seen.contrasts < CONTRAST_MIN:
             return "what makes it this effect rather than a simpler one is not there for certain"
         return self.unphysical(trial)
 
     def unphysical(self, trial: CandidateTrial) -> str | None:
         """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
-        if any(_holds(other, trial.term) for other in trial.bench.model):
+        if any(_holds(other, trial.term) for other in trial.model_fit.model):
             return "another cause on the same joint contains it"
         if not repeats(trial, self.pairs):
             return (
@@ -86,10 +86,10 @@ class Plausibility:
             return "its parameters are at the end of what is physical, or beyond"
         term, effect = trial.term, trial.term.candidate.effect
         body = self.bodies.get(term.candidate.key)
-        change = trial.coefficients.mean(axis=0) / term.slot.scale
+        change = trial.coefficients.mean(axis=0) / term.layout.scale
         if body is not None and len(change) == len(body) and not can_exist(body, change):
             return "no body has such an inertia: its mass would be negative somewhere"
-        spread = trial.seen.spread / term.slot.scale
+        spread = trial.seen.spread / term.layout.scale
         reason = effect.unresolved(term.shaped.shape, self.resolution) or effect.out_of_reach(
             change, spread, self.reach
         )
@@ -114,17 +114,17 @@ def _holds(one: ModelTerm, other: ModelTerm) -> bool:
 
 def _taken_back(trial: CandidateTrial, signals: Signals) -> bool:
     """Whether an offset and an asymmetry of friction on one joint cancel but where the joint stands still."""
-    term, bench = trial.term, trial.bench
-    for other, start in zip(bench.model, bench.starts, strict=False):
+    term, model_fit = trial.term, trial.model_fit
+    for other, start in zip(model_fit.model, model_fit.starts, strict=False):
         shared = set(term.groups) & set(other.groups)
         if {term.key[0], other.key[0]} != {ASYMMETRIC, OFFSET} or not shared:
             continue
         sizes: dict[str, float] = {}
         for one, coefficients in ((term, trial.seen.own), (other, trial.seen.beside[start:])):
-            own = coefficients[: one.shaped.size] / one.slot.scale
+            own = coefficients[: one.shaped.size] / one.layout.scale
             candidate = one.candidate
             found = candidate.effect.values(own, one.shaped.shape, signals, candidate.key, candidate.port)
-            read = EFFORT_SIGN[bench.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
+            read = EFFORT_SIGN[model_fit.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
             sizes |= {symbol: read * value for symbol, value in found.items()}
         if abs(sizes["c"] + sizes["da"]) < TAKEN_BACK * max(abs(sizes["c"]), abs(sizes["da"])):
             return True

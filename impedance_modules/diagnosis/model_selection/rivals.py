@@ -10,7 +10,7 @@ import numpy as np
 from impedance_modules.diagnosis.model_selection.acceptance import price, promising, twins
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
-from impedance_modules.diagnosis.model_selection.plausibility import ESSENCE_MIN
+from impedance_modules.diagnosis.model_selection.plausibility import CONTRAST_MIN
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm, part_of
 from impedance_modules.diagnosis.result import Rival
@@ -43,14 +43,14 @@ def judge_rivals(
     Returns:
         Those that cannot be told from it, and the others with the reason why they lost.
     """
-    bench = selector.bench([other for other in causes if other is not term])
-    own = try_term(bench, term)
+    model_fit = selector.model_fit([other for other in causes if other is not term])
+    own = try_term(model_fit, term)
     held = {other.key for other in causes}
     equal: list[Rival] = []
     lost: list[Rival] = []
-    asked = [slot for slot in promising(selector.screen.look(bench), ASKED) if slot.shaped.key not in held]
-    for found in selector.refined(bench, [selector.trial(bench, slot) for slot in asked]):
-        rival = selector.moved(bench, found) if twins(own, found) else found
+    asked = [layout for layout in promising(selector.screen.entry(model_fit), ASKED) if layout.shaped.key not in held]
+    for found in selector.refined(model_fit, [selector.trial(model_fit, layout) for layout in asked]):
+        rival = selector.moved(model_fit, found) if twins(own, found) else found
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
         if (
@@ -95,18 +95,18 @@ def contains(rival: CandidateTrial, own: CandidateTrial) -> bool:
     more, less = rival.term.candidate, own.term.candidate
     larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
     if "body" in more.effect.description.keys and "body" in less.effect.description.keys:
-        larger = rival.term.slot.free > own.term.slot.free
-    empty = bool(more.effect.essence) and rival.seen.essence < ESSENCE_MIN and not less.effect.essence
+        larger = rival.term.layout.free > own.term.layout.free
+    empty = bool(more.effect.contrasts) and rival.seen.contrasts < CONTRAST_MIN and not less.effect.contrasts
     return more.key == less.key and (larger or empty)
 
 
 def _alone(rival: CandidateTrial, own: CandidateTrial) -> bool:
     """Whether what makes the rival more than the cause does as well by itself: then neither can be told apart."""
-    rows = np.array(rival.term.candidate.effect.essence)
+    rows = np.array(rival.term.candidate.effect.contrasts)
     if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
         return False
     kept = np.flatnonzero(rows.any(axis=0))
-    part = try_term(rival.bench, part_of(rival.term, kept))
+    part = try_term(rival.model_fit, part_of(rival.term, kept))
     mine, its = own.reach_on(own.term.groups), part.reach_on(own.term.groups)
     return mine - its < EQUAL_LOSS * mine
 
@@ -117,7 +117,7 @@ def _open(rival: CandidateTrial, own: CandidateTrial) -> bool:
     A joint that stands still at one place tells nothing about a stiffness beside an offset, not even its sign. Columns
     are scaled to one.
     """
-    rows = np.array(rival.term.candidate.effect.essence)
+    rows = np.array(rival.term.candidate.effect.contrasts)
     if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
         return False
     kept = np.flatnonzero(rows.any(axis=0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""A first look at all candidates at once: what each would gain in the sample, nuisance and model refitted.
+r"""A first entry at all candidates at once: what each would gain in the sample, nuisance and model refitted.
 
 With r and S the candidate's part of the normal equations after everything else is eliminated (a Schur
 complement), its coefficients are S^{-1} r and its gain is r^T S^{-1} r / 2. What a candidate has in common with
@@ -32,17 +32,17 @@ SLACK = 1.0
 
 @dataclass(frozen=True, eq=False)
 class ScreenedCandidate:
-    """A candidate's first look.
+    """A candidate's first entry.
 
     Attributes:
-        slot: The candidate.
+        layout: The candidate.
         gain: About the log-likelihood it would add [nats].
         power: About the residual power it would explain, in units of the noise.
         physical: Whether its coefficients keep the physical bounds.
         worth: The gain less the Bayesian price of its coefficients, by which shapes of one candidate are compared.
     """
 
-    slot: ColumnLayout
+    layout: ColumnLayout
     gain: float
     power: float
     physical: bool
@@ -50,17 +50,17 @@ class ScreenedCandidate:
 
 
 class Screening:
-    """Sums over the fitted recordings that every look needs.
+    """Sums over the fitted recordings that every entry needs.
 
     Attributes:
         design: All candidates.
-        first: (slots,) index of each slot's first column among all columns.
+        first: (layouts,) index of each layout's first column among all columns.
     """
 
     def __init__(self, design: Design, recordings: Sequence[int]) -> None:
         """Sums once what no model changes."""
         self.design, self._recordings = design, tuple(recordings)
-        widths = np.array([slot.shaped.width for slot in design.slots], dtype=np.intp)
+        widths = np.array([layout.shaped.width for layout in design.layouts], dtype=np.intp)
         self.first = np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
         self._widths = widths
         self._lags = int(widths.max(initial=1))
@@ -79,8 +79,8 @@ class Screening:
         """Which of all columns stand in a group, in its order."""
         found = [
             np.arange(self.first[i], self.first[i + 1])
-            for i, slot in enumerate(self.design.slots)
-            if group in slot.places
+            for i, layout in enumerate(self.design.layouts)
+            if group in layout.places
         ]
         return np.concatenate(found).astype(np.intp) if found else np.zeros(0, np.intp)
 
@@ -94,42 +94,42 @@ class Screening:
                 out[lag, : count - lag] += np.einsum("mc,mc->c", X[:, : count - lag], X[:, lag:])
         return out
 
-    def look(self, bench: ModelFit) -> list[ScreenedCandidate]:
+    def entry(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
         """Looks at all candidates that the model does not hold yet, best first."""
-        cross, own, right = self._against(bench)
-        pulled = cross @ bench.whole.inverse
+        cross, own, right = self._against(model_fit)
+        pulled = cross @ model_fit.whole.inverse
         left = np.zeros_like(own)
         for lag in range(self._lags):
             rows = len(own[lag]) - lag
             left[lag, :rows] = own[lag, :rows] - np.einsum("ca,ca->c", pulled[:rows], cross[lag:])
-        held = {term.key for term in bench.model}
-        looks: list[ScreenedCandidate] = []
+        held = {term.key for term in model_fit.model}
+        entries: list[ScreenedCandidate] = []
         for width, members in self.classes:
-            looks += self._judge(bench, width, members, (own, left, right), held)
-        return sorted(looks, key=lambda look: -look.gain)
+            entries += self._judge(model_fit, width, members, (own, left, right), held)
+        return sorted(entries, key=lambda entry: -entry.gain)
 
-    def _against(self, bench: ModelFit) -> tuple[Array, Array, Array]:
+    def _against(self, model_fit: ModelFit) -> tuple[Array, Array, Array]:
         """All columns against the model (C, A), against themselves (lags, C), and against what is left (C,)."""
         total = int(self.first[-1])
-        cross, own, right = np.zeros((total, bench.size)), np.zeros((self._lags, total)), np.zeros(total)
-        coefficients = bench.whole.coefficients
-        left = {r: bench.residuals(coefficients, r) for r in self._recordings}
+        cross, own, right = np.zeros((total, model_fit.size)), np.zeros((self._lags, total)), np.zeros(total)
+        coefficients = model_fit.whole.coefficients
+        left = {r: model_fit.residuals(coefficients, r) for r in self._recordings}
         for g, ids in enumerate(self._ids):
-            weight, nuisance = bench.weights[g], bench.design.nuisance.ids[g]
+            weight, nuisance = model_fit.weights[g], model_fit.design.nuisance.ids[g]
             k = len(nuisance)
-            more = np.zeros((len(ids), len(bench.ids[g]) - k + 1))
+            more = np.zeros((len(ids), len(model_fit.ids[g]) - k + 1))
             for r in self._recordings:
-                block = np.column_stack([bench.rows[r][g][:, k:], left[r][g]]).astype(np.float32)
+                block = np.column_stack([model_fit.rows[r][g][:, k:], left[r][g]]).astype(np.float32)
                 more += self.design.X[r][g].T @ block
             cross[np.ix_(ids, nuisance)] += weight * self._nuisance[g]
-            cross[np.ix_(ids, bench.ids[g][k:])] += weight * more[:, :-1]
+            cross[np.ix_(ids, model_fit.ids[g][k:])] += weight * more[:, :-1]
             own[:, ids] += weight * self._own[g]
             right[ids] += weight * more[:, -1]
         return cross, own, right
 
     def _judge(
         self,
-        bench: ModelFit,
+        model_fit: ModelFit,
         width: int,
         members: Indices,
         sums: tuple[Array, Array, Array],
@@ -143,18 +143,18 @@ class Screening:
             for j in range(i, width):
                 S[:, i, j] = S[:, j, i] = left[j - i][columns[:, i]]
         power = own[0][columns]
-        slots = [self.design.slots[i] for i in members]
+        layouts = [self.design.layouts[i] for i in members]
         out: list[ScreenedCandidate] = []
         for fixed in (False, True):
             chosen = np.array(
-                [i for i, slot in enumerate(slots) if slot.shaped.fixed == fixed], dtype=np.intp
+                [i for i, layout in enumerate(layouts) if layout.shaped.fixed == fixed], dtype=np.intp
             )
             size = width - fixed
             if not len(chosen) or size == 0:
                 continue
             part, b = S[chosen], right[columns[chosen]]
-            some = [slots[i] for i in chosen]
-            precision = np.array([slot.precision for slot in some])
+            some = [layouts[i] for i in chosen]
+            precision = np.array([layout.precision for layout in some])
             matrix = part[:, :size, :size] + np.einsum(
                 "np,pq->npq", precision + RIDGE * power[chosen][:, :size], np.eye(size)
             )
@@ -166,31 +166,31 @@ class Screening:
                 gain = gain + b[:, size] - 0.5 * part[:, size, size]
             spread = SLACK * np.sqrt(np.clip(np.einsum("npp->np", inverse), 0.0, None))
             shown = np.einsum("npp->np", part)[:, :size] > COLLINEAR * power[chosen][:, :size]
-            seen = np.all(shown | np.array([slot.unseen for slot in some]), axis=1)
-            out += _looks(bench, some, (found, spread, gain), seen, held)
+            seen = np.all(shown | np.array([layout.unseen for layout in some]), axis=1)
+            out += _looks(model_fit, some, (found, spread, gain), seen, held)
         return out
 
 
 def _looks(
-    bench: ModelFit,
-    slots: Sequence[ColumnLayout],
+    model_fit: ModelFit,
+    layouts: Sequence[ColumnLayout],
     found: tuple[Array, Array, Array],
     seen: Mask,
     held: set[tuple[str, str, str]],
 ) -> list[ScreenedCandidate]:
     coefficients, spread, gains = found
-    lower = np.array([slot.shaped.lower * slot.scale for slot in slots])
-    upper = np.array([slot.shaped.upper * slot.scale for slot in slots])
+    lower = np.array([layout.shaped.lower * layout.scale for layout in layouts])
+    upper = np.array([layout.shaped.upper * layout.scale for layout in layouts])
     physical = np.all((coefficients > lower - spread) & (coefficients < upper + spread), axis=1)
     out = []
     for i in np.flatnonzero(seen & (gains > 0.0)):
-        slot = slots[int(i)]
-        if slot.shaped.key in held:
+        layout = layouts[int(i)]
+        if layout.shaped.key in held:
             continue
-        touched = list(slot.groups)
-        samples = float(np.sum(bench.counts[touched]))
+        touched = list(layout.groups)
+        samples = float(np.sum(model_fit.counts[touched]))
         gain = -0.5 * samples * float(np.log(max(1.0 - 2.0 * gains[i] / samples, 1e-6)))
-        power = float(2.0 * gains[i] / np.min(bench.weights[touched]))
-        worth = gain - 0.5 * slot.free * float(np.log(max(samples, 2.0)))
-        out.append(ScreenedCandidate(slot, gain, power, bool(physical[i]), worth))
+        power = float(2.0 * gains[i] / np.min(model_fit.weights[touched]))
+        worth = gain - 0.5 * layout.free * float(np.log(max(samples, 2.0)))
+        out.append(ScreenedCandidate(layout, gain, power, bool(physical[i]), worth))
     return out

@@ -208,7 +208,7 @@ class CandidateRegressor:
 
 
 class Filler:
-    """Filters columns of many candidates at once and hands them back to their drafts."""
+    """Filters columns of many candidates at once and hands them back to their regressors."""
 
     def __init__(self, item: Prepared) -> None:
         """Takes the recording whose band counts."""
@@ -250,39 +250,39 @@ def candidate_regressors(
         signals: Theirs, as columns may see them (`instrument`).
         residuals: That exist.
     """
-    drafts = [
+    regressors = [
         CandidateRegressor(candidate, shape, (candidate.effect.id, candidate.key, candidate.port))
         for candidate, shape in shaped
     ]
     for item, own in zip(prepared, signals, strict=True):
         filler = Filler(item)
         with item.remembered():
-            for draft, (candidate, shape) in zip(drafts, shaped, strict=True):
-                draft.blocks.append({})
+            for regressor, (candidate, shape) in zip(regressors, shaped, strict=True):
+                regressor.blocks.append({})
                 found = columns_of(candidate, shape, own, residuals)
                 if found is None:
                     continue
-                draft.lower, draft.upper = found.lower, found.upper
-                draft.fixed = draft.fixed or found.fixed
+                regressor.lower, regressor.upper = found.lower, found.upper
+                regressor.fixed = regressor.fixed or found.fixed
                 for group, block in found.blocks.items():
-                    filler.add(draft.blocks[-1], group, block)
+                    filler.add(regressor.blocks[-1], group, block)
         filler.flush()
-    return [_squared(draft) for draft in drafts if draft.lower.size]
+    return [_squared(regressor) for regressor in regressors if regressor.lower.size]
 
 
-def _squared(draft: CandidateRegressor) -> CandidateRegressor:
+def _squared(regressor: CandidateRegressor) -> CandidateRegressor:
     """Gives all recordings the same number of columns: a fixed part that is zero there may be lacking."""
-    for blocks in draft.blocks:
+    for blocks in regressor.blocks:
         for group, block in blocks.items():
-            if block.shape[1] < draft.width:
+            if block.shape[1] < regressor.width:
                 blocks[group] = np.pad(block, ((0, 0), (0, 1)))
-    return draft
+    return regressor
 
 
-def alike(draft: CandidateRegressor) -> tuple[object, ...]:
+def alike(regressor: CandidateRegressor) -> tuple[object, ...]:
     """What two shapes of one effect on one carrier share if they are the same regression."""
     marks = tuple(
         (group, tuple(np.round(values[:40].sum(axis=0, dtype=float), 5)))
-        for group, values in draft.blocks[0].items()
+        for group, values in regressor.blocks[0].items()
     )
-    return (draft.key[0], draft.key[1], tuple(draft.shape.values()), marks)
+    return (regressor.key[0], regressor.key[1], tuple(regressor.shape.values()), marks)

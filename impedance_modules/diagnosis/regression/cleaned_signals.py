@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.effects.joint_motion import smoothing
+from impedance_modules.effects.joint_motion import regularisation_velocity
 from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
@@ -116,9 +116,9 @@ def noise_of_repeats(
 
 def _basis(signals: Signals, joint: int, own: Array) -> Array:
     q, v, a = (x[:, joint] for x in (signals.position, signals.velocity, signals.acceleration))
-    # With the turnover of dry friction itself: a wider one would lend the reading a friction curve of its own.
-    turnover = float(smoothing(signals.model.sliding)[joint])
-    return np.column_stack([own, np.ones_like(q), q, v, a, np.tanh(v / turnover)])
+    # With the regularisation of dry friction itself: a wider one would lend the reading a friction curve of its own.
+    regularisation = float(regularisation_velocity(signals.model.sliding)[joint])
+    return np.column_stack([own, np.ones_like(q), q, v, a, np.tanh(v / regularisation)])
 
 
 def _onto(basis: Array, values: Array) -> Array:

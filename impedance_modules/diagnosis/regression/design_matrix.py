@@ -41,7 +41,7 @@ class Design:
         y: Recording -> group -> (M - order,) whitened residual.
         Z: Recording -> group -> (M - order, k) whitened nuisance columns.
         X: Recording -> group -> (M - order, C) whitened candidates' columns.
-        slots: One per shaped candidate that shows at all.
+        layouts: One per shaped candidate that shows at all.
         rate: Of the rows [Hz].
     """
 
@@ -53,7 +53,7 @@ class Design:
     y: tuple[tuple[Array, ...], ...]
     Z: tuple[tuple[Array, ...], ...]
     X: tuple[tuple[Thin, ...], ...]
-    slots: tuple[ColumnLayout, ...]
+    layouts: tuple[ColumnLayout, ...]
     rate: float
 
     def count(self, recordings: Sequence[int]) -> Array:
@@ -80,7 +80,7 @@ class Design:
     @cached_property
     def shapes(self) -> Mapping[tuple[str, str, str], int]:
         """Candidate -> how many shapes of it are tried."""
-        return Counter(slot.shaped.key for slot in self.slots)
+        return Counter(layout.shaped.key for layout in self.layouts)
 
     @cached_property
     def nuisance_gram(self) -> tuple[tuple[Array, ...], ...]:
@@ -98,7 +98,7 @@ def _kept(block: Real, keep: Mask | None) -> Real:
 
 
 def build_design(
-    drafts: Sequence[CandidateRegressor],
+    regressors: Sequence[CandidateRegressor],
     nuisance: NuisanceColumns,
     raw: Sequence[Sequence[Array]],
     whitening: Whitening,
@@ -109,14 +109,14 @@ def build_design(
     """Whitens everything and puts the candidates' columns side by side.
 
     Args:
-        drafts: Candidates, all shapes, on all recordings.
+        regressors: Candidates, all shapes, on all recordings.
         nuisance: What may be wrong everywhere.
         raw: Recording -> group -> (M,) residuals.
         whitening: Of the noise.
         names: Of the recordings.
         rate: Of the rows [Hz].
     """
-    slots, members = layouts_of(drafts, nuisance)
+    layouts, members = layouts_of(regressors, nuisance)
     return Design(
         groups=nuisance.groups,
         names=tuple(names),
@@ -128,7 +128,7 @@ def build_design(
         X=tuple(
             tuple(
                 _beside(
-                    [(drafts[i], slots[i]) for i in inside],
+                    [(regressors[i], layouts[i]) for i in inside],
                     (r, g),
                     nuisance.groups[g],
                     whitening,
@@ -138,7 +138,7 @@ def build_design(
             )
             for r in range(len(raw))
         ),
-        slots=tuple(slots.values()),
+        layouts=tuple(layouts.values()),
         rate=rate,
     )
 
@@ -158,7 +158,7 @@ def _beside(
     whitening: Whitening,
     rows: int,
 ) -> Thin:
-    blocks = [scaled_block(draft, slot, place[0], group, rows) for draft, slot in members]
+    blocks = [scaled_block(regressor, layout, place[0], group, rows) for regressor, layout in members]
     whole = np.concatenate(blocks, axis=1) if blocks else np.zeros((rows, 0), np.float32)
     return np.asfortranarray(whitening.apply(whole, *place), dtype=np.float32)
 
@@ -202,65 +202,65 @@ class ColumnLayout:
 
 
 def layout_of(
-    draft: CandidateRegressor, groups: Sequence[Group], links: Mapping[str, Array], first: Mapping[int, int]
+    regressor: CandidateRegressor, groups: Sequence[Group], links: Mapping[str, Array], first: Mapping[int, int]
 ) -> ColumnLayout | None:
-    """Describes a draft's place; None where a column of it is nowhere other than zero.
+    """Describes a regressor's place; None where a column of it is nowhere other than zero.
 
     Of a body or a base some columns may be: the weight of an arm in one plane says nothing about a centre of mass
     beside it. Such coefficients stay what they are, about as sure as one in their own unit.
 
     Args:
-        draft: The candidate.
+        regressor: The candidate.
         groups: All groups.
         links: Wide priors of link inertias.
         first: Group -> index of its first free column.
     """
-    touched = sorted({g for blocks in draft.blocks for g, group in enumerate(groups) if group in blocks})
-    scale = _scale(draft)
+    touched = sorted({g for blocks in regressor.blocks for g, group in enumerate(groups) if group in blocks})
+    scale = _scale(regressor)
     unseen = scale <= UNSEEN * scale.max(initial=0.0)
-    if not touched or unseen.all() or (unseen.any() and not _spatial(draft)):
+    if not touched or unseen.all() or (unseen.any() and not _spatial(regressor)):
         return None
     scale = np.where(unseen, 1.0, scale)
-    size = len(draft.lower)
-    wide = links.get(draft.key[1])
+    size = len(regressor.lower)
+    wide = links.get(regressor.key[1])
     bound = wide is not None and size == len(wide)
     precision = (scale * wide) ** -2.0 if bound and wide is not None else unseen.astype(float)
-    shaped = Shaped(draft.candidate, draft.shape, size, draft.fixed, draft.lower, draft.upper, draft.key)
+    shaped = Shaped(regressor.candidate, regressor.shape, size, regressor.fixed, regressor.lower, regressor.upper, regressor.key)
     return ColumnLayout(shaped, {g: first[g] for g in touched}, scale, precision, unseen)
 
 
-def _spatial(draft: CandidateRegressor) -> bool:
-    """Whether a draft is about a body or the base: what a motion shows of it is a matter of geometry."""
-    kinds = draft.candidate.effect.description.keys if draft.candidate is not None else ()
+def _spatial(regressor: CandidateRegressor) -> bool:
+    """Whether a regressor is about a body or the base: what a motion shows of it is a matter of geometry."""
+    kinds = regressor.candidate.effect.description.keys if regressor.candidate is not None else ()
     return bool({"body", "base"} & set(kinds))
 
 
 def layouts_of(
-    drafts: Sequence[CandidateRegressor], nuisance: NuisanceColumns
+    regressors: Sequence[CandidateRegressor], nuisance: NuisanceColumns
 ) -> tuple[dict[int, ColumnLayout], list[list[int]]]:
-    """Places all drafts; also group -> those that stand in it, in order."""
+    """Places all regressors; also group -> those that stand in it, in order."""
     first = dict.fromkeys(range(len(nuisance.groups)), 0)
     members: list[list[int]] = [[] for _ in nuisance.groups]
-    slots: dict[int, ColumnLayout] = {}
+    layouts: dict[int, ColumnLayout] = {}
     seen: set[tuple[object, ...]] = set()
-    for index, draft in enumerate(drafts):
+    for index, regressor in enumerate(regressors):
         # At a motor's torque, friction before and behind the gear are one column: the first port stands.
-        likeness = alike(draft)
-        slot = None if likeness in seen else layout_of(draft, nuisance.groups, nuisance.links, first)
-        if slot is None:
+        likeness = alike(regressor)
+        layout = None if likeness in seen else layout_of(regressor, nuisance.groups, nuisance.links, first)
+        if layout is None:
             continue
         seen.add(likeness)
-        slots[index] = slot
-        for group in slot.places:
+        layouts[index] = layout
+        for group in layout.places:
             members[group].append(index)
-            first[group] += draft.width
-    return slots, members
+            first[group] += regressor.width
+    return layouts, members
 
 
-def _scale(draft: CandidateRegressor) -> Array:
-    size = len(draft.lower)
+def _scale(regressor: CandidateRegressor) -> Array:
+    size = len(regressor.lower)
     power, count = np.zeros(size), 0
-    for blocks in draft.blocks:
+    for blocks in regressor.blocks:
         for values in blocks.values():
             power += np.einsum("mp,mp->p", values[:, :size], values[:, :size])
             count += len(values)
@@ -269,10 +269,10 @@ def _scale(draft: CandidateRegressor) -> Array:
 
 
 def scaled_block(
-    draft: CandidateRegressor, slot: ColumnLayout, recording: int, group: Group, rows: int
+    regressor: CandidateRegressor, layout: ColumnLayout, recording: int, group: Group, rows: int
 ) -> Thin:
-    """A draft's columns (rows, width) in one group, divided by their scale; zero where it does not show."""
-    block = draft.blocks[recording].get(group)
+    """A regressor's columns (rows, width) in one group, divided by their scale; zero where it does not show."""
+    block = regressor.blocks[recording].get(group)
     if block is None:
-        return np.zeros((rows, slot.shaped.width), np.float32)
-    return np.asarray(block / slot.divisor)
+        return np.zeros((rows, layout.shaped.width), np.float32)
+    return np.asarray(block / layout.divisor)

@@ -34,7 +34,7 @@ GENERIC = "generic"
 
 def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -> list[CandidateRegressor]:
     """Draws the stand-ins of every joint in every residual."""
-    drafts: list[CandidateRegressor] = []
+    regressors: list[CandidateRegressor] = []
     fillers = [Filler(item) for item in prepared]
     signals = [with_stationary_joints(item.signals) for item in prepared]
     for joint in range(prepared[0].signals.n):
@@ -43,16 +43,16 @@ def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -
         scaled = [(x - stacked.mean(axis=0)) / (stacked.std(axis=0) + 1e-9) for x in inputs]
         for name, columns in _functions(scaled):
             for residual in residuals:
-                draft = CandidateRegressor(None, {}, (GENERIC, f"{residual}.{joint}", name))
+                regressor = CandidateRegressor(None, {}, (GENERIC, f"{residual}.{joint}", name))
                 size = columns[0].shape[1]
-                draft.lower, draft.upper = np.full(size, -np.inf), np.full(size, np.inf)
+                regressor.lower, regressor.upper = np.full(size, -np.inf), np.full(size, np.inf)
                 for filler, values in zip(fillers, columns, strict=True):
-                    draft.blocks.append({})
-                    filler.add(draft.blocks[-1], (residual, joint), values)
-                drafts.append(draft)
+                    regressor.blocks.append({})
+                    filler.add(regressor.blocks[-1], (residual, joint), values)
+                regressors.append(regressor)
     for filler in fillers:
         filler.flush()
-    return drafts
+    return regressors
 
 
 def _inputs(s: Signals, joint: int) -> Array:

@@ -92,12 +92,12 @@ class ModelFit:
         own = [
             np.arange(start, start + term.shaped.size)
             for term, start in zip(self.model, self.starts, strict=False)
-            if group in term.slot.places
+            if group in term.layout.places
         ]
         return np.concatenate([self.design.nuisance.ids[group], *own]).astype(np.intp)
 
     def _rows(self, recording: int, group: int) -> Array:
-        own = [term.columns[recording][group] for term in self.model if group in term.slot.places]
+        own = [term.columns[recording][group] for term in self.model if group in term.layout.places]
         nuisance = self.design.Z[recording][group]
         return np.concatenate([nuisance, *own], axis=1) if own else nuisance
 
@@ -128,7 +128,7 @@ class ModelFit:
     @cached_property
     def prior(self) -> Array:
         """(K + P,) precision of each coefficient's prior."""
-        own = [term.slot.precision + FLAT for term in self.model]
+        own = [term.layout.precision + FLAT for term in self.model]
         return np.concatenate([np.ones(self.design.nuisance.size), *own])
 
     def fit(self, recordings: Sequence[int]) -> Fit:
@@ -180,7 +180,7 @@ class ModelFit:
         """Coefficients of one term in its own units, by the whole fit unless another is given."""
         start, term = self.starts[index], self.model[index]
         values = (found or self.whole).coefficients[start : start + term.shaped.size]
-        return np.asarray(values / term.slot.scale)
+        return np.asarray(values / term.layout.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,34 +188,34 @@ class ModelTerm:
     """A shaped candidate with its columns.
 
     Attributes:
-        slot: Its description.
+        layout: Its description.
         columns: Recording -> group -> (M, p) whitened and scaled.
         fixed: Recording -> group -> (M,) whitened part without a coefficient; empty where there is none.
     """
 
-    slot: ColumnLayout
+    layout: ColumnLayout
     columns: tuple[Mapping[int, Array], ...]
     fixed: tuple[Mapping[int, Array], ...]
 
     @property
     def shaped(self) -> Shaped:
         """The candidate in its shape."""
-        return self.slot.shaped
+        return self.layout.shaped
 
     @property
     def key(self) -> tuple[str, str, str]:
         """Effect, carrier and port."""
-        return self.slot.shaped.key
+        return self.layout.shaped.key
 
     @property
     def groups(self) -> tuple[int, ...]:
         """Groups that it touches."""
-        return self.slot.groups
+        return self.layout.groups
 
     @property
     def generic(self) -> bool:
         """Whether it is a stand-in without physics."""
-        return self.slot.shaped.candidate is None
+        return self.layout.shaped.candidate is None
 
     @property
     def candidate(self) -> Candidate:
@@ -224,20 +224,20 @@ class ModelTerm:
         Raises:
             TypeError: It is a stand-in.
         """
-        if self.slot.shaped.candidate is None:
+        if self.layout.shaped.candidate is None:
             raise TypeError("a generic stand-in has no physical candidate")
-        return self.slot.shaped.candidate
+        return self.layout.shaped.candidate
 
 
-def term_of(design: Design, slot: ColumnLayout) -> ModelTerm:
+def term_of(design: Design, layout: ColumnLayout) -> ModelTerm:
     """Cuts a candidate's columns out of the design."""
-    size, width = slot.shaped.size, slot.shaped.width
+    size, width = layout.shaped.size, layout.shaped.width
     blocks = [
-        {group: block[group][:, first : first + width].astype(float) for group, first in slot.places.items()}
+        {group: block[group][:, first : first + width].astype(float) for group, first in layout.places.items()}
         for block in design.X
     ]
     return ModelTerm(
-        slot=slot,
+        layout=layout,
         columns=tuple({group: block[:, :size] for group, block in found.items()} for found in blocks),
         fixed=tuple(
             {group: block[:, size] for group, block in found.items() if width > size} for found in blocks
@@ -247,12 +247,12 @@ def term_of(design: Design, slot: ColumnLayout) -> ModelTerm:
 
 def part_of(term: ModelTerm, kept: NDArray[np.intp]) -> ModelTerm:
     """Keeps some of a term's coefficients."""
-    slot = term.slot
+    layout = term.layout
     shaped = replace(
-        slot.shaped, size=len(kept), lower=slot.shaped.lower[kept], upper=slot.shaped.upper[kept]
+        layout.shaped, size=len(kept), lower=layout.shaped.lower[kept], upper=layout.shaped.upper[kept]
     )
     return ModelTerm(
-        slot=ColumnLayout(shaped, slot.places, slot.scale[kept], slot.precision[kept], slot.unseen[kept]),
+        layout=ColumnLayout(shaped, layout.places, layout.scale[kept], layout.precision[kept], layout.unseen[kept]),
         columns=tuple({g: block[:, kept] for g, block in found.items()} for found in term.columns),
         fixed=term.fixed,
     )

@@ -149,7 +149,7 @@ def noise_by_smoothness(
     rate = prepared[0].band.rate / prepared[0].band.step
     heard = []
     for index, group in enumerate(nuisance.groups):
-        members = [draft for draft in flexible if all(group in blocks for blocks in draft.blocks)]
+        members = [regressor for regressor in flexible if all(group in blocks for blocks in regressor.blocks)]
         heard.append(_left_by(members, group, index, left, nuisance, recordings, rate))
     struck = any(one.struck for one in heard)
     noise, lost = [], []
@@ -185,7 +185,7 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
     """What functions of a group's motion leave of it, and the samples that they use up."""
     blocks = []
     for recording in recordings:
-        own = [draft.blocks[recording][group] for draft in members]
+        own = [regressor.blocks[recording][group] for regressor in members]
         blocks.append(np.concatenate([nuisance.columns[recording][index], *own], axis=1).astype(float))
     X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)

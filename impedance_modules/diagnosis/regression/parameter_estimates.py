@@ -55,7 +55,7 @@ class ShapeRefiner:
         self.design, self.prepared, self.signals = design, tuple(prepared), tuple(signals)
         self._residuals = list(dict.fromkeys(residual for residual, _ in design.groups))
 
-    def draft(self, candidate: Candidate, shape: Mapping[str, float]) -> CandidateRegressor | None:
+    def regressor(self, candidate: Candidate, shape: Mapping[str, float]) -> CandidateRegressor | None:
         """A candidate's thinned columns, in their own units."""
         return next(
             iter(candidate_regressors([(candidate, shape)], self.prepared, self.signals, self._residuals)),
@@ -66,33 +66,33 @@ class ShapeRefiner:
         self, candidate: Candidate, shape: Mapping[str, float], like: ColumnLayout | None = None
     ) -> ModelTerm | None:
         """Evaluates a candidate; scaled as another term where one is given."""
-        draft = self.draft(candidate, shape)
+        regressor = self.regressor(candidate, shape)
         groups, nuisance = self.design.groups, self.design.nuisance
-        slot = (
+        layout = (
             None
-            if draft is None
-            else layout_of(draft, groups, nuisance.links, dict.fromkeys(range(len(groups)), 0))
+            if regressor is None
+            else layout_of(regressor, groups, nuisance.links, dict.fromkeys(range(len(groups)), 0))
         )
-        if draft is None or slot is None:
+        if regressor is None or layout is None:
             return None
         if like is not None:
-            slot = ColumnLayout(slot.shaped, slot.places, like.scale, like.precision, like.unseen)
-        size = slot.shaped.size
+            layout = ColumnLayout(layout.shaped, layout.places, like.scale, like.precision, like.unseen)
+        size = layout.shaped.size
         columns, fixed = [], []
         for r in range(len(self.prepared)):
             blocks = {
                 g: np.asarray(
                     self.design.whitening.apply(
-                        scaled_block(draft, slot, r, groups[g], len(self.design.raw[r][g])).astype(float),
+                        scaled_block(regressor, layout, r, groups[g], len(self.design.raw[r][g])).astype(float),
                         r,
                         g,
                     )
                 )
-                for g in slot.places
+                for g in layout.places
             }
             columns.append({g: block[:, :size] for g, block in blocks.items()})
-            fixed.append({g: block[:, size] for g, block in blocks.items() if slot.shaped.fixed})
-        return ModelTerm(slot, tuple(columns), tuple(fixed))
+            fixed.append({g: block[:, size] for g, block in blocks.items() if layout.shaped.fixed})
+        return ModelTerm(layout, tuple(columns), tuple(fixed))
 
     def slopes(self, term: ModelTerm, coefficients: Array) -> dict[str, tuple[Mapping[int, Array], ...]]:
         """What each nonlinear parameter changes per unit, symbol -> recording -> group -> (M,), whitened."""
@@ -102,7 +102,7 @@ class ShapeRefiner:
             if value is None:
                 continue
             step = SLOPE * max(abs(value), 1e-3)
-            moved = self.term(term.candidate, {**term.shaped.shape, symbol: value + step}, term.slot)
+            moved = self.term(term.candidate, {**term.shaped.shape, symbol: value + step}, term.layout)
             if moved is None or moved.groups != term.groups or moved.shaped.fixed != term.shaped.fixed:
                 continue
             out[symbol] = tuple(
@@ -116,13 +116,13 @@ class ShapeRefiner:
             )
         return out
 
-    def refine(self, bench: ModelFit, term: ModelTerm) -> ModelTerm:
+    def refine(self, model_fit: ModelFit, term: ModelTerm) -> ModelTerm:
         """Improves a candidate's shape beside a model; gives back what came in where nothing is better."""
         if term.generic or not term.candidate.effect.shape:
             return term
-        best = ModelFit(bench.design, bench.folds, [*bench.model, term])
+        best = ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, term])
         for _ in range(ROUNDS):
-            better = self._better(best, bench)
+            better = self._better(best, model_fit)
             if better is None:
                 break
             best = better
@@ -139,10 +139,10 @@ class ShapeRefiner:
                 return better
         return None
 
-    def _step(self, bench: ModelFit, part: float) -> ModelTerm | None:
+    def _step(self, model_fit: ModelFit, part: float) -> ModelTerm | None:
         """Some part of one step of the last term's shape; None where it has converged or cannot move."""
-        term, index = bench.model[-1], len(bench.model) - 1
-        coefficients = bench.of(index)
+        term, index = model_fit.model[-1], len(model_fit.model) - 1
+        coefficients = model_fit.of(index)
         shape = dict(term.shaped.shape)
         candidate = term.candidate
         values = candidate.effect.values(
@@ -154,7 +154,7 @@ class ShapeRefiner:
         )
         limited = candidate.effect.next_shape(values, shape)
         if limited == shape:
-            told = self._newton(bench, term, coefficients * term.slot.scale)
+            told = self._newton(model_fit, term, coefficients * term.layout.scale)
             limited = {
                 symbol: value + float(np.clip(told[symbol] - value, -_reach(value), _reach(value)))
                 for symbol, value in shape.items()
@@ -164,20 +164,20 @@ class ShapeRefiner:
             return None
         return self.term(candidate, limited)
 
-    def _newton(self, bench: ModelFit, term: ModelTerm, coefficients: Array) -> dict[str, float]:
+    def _newton(self, model_fit: ModelFit, term: ModelTerm, coefficients: Array) -> dict[str, float]:
         """Solves for coefficients and shape together, linearised."""
         slopes = self.slopes(term, coefficients)
         shape = dict(term.shaped.shape)
         for symbol, slope in slopes.items():
-            cross, own, right = np.zeros(bench.size), 0.0, 0.0
-            for r in bench.fitted:
-                left = bench.residuals(bench.whole.coefficients, r)
+            cross, own, right = np.zeros(model_fit.size), 0.0, 0.0
+            for r in model_fit.fitted:
+                left = model_fit.residuals(model_fit.whole.coefficients, r)
                 for g, column in slope[r].items():
-                    weight = bench.weights[g]
-                    cross[bench.ids[g]] += weight * (bench.rows[r][g].T @ column)
+                    weight = model_fit.weights[g]
+                    cross[model_fit.ids[g]] += weight * (model_fit.rows[r][g].T @ column)
                     own += weight * float(column @ column)
                     right += weight * float(column @ left[g])
-            free = own - float(cross @ bench.whole.inverse @ cross)
+            free = own - float(cross @ model_fit.whole.inverse @ cross)
             if free > 1e-6 * own > 0.0:
                 shape[symbol] = shape[symbol] + right / free
         return shape
@@ -187,9 +187,9 @@ def _reach(value: float) -> float:
     return REACH * abs(value)
 
 
-def _loss(bench: ModelFit, reference: ModelFit) -> float:
+def _loss(model_fit: ModelFit, reference: ModelFit) -> float:
     """Squares left by the whole fit, all with the same weights."""
-    return float(bench.left @ reference.weights) + float(bench.whole.coefficients**2 @ bench.prior)
+    return float(model_fit.left @ reference.weights) + float(model_fit.whole.coefficients**2 @ model_fit.prior)
 
 
 class UnwhitenedFit:
@@ -202,39 +202,39 @@ class UnwhitenedFit:
 
     def _columns(self, term: ModelTerm) -> Sequence[Mapping[int, Array]]:
         if id(term) not in self._kept:
-            draft = self._refiner.draft(term.candidate, term.shaped.shape)
+            regressor = self._refiner.regressor(term.candidate, term.shaped.shape)
             rows = []
             for r, raw in enumerate(self.design.raw):
                 rows.append(
                     {
-                        g: scaled_block(draft, term.slot, r, self.design.groups[g], len(raw[g])).astype(float)
+                        g: scaled_block(regressor, term.layout, r, self.design.groups[g], len(raw[g])).astype(float)
                         for g in term.groups
                     }
-                    if draft is not None
+                    if regressor is not None
                     else {}
                 )
             self._kept[id(term)] = (term, rows)
         return self._kept[id(term)][1]
 
-    def torque(self, bench: ModelFit, index: int, recording: int) -> dict[int, Array]:
-        """What one term of a bench's whole fit adds to a recording: group -> (M,) in the group's unit."""
-        term, start = bench.model[index], int(bench.starts[index])
-        own = bench.whole.coefficients[start : start + term.shaped.size]
+    def torque(self, model_fit: ModelFit, index: int, recording: int) -> dict[int, Array]:
+        """What one term of a model_fit's whole fit adds to a recording: group -> (M,) in the group's unit."""
+        term, start = model_fit.model[index], int(model_fit.starts[index])
+        own = model_fit.whole.coefficients[start : start + term.shaped.size]
         whole = np.append(own, np.ones(int(term.shaped.fixed)))
         return {g: block @ whole for g, block in self._columns(term)[recording].items()}
 
-    def left(self, bench: ModelFit, recording: int) -> list[Array]:
-        """What a bench's whole fit leaves of a recording: group -> (M,) in the group's unit."""
+    def left(self, model_fit: ModelFit, recording: int) -> list[Array]:
+        """What a model_fit's whole fit leaves of a recording: group -> (M,) in the group's unit."""
         design = self.design
-        coefficients = bench.whole.coefficients
+        coefficients = model_fit.whole.coefficients
         out = [
             raw - columns @ coefficients[ids]
             for raw, columns, ids in zip(
                 design.raw[recording], design.nuisance.columns[recording], design.nuisance.ids, strict=True
             )
         ]
-        for index in range(len(bench.model)):
-            for g, torque in self.torque(bench, index, recording).items():
+        for index in range(len(model_fit.model)):
+            for g, torque in self.torque(model_fit, index, recording).items():
                 out[g] = out[g] - torque
         return out
 
@@ -250,20 +250,20 @@ STAMPS = 0.05
 
 
 def estimates(
-    bench: ModelFit, refiner: ShapeRefiner, index: int, *, prismatic: bool
+    model_fit: ModelFit, refiner: ShapeRefiner, index: int, *, prismatic: bool
 ) -> Mapping[str, Estimate]:
-    """Estimates the parameters of a bench's term.
+    """Estimates the parameters of a model_fit's term.
 
     Args:
-        bench: The accepted model.
+        model_fit: The accepted model.
         refiner: To differentiate by the shape.
         index: Of the term.
         prismatic: Its joint slides.
     """
-    term = bench.model[index]
+    term = model_fit.model[index]
     candidate, shape = term.candidate, dict(term.shaped.shape)
     signals = refiner.prepared[0].signals
-    coefficients = np.clip(bench.of(index), term.shaped.lower, term.shaped.upper)
+    coefficients = np.clip(model_fit.of(index), term.shaped.lower, term.shaped.upper)
     symbols = [symbol for symbol in shape if symbol in candidate.effect.shape]
 
     def values(x: Array) -> dict[str, float]:
@@ -271,7 +271,7 @@ def estimates(
         return candidate.effect.values(x[: len(coefficients)], moved, signals, candidate.key, candidate.port)
 
     point = np.concatenate([coefficients, [shape[symbol] for symbol in symbols]])
-    covariance = _covariance(bench, refiner, index, symbols)
+    covariance = _covariance(model_fit, refiner, index, symbols)
     nominal = values(point)
     slopes = _slopes(values, point, np.sqrt(np.clip(np.diag(covariance), 0.0, None)))
     out = {}
@@ -298,29 +298,29 @@ def _slopes(values: Callable[[Array], dict[str, float]], point: Array, roots: Ar
     return slopes
 
 
-def _covariance(bench: ModelFit, refiner: ShapeRefiner, index: int, symbols: list[str]) -> Array:
+def _covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int, symbols: list[str]) -> Array:
     """Of coefficients and shape together, (p + s, p + s), in their own units."""
-    term = bench.model[index]
+    term = model_fit.model[index]
     size, count = term.shaped.size, len(symbols)
-    start = int(bench.starts[index])
+    start = int(model_fit.starts[index])
     own = np.arange(start, start + size)
-    moves = _told(bench, refiner, index)
-    free = {} if moves else refiner.slopes(term, bench.of(index) * term.slot.scale)
-    cross, gram = np.zeros((count, bench.size)), np.zeros((count, count))
-    for r in bench.fitted:
+    moves = _told(model_fit, refiner, index)
+    free = {} if moves else refiner.slopes(term, model_fit.of(index) * term.layout.scale)
+    cross, gram = np.zeros((count, model_fit.size)), np.zeros((count, count))
+    for r in model_fit.fitted:
         for g in term.groups:
             columns = [free[s][r].get(g) if s in free else None for s in symbols]
             for i, column in enumerate(columns):
                 if column is None:
                     continue
-                cross[i, bench.ids[g]] += bench.weights[g] * (bench.rows[r][g].T @ column)
+                cross[i, model_fit.ids[g]] += model_fit.weights[g] * (model_fit.rows[r][g].T @ column)
                 for j, other in enumerate(columns):
                     if other is not None:
-                        gram[i, j] += bench.weights[g] * float(column @ other)
-    inverse = bench.whole.inverse
+                        gram[i, j] += model_fit.weights[g] * float(column @ other)
+    inverse = model_fit.whole.inverse
     known = [i for i in range(count) if gram[i, i] > 0.0]
     out = np.zeros((size + count, size + count))
-    scale = term.slot.scale
+    scale = term.layout.scale
     base = inverse[np.ix_(own, own)]
     if known:
         pull = cross[known] @ inverse
@@ -333,28 +333,28 @@ def _covariance(bench: ModelFit, refiner: ShapeRefiner, index: int, symbols: lis
         out[np.ix_(range(size), place)] = -(into.T @ shape_part) / scale[:, None]
         out[np.ix_(place, range(size))] = out[np.ix_(range(size), place)].T
     out[:size, :size] = base / np.outer(scale, scale)
-    return out * _inflation(bench, index)
+    return out * _inflation(model_fit, index)
 
 
-def _told(bench: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
+def _told(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
     """Whether a parameter of the shape follows from the coefficients, which carry its error then."""
-    candidate = bench.model[index].candidate
-    shape = dict(bench.model[index].shaped.shape)
+    candidate = model_fit.model[index].candidate
+    shape = dict(model_fit.model[index].shaped.shape)
     signals = refiner.prepared[0].signals
     first, second = (
-        candidate.effect.values(bench.of(index) * factor, shape, signals, candidate.key, candidate.port)
+        candidate.effect.values(model_fit.of(index) * factor, shape, signals, candidate.key, candidate.port)
         for factor in (1.0, 1.01)
     )
     return any(first.get(s) != second.get(s) for s in shape)
 
 
-def _inflation(bench: ModelFit, index: int) -> float:
+def _inflation(model_fit: ModelFit, index: int) -> float:
     """By what correlation in time there is in what the model leaves where the term acts."""
     above, below = 0.0, 0.0
-    for r in bench.fitted:
-        left = bench.residuals(bench.whole.coefficients, r)
-        for g in bench.model[index].groups:
-            above += float(left[g][1:] @ left[g][:-1]) * bench.weights[g]
-            below += float(left[g] @ left[g]) * bench.weights[g]
+    for r in model_fit.fitted:
+        left = model_fit.residuals(model_fit.whole.coefficients, r)
+        for g in model_fit.model[index].groups:
+            above += float(left[g][1:] @ left[g][:-1]) * model_fit.weights[g]
+            below += float(left[g] @ left[g]) * model_fit.weights[g]
     rho = float(np.clip(above / below if below > 0.0 else 0.0, 0.0, CORRELATION_MAX))
     return (1.0 + rho) / (1.0 - rho)
