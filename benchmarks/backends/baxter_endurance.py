@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs both arms on the double for half an hour over a ROS master of its own; prints memory, commands and stops.
 
-Usage: python -m benchmarks.backends.baxter_endurance [--minutes 30] [--rate 500] [--port 11411] [--transport T] [--first]
+Usage: python -m benchmarks.backends.baxter_endurance
+           [--minutes 30] [--rate 500] [--port 11411] [--transport T] [--first]
 
 Needs ``rosmaster`` (apt-get install --no-install-recommends python3-roslaunch) and an otherwise idle machine, or two
 cores of a busy one and the right to ``--first``: robot and controller then have real-time priority, as long as they

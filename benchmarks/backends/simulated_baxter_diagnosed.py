@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 from impedance_modules.control.assembly import assemble
 from tests.support.baxter_lockstep import run_on_the_double
 
+TASKS = Path(__file__).parents[2] / "tests" / "data"
 RATE = 200.0
 NOTHING = "nothing"
 MOTIONS = ("swing-one", "swing-one", "swing-two")
@@ -56,7 +57,7 @@ def recordings(effect: str, folder: Path) -> list[Path]:
         patch.write_text(patch_text(effect))
     found = []
     for number, motion in enumerate(MOTIONS):
-        task = str(TESTS / "data" / f"{motion}.yaml")
+        task = str(TASKS / f"{motion}.yaml")
         assembly = assemble(task, effects=None, rate=RATE, scale=1.0, arm=None)
         out = folder / f"{effect}-{number}"
         worn = None if effect == NOTHING else patch
