@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from impedance_modules.cli.options import effects_option, task_argument
+from impedance_modules.cli.shared_options import effects_option, task_argument
 
 
 @click.command("analyze")
@@ -23,7 +23,7 @@ def command(task: str, phase: str | None, effects: Path | None, json_file: Path 
 
     Matrices are 6x6, linear then angular, in world axes at the frame's origin, SI units. Exit: 0, 2 bad input.
     """
-    from impedance_modules.cli.tables_analyze import print_analysis
+    from impedance_modules.cli.print_analysis import print_analysis
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
     from impedance_modules.prediction.analysis import analyse_task

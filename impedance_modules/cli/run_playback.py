@@ -35,7 +35,7 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
     _refuse(options)
     from rich.console import Console
 
-    from impedance_modules.cli.tables import progress
+    from impedance_modules.cli.print_run import progress
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.prediction.check import refuse_unfit
 

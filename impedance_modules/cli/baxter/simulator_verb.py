@@ -9,7 +9,7 @@ from typing import TextIO
 
 import click
 
-from impedance_modules.cli.options import effects_option
+from impedance_modules.cli.shared_options import effects_option
 from impedance_modules.errors import BadInput
 
 
@@ -86,17 +86,15 @@ def fake(
     from impedance_modules.backends.baxter.ros.master_client import MasterClient, master_uri_of
     from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
     from impedance_modules.backends.baxter.simulator.fault_injection import describe, parse_fault
-    from impedance_modules.backends.baxter.simulator.journal import Journal
-    from impedance_modules.backends.baxter.simulator.network import RosNetwork
-    from impedance_modules.backends.baxter.simulator.options import (
+    from impedance_modules.backends.baxter.simulator.parameters import (
+        SPRINGS,
         FakeOptions,
         over_torque_of,
         time_out_result_of,
     )
-    from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
-    from impedance_modules.backends.baxter.simulator.real_time import live
-    from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
-    from impedance_modules.cli.baxter.ending import Ending
+    from impedance_modules.backends.baxter.simulator.real_time import Journal, live
+    from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode, RosNetwork
+    from impedance_modules.cli.baxter.connection import Ending
     from impedance_modules.spec.patch_file import read_patch
 
     if list_faults:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from impedance_modules.cli.baxter.connection import transport_option
-from impedance_modules.cli.options import arm_option, effects_option, rate_option, scale_option, task_argument
+from impedance_modules.cli.shared_options import arm_option, effects_option, rate_option, scale_option, task_argument
 
 if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import Visit
@@ -71,7 +71,7 @@ def command(
     from rich.console import Console
 
     from impedance_modules.cli.run_playback import PlaybackOptions, play_task_back
-    from impedance_modules.cli.tables import print_run, progress
+    from impedance_modules.cli.print_run import print_run, progress
     from impedance_modules.control.assembly import assemble
     from impedance_modules.errors import BadInput
     from impedance_modules.prediction.check import refuse_unfit

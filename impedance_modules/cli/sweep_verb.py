@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from impedance_modules.cli.options import effects_option, rate_option, task_argument
+from impedance_modules.cli.shared_options import effects_option, rate_option, task_argument
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from impedance_modules.cli.options import task_argument
+from impedance_modules.cli.shared_options import task_argument
 from impedance_modules.errors import BadInput, nearest
 
 if TYPE_CHECKING:

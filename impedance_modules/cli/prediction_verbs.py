@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from impedance_modules.cli.options import arm_option, effects_option, rate_option, scale_option, task_argument
+from impedance_modules.cli.shared_options import arm_option, effects_option, rate_option, scale_option, task_argument
 
 
 @click.command("check")
@@ -24,7 +24,7 @@ def command(task: str, effects: Path | None, rate: float | None, scale: float, a
     with playback, as its springs teach it. Every problem is
     printed as file:line:col: path: message. Exit: 0 good, 2 not.
     """
-    from impedance_modules.cli.tables_check import print_forecast
+    from impedance_modules.cli.print_forecast import print_forecast
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
     from impedance_modules.prediction.check import refuse_unfit
