@@ -18,7 +18,7 @@ from impedance_modules.cli.shared_options import effects_option, task_argument
 @click.option(
     "--json", "json_file", type=click.Path(path_type=Path), metavar="F", help="Write the matrices to a file."
 )
-def command(task: str, phase: str | None, effects: Path | None, json_file: Path | None) -> int:
+def analyze_command(task: str, phase: str | None, effects: Path | None, json_file: Path | None) -> int:
     """Analyse TASK: inertia, damping and stiffness of every arm, and their sum at the object.
 
     Matrices are 6x6, linear then angular, in world axes at the frame's origin, SI units. Exit: 0, 2 bad input.

@@ -38,7 +38,7 @@ PATH = click.Path(path_type=Path)
     "--recording", type=PATH, metavar="F.rrd", help="Write measured, predicted and regimes for the viewer."
 )
 @click.option("--patch", type=PATH, metavar="F.yaml", help="Write what was found as a patch.")
-def command(
+def diagnose_command(
     logs: tuple[Path, ...],
     holdout: tuple[Path, ...],
     robot: str | None,

@@ -25,7 +25,7 @@ KEY_WORDS = {
 
 @click.command("effects")
 @click.argument("effect", metavar="[ID]", required=False)
-def command(effect: str | None) -> int:
+def effects_command(effect: str | None) -> int:
     """Show all effects that plant and model can wear and the diagnosis looks for, or one of them in full.
 
     Exit: 0 fine, 2 no such effect.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     metavar="DIR",
     help="Where the episodes go, DIR/NAME.parquet.",
 )
-def command(sources: tuple[Path, ...], map_path: Path | None, rate: float | None, out: Path) -> int:
+def import_command(sources: tuple[Path, ...], map_path: Path | None, rate: float | None, out: Path) -> int:
     """Turn each SOURCE into an episode: a table, .mat or .npz file, or a ROS recording (.bag, .mcap, .db3).
 
     A ROS recording of a shipped robot, a joint recorder's file and an episode need no map. If anything is wrong

@@ -7,6 +7,7 @@ Verbs import what they need when they are called: ``check`` must answer before a
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 
 import click
 
@@ -14,22 +15,23 @@ import impedance_modules
 from impedance_modules.cli.threads import use_one_thread
 from impedance_modules.errors import ImpedanceError
 
-VERBS = (
-    "check",
-    "analyze",
-    "run",
-    "replay",
-    "map",
-    "import",
-    "diagnose",
-    "probe",
-    "effects",
-    "tune",
-    "sweep",
-    "roughness",
-    "reproduce",
-    "baxter",
-)
+VERBS = {
+    "check": "prediction_verbs",
+    "analyze": "prediction_verbs",
+    "run": "run_verbs",
+    "replay": "run_verbs",
+    "map": "surface_verbs",
+    "import": "import_verb",
+    "diagnose": "diagnose_verb",
+    "probe": "probe_verb",
+    "effects": "effects_verb",
+    "tune": "tune_verb",
+    "sweep": "sweep_verb",
+    "roughness": "surface_verbs",
+    "reproduce": "reproduce_verb",
+    "baxter": "baxter",
+}
+"""Verb -> file of this folder that holds ``VERB_command``; in the order of a session."""
 
 
 class Verbs(click.Group):
@@ -43,9 +45,8 @@ class Verbs(click.Group):
         """Imports one verb."""
         if cmd_name not in VERBS:
             return None
-        name = "import_" if cmd_name == "import" else cmd_name  # a keyword cannot name a module
-        module = __import__(f"impedance_modules.cli.{name}", fromlist=["command"])
-        command: click.Command = module.command
+        module = import_module(f"impedance_modules.cli.{VERBS[cmd_name]}")
+        command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 
 

@@ -17,7 +17,7 @@ from impedance_modules.cli.shared_options import arm_option, effects_option, rat
 @rate_option
 @scale_option
 @arm_option
-def command(task: str, effects: Path | None, rate: float | None, scale: float, arm: str | None) -> int:
+def check_command(task: str, effects: Path | None, rate: float | None, scale: float, arm: str | None) -> int:
     """Check TASK, a file or the name of a shipped task, and predict what it will do.
 
     Torque margins, yielding under load, stability of the sampled loop, and the energy the tank must cover; of a task

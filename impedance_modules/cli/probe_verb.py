@@ -29,7 +29,7 @@ UNTESTED_NEED = 50.0
 @click.option("--robot", metavar="NAME", help="Robot that will move; its folder gives limits and links.")
 @click.option("--urdf", type=PATH, help="URDF instead of a robot: tables of the motion, no task.")
 @click.option("--out", required=True, type=PATH, metavar="DIR", help="Folder for what is written.")
-def command(diagnosis: Path | None, robot: str | None, urdf: Path | None, out: Path) -> int:
+def probe_command(diagnosis: Path | None, robot: str | None, urdf: Path | None, out: Path) -> int:
     """Propose the next motion to record: the shortest safe one that answers what DIAGNOSIS.json leaves open.
 
     Without a diagnosis, a motion that shows every joint in every way. Writes DIR/probe.yaml, a task for

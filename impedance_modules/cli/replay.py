@@ -14,7 +14,7 @@ import click
     "--view", is_flag=True, help="Open the recording in the viewer (what happens without --verify)."
 )
 @click.option("--verify", is_flag=True, help="Recompute every torque; bit-equal on one machine.")
-def command(log: Path, view: bool, verify: bool) -> int:
+def replay_command(log: Path, view: bool, verify: bool) -> int:
     """Open DIR_OR_LOG in the viewer, or verify it: a run's directory, a folder with one episode, or an episode.
 
     Exit: 0 fine, 2 no such recording or (with --verify) one without a task, 4 a torque differs.

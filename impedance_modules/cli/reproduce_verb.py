@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     help="Keep recordings and single runs here; started again, the same program goes on from there.",
 )
-def command(
+def reproduce_command(
     name: str | None, listed: bool, full: bool, short: bool, seed: int, out: Path, keep: Path | None
 ) -> int:
     """Run one experiment of the thesis, or all, and write pages with tables and plots.

@@ -27,7 +27,7 @@ WAY = "x|-x|y|-y|z|-z"
 @click.option("--from", "since", type=float, default=-math.inf, help="First time that counts [s].")
 @click.option("--to", "until", type=float, default=math.inf, help="Last time that counts [s].")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), metavar="F", help="Write the numbers.")
-def command(
+def roughness_command(
     episode: Path,
     hand: str | None,
     along: str | None,

@@ -48,7 +48,7 @@ BACKENDS = ("sim", "replay", "baxter")
     is_flag=True,
     help="Let a real robot's position mode bring the arms to the task's start first.",
 )
-def command(
+def run_command(
     task: str,
     arm: str | None,
     backend: str,

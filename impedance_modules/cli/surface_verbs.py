@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     "--cell", type=float, default=0.01, show_default=True, metavar="M", help="Width of a cell of the map."
 )
 @click.option("--truth", is_flag=True, help="Compare with the surfaces that the built-in plant really had.")
-def command(episode: Path, out: Path, hand: str | None, force: float, cell: float, truth: bool) -> int:
+def map_command(episode: Path, out: Path, hand: str | None, force: float, cell: float, truth: bool) -> int:
     """Map the surface that a hand touched in EPISODE, from its position and force alone.
 
     Writes map.csv, map.json and map.png: the height at which the hand was pressed (tactile map), and, where the force

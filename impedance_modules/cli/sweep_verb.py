@@ -50,7 +50,7 @@ TABLE = "sweep.csv"
     metavar="DIR",
     help="Folder of table and plots  [default: out/sweep-TASK].",
 )
-def command(
+def sweep_command(
     task: str,
     vary: tuple[str, ...],
     effects: Path | None,

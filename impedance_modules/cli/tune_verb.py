@@ -76,7 +76,7 @@ AXES = {
     "--trial", type=PATH, metavar="F.yaml", help="Write a task that tries it under the largest force."
 )
 @click.option("--json", "json_path", type=PATH, metavar="F", help="Write all postures as JSON.")
-def command(
+def tune_command(
     task: str,
     arm: str | None,
     force: str,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from impedance_modules.cli.diagnose_verb import command
+from impedance_modules.cli.diagnose_verb import diagnose_command as command
 from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import read_tree
 from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, total_shrink

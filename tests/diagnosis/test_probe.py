@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from impedance_modules.cli.probe_verb import _write, command
+from impedance_modules.cli.probe_verb import _write, probe_command as command
 from impedance_modules.control.assembly import assemble
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel

@@ -14,7 +14,7 @@ import pinocchio
 import pytest
 from click.testing import CliRunner
 
-from impedance_modules.cli.diagnose_verb import command
+from impedance_modules.cli.diagnose_verb import diagnose_command as command
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
 from tests.support.paths import TESTS

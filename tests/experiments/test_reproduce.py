@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from impedance_experiments.thesis_experiments import EXPERIMENTS, find_experiment
-from impedance_modules.cli.reproduce_verb import command
+from impedance_modules.cli.reproduce_verb import reproduce_command as command
 from impedance_modules.errors import BadInput
 from tests.support.paths import CHECKOUT
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from impedance_modules.cli.run_verbs import command
+from impedance_modules.cli.run_verbs import run_command as command
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadFile, BadInput

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from impedance_modules.cli.surface_verbs import command
+from impedance_modules.cli.surface_verbs import map_command as command
 from impedance_modules.episode.columns import pose_columns, wrench_columns
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.writer import EpisodeWriter
