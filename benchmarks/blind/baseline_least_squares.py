@@ -19,7 +19,7 @@ from scipy import stats
 from benchmarks.blind.baseline_logs import read_log
 from benchmarks.blind.plant import rigid_model
 from benchmarks.blind.residual import CUT, FEW, low_pass, residual
-from benchmarks.blind.urdf_numbers import read_arm, read_drive
+from benchmarks.blind.arm_model import read_arm, read_drive
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from benchmarks.blind.logs import CHANNELS
-from benchmarks.blind.urdf_numbers import read_drive
+from benchmarks.blind.arm_model import read_drive
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from benchmarks.blind.mjcf import GRAVITY, write_mjcf
 from benchmarks.blind.motion import inverse_dynamics
 from benchmarks.blind.plant import rigid_model
 from benchmarks.blind.residual import low_pass
-from benchmarks.blind.urdf_numbers import Drive, hand_of, read_arm, read_drive
+from benchmarks.blind.arm_model import Drive, hand_of, read_arm, read_drive
 
 Array = NDArray[np.float64]
 

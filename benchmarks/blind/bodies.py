@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.blind.injection import Draw, Injection, Situation
 from benchmarks.blind.mjcf import GRAVITY
 from benchmarks.blind.plant import Arm, Push
-from benchmarks.blind.urdf_numbers import Inertial, Link, hand_of
+from benchmarks.blind.arm_model import Inertial, Link, hand_of
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from benchmarks.blind.motion import choose_centre, poor_motion, rich_motion
 from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
 from benchmarks.blind.poor import PoorShape
 from benchmarks.blind.records import Faults
-from benchmarks.blind.urdf_numbers import read_arm, read_drive
+from benchmarks.blind.arm_model import read_arm, read_drive
 from benchmarks.blind.yardstick import ALIKE, Size, Yardstick
 
 Array = NDArray[np.float64]

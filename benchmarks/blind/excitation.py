@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind.urdf_numbers import Drive
+from benchmarks.blind.arm_model import Drive
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.blind.urdf_numbers import Inertial, Link
+from benchmarks.blind.arm_model import Inertial, Link
 
 
 def wrong_by(links: tuple[Link, ...], level: float, rng: np.random.Generator) -> tuple[Link, ...]:

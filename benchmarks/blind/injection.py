@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.plant import Arm
-from benchmarks.blind.urdf_numbers import Drive
+from benchmarks.blind.arm_model import Drive
 
 Array = NDArray[np.float64]
 Parameters = Mapping[str, Mapping[str, float]]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.plant import PERIOD, RawLog
 from benchmarks.blind.records import Faults
-from benchmarks.blind.urdf_numbers import Drive
+from benchmarks.blind.arm_model import Drive
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind.urdf_numbers import Drive, Link
+from benchmarks.blind.arm_model import Drive, Link
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.excitation import RATE, Motion, Shape, fade_in
-from benchmarks.blind.urdf_numbers import Drive
+from benchmarks.blind.arm_model import Drive
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.urdf_numbers import hand_of, read_arm, read_drive, turned
+from benchmarks.blind.arm_model import hand_of, read_arm, read_drive, turned
 
 HAND = 0.1
 """Size [m] against which the place of a payload is measured."""

@@ -14,7 +14,7 @@ from benchmarks.blind.compiled import apply_drives, calm, impedance_law, read_se
 from benchmarks.blind.excitation import Motion
 from benchmarks.blind.mjcf import GRAVITY, STEP, Joints, Surface, write_mjcf
 from benchmarks.blind.records import STATE, Faults
-from benchmarks.blind.urdf_numbers import Drive, Link, hand_of
+from benchmarks.blind.arm_model import Drive, Link, hand_of
 
 Array = NDArray[np.float64]
 

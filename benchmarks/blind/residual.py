@@ -18,7 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.blind.motion import inverse_dynamics
 from benchmarks.blind.plant import rigid_model
-from benchmarks.blind.urdf_numbers import Drive, Inertial, Link
+from benchmarks.blind.arm_model import Drive, Inertial, Link
 
 Array = NDArray[np.float64]
 

@@ -34,7 +34,7 @@ from benchmarks.blind.pretend import pretend
 from benchmarks.blind.residual import residual
 from benchmarks.blind.run import ANSWERS
 from benchmarks.blind.score import check_seals, judge, score_all
-from benchmarks.blind.urdf_numbers import ROBOT_FOLDER, hand_of, read_arm, read_drive
+from benchmarks.blind.arm_model import ROBOT_FOLDER, hand_of, read_arm, read_drive
 from benchmarks.blind.wearing import wear_answer
 from benchmarks.blind.yardstick import Yardstick
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.blind.bodies import tilted, with_payload
 from benchmarks.blind.injection import with_friction, with_joint
 from benchmarks.blind.plant import Arm
-from benchmarks.blind.urdf_numbers import Inertial, Link
+from benchmarks.blind.arm_model import Inertial, Link
 
 Numbers = Mapping[str, float]
 Array = NDArray[np.float64]
