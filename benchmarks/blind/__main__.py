@@ -37,8 +37,8 @@ def generate(
     blocks: tuple[str, ...], seeds: str, count: int | None, first: int, out: Path, jobs: int
 ) -> None:
     """Makes cases and seals their truth."""
-    from benchmarks.blind.generate import generate as make_block
-    from benchmarks.blind.generate import seal_of
+    from benchmarks.blind.blocks import generate as make_block
+    from benchmarks.blind.blocks import seal_of
 
     for block in blocks or tuple(COUNTS):
         sealed = make_block(block, seeds, count, out, jobs, lambda text: click.echo(text, err=True), first)
@@ -68,7 +68,7 @@ def run(out: Path, answers: Path | None, **wish: Any) -> None:
 @click.option("--jobs", type=click.IntRange(1), default=2, show_default=True)
 def oracle(out: Path, answers: Path | None, tool: str, jobs: int) -> None:
     """Measures on the arm itself how far block A's answers close the held-out gap, beside an oracle."""
-    from benchmarks.blind.gaps import measure_gaps
+    from benchmarks.blind.oracle import measure_gaps
     from benchmarks.blind.run import ANSWERS
 
     measure_gaps(out, answers or out / ANSWERS, tool, jobs, lambda text: click.echo(text, err=True))

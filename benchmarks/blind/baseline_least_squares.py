@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmarks.blind.baseline_logs import read_log
+from benchmarks.blind.arm_model import read_arm, read_drive
+from benchmarks.blind.logs import read_log
 from benchmarks.blind.plant import rigid_model
 from benchmarks.blind.residual import CUT, FEW, low_pass, residual
-from benchmarks.blind.arm_model import read_arm, read_drive
 
 Array = NDArray[np.float64]
 

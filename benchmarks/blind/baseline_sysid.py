@@ -20,12 +20,11 @@ import numpy as np
 from mujoco import sysid
 from numpy.typing import NDArray
 
-from benchmarks.blind.baseline_logs import Log, read_log
-from benchmarks.blind.mjcf import GRAVITY, write_mjcf
-from benchmarks.blind.motion import inverse_dynamics
+from benchmarks.blind.arm_model import GRAVITY, Drive, hand_of, read_arm, read_drive, write_mjcf
+from benchmarks.blind.excitation import inverse_dynamics
+from benchmarks.blind.logs import Log, read_log
 from benchmarks.blind.plant import rigid_model
 from benchmarks.blind.residual import low_pass
-from benchmarks.blind.arm_model import Drive, hand_of, read_arm, read_drive
 
 Array = NDArray[np.float64]
 

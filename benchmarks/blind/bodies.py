@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.blind.arm_model import GRAVITY, Inertial, Link, hand_of
 from benchmarks.blind.injection import Draw, Injection, Situation
-from benchmarks.blind.mjcf import GRAVITY
 from benchmarks.blind.plant import Arm, Push
-from benchmarks.blind.arm_model import Inertial, Link, hand_of
 
 Array = NDArray[np.float64]
 
@@ -122,3 +121,17 @@ BODIES: dict[str, Draw] = {
     "base_tilt": base_tilt,
     "external_contact": external_contact,
 }
+
+
+def wrong_by(links: tuple[Link, ...], level: float, rng: np.random.Generator) -> tuple[Link, ...]:
+    """Returns links whose inertial numbers are off by a relative standard deviation ``level``."""
+    return tuple(
+        link if link.inertial is None else replace(link, inertial=_vary(link.inertial, level, rng))
+        for link in links
+    )
+
+
+def _vary(inertial: Inertial, level: float, rng: np.random.Generator) -> Inertial:
+    mass, size = np.exp(level * rng.standard_normal(2))
+    shift = level * float(np.linalg.norm(inertial.com)) / np.sqrt(3) * rng.standard_normal(3)
+    return Inertial(inertial.mass * mass, inertial.com + shift, inertial.inertia * mass * size)

@@ -11,17 +11,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.blind.arm_model import Joints, Surface, read_arm, read_drive
+from benchmarks.blind.bodies import wrong_by
 from benchmarks.blind.catalogue import CATALOGUE, SIMPLER
-from benchmarks.blind.excitation import RATE, RICH, Motion
-from benchmarks.blind.inertia_error import wrong_by
+from benchmarks.blind.excitation import RATE, RICH, Motion, PoorShape, choose_centre, poor_motion, rich_motion
 from benchmarks.blind.injection import Draw, Injection, Situation
 from benchmarks.blind.logs import record, save
-from benchmarks.blind.mjcf import Joints, Surface
-from benchmarks.blind.motion import choose_centre, poor_motion, rich_motion
 from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
-from benchmarks.blind.poor import PoorShape
 from benchmarks.blind.records import Faults
-from benchmarks.blind.arm_model import read_arm, read_drive
 from benchmarks.blind.yardstick import ALIKE, Size, Yardstick
 
 Array = NDArray[np.float64]

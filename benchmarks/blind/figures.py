@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from benchmarks.blind.answers import NO_ANSWER
+from benchmarks.blind.arm_model import hand_of, read_arm, read_drive, turned
 from benchmarks.blind.blocks import COUNTS
 from benchmarks.blind.judged import (
     Cases,
@@ -30,8 +33,6 @@ from benchmarks.blind.judged import (
     truth_reported,
     wrongly_named,
 )
-from benchmarks.blind.parameters import Comparison, compare
-from benchmarks.blind.wilson import Rate
 
 
 @dataclass(frozen=True)
@@ -174,3 +175,106 @@ def by_block(cases: Cases) -> list[str]:
             f" | {np.median(seconds):.1f} | {max(seconds):.1f} | {memory:.0f} |"
         )
     return rows
+
+
+Z = 1.959964
+
+
+@dataclass(frozen=True)
+class Rate:
+    """So many of so many."""
+
+    hits: int
+    total: int
+
+    @classmethod
+    def of(cls, flags: list[bool]) -> Rate:
+        """Counts the true ones."""
+        return cls(sum(flags), len(flags))
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % Wilson interval; all of [0, 1] where nothing was tried."""
+        if self.total == 0:
+            return 0.0, 1.0
+        p, n = self.hits / self.total, self.total
+        middle = (p + Z**2 / (2 * n)) / (1 + Z**2 / n)
+        half = Z / (1 + Z**2 / n) * math.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2))
+        return max(0.0, middle - half), min(1.0, middle + half)
+
+    def __str__(self) -> str:
+        """E.g. ``92.0 % (46/50, 81-97)``."""
+        if self.total == 0:
+            return "no cases"
+        low, high = self.interval
+        return f"{100 * self.hits / self.total:.1f} % ({self.hits}/{self.total}, {100 * low:.0f}-{100 * high:.0f})"
+
+
+HAND = 0.1
+"""Size [m] against which the place of a payload is measured."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One parameter: its relative error, and whether value +- 1.96 std covers the truth (None without a std)."""
+
+    symbol: str
+    error: float
+    covered: bool | None
+
+
+def compare(cause: Mapping[str, Any], truth: Mapping[str, Any], side: str) -> list[Comparison]:
+    """Returns every parameter that a cause and the truth both state under the same key.
+
+    Args:
+        cause: As in design 3.3.
+        truth: Sealed record of one effect.
+        side: Of the arm.
+    """
+    found = []
+    for key, symbols in _all_keys(truth, side).items():
+        said = cause.get("parameters", {}).get(key, {})
+        for symbol, true in symbols.items():
+            quantity = said.get(symbol)
+            if quantity is None or quantity.get("value") is None:
+                continue
+            off = abs(float(quantity["value"]) - true)
+            spread = quantity.get("std")
+            scale = _scale(symbol, symbols, key, side)
+            covered = None if spread is None else off <= 1.96 * float(spread)
+            if scale > 0.0:
+                found.append(Comparison(symbol, off / scale, covered))
+    return found
+
+
+def _all_keys(truth: Mapping[str, Any], side: str) -> dict[str, dict[str, float]]:
+    """Adds the other names of the same thing: a coupling both ways, a payload on the moving link of the hand."""
+    keys: dict[str, dict[str, float]] = {key: dict(symbols) for key, symbols in truth["parameters"].items()}
+    if truth["effect"] == "transmission_coupling":
+        keys |= {"<-".join(reversed(key.split("<-"))): symbols for key, symbols in keys.items()}
+    hand = hand_of(side)
+    if truth["effect"] == "payload" and hand in keys:
+        link = next(link for link in read_arm(side) if link.name == hand)
+        if link.joint is None:
+            place = np.array([keys[hand][axis] for axis in ("cx", "cy", "cz")])
+            moved = link.position + turned(link.rpy) @ place
+            keys[link.parent] = {"m": keys[hand]["m"], **dict(zip(("cx", "cy", "cz"), moved, strict=True))}
+    return keys
+
+
+def _scale(symbol: str, truth: Mapping[str, float], key: str, side: str) -> float:
+    drive = read_drive(side)
+    nominal = {"Ia": drive.rotor_inertia, "K": drive.spring_stiffness}
+    if symbol in nominal:
+        return abs(truth[symbol] - float(nominal[symbol][drive.joints.index(key)]))
+    if symbol == "s":
+        return abs(truth["s"] - 1.0)
+    if symbol in ("rx", "ry"):
+        return math.hypot(truth["rx"], truth["ry"])
+    if symbol in ("cx", "cy", "cz"):
+        return HAND
+    if symbol == "q0":
+        return 1.0
+    if symbol == "preload":
+        return abs(truth["k"])
+    return abs(truth[symbol])

@@ -12,6 +12,8 @@ fits the amplitude to the recorded training logs, by one Gauss-Newton step from 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.answers import read_answer
-from benchmarks.blind.baseline_logs import read_log
-from benchmarks.blind.blocks import Drawn, draw_case
+from benchmarks.blind.blocks import SEALED, Drawn, draw_case
 from benchmarks.blind.case import wear_all
+from benchmarks.blind.logs import read_log
 from benchmarks.blind.plant import Arm
 from benchmarks.blind.wearing import wear_answer
 from benchmarks.blind.yardstick import Yardstick
@@ -111,3 +113,46 @@ def _rms(signature: Array) -> float:
 def write_gap(path: Path, gap: Gap) -> None:
     """Writes one measured gap beside the answer."""
     path.write_text(json.dumps(gap.__dict__) + "\n")
+
+
+NOT_MEASURED = ("external_contact", "clock_drift")
+"""No answer holds what it would need: pushes of another run, and which of the clocks it is that drifts."""
+
+
+def measure_gaps(out: Path, answers: Path, tool: str, jobs: int, tell: Callable[[str], None]) -> None:
+    """Writes NAME.gap.json for every answered case of block A at or above the noise that has none yet."""
+    sealed = json.loads((out / SEALED / "A.json").read_text())
+    waiting = {
+        name: truth
+        for name, truth in sealed["cases"].items()
+        if _counts(truth) and not gap_file(answers, tool, name).exists()
+    }
+    with ProcessPoolExecutor(jobs) as pool:
+        asked = {
+            name: pool.submit(gap_of, out, answers, tool, name, sealed["seeds"], truth)
+            for name, truth in waiting.items()
+        }
+        for i, (name, one) in enumerate(asked.items()):
+            found = one.result()
+            if found is not None:
+                write_gap(gap_file(answers, tool, name), found)
+            tell(f"gap {i + 1}/{len(asked)} {name} {found}")
+
+
+def gap_file(answers: Path, tool: str, name: str) -> Path:
+    """Returns where the gap of one answer is kept."""
+    return answers / tool / f"{name}.gap.json"
+
+
+def read_gap(answers: Path, tool: str, name: str) -> Gap | None:
+    """Returns a measured gap, or None where none was measured."""
+    path = gap_file(answers, tool, name)
+    if not path.exists():
+        return None
+    numbers: dict[str, Any] = json.loads(path.read_text())
+    return Gap(**{**numbers, "not_worn": tuple(numbers["not_worn"])})
+
+
+def _counts(truth: dict[str, Any]) -> bool:
+    effect = truth["effects"][0]
+    return effect["size"] >= 1.0 and effect["effect"] not in NOT_MEASURED

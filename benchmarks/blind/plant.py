@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from benchmarks.blind.arm_model import GRAVITY, STEP, Drive, Joints, Link, Surface, hand_of, write_mjcf
 from benchmarks.blind.compiled import apply_drives, calm, impedance_law, read_sensors
 from benchmarks.blind.excitation import Motion
-from benchmarks.blind.mjcf import GRAVITY, STEP, Joints, Surface, write_mjcf
 from benchmarks.blind.records import STATE, Faults
-from benchmarks.blind.arm_model import Drive, Link, hand_of
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from benchmarks.blind.motion import inverse_dynamics
-from benchmarks.blind.plant import rigid_model
 from benchmarks.blind.arm_model import Drive, Inertial, Link
+from benchmarks.blind.excitation import inverse_dynamics
+from benchmarks.blind.plant import rigid_model
 
 Array = NDArray[np.float64]
 

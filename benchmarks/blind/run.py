@@ -21,8 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.blocks import COUNTS
-from benchmarks.blind.generate import CASES, SEALED
+from benchmarks.blind.blocks import CASES, COUNTS, SEALED
 from benchmarks.blind.three_names import FOLDER
 
 ANSWERS = "answers"

@@ -1,1 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
+"""Measured minus predicted torque of each recording, in one frequency band; moments of contact masked."""

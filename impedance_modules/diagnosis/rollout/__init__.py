@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Held-out recordings lived through again by the plant, from measured states, without and with the causes."""
+"""The plant simulated again from held-out states, without the causes and with them."""
