@@ -59,12 +59,12 @@ def roughness_command(
     found = judge_roughness(touched, *ways, least=windows, span=(since, until))
     if json_path is not None:
         json_path.parent.mkdir(parents=True, exist_ok=True)
-        json_path.write_text(json.dumps(_object(found), indent=2, allow_nan=False) + "\n")
-    _print(found)
+        json_path.write_text(json.dumps(_roughness_json(found), indent=2, allow_nan=False) + "\n")
+    _print_roughness(found)
     return 0
 
 
-def _object(found: Roughness) -> dict[str, object]:
+def _roughness_json(found: Roughness) -> dict[str, object]:
     """Makes plain data of it."""
     nu, amplitude = found.spectrum
     names = ("start", "band", "friction", "normal", "travel")
@@ -80,7 +80,7 @@ def _object(found: Roughness) -> dict[str, object]:
     }
 
 
-def _print(found: Roughness) -> None:
+def _print_roughness(found: Roughness) -> None:
     from rich.console import Console
     from rich.table import Table
 

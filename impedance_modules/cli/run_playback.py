@@ -32,7 +32,7 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
     Raises:
         BadInput: An option that a playback cannot follow, or a task that cannot be taught.
     """
-    _refuse(options)
+    _refuse_playback(options)
     from rich.console import Console
 
     from impedance_modules.cli.print_run import progress
@@ -53,13 +53,13 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
     run = RunOptions(options.out, options.seed, options.duration, live=False, read_only=False, backend="sim")
     with progress(path.duration, console) as on_progress:
         result = play_back(assembly, make_playback(assembly, path, options.seed), run, on_progress)
-    _print(result.summary, result.directory, console)
+    _print_playback(result.summary, result.directory, console)
     if result.interrupted:
         return 130
     return 3 if result.stopped else 0
 
 
-def _refuse(options: PlaybackOptions) -> None:
+def _refuse_playback(options: PlaybackOptions) -> None:
     from impedance_modules.errors import BadInput
 
     if options.backend != "sim":
@@ -71,7 +71,7 @@ def _refuse(options: PlaybackOptions) -> None:
         raise BadInput("--view and --read-only: a playback has neither a viewer nor torques to keep back")
 
 
-def _print(summary: dict[str, Any], directory: Path, console: Console) -> None:
+def _print_playback(summary: dict[str, Any], directory: Path, console: Console) -> None:
     console.print(
         f"{summary['task']} on {summary['robot']}, {summary['mode']} mode of its own", highlight=False
     )

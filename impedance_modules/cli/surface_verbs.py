@@ -46,7 +46,7 @@ def map_command(episode: Path, out: Path, hand: str | None, force: float, cell: 
     touches = touches_of(read, hand, force)
     found = map_surface(touches, cell)
     said = write_map(out, str(episode), touches, found, _compared(read, found) if truth else None)
-    _print(said, out)
+    _print_map(said, out)
     return 0
 
 
@@ -64,7 +64,7 @@ def _compared(episode: Episode, found: SurfaceMap) -> tuple[TrueSurface, MapErro
     return truth, map_errors(found, truth)
 
 
-def _print(said: dict[str, Any], out: Path) -> None:
+def _print_map(said: dict[str, Any], out: Path) -> None:
     click.echo(
         f"{said['cells']} cells of {1000 * said['cell']:g} mm touched by {said['hand']}:"
         f" {said['cells_with_shape_at_rest']} with a height at rest, {said['cells_with_stiffness']} with a stiffness"
