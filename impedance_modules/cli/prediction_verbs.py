@@ -8,7 +8,13 @@ from pathlib import Path
 
 import click
 
-from impedance_modules.cli.shared_options import arm_option, effects_option, rate_option, scale_option, task_argument
+from impedance_modules.cli.shared_options import (
+    arm_option,
+    effects_option,
+    rate_option,
+    scale_option,
+    task_argument,
+)
 
 
 @click.command("check")
@@ -34,4 +40,31 @@ def check_command(task: str, effects: Path | None, rate: float | None, scale: fl
     assembly = replace(assembly, task=as_taught(assembly.task))
     outlook = refuse_unfit(assembly)
     print_forecast(assembly, forecast_task(assembly, outlook.rehearsal, outlook.rests))
+    return 0
+
+
+@click.command("analyze")
+@task_argument
+@click.option("--phase", metavar="NAME", help="At rest where this phase ends  [default: the start posture].")
+@effects_option
+@click.option(
+    "--json", "json_file", type=click.Path(path_type=Path), metavar="F", help="Write the matrices to a file."
+)
+def analyze_command(task: str, phase: str | None, effects: Path | None, json_file: Path | None) -> int:
+    """Analyse TASK: inertia, damping and stiffness of every arm, and their sum at the object.
+
+    Matrices are 6x6, linear then angular, in world axes at the frame's origin, SI units. Exit: 0, 2 bad input.
+    """
+    from impedance_modules.cli.print_analysis import print_analysis
+    from impedance_modules.control.adjust import as_taught
+    from impedance_modules.control.assembly import assemble
+    from impedance_modules.prediction.analysis import analyse_task
+    from impedance_modules.prediction.analysis_json import write_analysis
+
+    assembly = assemble(task, effects=effects, rate=None, scale=1.0, arm=None)
+    assembly = replace(assembly, task=as_taught(assembly.task))
+    analysis = analyse_task(assembly, phase)
+    if json_file is not None:
+        write_analysis(analysis, json_file)
+    print_analysis(assembly, analysis)
     return 0

@@ -6,13 +6,25 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from impedance_modules.cli.baxter.connection import transport_option
-from impedance_modules.cli.shared_options import arm_option, effects_option, rate_option, scale_option, task_argument
+from impedance_modules.cli.shared_options import (
+    arm_option,
+    effects_option,
+    rate_option,
+    scale_option,
+    task_argument,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from impedance_modules.control.assembly import Assembly
 
 if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import Visit
@@ -70,8 +82,8 @@ def run_command(
     """
     from rich.console import Console
 
-    from impedance_modules.cli.run_playback import PlaybackOptions, play_task_back
     from impedance_modules.cli.print_run import print_run, progress
+    from impedance_modules.cli.run_verbs import PlaybackOptions, play_task_back
     from impedance_modules.control.assembly import assemble
     from impedance_modules.errors import BadInput
     from impedance_modules.prediction.check import refuse_unfit
@@ -96,8 +108,8 @@ def run_command(
             raise BadInput("--backend replay and --log DIR go together: the log is the robot")
         refuse_unfit(assembly)
         # Only now: everything below wakes the compiler.
-        from impedance_modules.runs.run_backends import baxter_backend, make_backend
         from impedance_modules.runs.execution import RunOptions, carry_out
+        from impedance_modules.runs.run_backends import baxter_backend, make_backend
 
         robot = (
             make_backend(assembly, backend=backend, log=log, seed=seed)
@@ -149,3 +161,123 @@ def _real_rate(read_only: bool) -> float:
     from impedance_modules.backends.baxter.topics import DEFAULT_STATE_RATE, USUAL_RATE
 
     return DEFAULT_STATE_RATE if read_only else USUAL_RATE
+
+
+@click.command("replay")
+@click.argument("log", metavar="DIR_OR_LOG", type=click.Path(path_type=Path))
+@click.option(
+    "--view", is_flag=True, help="Open the recording in the viewer (what happens without --verify)."
+)
+@click.option("--verify", is_flag=True, help="Recompute every torque; bit-equal on one machine.")
+def replay_command(log: Path, view: bool, verify: bool) -> int:
+    """Open DIR_OR_LOG in the viewer, or verify it: a run's directory, a folder with one episode, or an episode.
+
+    Exit: 0 fine, 2 no such recording or (with --verify) one without a task, 4 a torque differs.
+    """
+    from impedance_modules.episode.run_folder import the_episode
+
+    log = the_episode(log)
+    if verify:
+        _verify(log)
+    if view or not verify:
+        from impedance_modules.episode.viewer import view_episode
+
+        click.echo(f"opened {view_episode(log)}")
+    return 0
+
+
+def _verify(log: Path) -> None:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from impedance_modules.episode.reader import read_episode
+
+    episode = read_episode(log)
+    console = Console()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        from impedance_modules.runs.verify import verify
+
+        row = bar.add_task("recomputing", total=1.0)
+        found = verify(episode, lambda part: bar.update(row, completed=part))
+    click.echo(f"{found.samples} samples of {found.joints} joints recomputed: every torque bit-equal")
+    for name, (then, now) in found.other_versions.items():
+        click.echo(f"note: recorded with {name} {then}, recomputed with {now}")
+
+
+@dataclass(frozen=True)
+class PlaybackOptions:
+    """What the command line says: as in ``run``; ``log`` is a recording whose joint path is played."""
+
+    backend: str
+    log: Path | None
+    duration: float | None
+    out: Path
+    seed: int
+    view: bool
+    read_only: bool
+
+
+def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
+    """Teaches the path unless a recording gives it, plays it, and prints how it ended; returns the exit code.
+
+    Raises:
+        BadInput: An option that a playback cannot follow, or a task that cannot be taught.
+    """
+    _refuse_playback(options)
+    from rich.console import Console
+
+    from impedance_modules.cli.print_run import progress
+    from impedance_modules.control.adjust import as_taught
+    from impedance_modules.prediction.check import refuse_unfit
+
+    refuse_unfit(replace(assembly, task=as_taught(assembly.task)))
+    from impedance_modules.runs.execution import RunOptions
+    from impedance_modules.runs.playback_run import TAUGHT, make_playback, play_back, recorded_path, teach
+
+    console = Console()
+    seconds = sum(phase.duration for phase in assembly.task.phases)
+    if options.log is not None:
+        path = recorded_path(assembly, options.log)
+    else:
+        with progress(seconds, console) as on_progress:
+            path = teach(assembly, options.out / TAUGHT, options.seed, on_progress)
+    run = RunOptions(options.out, options.seed, options.duration, live=False, read_only=False, backend="sim")
+    with progress(path.duration, console) as on_progress:
+        result = play_back(assembly, make_playback(assembly, path, options.seed), run, on_progress)
+    _print_playback(result.summary, result.directory, console)
+    if result.interrupted:
+        return 130
+    return 3 if result.stopped else 0
+
+
+def _refuse_playback(options: PlaybackOptions) -> None:
+    from impedance_modules.errors import BadInput
+
+    if options.backend != "sim":
+        raise BadInput(
+            f"--backend {options.backend}: a task with 'playback' bypasses the torque filter and the energy tank, so"
+            " it is carried out on the built-in plant only (valid: sim)"
+        )
+    if options.view or options.read_only:
+        raise BadInput("--view and --read-only: a playback has neither a viewer nor torques to keep back")
+
+
+def _print_playback(summary: dict[str, Any], directory: Path, console: Console) -> None:
+    console.print(
+        f"{summary['task']} on {summary['robot']}, {summary['mode']} mode of its own", highlight=False
+    )
+    for collision in summary["collisions"]:
+        console.print(
+            f"{collision['time']:8.2f} s  {collision['limb']}: {collision['kind']}, the limb pauses",
+            highlight=False,
+        )
+    for hand, numbers in summary["hands"].items():
+        console.print(f"{hand}: largest force felt {numbers['peak_force']:.1f} N", highlight=False)
+    if summary["ending"] == "done":
+        console.print(f"the path was played to its end, {summary['duration']:.2f} s", highlight=False)
+    else:
+        console.print(
+            f"{summary['ending']} after {summary['duration']:.2f} of {summary['of']:.2f} s", highlight=False
+        )
+        console.print(summary["reason"], highlight=False)
+    console.print(f"files: {directory}/ (episode.parquet, summary.json, picture.png)", highlight=False)

@@ -3,10 +3,15 @@
 
 from __future__ import annotations
 
+import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+if TYPE_CHECKING:
+    from impedance_modules.tools.recorded_roughness import Roughness
 
 if TYPE_CHECKING:
     from impedance_modules.episode.data import Episode
@@ -83,3 +88,93 @@ def _print_map(said: dict[str, Any], out: Path) -> None:
             worst = errors["stiffness_worst"]
             click.echo(f"  stiffness {100 * stiffness:.0f} % off in the median, {100 * worst:.0f} % at worst")
     click.echo(f"files: {out}/ (map.csv, map.json, map.png)")
+
+
+WAY = "x|-x|y|-y|z|-z"
+
+
+@click.command("roughness")
+@click.argument("episode", type=click.Path(path_type=Path))
+@click.option("--hand", metavar="FRAME", help="Which hand, where the episode has more than one.")
+@click.option("--along", metavar=WAY, help="Strokes that count. Default: the main motion, towards the robot.")
+@click.option("--normal", default="z", show_default=True, metavar=WAY, help="Out of the surface, in world.")
+@click.option(
+    "--windows", type=click.IntRange(1), default=8, show_default=True, help="Least number of windows."
+)
+@click.option("--from", "since", type=float, default=-math.inf, help="First time that counts [s].")
+@click.option("--to", "until", type=float, default=math.inf, help="Last time that counts [s].")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), metavar="F", help="Write the numbers.")
+def roughness_command(
+    episode: Path,
+    hand: str | None,
+    along: str | None,
+    normal: str,
+    windows: int,
+    since: float,
+    until: float,
+    json_path: Path | None,
+) -> int:
+    """Judge the roughness of what a hand rubbed, from its position and force alone.
+
+    Every stroke gives a window of 0.8 s from where the hand starts to move: its tangential force around 20 Hz, and its
+    coefficient of friction.
+
+    Exit: 0 done, 2 no contact, no force, or too few windows.
+    """
+    from impedance_modules.control.roughness_windows import way_of
+    from impedance_modules.episode.reader import read_episode
+    from impedance_modules.episode.run_folder import the_episode
+    from impedance_modules.errors import BadInput
+    from impedance_modules.tools.recorded_roughness import judge_roughness, touched_by
+
+    if not since < until:
+        raise BadInput(f"--from {since:g} --to {until:g}: no time lies between (valid: --from before --to)")
+    ways = None if along is None else way_of(along), way_of(normal)
+    touched = touched_by(
+        read_episode(the_episode(episode), kinds=("position", "velocity", "effort", "wrench", "pose")), hand
+    )
+    found = judge_roughness(touched, *ways, least=windows, span=(since, until))
+    if json_path is not None:
+        json_path.parent.mkdir(parents=True, exist_ok=True)
+        json_path.write_text(json.dumps(_roughness_json(found), indent=2, allow_nan=False) + "\n")
+    _print_roughness(found)
+    return 0
+
+
+def _roughness_json(found: Roughness) -> dict[str, object]:
+    """Makes plain data of it."""
+    nu, amplitude = found.spectrum
+    names = ("start", "band", "friction", "normal", "travel")
+    return {
+        "format": 1,
+        "hand": found.touched.hand,
+        "force_from": found.touched.source,
+        "along": found.ways.along.tolist(),
+        "normal": found.ways.normal.tolist(),
+        "windows": [{name: getattr(window, name) for name in names} for window in found.windows],
+        "refused": found.refused,
+        "spectrum": {"frequency_hz": nu.tolist(), "amplitude_n": amplitude.tolist()},
+    }
+
+
+def _print_roughness(found: Roughness) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{found.touched.hand}, force from {found.touched.source}", title_justify="left")
+    for name in ("window from s", "15 to 25 Hz, N rms", "friction", "normal N", "travel mm"):
+        table.add_column(name, justify="right")
+    for window in found.windows:
+        table.add_row(*_cells(window.start, window.band, window.friction, window.normal, window.travel))
+    table.add_section()
+    columns = [found.of(name) for name in ("band", "friction", "normal", "travel")]
+    table.add_row("mean", *_cells(0.0, *(float(column.mean()) for column in columns))[1:])
+    table.add_row("deviation", *_cells(0.0, *(float(column.std()) for column in columns))[1:])
+    console = Console()
+    console.print(table)
+    for why, count in found.refused.items():
+        console.print(f"{count} strokes gave no window: {why}")
+
+
+def _cells(start: float, band: float, friction: float, normal: float, travel: float) -> tuple[str, ...]:
+    return (f"{start:.2f}", f"{band:.3f}", f"{friction:.3f}", f"{normal:.2f}", f"{1e3 * travel:.0f}")

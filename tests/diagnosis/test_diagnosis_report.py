@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from rerun.chunk import RrdReader
 
 from impedance_modules.cli.diagnose_verb import diagnose_command as command
-from impedance_modules.cli.replay import replay_command as replay
+from impedance_modules.cli.run_verbs import replay_command as replay
 from impedance_modules.diagnosis.report.diagnosis_files import spectrum_object
 from impedance_modules.diagnosis.report.html_elements import number, percent, table
 from impedance_modules.diagnosis.report.report_plots import thinned

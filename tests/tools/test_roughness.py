@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from impedance_modules.cli.roughness import roughness_command as command
+from impedance_modules.cli.surface_verbs import roughness_command as command
 from impedance_modules.control.roughness_windows import Directions, Window, WindowFinder
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
