@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind.plant import Arm
 from benchmarks.blind.arm_model import Drive
+from benchmarks.blind.plant import Arm
 
 Array = NDArray[np.float64]
 Parameters = Mapping[str, Mapping[str, float]]

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.blind.arm_model import Inertial, Link
 from benchmarks.blind.bodies import tilted, with_payload
 from benchmarks.blind.injection import with_friction, with_joint
 from benchmarks.blind.plant import Arm
-from benchmarks.blind.arm_model import Inertial, Link
 
 Numbers = Mapping[str, float]
 Array = NDArray[np.float64]
