@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.gates_types import Gate
+from impedance_modules.backends.baxter.preflight_checks import Gate
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.conditions import Touch
 from impedance_modules.modules.weight import STANDARD_GRAVITY

@@ -12,15 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.backends.protocol import FirstState
+from impedance_modules.backends.baxter.joint_states import JointStateMerge
+from impedance_modules.backends.baxter.robot_link import SeaColumns
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode
-from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, TICK
-from impedance_modules.backends.baxter.simulator.options import FakeOptions
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, TICK, FakeOptions
 from impedance_modules.backends.baxter.simulator.publishers import Readout
-from impedance_modules.backends.baxter.joint_states import JointStateMerge
-from impedance_modules.backends.baxter.sea_columns import SeaColumns
+from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out

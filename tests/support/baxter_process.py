@@ -17,9 +17,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from impedance_modules.backends.baxter.simulator.ears import FAULT_TOPIC
 from impedance_modules.backends.baxter.ros.messages import String
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.simulator.simulator_node import FAULT_TOPIC
 
 START = 90.0
 

@@ -17,7 +17,7 @@ from impedance_modules.backends.baxter.ros.transport import (
     TransportClosedError,
 )
 from impedance_modules.backends.baxter.ros.wire import checksum_of, decode, encode
-from impedance_modules.backends.baxter.simulator.network import GONE_NODE
+from impedance_modules.backends.baxter.simulator.simulator_node import GONE_NODE
 
 M = TypeVar("M", bound=Message)
 

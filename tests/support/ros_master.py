@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from impedance_modules.backends.baxter.ros.master_client import MasterClient
 from impedance_modules.backends.baxter.ros.messages import Message
 from impedance_modules.backends.baxter.ros.transport import NoMasterError
-from impedance_modules.backends.baxter.ros.master_client import MasterClient
 
 INSTALL = "apt-get install --no-install-recommends python3-rospy python3-roslaunch python3-sensor-msgs rosout"
 

@@ -3,24 +3,24 @@
 
 from __future__ import annotations
 
+import os
+import struct
 import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.approach import Approach
-from impedance_modules.backends.baxter.awake import AwakeProcessor
 from impedance_modules.backends.baxter.driver import Driver
 from impedance_modules.backends.baxter.joint_states import Sample
-from impedance_modules.backends.baxter.robot_link import RobotLink
-from impedance_modules.backends.baxter.sea_columns import SeaColumns
-from impedance_modules.backends.baxter.stop_rules import Mode
-from impedance_modules.backends.baxter.stops import Stops
+from impedance_modules.backends.baxter.position_mode import Approach
+from impedance_modules.backends.baxter.robot_link import RobotLink, SeaColumns
+from impedance_modules.backends.baxter.stops import Mode, Stops
 from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.errors import NotConnected, RobotRefused
 from impedance_modules.robot.model import Limb
@@ -285,3 +285,47 @@ class BaxterBackend:
     def _shifted(self, state: RobotState) -> RobotState:
         """Counts time from the run's first state."""
         return RobotState(state.time - self._zero_time, state.position, state.velocity, state.effort)
+
+
+DEVICE = Path("/dev/cpu_dma_latency")
+"""Linux wakes up within as many microseconds as were written there, for as long as the file is open."""
+
+
+class AwakeProcessor:
+    """A wish to the kernel, if this process may have one; it ends with ``end`` or with the process.
+
+    Linux gives the file to root alone; a rule of udev may give it to a group. Without it everything works, later.
+
+    Attributes:
+        granted: Whether the processor stays awake now.
+    """
+
+    def __init__(self, device: Path = DEVICE) -> None:
+        self._device = device
+        self._file: int | None = None
+
+    @property
+    def granted(self) -> bool:
+        """Whether the processor stays awake now."""
+        return self._file is not None
+
+    def begin(self) -> None:
+        """Asks; a kernel that refuses, or has no such file, is left alone."""
+        if self._file is not None:
+            return
+        try:
+            file = os.open(self._device, os.O_WRONLY)
+        except OSError:
+            return
+        try:
+            os.write(file, struct.pack("i", 0))
+        except OSError:
+            os.close(file)
+            return
+        self._file = file
+
+    def end(self) -> None:
+        """Lets the processor sleep again; may be called twice."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None

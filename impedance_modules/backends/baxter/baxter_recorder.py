@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.backends.baxter import topics
+from impedance_modules.backends.baxter.robot_link import SeaColumns
 from impedance_modules.backends.baxter.ros.messages import UInt16
-from impedance_modules.backends.baxter.sea_columns import SeaColumns
 from impedance_modules.backends.baxter.session import LISTENING, Session
 from impedance_modules.episode.columns import joint_columns
 from impedance_modules.episode.metadata import episode_metadata, library_versions

@@ -5,19 +5,18 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.commander import Commander
 from impedance_modules.backends.baxter.joint_states import Sample
 from impedance_modules.backends.baxter.robot_link import Listener, RobotLink
-from impedance_modules.backends.baxter.ros.messages import AssemblyState
-from impedance_modules.backends.baxter.stop_rules import Mode, Order
-from impedance_modules.backends.baxter.stops import Stops
-from impedance_modules.backends.baxter.watchdog import Watchdog
+from impedance_modules.backends.baxter.ros.messages import AssemblyState, Float64, JointCommand, UInt16
+from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
+from impedance_modules.backends.baxter.ros.wire import encode
+from impedance_modules.backends.baxter.stops import Mode, Order, Stops
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
 from impedance_modules.safety.stop_events import Event
@@ -187,3 +186,110 @@ class Driver:
     def _send(self, order: Order) -> None:
         if self._commander is not None:
             self._commander.send(order)
+
+
+class Commander:
+    """Publishers of some limbs' commands; every command names all joints of its limb."""
+
+    def __init__(self, transport: Transport, limbs: Mapping[str, Limb]) -> None:
+        """Advertises; sends nothing yet."""
+        self._limbs = limbs
+        self._commands = {
+            name: transport.advertise(topics.joint_command(name), JointCommand) for name in limbs
+        }
+        self._timeouts = {
+            name: transport.advertise(topics.command_timeout(name), Float64, latch=True) for name in limbs
+        }
+        self._rate = transport.advertise(topics.STATE_RATE_REQUEST, UInt16, latch=True)
+
+    def deaf(self) -> tuple[str, ...]:
+        """Names the limbs to whose commands nobody listens."""
+        return tuple(name for name, publisher in self._commands.items() if publisher.connections() == 0)
+
+    def send(self, order: Order) -> None:
+        """Sends what an order says to each of its limbs."""
+        if order.effort is not None:
+            mode, values = JointCommand.TORQUE_MODE, order.effort
+        elif order.position is not None:
+            mode, values = JointCommand.POSITION_MODE, order.position
+        else:
+            return
+        for name in order.limbs:
+            limb = self._limbs[name]
+            command = tuple(values[limb.joints].tolist())
+            self._commands[name].send(JointCommand(mode, command, limb.joint_names))
+
+    def rehearse(self, effort: Array) -> None:
+        """Lays out the torques (n,) [N.m] of all limbs as ``send`` does, and sends nothing."""
+        for limb in self._limbs.values():
+            encode(
+                JointCommand(JointCommand.TORQUE_MODE, tuple(effort[limb.joints].tolist()), limb.joint_names)
+            )
+
+    def set_timeout(self, seconds: float) -> None:
+        """Sets after how long without a command the robot leaves torque mode [s]."""
+        for publisher in self._timeouts.values():
+            publisher.send(Float64(seconds))
+
+    def ask_rate(self, rate: int) -> None:
+        """Asks for the joint states at a rate [Hz]."""
+        self._rate.send(UInt16(rate))
+
+    def close(self) -> None:
+        """Stops publishing."""
+        publishers: list[Publisher[JointCommand] | Publisher[Float64] | Publisher[UInt16]] = [
+            *self._commands.values(),
+            *self._timeouts.values(),
+            self._rate,
+        ]
+        for publisher in publishers:
+            publisher.close()
+
+
+LOOK = 0.005
+"""How often it looks [s]; less than the shortest of ``StopRules``'s times."""
+
+HELD_UP = 0.02
+"""A look that comes this much after the last one [s]: not only the robot was silent, this whole process stood still."""
+
+
+class Watchdog:
+    """Calls one function until it is stopped.
+
+    Attributes:
+        looks: How often it has looked.
+    """
+
+    def __init__(self, look: Callable[[], None]) -> None:
+        self.looks = 0
+        self._look = look
+        self._wake = threading.Event()
+        self._stopped = False
+        self._thread = threading.Thread(target=self._watch, daemon=True, name="watchdog")
+
+    def start(self) -> None:
+        """Begins to watch."""
+        self._thread.start()
+
+    def hurry(self) -> None:
+        """Has it look now."""
+        self._wake.set()
+
+    def stop(self) -> None:
+        """Ends it; returns when the last look is over."""
+        self._stopped = True
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _watch(self) -> None:
+        looked = time.monotonic()
+        while not self._stopped:
+            if time.monotonic() - looked > HELD_UP:
+                # What the robot said meanwhile is in the sockets: who reads them comes first, then silence is judged.
+                time.sleep(LOOK)
+            self._look()
+            self.looks += 1
+            looked = time.monotonic()
+            self._wake.wait(LOOK)
+            self._wake.clear()

@@ -7,22 +7,23 @@ Every target passes ``Stops``; the robot's time-out holds the arms wherever they
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.approach import Approach
-from impedance_modules.backends.baxter.commander import Commander
+from impedance_modules.backends.baxter.driver import Commander
 from impedance_modules.backends.baxter.joint_states import Sample
-from impedance_modules.backends.baxter.robot_link import Listener
+from impedance_modules.backends.baxter.robot_link import Listener, RobotLink
 from impedance_modules.backends.baxter.ros.messages import AssemblyState, Empty
-from impedance_modules.backends.baxter.stop_rules import BRAKING_SHARE, stop_rules
-from impedance_modules.backends.baxter.stops import Stops
-from impedance_modules.errors import RobotRefused, RobotStopped
+from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_rules
+from impedance_modules.errors import BadInput, RobotRefused, RobotStopped
+from impedance_modules.robot.model import Limb
 from impedance_modules.safety.stop_events import Event
+from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.task_reader import read_task
 
 if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import Session
@@ -145,3 +146,154 @@ class Mover:
 
     def _on_cuff(self, limb: str, squeezed: bool) -> None:
         self._stops.on_cuff(limb, squeezed)
+
+
+NEAR = 0.1
+"""Every joint this close to the start: the springs may pull it the rest of the way [rad]."""
+
+ARRIVED = 0.03
+"""Every joint this close: the robot's position mode has done what it can [rad]."""
+
+TOP_SPEED = 0.25
+"""Of the fastest joint on the way [rad/s]."""
+
+SETTLING = 5.0
+"""Longest wait at the end of the way; position mode lags by about 0.4 s [s]."""
+
+STEP = 0.01
+"""Between two targets [s]."""
+
+
+class Approach:
+    """One way to a start posture."""
+
+    def __init__(self, limbs: Mapping[str, Limb], start: Array, allowed: bool) -> None:
+        """Args are the limbs that move, the posture (n,) [rad], and whether moving there was asked for."""
+        self._start, self._allowed = start, allowed
+        self._joints = np.concatenate([limb.joints for limb in limbs.values()])
+        self._names = [name for limb in limbs.values() for name in limb.joint_names]
+
+    def go(self, link: RobotLink, move: Callable[[Array], None]) -> None:
+        """Moves there if need be; returns when the arms have arrived.
+
+        Args:
+            link: Tells where the arms are.
+            move: Sets the target (n,) [rad] of the position mode; raises when the robot may not move any more.
+
+        Raises:
+            RobotRefused: The arms are elsewhere and moving them was not asked for, or they do not arrive.
+        """
+        here = _position(link)
+        if self._distance(here) <= NEAR:
+            return
+        if not self._allowed:
+            raise RobotRefused(
+                f"{self._furthest(here)} from where the task begins (valid: within {NEAR} rad;"
+                f" --approach lets the robot's position mode bring the arms there at {TOP_SPEED} rad/s,"
+                " with only the robot's own collision avoidance between them and things)"
+            )
+        self._travel(here, move)
+        end = time.monotonic() + SETTLING
+        while self._distance(_position(link)) > ARRIVED:
+            if time.monotonic() > end:
+                raise RobotRefused(
+                    f"{self._furthest(_position(link))} from where the task begins, and position mode brings it"
+                    " no closer: is something in its way?"
+                )
+            move(self._start)
+            time.sleep(STEP)
+
+    def _travel(self, here: Array, move: Callable[[Array], None]) -> None:
+        """Minimum jerk: s = 10 t^3 - 15 t^4 + 6 t^5, whose top speed is 15/8 of the mean."""
+        duration = max(1.0, 15.0 / 8.0 * self._distance(here) / TOP_SPEED)
+        began = time.monotonic()
+        while (t := (time.monotonic() - began) / duration) < 1.0:
+            s = t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
+            move(here + s * (self._start - here))
+            time.sleep(STEP)
+        move(self._start)
+
+    def _distance(self, position: Array) -> float:
+        return float(np.abs(position - self._start)[self._joints].max())
+
+    def _furthest(self, position: Array) -> str:
+        away = (position - self._start)[self._joints]
+        worst = int(np.argmax(np.abs(away)))
+        return f"{self._names[worst]} is {away[worst]:+.3f} rad"
+
+
+def _position(link: RobotLink) -> Array:
+    """The newest measured angles (n,) [rad]."""
+    if link.sample is None:
+        raise RobotRefused("no state of the arms: is the robot on, and does 'impedance baxter check' pass?")
+    return link.sample.state.position
+
+
+NEUTRAL: Mapping[str, float] = {
+    "s0": 0.0,
+    "s1": -0.55,
+    "e0": 0.0,
+    "e1": 0.75,
+    "w0": 0.0,
+    "w1": 1.26,
+    "w2": 0.0,
+}
+"""Rethink's neutral posture [rad] [sdk]."""
+
+TUCKED: Mapping[str, float] = {
+    "s0": -1.0,
+    "s1": -2.175,
+    "e0": 3.0,
+    "e1": 2.55,
+    "w0": 0.0,
+    "w1": 0.01,
+    "w2": 0.0,
+}
+UNTUCKED: Mapping[str, float] = {
+    "s0": -0.08,
+    "s1": -1.0,
+    "e0": -1.19,
+    "e1": 1.94,
+    "w0": 0.67,
+    "w1": 1.03,
+    "w2": -0.50,
+}
+"""Of the left arm [rad] [sdk]; the right one mirrors them. Tucked, s1 lies outside its published range."""
+
+MIRRORED: Mapping[str, int] = {"s0": -1, "s1": 1, "e0": -1, "e1": 1, "w0": -1, "w1": 1, "w2": -1}
+"""Sign with which the right arm takes the left one's angles."""
+
+POSTURES: Mapping[str, Mapping[str, float]] = {"neutral": NEUTRAL, "tucked": TUCKED, "untucked": UNTUCKED}
+"""Of the arm whose angles are not mirrored."""
+
+
+def named_posture(spec: RobotSpec, name: str) -> dict[str, dict[str, float]]:
+    """Finds the posture of every limb by a name of ``POSTURES`` or by a task, limb -> short name -> [rad].
+
+    A limb that the task leaves out stands at the neutral posture.
+
+    Raises:
+        BadInput: Neither; or the task is for another robot.
+    """
+    # The last limb of the mirror's pair carries the numbers, the others their mirror image.
+    plain = min(spec.limbs)
+    by_name = POSTURES.get(name, NEUTRAL)
+    found = {
+        limb: {
+            short: by_name[short] if limb == plain else MIRRORED[short] * by_name[short]
+            for short in spec.limbs[limb].joints
+        }
+        for limb in spec.limbs
+    }
+    if name in POSTURES:
+        return found
+    try:
+        task, robot = read_task(name)
+    except BadInput as error:
+        raise BadInput(f"posture '{name}': {error} (valid besides tasks: {', '.join(POSTURES)})") from None
+    if robot.name != spec.name:
+        raise BadInput(
+            f"posture '{name}': the task is for robot '{robot.name}' (valid: one for '{spec.name}')"
+        )
+    found.update({arm: dict(task.arms[arm].posture) for arm in task.arms})
+    return found

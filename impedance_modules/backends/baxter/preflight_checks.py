@@ -9,18 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.gates_model import effort_gate, gravity_gate, hand_gate, range_gate
-from impedance_modules.backends.baxter.gates_network import (
-    alone_gate,
-    messages_gate,
-    one_robot_gate,
-    software_gate,
-)
-from impedance_modules.backends.baxter.gates_types import Gate
 from impedance_modules.backends.baxter.robot_link import RobotLink
-from impedance_modules.backends.baxter.ros.messages import AssemblyState
+from impedance_modules.backends.baxter.ros.messages import (
+    AssemblyState,
+    CollisionDetectionState,
+    DigitalIOState,
+    EndpointState,
+    JointState,
+    Message,
+    SEAJointState,
+)
+from impedance_modules.backends.baxter.ros.transport import Offer, Transport
+from impedance_modules.backends.baxter.ros.wire import checksum_of
 from impedance_modules.backends.baxter.served_description import Comparison
-from impedance_modules.backends.baxter.stop_rules import why_off
+from impedance_modules.backends.baxter.stops import why_off
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
 
@@ -153,3 +155,211 @@ def _cuff(subject: Subject) -> Gate:
     squeezed = [limb for limb in subject.limbs if subject.link.squeezed.get(limb, False)]
     found = f"squeezed at {' and '.join(squeezed)}" if squeezed else "free"
     return Gate("cuff", not squeezed, found, "let go of the cuff")
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One condition.
+
+    Attributes:
+        name: Short.
+        passed: None where the robot does not tell.
+        found: What was seen.
+        remedy: What would be valid; said when closed.
+        for_motion: Matters only where the robot is to be commanded.
+    """
+
+    name: str
+    passed: bool | None
+    found: str
+    remedy: str
+    for_motion: bool = True
+
+
+CLEANUP = "'rosnode cleanup' has the master forget one that is gone for good"
+"""Of a node that the master knows and that does not answer: it counts as living until somebody says otherwise."""
+
+
+def software_gate(transport: Transport) -> Gate:
+    """Is it the master of a robot with the software that is known here?"""
+    version = transport.get_parameter(topics.SOFTWARE_VERSION)
+    remedy = f"the master of a Baxter with software {topics.SUPPORTED_SOFTWARE}x in ROS_MASTER_URI"
+    if version is None:
+        found = f"the master has no parameter {topics.SOFTWARE_VERSION}: it is no Baxter's"
+        return Gate("software", False, found, remedy, for_motion=False)
+    fits = str(version).startswith(topics.SUPPORTED_SOFTWARE)
+    return Gate("software", fits, f"version {version}", remedy, for_motion=False)
+
+
+def one_robot_gate(transport: Transport) -> Gate:
+    """Does exactly one living node say what state the robot is in?"""
+    offers = transport.offers_of(topics.ROBOT_STATE)
+    present = [_named(offer) for offer in offers if not offer.gone]
+    aside = _aside(offers)
+    if len(present) == 1:
+        return Gate("one robot", True, f"{present[0]} alone publishes /robot/state{aside}", "")
+    if not present:
+        found = f"nobody publishes /robot/state{aside}"
+        return Gate("one robot", False, found, "a robot that has booted", for_motion=False)
+    found = f"{' and '.join(present)} publish /robot/state: which robot is meant?{aside}"
+    remedy = f"end the simulators and doubles on this master; {CLEANUP}"
+    return Gate("one robot", False, found, remedy, for_motion=False)
+
+
+def messages_gate(transport: Transport, limbs: Sequence[str]) -> Gate:
+    """Do those we listen to send what we expect?"""
+    heard: list[tuple[str, type[Message]]] = [
+        (topics.ROBOT_STATE, AssemblyState),
+        (topics.JOINT_STATES, JointState),
+    ]
+    for limb in limbs:
+        heard += [
+            (topics.sea_state(limb), SEAJointState),
+            (topics.endpoint_state(limb), EndpointState),
+            (topics.collision_state(limb), CollisionDetectionState),
+            (topics.cuff(limb), DigitalIOState),
+        ]
+    wrong, asked = [], 0
+    for topic, kind in heard:
+        for offer in transport.offers_of(topic):
+            asked += 1
+            if offer.problem is None and not _means(offer, kind):
+                wrong.append(f"{offer.node} sends {topic} as {offer.ros_type} {offer.checksum}")
+            elif offer.problem is not None and not offer.gone:
+                wrong.append(f"{offer.node} does not answer for {topic}: {offer.problem}")
+    if wrong:
+        remedy = f"a robot with software {topics.SUPPORTED_SOFTWARE}x, whose messages are the ones known here"
+        return Gate("messages", False, "; ".join(wrong), remedy, for_motion=False)
+    return Gate("messages", True, f"{asked} publishers send what is expected", "", for_motion=False)
+
+
+def _means(offer: Offer, kind: type[Message]) -> bool:
+    return offer.ros_type == kind.ros_type and offer.checksum == checksum_of(kind)
+
+
+def alone_gate(transport: Transport, limbs: Sequence[str]) -> Gate:
+    """Does nobody else command the limbs?"""
+    others: dict[str, list[str]] = {}
+    asides: dict[str, Offer] = {}
+    for limb in limbs:
+        for offer in transport.offers_of(topics.joint_command(limb)):
+            if offer.gone:
+                asides[offer.node] = offer
+            else:
+                others.setdefault(_named(offer), []).append(limb)
+    aside = _aside(asides.values())
+    if others:
+        named = (f"{node} ({' and '.join(commanded)})" for node, commanded in others.items())
+        remedy = f"end the other controllers first; {CLEANUP}"
+        return Gate("nobody else", False, f"commanded by {', '.join(named)}{aside}", remedy)
+    return Gate("nobody else", True, f"nobody else commands {' and '.join(limbs)}{aside}", "")
+
+
+def _named(offer: Offer) -> str:
+    return offer.node if offer.problem is None else f"{offer.node}, which {offer.problem},"
+
+
+def _aside(offers: Iterable[Offer]) -> str:
+    """Names the registrations that the dead have left behind, after a semicolon; nothing where there are none."""
+    dead = [offer.node for offer in offers if offer.gone]
+    if not dead:
+        return ""
+    left = "a registration of" if len(dead) == 1 else "registrations of"
+    verbs = ("answers", "is", "it") if len(dead) == 1 else ("answer", "are", "them")
+    return (
+        f"; {left} {', '.join(dead)}, which no longer {verbs[0]}, {verbs[1]} ignored;"
+        f" 'rosnode cleanup' removes {verbs[2]}"
+    )
+
+
+RANGE_MARGIN = 0.01
+"""Every joint at least this far inside its range [rad]; a tucked Baxter is outside."""
+
+TIP = 0.025
+"""endpoint_state is about the gripper's tip, this far beyond the hand along its z axis [m] (baxter_common)."""
+
+SAME_HAND = 0.005
+"""The robot's idea of where its hand is may differ from ours by this much [m]."""
+
+SAME_WEIGHT = 3.0
+"""The robot's gravity torque may differ from ours by this much on any joint [N.m]: a gripper that we do not model."""
+
+SAME_EFFORT = 6.0
+"""At rest a joint's measured torque may differ from our model's by this much [N.m]."""
+
+
+def range_gate(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> Gate:
+    """Asks whether the arms are within their ranges."""
+    if link.sample is None:
+        return Gate("range", False, "no state of the arms", "a robot that has booted")
+    q = link.sample.state.position
+    low, high = model.column("position_min") + RANGE_MARGIN, model.column("position_max") - RANGE_MARGIN
+    joints = np.concatenate([model.limbs[limb].joints for limb in limbs])
+    outside = [
+        f"{model.joint_names[j]} at {q[j]:.3f} rad (range {low[j]:.3f} to {high[j]:.3f})"
+        for j in joints
+        if not low[j] <= q[j] <= high[j]
+    ]
+    if outside:
+        remedy = "arms untucked: 'impedance baxter untuck', with power by 'baxter enable --tucked'"
+        return Gate("range", False, ", ".join(outside), remedy)
+    return Gate("range", True, "all joints inside their ranges", "")
+
+
+def hand_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
+    """Asks whether the robot's forward kinematics and ours agree: wrong model, wrong tip, wrong robot."""
+    name = f"hand {limb}"
+    message = link.endpoint.get(limb)
+    if message is None or link.sample is None:
+        return Gate(name, None, "the robot does not say where its hand is", "")
+    hand = model.pose(link.sample.state.position, model.limbs[limb].hand)
+    tip = hand.translation + hand.rotation @ np.array([0.0, 0.0, TIP])
+    place = message.pose.position
+    off = float(np.linalg.norm(tip - np.array([place.x, place.y, place.z])))
+    found = f"{1e3 * off:.1f} mm from where the robot has it"
+    return Gate(name, off < SAME_HAND, found, f"below {1e3 * SAME_HAND:g} mm: arms at rest, our model's hand")
+
+
+def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
+    """Asks whether the robot's gravity torque and ours agree; a robot that carries a tool knows, we do not.
+
+    ``gravity_only`` is the weight alone: springs beside the joints that a patch lets the model wear are not in it.
+    """
+    name = f"weight {limb}"
+    message = link.sea.get(limb)
+    names = model.limbs[limb].joint_names
+    if message is None or link.sample is None or len(message.gravity_only) != len(message.name):
+        return Gate(name, None, "the robot does not say what its arm weighs", "")
+    said = dict(zip(message.name, message.gravity_only, strict=True))
+    if not set(names) <= set(said):
+        return Gate(name, None, "the robot does not say what its arm weighs", "")
+    q = link.sample.state.position
+    ours = (model.gravity(q) - model.winding(q))[model.limbs[limb].joints]
+    off = np.abs(ours - np.array([said[joint] for joint in names]))
+    worst = int(np.argmax(off))
+    found = f"gravity torques differ by at most {off[worst]:.2f} N.m ({names[worst]})"
+    remedy = f"below {SAME_WEIGHT:g} N.m: a tool in the model (a patch), or none on the arm"
+    return Gate(name, bool(off[worst] < SAME_WEIGHT), found, remedy)
+
+
+def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
+    """Asks whether the measured torques at rest are what our model expects; never closed (``contact_gate`` is).
+
+    A Baxter's shoulders have springs beside the drive, which carry part of the arm's weight; our model has
+    them only if a patch says so. Without it, a force at the hand is felt where there is none.
+    """
+    name = f"effort {limb}"
+    if link.sample is None:
+        return Gate(name, None, "no state of the arms", "")
+    joints = model.limbs[limb].joints
+    state = link.sample.state
+    off = np.abs(state.effort - model.gravity(state.position))[joints]
+    worst = int(np.argmax(off))
+    found = f"at rest, torques differ from our model's by at most {off[worst]:.1f} N.m"
+    if off[worst] <= SAME_EFFORT:
+        return Gate(name, True, found, "")
+    found += (
+        f" ({model.limbs[limb].joint_names[worst]}): a spring beside the joint, a tool, a touch? A task that waits for"
+        " contact needs a patch that has it (record, diagnose, run --effects), and is refused without"
+    )
+    return Gate(name, None, found, "")

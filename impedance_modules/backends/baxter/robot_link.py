@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.joint_states import JointStateMerge, Sample
@@ -167,3 +170,51 @@ class RobotLink:
 
 def _keep(newest: dict[str, M], limb: str, message: M, received: float) -> None:  # noqa: ARG001
     newest[limb] = message
+
+
+Array = NDArray[np.float64]
+
+FIELDS: Mapping[str, str] = {
+    "gravity": "gravity_model_effort",
+    "gravity_only": "gravity_only",
+    "hysteresis": "hysteresis_model_effort",
+    "crosstalk": "crosstalk_model_effort",
+}
+"""Column -> field of the message."""
+
+
+class SeaColumns:
+    """Columns for what a robot has been heard to say; fields that it leaves empty get none.
+
+    Attributes:
+        names: Of the columns.
+    """
+
+    def __init__(self, newest: Mapping[str, SEAJointState]) -> None:
+        """Takes limb -> newest message, which goes on being updated; the columns are fixed now."""
+        self._newest = newest
+        self._parts = [
+            (limb, field, message.name, column)
+            for limb, message in newest.items()
+            for column, field in FIELDS.items()
+            if len(getattr(message, field)) == len(message.name) > 0
+        ]
+        self.names = tuple(f"{column}.{joint}" for _, _, joints, column in self._parts for joint in joints)
+        self._values = np.full(len(self.names), np.nan)
+        self._read: dict[str, SEAJointState] = {}
+
+    def values(self) -> Array:
+        """Newest value of every column; not a number where a message has shrunk since the beginning."""
+        if any(self._read.get(limb) is not message for limb, message in self._newest.items()):
+            self._read = dict(self._newest)
+            self._update()
+        return self._values
+
+    def _update(self) -> None:
+        at = 0
+        for limb, field, joints, _ in self._parts:
+            message = self._read[limb]
+            numbers = getattr(message, field)
+            complete = message.name == joints and len(numbers) == len(joints)
+            self._values[at : at + len(joints)] = numbers if complete else np.nan
+            at += len(joints)

@@ -9,13 +9,11 @@ from dataclasses import replace
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
-from impedance_modules.backends.baxter.gates_types import Gate
-from impedance_modules.backends.baxter.preflight_checks import Subject, judge, refuse_closed
+from impedance_modules.backends.baxter.preflight_checks import Gate, Subject, judge, refuse_closed
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.ros.transport import Transport
 from impedance_modules.backends.baxter.served_description import Comparison, compare_description
-from impedance_modules.backends.baxter.stop_rules import BRAKING_SHARE, stop_rules
-from impedance_modules.backends.baxter.stops import Stops
+from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_rules
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec

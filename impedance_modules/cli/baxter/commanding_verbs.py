@@ -36,3 +36,65 @@ def enable(robot: str, reset: bool, tucked: bool, transport: str) -> int:
         power.enable(limbs if tucked else ())
         click.echo(describe(power.wait()))
     return 0
+
+
+@click.command("disable")
+@transport_option
+def disable(transport: str) -> int:
+    """Switch motor power off. The arms sink: keep the space below them free.
+
+    Exit: 0 disabled, 2 no robot, or it refuses; with the reason.
+    """
+    from impedance_modules.backends.baxter.power import Power, describe
+
+    with node(transport, "disable") as found:
+        power = Power(found)
+        power.disable()
+        click.echo(describe(power.wait()))
+    return 0
+
+
+@click.command("untuck")
+@robot_option
+@click.option(
+    "--to",
+    "posture",
+    default="untucked",
+    show_default=True,
+    metavar="NAME",
+    help="Where to: untucked, neutral, or the start of a task.",
+)
+@click.option(
+    "--enable", is_flag=True, help="Switch power on first, the force field of tucked arms suppressed."
+)
+@transport_option
+def untuck(robot: str, posture: str, enable: bool, transport: str) -> int:
+    """Move both arms slowly to a posture. Everybody out of reach, e-stop in hand.
+
+    Tucked arms lie in their own force field, which is suppressed on the way: nothing but you then keeps the arms
+    off things. Ctrl-C holds them where they are.
+
+    Exit: 0 arrived, 2 refused with the reason, 3 stopped on the way, 130 after Ctrl-C.
+    """
+    from impedance_modules.backends.baxter.position_mode import Mover, named_posture
+    from impedance_modules.backends.baxter.power import Power
+    from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
+    from impedance_modules.backends.baxter.session import Session
+    from impedance_modules.cli.baxter.connection import Ending
+    from impedance_modules.spec.robot_reader import read_robot
+
+    spec = read_robot(robot)
+    goal = named_posture(spec, posture)
+    with node(transport, "untuck") as found, Ending() as ending:
+        session = Session(found, spec)
+        gates = {gate.name: gate for gate in session.gates(tuple(spec.limbs))}
+        tucked = gates["range"].passed is False
+        if enable:
+            refuse_closed(before_power(gates.values(), tucked=tucked), commanding=True)
+            Power(found).enable(tuple(spec.limbs) if tucked else ())
+            gates = {gate.name: gate for gate in session.gates(tuple(spec.limbs))}
+        # Outside their ranges is where tucked arms are; this verb is the way out.
+        refuse_closed([gate for name, gate in gates.items() if name != "range"], commanding=True)
+        arrived = Mover(session, tucked, ending.asked).go(session.model.position(goal))
+    click.echo(f"the arms are {posture}" if arrived else "stopped by Ctrl-C; the arms are held")
+    return 0 if arrived else 130

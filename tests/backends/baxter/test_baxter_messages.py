@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.message_texts import FIELD_LISTS
-from impedance_modules.backends.baxter.ros.message_definitions import Field, checksum, definition
+from impedance_modules.backends.baxter.ros.message_definitions import FIELD_LISTS, Field, checksum, definition
 from impedance_modules.backends.baxter.ros.messages import (
     MESSAGE_TYPES,
     Header,

@@ -7,10 +7,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.joint_states import JointStateMerge
-from impedance_modules.backends.baxter.robot_clock import RobotClock
+from impedance_modules.backends.baxter.joint_states import JointStateMerge, RobotClock
+from impedance_modules.backends.baxter.robot_link import SeaColumns
 from impedance_modules.backends.baxter.ros.messages import Header, JointState, SEAJointState
-from impedance_modules.backends.baxter.sea_columns import SeaColumns
 
 NAMES = ("right_a", "right_b", "left_a", "left_b")
 GRIPPERS = ("l_gripper_l_finger_joint", "r_gripper_r_finger_joint")

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from impedance_modules.backends.baxter.ros.messages import AssemblyState
-from impedance_modules.backends.baxter.stop_rules import Mode, stop_rules, why_off
-from impedance_modules.backends.baxter.stops import Stops
+from impedance_modules.backends.baxter.stops import Mode, Stops, stop_rules, why_off
 from impedance_modules.safety.stop_events import RUNG_OF, Event, Rung
 
 N = 4

@@ -3,18 +3,30 @@
 
 from __future__ import annotations
 
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from itertools import count
+from pathlib import Path
 
 import pytest
 
+from impedance_modules.backends.baxter.ros.master_client import MasterClient, master_uri_of
 from impedance_modules.backends.baxter.ros.messages import Bool, Empty, Float64, String, UInt16
+from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
-from impedance_modules.backends.baxter.ros.transport import Transport, TransportClosedError
+from impedance_modules.backends.baxter.ros.tcp_connection import topic_address
+from impedance_modules.backends.baxter.ros.transport import NoMasterError, Transport, TransportClosedError
 from impedance_modules.backends.baxter.ros.wire import checksum_of
+from tests.support.baxter_process import start
 from tests.support.in_process_transport import InProcessMaster, InProcessTransport
-from tests.support.ros_master import Heard, until
+from tests.support.ros_master import Heard, forget, free_port, until
 
 NUMBERS = count()
 
@@ -201,3 +213,207 @@ def test_parameters_come_back_and_unknown_ones_are_none(world: World) -> None:
     for value in (True, 7, 0.25, "<robot name='é'/>" * 2000, [1, [2.5, "x"]], {"a": {"b": 1}}):
         world.own.set_parameter(name, value)
         assert world.other().get_parameter(name) == value
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("kind", ["sockets", "rospy"])
+def test_a_dead_publisher_is_survived_and_named(kind: str, master: str, request) -> None:
+    own = request.getfixturevalue("rospy_node") if kind == "rospy" else SocketTransport("/own", master)
+    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
+    registrar = MasterClient(master, f"/dead_{kind}")
+    registrar.ask("registerPublisher", topic, "std_msgs/Bool", f"http://127.0.0.1:{free_port()}/")
+    own.subscribe(topic, Bool, heard)
+    alive = SocketTransport("/alive", master)
+    publisher = alive.advertise(topic, Bool)
+    assert until(lambda: publisher.connections() == 1)
+    publisher.send(Bool(False))
+    assert until(lambda: heard.messages == [Bool(False)])
+    offers = {offer.node: offer for offer in own.offers_of(topic)}
+    assert offers["/alive"].problem is None
+    assert offers[f"/dead_{kind}"].gone
+    assert not offers["/alive"].gone
+    assert "refused" in str(offers[f"/dead_{kind}"].problem)
+    alive.close()
+    if kind == "sockets":
+        own.close()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("kind", ["sockets", "rospy"])
+def test_a_dead_nodes_port_taken_by_somebody_else_makes_nobody_alive(kind: str, master: str, request) -> None:
+    """Ports come back: a later node, its topics, another program, or the master itself may answer there."""
+    own = request.getfixturevalue("rospy_node") if kind == "rospy" else SocketTransport("/own", master)
+    topic = f"/topic_{next(NUMBERS)}"
+    heir, other = SocketTransport("/heir", master), SocketTransport("/other", master)
+    heir.advertise(topic, Bool)
+    other.advertise(f"{topic}_else", Bool)
+    address = MasterClient(master, "/test").address_of
+    door = topic_address(str(address("/heir")), "/test", topic)
+    with HTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as web:
+        threading.Thread(target=web.serve_forever, daemon=True).start()
+        answering = {
+            "/dead_heir": address("/heir"),
+            "/dead_other": address("/other"),
+            "/dead_rospy": address("/by_rospy") if kind == "rospy" else address("/other"),
+            "/dead_door": f"http://{door[0]}:{door[1]}/",
+            "/dead_web": f"http://127.0.0.1:{web.server_address[1]}/",
+            "/dead_master": master,
+        }
+        for node, uri in answering.items():
+            MasterClient(master, node).ask("registerPublisher", topic, "std_msgs/Bool", uri)
+        offers = {offer.node: offer for offer in own.offers_of(topic)}
+        web.shutdown()
+    assert {node for node, offer in offers.items() if not offer.gone} == {"/heir"}, offers
+    for node in answering:
+        forget(master, node)
+    for transport in (heir, other, *([own] if kind == "sockets" else [])):
+        transport.close()
+
+
+@pytest.mark.ros
+def test_a_node_that_keeps_silent_counts_as_living(master: str) -> None:
+    topic = f"/topic_{next(NUMBERS)}"
+    own = SocketTransport("/own", master)
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        silent = MasterClient(master, "/silent")
+        silent.ask("registerPublisher", topic, "std_msgs/Bool", f"http://127.0.0.1:{mute.getsockname()[1]}/")
+        MasterClient(master, "/nowhere").ask(
+            "registerPublisher", topic, "std_msgs/Bool", "http://no-such-robot.invalid:4000/"
+        )
+        offers = own.offers_of(topic)
+    assert [(offer.node, offer.gone) for offer in offers] == [("/nowhere", False), ("/silent", False)]
+    assert all("cannot be reached" in str(offer.problem) for offer in offers)
+    for node in ("/silent", "/nowhere"):
+        forget(master, node)
+    own.close()
+
+
+@pytest.fixture
+def not_under_nohup() -> Iterator[None]:
+    """Has programs started meanwhile heed SIGHUP, also where the tests themselves run under ``nohup``."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.ros
+@pytest.mark.usefixtures("not_under_nohup")
+@pytest.mark.parametrize("kind", ["sockets", "rospy"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_verb_ended_by_a_person_leaves_nothing_with_the_master(kind: str, number: int, master: str) -> None:
+    """Also while it is still waiting for a robot, and though its terminal is gone."""
+    process = start("baxter", "check", "--transport", kind)
+    node = f"/impedance_check_{process.pid}"
+    known = MasterClient(master, "/test").registrations_of
+    assert until(lambda: any(known(node).values()), 30.0)
+    process.send_signal(number)
+    said, _ = process.communicate(timeout=30.0)
+    assert process.returncode == 130, said
+    assert not any(known(node).values()), known(node)
+
+
+@pytest.mark.ros
+def test_a_publisher_that_comes_back_is_heard_again(master: str) -> None:
+    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
+    own = SocketTransport("/own", master)
+    own.subscribe(topic, UInt16, heard)
+    for number in (1, 2):
+        other = SocketTransport("/comes_back", master)
+        publisher = other.advertise(topic, UInt16)
+        assert until(lambda publisher=publisher: publisher.connections() == 1)
+        publisher.send(UInt16(number))
+        assert until(lambda number=number: heard.messages[-1:] == [UInt16(number)])
+        other.close()
+    own.close()
+
+
+@pytest.mark.ros
+def test_asking_what_somebody_sends_disturbs_nobody(master: str, rospy_node) -> None:
+    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
+    own = SocketTransport("/asks_often", master)
+    publisher = rospy_node.advertise(topic, UInt16)
+    own.subscribe(topic, UInt16, heard)
+    for number in range(5):
+        assert until(lambda: publisher.connections() == 1)
+        assert own.offers_of(topic)[0].problem is None
+        assert until(lambda: publisher.connections() == 1)
+        publisher.send(UInt16(number))
+        assert until(lambda number=number: heard.messages[-1:] == [UInt16(number)])
+    assert len(heard.messages) == 5
+    own.close()
+
+
+@pytest.mark.ros
+def test_nothing_of_a_closed_node_is_left_with_the_master(master: str) -> None:
+    own = SocketTransport("/leaves_nothing", master)
+    own.advertise("/a", Bool, latch=True)
+    own.subscribe("/b", Bool, Heard())
+    own.close()
+    own.close()
+    registered = MasterClient(master, "/test").ask("getSystemState")
+    assert not any("/leaves_nothing" in nodes for part in registered for _, nodes in part)
+
+
+@pytest.mark.ros
+def test_debians_own_tool_understands_our_node(master: str, tmp_path: Path) -> None:
+    """`rostopic`-like second opinion: Debian's rospy with std_msgs' own classes, in its own interpreter."""
+    script = tmp_path / "listen.py"
+    script.write_text(
+        "import rospy, std_msgs.msg as m\n"
+        "rospy.init_node('debian', disable_signals=True)\n"
+        "rospy.Publisher('/to_us', m.UInt16, queue_size=1, latch=True).publish(77)\n"
+        "print(rospy.wait_for_message('/to_debian', m.Float64, timeout=10).data)\n"
+        "rospy.sleep(1.0)\n"
+        "rospy.signal_shutdown('')\n"
+    )
+    if not Path("/usr/lib/python3/dist-packages/rospy").is_dir():
+        pytest.skip("no rospy of Debian's")
+    heard = Heard()
+    own = SocketTransport("/own", master)
+    own.advertise("/to_debian", Float64, latch=True).send(Float64(0.125))
+    own.subscribe("/to_us", UInt16, heard)
+    done = subprocess.run(
+        ["/usr/bin/python3", script], check=False, capture_output=True, text=True, timeout=30
+    )
+    assert "0.125" in done.stdout, done.stderr
+    assert heard.messages == [UInt16(77)]
+    own.close()
+
+
+@pytest.mark.parametrize("uri", ["", "robot.local", "http://robot.local", "ftp://robot.local:11311"])
+def test_a_missing_address_is_refused_with_an_example(uri: str) -> None:
+    with pytest.raises(NoMasterError, match=re.escape("export ROS_MASTER_URI=http://ROBOT.local:11311")):
+        master_uri_of({"ROS_MASTER_URI": uri})
+
+
+def test_no_master_and_something_else_are_told_apart() -> None:
+    with pytest.raises(NoMasterError, match=r"no ROS master answers at .*ping"):
+        SocketTransport("/own", f"http://127.0.0.1:{free_port()}")
+    with pytest.raises(NoMasterError, match=r"no ROS master answers"):
+        SocketTransport("/own", "http://no-such-robot.invalid:11311")
+    with HTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as somebody:
+        threading.Thread(target=somebody.handle_request, daemon=True).start()
+        with pytest.raises(NoMasterError, match=r"is no ROS master"):
+            SocketTransport("/own", f"http://127.0.0.1:{somebody.server_address[1]}")
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("kind", [SocketTransport, RospyTransport])
+@pytest.mark.parametrize("address", ["192.0.2.1", "no-such-machine.invalid"])
+def test_an_address_that_is_not_ours_is_refused(kind, address: str, master: str, monkeypatch) -> None:
+    monkeypatch.setenv("ROS_IP", address)
+    with pytest.raises(NoMasterError, match=rf"'{address}' is not an address of this machine.*ROS_IP="):
+        kind("/own", master)
+
+
+def test_without_rospy_the_error_says_what_to_install(tmp_path: Path) -> None:
+    """In a Python that cannot see rospy, whatever this one sees."""
+    script = (
+        "import sys; sys.modules['rospy'] = None\n"
+        "from impedance_modules.backends.baxter.ros.rospy_transport import *\n"
+        "try:\n    RospyTransport('/x', 'http://127.0.0.1:1')\n"
+        "except NoRospyError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True)
+    assert "apt-get install --no-install-recommends python3-rospy" in done.stdout, done.stderr
+    assert "--system-site-packages" in done.stdout

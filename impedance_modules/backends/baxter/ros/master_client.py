@@ -8,12 +8,30 @@ import os
 import socket
 import xmlrpc.client
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 from xml.parsers.expat import ExpatError
 
-from impedance_modules.backends.baxter.ros.tcp_connection import remote
-from impedance_modules.backends.baxter.ros.transport import NoMasterError, ParameterValue
+from impedance_modules.backends.baxter.ros.tcp_connection import (
+    ANYTHING,
+    CONNECT_TIME,
+    LENGTH,
+    LONGEST_GREETING,
+    GreetingError,
+    NoNodeError,
+    NotPublishedError,
+    greet,
+    pack_greeting,
+    remote,
+    topic_address,
+)
+from impedance_modules.backends.baxter.ros.transport import (
+    NoMasterError,
+    Offer,
+    ParameterValue,
+    TransportClosedError,
+)
 
 ANSWER_TIME = 2.0
 """Longest wait for the master's answer [s]; a robot description takes most of it over a slow network."""
@@ -179,3 +197,136 @@ def _unreachable(uri: str, error: OSError) -> str:
         f" Is the robot on, does 'ping {host}' reach it, and is ROS_MASTER_URI its address"
         f" (host {host} may need a line in /etc/hosts)?"
     )
+
+
+ASKING = {"type": ANYTHING, "md5sum": ANYTHING}
+
+
+def offers_of(master: MasterClient, caller: str, topic: str) -> tuple[Offer, ...]:
+    """Asks every publisher of a topic except this node what it sends.
+
+    Raises:
+        NoMasterError: The master does not answer.
+    """
+    inquiry = _Inquiry(master, caller, topic)
+    return tuple(inquiry.ask(node) for node in master.publishers_of(topic) if node != caller)
+
+
+@dataclass(frozen=True)
+class _Inquiry:
+    """Who asks for what."""
+
+    master: MasterClient
+    caller: str
+    topic: str
+
+    def ask(self, node: str) -> Offer:
+        """Asks one registered publisher."""
+        uri = self.master.address_of(node)
+        if uri is None:
+            return _gone(node, "has withdrawn meanwhile")
+        try:
+            address = topic_address(uri, self.caller, self.topic)
+        except ConnectionRefusedError as error:
+            return _gone(node, f"cannot be reached: {error.strerror}")
+        except (NotPublishedError, NoNodeError) as error:
+            return _gone(node, str(error))
+        except OSError as error:
+            if self._is_topic_door(uri):
+                return _gone(node, f"{uri} is where another node's topics leave")
+            return _silent(node, error)
+        return self._greeted(node, uri, address)
+
+    def _greeted(self, node: str, uri: str, address: tuple[str, int]) -> Offer:
+        """Judges the node at ``uri`` by the greeting that it sends from where the topic leaves it."""
+        try:
+            # Under another name: rospy hangs up on a listener when a second one of its name comes.
+            connection, greeting = greet(address, f"{self.caller}_asks", self.topic, ASKING)
+        except OSError as error:
+            return _silent(node, error)
+        except GreetingError as error:
+            return Offer(node, None, None, str(error))
+        connection.close()
+        name = greeting.get("callerid", node)
+        if name != node and self.master.address_of(name) == uri:
+            return _gone(node, f"{uri} is {name} now")
+        kind, checksum = greeting.get("type"), greeting.get("md5sum")
+        if kind is None or checksum is None:
+            return Offer(node, kind, checksum, "does not say what it sends")
+        return Offer(node, kind, checksum, None)
+
+    def _is_topic_door(self, uri: str) -> bool:
+        """Says whether TCPROS is spoken at an address: no node's XML-RPC is then, since a port is one or the other."""
+        parts = urlsplit(uri)
+        if parts.hostname is None or parts.port is None:
+            return False
+        asking = {"callerid": f"{self.caller}_asks", "topic": self.topic, **ASKING}
+        try:
+            with socket.create_connection((parts.hostname, parts.port), CONNECT_TIME) as connection:
+                connection.settimeout(CONNECT_TIME)
+                connection.sendall(pack_greeting(asking))
+                head = connection.recv(LENGTH.size, socket.MSG_WAITALL)
+        except OSError:
+            return False
+        # Words, as a web server's, would read as a length of a gigabyte.
+        return len(head) == LENGTH.size and int(LENGTH.unpack(head)[0]) <= LONGEST_GREETING
+
+
+def _gone(node: str, why: str) -> Offer:
+    return Offer(node, None, None, why, gone=True)
+
+
+def _silent(node: str, error: OSError) -> Offer:
+    return Offer(node, None, None, f"cannot be reached: {error.strerror or error}")
+
+
+class MasterTransport:
+    """The questions of one node to its master; how topics travel is its heirs' business."""
+
+    def __init__(self, node_name: str, master_uri: str) -> None:
+        """Takes a full name and an address; asks nothing yet."""
+        self._node_name = node_name
+        self._master = MasterClient(master_uri, node_name)
+        self._closed = False
+
+    @property
+    def node_name(self) -> str:
+        """Full name of this node."""
+        return self._node_name
+
+    def get_parameter(self, name: str) -> ParameterValue | None:
+        """Returns a parameter, or None if nobody has set it."""
+        self._check()
+        return self._master.get_parameter(name)
+
+    def set_parameter(self, name: str, value: ParameterValue) -> None:
+        """Sets a parameter."""
+        self._check()
+        self._master.set_parameter(name, value)
+
+    def publishers_of(self, topic: str) -> tuple[str, ...]:
+        """Names the nodes registered as publishers of a topic, dead ones too, sorted."""
+        self._check()
+        return self._master.publishers_of(topic)
+
+    def offers_of(self, topic: str) -> tuple[Offer, ...]:
+        """Asks every other publisher of a topic what it sends."""
+        self._check()
+        return offers_of(self._master, self._node_name, topic)
+
+    def _sweep(self, uri: str) -> None:
+        """Has the master forget whatever it still knows of this node at an address.
+
+        An interrupt in the middle of a registration leaves the master knowing of a topic of which the node does not.
+        """
+        try:
+            for method, topics in self._master.registrations_of(self._node_name).items():
+                for topic in topics:
+                    self._master.ask(method, topic, uri)
+        except NoMasterError:
+            # A master that is gone remembers nothing that could be withdrawn.
+            return
+
+    def _check(self) -> None:
+        if self._closed:
+            raise TransportClosedError(f"{self._node_name}: the transport is closed")

@@ -3,29 +3,33 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import os
 import threading
 import time
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, Generic, TypeVar
 
 from impedance_modules.backends.baxter.ros.master_client import (
     MasterClient,
+    MasterTransport,
     check_own_host,
+    master_uri_of,
     own_host,
 )
 from impedance_modules.backends.baxter.ros.message_definitions import full_text
 from impedance_modules.backends.baxter.ros.messages import MESSAGE_TYPES, Message
-from impedance_modules.backends.baxter.ros.sockets.listener import Listener
-from impedance_modules.backends.baxter.ros.tcp_connection import LENGTH
+from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
+from impedance_modules.backends.baxter.ros.tcp_connection import LENGTH, Listener
 from impedance_modules.backends.baxter.ros.transport import (
     Callback,
+    Transport,
     TransportClosedError,
 )
 from impedance_modules.backends.baxter.ros.wire import checksum_of, decode, encode
-from impedance_modules.backends.baxter.ros.with_master import MasterTransport
-from impedance_modules.errors import ImpedanceError
+from impedance_modules.errors import BadInput, ImpedanceError
 
 M = TypeVar("M", bound=Message)
 
@@ -225,3 +229,27 @@ def _ros_class(ros_type: str) -> Any:
 
     Wrapped.__name__ = kind.__name__
     return Wrapped
+
+
+KINDS = ("auto", "rospy", "sockets")
+"""Names on the command line; ``auto`` is rospy where it can be imported, else sockets."""
+
+
+def connect(kind: str, purpose: str, environment: Mapping[str, str] = os.environ) -> Transport:
+    """Brings a node up on the master that ROS_MASTER_URI names.
+
+    Args:
+        kind: One of ``KINDS``.
+        purpose: Becomes part of the node's name, e.g. ``check``; the process's number makes it unique.
+        environment: Of the process.
+
+    Raises:
+        BadInput: Another kind.
+        NoMasterError: No master answers; the message says what to set.
+        NoRospyError: rospy was asked for and is not installed.
+    """
+    if kind not in KINDS:
+        raise BadInput(f"transport '{kind}' (valid: {', '.join(KINDS)})")
+    name, uri = f"/impedance_{purpose}_{os.getpid()}", master_uri_of(environment)
+    by_rospy = kind == "rospy" or (kind == "auto" and importlib.util.find_spec("rospy") is not None)
+    return RospyTransport(name, uri) if by_rospy else SocketTransport(name, uri)

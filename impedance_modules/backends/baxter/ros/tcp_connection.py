@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import http.client
+import select
 import socket
 import struct
+import threading
 import xmlrpc.client
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
+from xml.parsers.expat import ExpatError
 
 from impedance_modules.errors import ImpedanceError
 
@@ -109,3 +112,157 @@ class TimedTransport(xmlrpc.client.Transport):
 def remote(uri: str, seconds: float) -> xmlrpc.client.ServerProxy:
     """Returns a proxy of an XML-RPC server whose every call takes at most ``seconds`` per socket operation."""
     return xmlrpc.client.ServerProxy(uri, transport=TimedTransport(seconds), allow_none=True)
+
+
+CONNECT_TIME = 1.0
+"""Longest wait for another node in each step of a connection [s]."""
+
+ANYTHING = "*"
+"""Type and checksum of a listener that takes whatever comes."""
+
+
+class NoNodeError(GreetingError):
+    """What answers at an address is no ROS node."""
+
+
+class NotPublishedError(GreetingError):
+    """The node at an address says that it does not publish a topic."""
+
+
+def connect_to_topic(
+    node_uri: str, caller: str, topic: str, fields: Mapping[str, str]
+) -> tuple[socket.socket, dict[str, str]]:
+    """Asks a node for a topic and opens the connection on which its messages come.
+
+    Args:
+        node_uri: XML-RPC address of the publisher.
+        caller: Name of this node.
+        topic: Full name.
+        fields: Type, checksum and definition that this side expects.
+
+    Returns:
+        The connected socket, without a time-out, and the publisher's greeting.
+
+    Raises:
+        GreetingError: The node does not publish the topic (any more), or means another message.
+        OSError: It cannot be reached.
+    """
+    return greet(topic_address(node_uri, caller, topic), caller, topic, fields)
+
+
+def greet(
+    address: tuple[str, int], caller: str, topic: str, fields: Mapping[str, str]
+) -> tuple[socket.socket, dict[str, str]]:
+    """Opens a connection to where a topic leaves a node; arguments and errors as in ``connect_to_topic``."""
+    connection = socket.create_connection(address, CONNECT_TIME)
+    try:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        greeting = {"callerid": caller, "topic": topic, "tcp_nodelay": "1", **fields}
+        connection.sendall(pack_greeting(greeting))
+        answer = read_greeting(connection)
+    except (OSError, GreetingError):
+        connection.close()
+        raise
+    connection.settimeout(None)
+    return connection, answer
+
+
+def topic_address(node_uri: str, caller: str, topic: str) -> tuple[str, int]:
+    """Asks a node where a topic leaves it.
+
+    Raises:
+        NotPublishedError: It does not publish the topic.
+        NoNodeError: What answers is no ROS node.
+        OSError: Nobody answers; ``ConnectionRefusedError`` where nobody is there.
+    """
+    try:
+        with remote(node_uri, CONNECT_TIME) as node:
+            answer: Any = node.requestTopic(caller, topic, [["TCPROS"]])
+    except (xmlrpc.client.Error, http.client.HTTPException, ExpatError) as error:
+        raise NoNodeError(f"{node_uri} is no ROS node ({type(error).__name__})") from error
+    if not isinstance(answer, list) or len(answer) != 3:
+        raise NoNodeError(f"{node_uri} is no ROS node: it says {str(answer)[:60]!r}")
+    if answer[0] != 1 or not isinstance(answer[2], list) or len(answer[2]) < 3:
+        raise NotPublishedError(f"{node_uri} does not publish {topic}")
+    return str(answer[2][1]), int(answer[2][2])
+
+
+class Listener:
+    """One open connection, over which a publisher sends.
+
+    A message leaves in the sender's thread; only if the listener's buffer is full does a thread take over, and
+    then only the newest of what came meanwhile follows.
+    """
+
+    def __init__(self, connection: socket.socket, on_end: Callable[[Listener], None]) -> None:
+        """Takes a connection that has been greeted, and closes it in the end.
+
+        Args:
+            connection: To the listener.
+            on_end: Called once when the connection is over, whoever hung up.
+        """
+        connection.setblocking(False)
+        self._connection, self._on_end = connection, on_end
+        self._lock = threading.Lock()
+        self._rest = b""
+        self._next: bytes | None = None
+        self._stopped = False
+        self._bell, self._ear = socket.socketpair()
+        self._bell.setblocking(False)
+        threading.Thread(target=self._watch, daemon=True, name="listener").start()
+
+    def send(self, data: bytes) -> None:
+        """Sends now, or as soon as the listener has read what it was sent before."""
+        with self._lock:
+            if self._rest:
+                self._next = data
+                return
+            self._rest = self._push(data)
+            if self._rest:
+                self._bell.send(b"!")
+
+    def stop(self) -> None:
+        """Hangs up."""
+        with self._lock:
+            if self._stopped:
+                return
+            self._stopped = True
+            self._bell.send(b"!")
+
+    def _push(self, data: bytes) -> bytes:
+        """Writes what fits and returns the rest; a broken connection swallows it."""
+        try:
+            return data[self._connection.send(data) :]
+        except BlockingIOError:
+            return data
+        except OSError:
+            # The listener is gone; the watching thread notices and removes it.
+            return b""
+
+    def _watch(self) -> None:
+        """Body of the thread: waits for the end of the connection, and writes what is left over."""
+        while not self._stopped:
+            wants = [self._connection] if self._rest else []
+            readable, writable, _ = select.select([self._connection, self._ear], wants, [])
+            if self._ear in readable:
+                self._ear.recv(64)
+            if self._connection in readable and self._hung_up():
+                break
+            if writable:
+                with self._lock:
+                    self._rest = self._push(self._rest)
+                    if not self._rest and self._next is not None:
+                        self._rest, self._next = self._push(self._next), None
+        self._on_end(self)
+        with self._lock:
+            self._stopped = True
+            for part in (self._connection, self._bell, self._ear):
+                part.close()
+
+    def _hung_up(self) -> bool:
+        try:
+            return self._connection.recv(4096) == b""
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True

@@ -9,13 +9,26 @@ links, which is why tucked arms are inside the field.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.simulator.parameters import FORCE_FIELD_DAMPING, FORCE_FIELD_STIFFNESS
+from impedance_modules.backends.baxter.simulator.parameters import (
+    FORCE_FIELD_DAMPING,
+    FORCE_FIELD_STIFFNESS,
+    IMPACT_SCALERS,
+    IMPACT_THRESHOLD,
+    IMPACT_TIME,
+    SQUISH_THRESHOLDS,
+    SQUISH_TIME,
+    SUPPRESSION_LAPSE,
+    TICK,
+)
 from impedance_modules.errors import BadInput
+from impedance_modules.plant.collision import CollisionLimits, ContactSense
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
@@ -73,3 +86,49 @@ def _owner(model: RobotModel, link: str) -> str | None:
         return model.limb_of(link).name
     except BadInput:
         return None
+
+
+@dataclass
+class Push:
+    """A force on a hand (3,) [N], base axes, until a time [s]."""
+
+    force: Array
+    end: float
+
+
+def contact_sense(short_names: Sequence[str]) -> ContactSense:
+    """Watches one limb for impacts and squeezes, with the robot's own thresholds."""
+    infinite = math.inf
+    limits = CollisionLimits(
+        impact=np.array([IMPACT_THRESHOLD * IMPACT_SCALERS.get(s, infinite) for s in short_names]),
+        squish=np.array([SQUISH_THRESHOLDS.get(s, infinite) for s in short_names]),
+        impact_time=IMPACT_TIME,
+        squish_time=SQUISH_TIME,
+        tick=TICK,
+    )
+    return ContactSense(limits)
+
+
+SUPPRESSIBLE = (
+    "suppress_collision_avoidance",
+    "suppress_contact_safety",
+    "suppress_cuff_interaction",
+    "suppress_gravity_compensation",
+    "suppress_hand_overwrench_safety",
+)
+"""Topics below /robot/limb/SIDE/ that the real robot listens to; nobody there listens to suppress_body_avoidance."""
+
+
+class Suppressions:
+    """When each suppression of one limb was asked for last."""
+
+    def __init__(self) -> None:
+        self._asked = dict.fromkeys(SUPPRESSIBLE, -math.inf)
+
+    def ask(self, name: str, now: float) -> None:
+        """Notes a request at a time [s]."""
+        self._asked[name] = now
+
+    def active(self, name: str, now: float) -> bool:
+        """Says whether it still holds."""
+        return now - self._asked[name] < SUPPRESSION_LAPSE

@@ -15,17 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.simulator.assembly_state import AssemblyMachine
-from impedance_modules.backends.baxter.simulator.boards import INERTIA_TICKS, Boards, Claim
-from impedance_modules.backends.baxter.simulator.collision_safety import ForceField
-from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, Doing, LimbDrive
-from impedance_modules.backends.baxter.simulator.options import FakeOptions
+from impedance_modules.backends.baxter.simulator.collision_safety import (
+    ForceField,
+    Push,
+    Suppressions,
+    contact_sense,
+)
+from impedance_modules.backends.baxter.simulator.joint_boards import (
+    INERTIA_TICKS,
+    Boards,
+    Claim,
+    CommandMode,
+    Doing,
+    LimbDrive,
+)
 from impedance_modules.backends.baxter.simulator.parameters import (
     COLLISION_PAUSE,
     STOP_MARGIN,
     TICK,
+    FakeOptions,
 )
-from impedance_modules.backends.baxter.simulator.push import Push, contact_sense
-from impedance_modules.backends.baxter.simulator.suppression import Suppressions
 from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.plant.driven import DrivenPlant
 from impedance_modules.plant.options import PlantOptions

@@ -4,29 +4,31 @@
 from __future__ import annotations
 
 import time
+import xmlrpc.client
+from collections.abc import Callable
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.ros.messages import Message
+from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
 from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.backends.baxter.simulator.assembly_state import ON
-from impedance_modules.backends.baxter.simulator.ears import listen
-from impedance_modules.backends.baxter.simulator.fault_injection import Fault, parse_fault
-from impedance_modules.backends.baxter.simulator.mishaps import Mishaps
-from impedance_modules.backends.baxter.simulator.network import Network
-from impedance_modules.backends.baxter.simulator.outlets import (
+from impedance_modules.backends.baxter.simulator.collision_safety import SUPPRESSIBLE, Push
+from impedance_modules.backends.baxter.simulator.fault_injection import Fault, Mishaps, parse_fault
+from impedance_modules.backends.baxter.simulator.parameters import STATE_RATE
+from impedance_modules.backends.baxter.simulator.publishers import (
     JOINT_STATES,
     REALTIME_NODE,
     STATE,
     Outlet,
+    Readout,
+    assembly_message,
     bounded_rate,
     outlets,
 )
-from impedance_modules.backends.baxter.simulator.parameters import STATE_RATE
-from impedance_modules.backends.baxter.simulator.publishers import Readout, assembly_message
-from impedance_modules.backends.baxter.simulator.push import Push
 from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
 from impedance_modules.errors import BadInput
 
@@ -234,3 +236,89 @@ def _content(message: Message | None) -> object:
     if isinstance(message, messages.CollisionAvoidanceState):
         return message.other_arm, message.collision_object
     return message
+
+
+GONE_NODE, GONE_ADDRESS = "/realtime_loop_of_yesterday", "http://127.0.0.1:9/"
+"""A node that was killed without a word; nobody listens at its address."""
+
+
+class Network(Protocol):
+    """Where nodes meet."""
+
+    def connect(self, node_name: str) -> Transport:
+        """Brings a node up."""
+
+    def haunt(self, topic: str, ros_type: str, on: bool) -> None:
+        """Registers a publisher that no longer exists, or has it forgotten."""
+
+
+class RosNetwork:
+    """Nodes on a ROS master, by plain sockets: one process can be several nodes, and needs no ROS."""
+
+    def __init__(self, master_address: str) -> None:
+        """Takes the master's address."""
+        self._address = master_address
+
+    def connect(self, node_name: str) -> Transport:
+        """Brings a node up."""
+        return SocketTransport(node_name, self._address)
+
+    def haunt(self, topic: str, ros_type: str, on: bool) -> None:
+        """Registers a publisher that no longer exists, or has it forgotten."""
+        master = xmlrpc.client.ServerProxy(self._address)
+        if on:
+            master.registerPublisher(GONE_NODE, topic, ros_type, GONE_ADDRESS)
+        else:
+            master.unregisterPublisher(GONE_NODE, topic, GONE_ADDRESS)
+
+
+FAULT_TOPIC = "/fake_baxter/fault"
+"""Takes a String in the words of ``faults``."""
+
+
+def listen(
+    node: Transport, robot: FakeBaxter, set_rate: Callable[[int], None], obey: Callable[[str], None]
+) -> None:
+    """Subscribes to everything that the robot listens to.
+
+    Args:
+        node: Of the robot.
+        robot: Whose limbs and power are commanded.
+        set_rate: Takes a wished rate of the joint states [Hz].
+        obey: Takes a fault in words.
+    """
+    post = robot.post
+    node.subscribe("/robot/set_super_enable", messages.Bool, lambda m, _: post(partial(robot.enable, m.data)))
+    node.subscribe("/robot/set_super_reset", messages.Empty, lambda _, __: post(robot.reset))
+    node.subscribe("/robot/set_super_stop", messages.Empty, lambda _, __: post(robot.stop))
+    node.subscribe(
+        "/robot/joint_state_publish_rate", messages.UInt16, lambda m, _: post(partial(set_rate, m.data))
+    )
+    node.subscribe(FAULT_TOPIC, messages.String, lambda m, _: post(partial(obey, m.data)))
+    for limb in robot.limbs:
+        _listen_for(node, robot, limb)
+
+
+def _listen_for(node: Transport, robot: FakeBaxter, limb: str) -> None:
+    drive, post, place = robot.limbs[limb], robot.post, f"/robot/limb/{limb}"
+
+    def ask(name: str) -> Callable[[messages.Empty, float], None]:
+        return lambda _, __: post(lambda: robot.suppressions[limb].ask(name, robot.now))
+
+    node.subscribe(
+        f"{place}/joint_command",
+        messages.JointCommand,
+        lambda m, _: post(partial(robot.command, limb, m.mode, m.names, m.command)),
+    )
+    node.subscribe(
+        f"{place}/joint_command_timeout",
+        messages.Float64,
+        lambda m, _: post(partial(drive.set_time_out, m.data)),
+    )
+    node.subscribe(
+        f"{place}/set_speed_ratio",
+        messages.Float64,
+        lambda m, _: post(partial(drive.set_speed_ratio, m.data)),
+    )
+    for name in SUPPRESSIBLE:
+        node.subscribe(f"{place}/{name}", messages.Empty, ask(name))
