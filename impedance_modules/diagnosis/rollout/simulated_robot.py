@@ -33,7 +33,7 @@ from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.seeded import SeededPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import parse_document
-from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, PatchQuantity
+from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec
 from impedance_modules.spec.robot_spec import (
     BodyChange,
     CollisionSpec,
@@ -46,7 +46,6 @@ from impedance_modules.spec.robot_spec import (
 from impedance_modules.spec.urdf import read_urdf
 
 Array = NDArray[np.float64]
-
 DOWNSTREAM: dict[str, tuple[Residual, ...]] = {
     "command": ("actuator", "link", "motor", "whole", "drive"),
     "motor": ("motor",),
@@ -59,6 +58,15 @@ STEPS = (1e-3, 0.5e-3, 0.25e-3, 0.125e-3)
 
 BOUND_TO_A_RECORDING = ("external_contact",)
 """Effects in the time of one recording: they say nothing about another."""
+
+HALVINGS = 6
+"""How often a body's change is halved until what results is a physical body."""
+
+FAR = 1e6
+"""Stands for a limit that no rollout reaches: a window starts where the robot really was."""
+
+RATE = 1000.0
+"""Of the robot's own loop [Hz]; the rollouts need no other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,31 +90,6 @@ class Dressed:
         ours, theirs = np.array(self.order), np.argsort(self.order)
         inverse = np.linalg.inv(self.plant.model.mass_matrix(position[theirs]))
         return np.asarray(inverse[np.ix_(ours, ours)] ** 2)
-
-
-def spec_of_cause(cause: Cause) -> EffectSpec:
-    """Writes a cause as an entry of a patch."""
-    parameters = {
-        key: {symbol: PatchQuantity(e.value, e.unit, None) for symbol, e in symbols.items()}
-        for key, symbols in cause.parameters.items()
-    }
-    return EffectSpec(cause.effect, cause.joints, cause.port, parameters, {})
-
-
-def wearable(effects: Sequence[EffectSpec], drive: str) -> tuple[tuple[EffectSpec, ...], tuple[LeftOut, ...]]:
-    """Separates the effects that a rollout by one kind of torque can show from the others."""
-    kept, dropped = [], []
-    for spec in effects:
-        effect = CATALOGUE[spec.effect]
-        port: Port = next(port for port in effect.description.ports if port == spec.port)
-        name = f"{spec.effect} on {', '.join(spec.parameters)}"
-        if spec.effect in BOUND_TO_A_RECORDING:
-            dropped.append(LeftOut(name, "it belongs to the time of one recording"))
-        elif not any(effect.shows(port, residual) for residual in DOWNSTREAM[drive]):
-            dropped.append(LeftOut(name, f"it does not lie between the recorded {drive} and the motion"))
-        else:
-            kept.append(spec)
-    return tuple(kept), tuple(dropped)
 
 
 def dress(
@@ -133,8 +116,29 @@ def dress(
     return Dressed(plant, worn, tuple(model.joint_names.index(name) for name in tree.joints), nuisance)
 
 
-HALVINGS = 6
-"""How often a body's change is halved until what results is a physical body."""
+def wearable(effects: Sequence[EffectSpec], drive: str) -> tuple[tuple[EffectSpec, ...], tuple[LeftOut, ...]]:
+    """Separates the effects that a rollout by one kind of torque can show from the others."""
+    kept, dropped = [], []
+    for spec in effects:
+        effect = CATALOGUE[spec.effect]
+        port: Port = next(port for port in effect.description.ports if port == spec.port)
+        name = f"{spec.effect} on {', '.join(spec.parameters)}"
+        if spec.effect in BOUND_TO_A_RECORDING:
+            dropped.append(LeftOut(name, "it belongs to the time of one recording"))
+        elif not any(effect.shows(port, residual) for residual in DOWNSTREAM[drive]):
+            dropped.append(LeftOut(name, f"it does not lie between the recorded {drive} and the motion"))
+        else:
+            kept.append(spec)
+    return tuple(kept), tuple(dropped)
+
+
+def spec_of_cause(cause: Cause) -> EffectSpec:
+    """Writes a cause as an entry of a patch."""
+    parameters = {
+        key: {symbol: PatchQuantity(e.value, e.unit, None) for symbol, e in symbols.items()}
+        for key, symbols in cause.parameters.items()
+    }
+    return EffectSpec(cause.effect, cause.joints, cause.port, parameters, {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,12 +148,6 @@ class FittedNuisance:
     links: Array
     weights: Array
     delay: float
-
-
-def no_nuisance(tree: RigidTree) -> FittedNuisance:
-    """The nominal model as it is."""
-    zero = np.zeros(10 * len(tree.bodies))
-    return FittedNuisance(zero, zero, 0.0)
 
 
 def fitted_nuisance(evidence: Evidence) -> FittedNuisance:
@@ -163,6 +161,12 @@ def fitted_nuisance(evidence: Evidence) -> FittedNuisance:
         weights=found[size : 2 * size] * prior * WEIGHT_PRIOR / INERTIA_PRIOR,
         delay=float(found[2 * size] * TIMING_PRIOR / rate),
     )
+
+
+def no_nuisance(tree: RigidTree) -> FittedNuisance:
+    """The nominal model as it is."""
+    zero = np.zeros(10 * len(tree.bodies))
+    return FittedNuisance(zero, zero, 0.0)
 
 
 def body_changes(bodies: Sequence[Body], links: Array) -> tuple[BodyChange, ...]:
@@ -187,32 +191,6 @@ def _physical(parameters: Array) -> bool:
     pseudo[3, 3] = parameters[0]
     lowest = np.linalg.eigvalsh(pseudo)
     return bool(lowest[0] > 1e-6 * lowest[-1])
-
-
-FAR = 1e6
-"""Stands for a limit that no rollout reaches: a window starts where the robot really was."""
-
-RATE = 1000.0
-"""Of the robot's own loop [Hz]; the rollouts need no other."""
-
-
-@contextmanager
-def turning_freely(urdf: Path) -> Iterator[Path]:
-    """Gives a URDF in which every joint is one number: an endless joint becomes one with limits far away."""
-    tree = ET.parse(urdf)
-    endless = [joint for joint in tree.getroot().findall("joint") if joint.attrib.get("type") == "continuous"]
-    if not endless:
-        yield urdf
-        return
-    for joint in endless:
-        joint.attrib["type"] = "revolute"
-        for limit in joint.findall("limit"):
-            joint.remove(limit)
-        ET.SubElement(joint, "limit", lower=str(-FAR), upper=str(FAR), velocity=str(FAR), effort=str(FAR))
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / urdf.name
-        tree.write(copy)
-        yield copy
 
 
 def robot_of_model(model: NominalModel, urdf: Path, drive: str, gravity_compensation: str) -> RobotSpec:
@@ -241,6 +219,25 @@ def robot_of_model(model: NominalModel, urdf: Path, drive: str, gravity_compensa
         solver="daqp",
         folder=urdf.parent,
     )
+
+
+@contextmanager
+def turning_freely(urdf: Path) -> Iterator[Path]:
+    """Gives a URDF in which every joint is one number: an endless joint becomes one with limits far away."""
+    tree = ET.parse(urdf)
+    endless = [joint for joint in tree.getroot().findall("joint") if joint.attrib.get("type") == "continuous"]
+    if not endless:
+        yield urdf
+        return
+    for joint in endless:
+        joint.attrib["type"] = "revolute"
+        for limit in joint.findall("limit"):
+            joint.remove(limit)
+        ET.SubElement(joint, "limit", lower=str(-FAR), upper=str(FAR), velocity=str(FAR), effort=str(FAR))
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / urdf.name
+        tree.write(copy)
+        yield copy
 
 
 def _joint(model: NominalModel, index: int, drive: str) -> JointSpec:
