@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.log import DataReport
 
 Array = NDArray[np.float64]
-
 EXIT_CODES: Mapping[str, int] = {
     "no_gap": 0,
     "explained": 0,
@@ -22,6 +21,32 @@ EXIT_CODES: Mapping[str, int] = {
     "insufficient_data": 7,
 }
 """Verdict -> exit code of the command line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The whole answer."""
+
+    verdict: str
+    robot: str
+    episodes: tuple[str, ...]
+    heldout: tuple[str, ...]
+    data: DataReport | None
+    reason: str
+    gaps: tuple[JointGap, ...]
+    shrink: float | None
+    rollout: Rollout
+    where: tuple[Place, ...]
+    causes: tuple[Cause, ...]
+    unexplained_weight: float
+    remainder: Remainder
+    next_motion: Mapping[str, object]
+    series: tuple[Series, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line."""
+        return EXIT_CODES[self.verdict]
 
 
 @dataclass(frozen=True)
@@ -60,24 +85,6 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """An identified number with its standard deviation and unit."""
-
-    value: float
-    std: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class Rival:
-    """A candidate that lost, or could not be told apart."""
-
-    effect: str
-    joints: tuple[str, ...]
-    reason: str
-
-
-@dataclass(frozen=True)
 class Cause:
     """A named effect.
 
@@ -105,6 +112,24 @@ class Cause:
     position_range: Mapping[str, tuple[float, float]]
     velocity_range: Mapping[str, tuple[float, float]]
     rollout: CauseRollout | None = None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An identified number with its standard deviation and unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A candidate that lost, or could not be told apart."""
+
+    effect: str
+    joints: tuple[str, ...]
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -143,40 +168,38 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """The whole answer."""
+class Rollout:
+    """All of it.
 
-    verdict: str
-    robot: str
-    episodes: tuple[str, ...]
-    heldout: tuple[str, ...]
-    data: DataReport | None
-    reason: str
-    gaps: tuple[JointGap, ...]
-    shrink: float | None
-    rollout: Rollout
-    where: tuple[Place, ...]
-    causes: tuple[Cause, ...]
-    unexplained_weight: float
-    remainder: Remainder
-    next_motion: Mapping[str, object]
-    series: tuple[Series, ...]
-
-    @property
-    def exit_code(self) -> int:
-        """Of the command line."""
-        return EXIT_CODES[self.verdict]
-
-
-def shrink(before: float, after: float, noise_floor: float) -> float | None:
-    """Part of an rms error's excess over its noise that is gone, 1 - sqrt(excess after / excess before).
-
-    Returns:
-        1 where nothing is left, negative where it grew; None where there was no excess before.
+    Attributes:
+        drive: Which torque drove the plant: ``command``, ``effort`` (at the link) or ``motor``; empty if nothing
+            was rolled out.
+        window: Length of a window [s].
+        windows: Number of windows.
+        episodes: Recordings they are cut from.
+        floor: ``repeats``, or ``weak``: from the noise of the seeds alone.
+        position, velocity: Joint -> its error.
+        growth: Over the horizon.
+        shrink: Of position and velocity of all joints, squares summed in units of their floors'; None without a gap.
+        whole: What all causes do together, the links adjusted; None where nothing was rolled out.
+        causes: Effect and port -> what the cause does; those that were worn.
+        left_out: What was not rolled out.
+        traces: For the report.
     """
-    start = before**2 - noise_floor**2
-    left = max(0.0, after**2 - noise_floor**2)
-    return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+
+    drive: str
+    window: float
+    windows: int
+    episodes: tuple[str, ...]
+    floor: str
+    position: Mapping[str, Drift]
+    velocity: Mapping[str, Drift]
+    growth: Growth
+    shrink: float | None
+    whole: CauseRollout | None
+    causes: Mapping[tuple[str, str], CauseRollout]
+    left_out: tuple[LeftOut, ...]
+    traces: tuple[Trace, ...]
 
 
 @dataclass(frozen=True)
@@ -215,14 +238,6 @@ class Growth:
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """Something that was not rolled out, and why."""
-
-    what: str
-    why: str
-
-
-@dataclass(frozen=True)
 class CauseRollout:
     """What wearing something does to the rollouts: with a cause against without it, or all against nothing.
 
@@ -239,6 +254,14 @@ class CauseRollout:
     ratio: float
     standard_error: float
     verdict: str
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Something that was not rolled out, and why."""
+
+    what: str
+    why: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,41 +281,17 @@ class Trace:
     after: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Rollout:
-    """All of it.
-
-    Attributes:
-        drive: Which torque drove the plant: ``command``, ``effort`` (at the link) or ``motor``; empty if nothing
-            was rolled out.
-        window: Length of a window [s].
-        windows: Number of windows.
-        episodes: Recordings they are cut from.
-        floor: ``repeats``, or ``weak``: from the noise of the seeds alone.
-        position, velocity: Joint -> its error.
-        growth: Over the horizon.
-        shrink: Of position and velocity of all joints, squares summed in units of their floors'; None without a gap.
-        whole: What all causes do together, the links adjusted; None where nothing was rolled out.
-        causes: Effect and port -> what the cause does; those that were worn.
-        left_out: What was not rolled out.
-        traces: For the report.
-    """
-
-    drive: str
-    window: float
-    windows: int
-    episodes: tuple[str, ...]
-    floor: str
-    position: Mapping[str, Drift]
-    velocity: Mapping[str, Drift]
-    growth: Growth
-    shrink: float | None
-    whole: CauseRollout | None
-    causes: Mapping[tuple[str, str], CauseRollout]
-    left_out: tuple[LeftOut, ...]
-    traces: tuple[Trace, ...]
-
-
 def no_rollout(*reasons: LeftOut) -> Rollout:
     """The outcome where no window could be lived through, with the reasons."""
     return Rollout("", 0.0, 0, (), "", {}, {}, Growth((), {}, {}), None, None, {}, reasons, ())
+
+
+def shrink(before: float, after: float, noise_floor: float) -> float | None:
+    """Part of an rms error's excess over its noise that is gone, 1 - sqrt(excess after / excess before).
+
+    Returns:
+        1 where nothing is left, negative where it grew; None where there was no excess before.
+    """
+    start = before**2 - noise_floor**2
+    left = max(0.0, after**2 - noise_floor**2)
+    return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))

@@ -29,7 +29,6 @@ from impedance_modules.spec.task_text import contact_phases
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
 RATE_MIN = 25.0
 """Below it joint-level causes blur into each other [Hz]."""
 
@@ -89,37 +88,6 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
     return grouped, report
 
 
-def _cut_short(episodes: Sequence[Episode]) -> list[str]:
-    """Says which recordings are too long to be used whole, and which were not ended cleanly."""
-    said = list(dict.fromkeys(note for episode in episodes if (note := stretch_note(episode))))
-    return said + [f"{e.name}: the run was killed; what it left is used" for e in episodes if not e.complete]
-
-
-def _stranger(episodes: Sequence[Episode], model: NominalModel) -> list[str]:
-    robot = episodes[0].robot
-    if robot in model.robot or model.robot in robot:
-        return []
-    return [
-        f"the recordings say that the robot is '{robot}'; they are compared with the model '{model.robot}'"
-    ]
-
-
-def _standing(model: NominalModel) -> list[str]:
-    """Joints of the model that carry, or are carried by, recorded ones, and are taken as standing."""
-    still = model.tree.standing
-    return [f"not recorded, taken as standing at 0: {', '.join(still)}"] if still else []
-
-
-def _say_what_some_lack(logs: Sequence[Log], warnings: list[str]) -> None:
-    for what, name in (("effort", "effort"), ("command", "effort_command"), ("velocity", "velocity")):
-        lacking = [log.name for log in logs if getattr(log, what) is None]
-        if 0 < len(lacking) < len(logs):
-            warnings.append(
-                f"{name} is missing in {', '.join(lacking[:3])}: it is compared in no recording, because only what"
-                " all have in common is"
-            )
-
-
 def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Log, float]:
     place = episode.source
     if len(episode) < SAMPLES_MIN:
@@ -175,29 +143,6 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
     return log, jitter
 
 
-def touching(episode: Episode, time: Array) -> Mask | None:
-    """Marks the times (N,) that fall into a phase of contact, by its name or by the task; None where none says so."""
-    if episode.phase is None:
-        return None
-    by_task = contact_phases(str(episode.metadata.get("task") or ""))
-    phases = {phase for phase in set(episode.phase) if phase is not None}
-    named = {phase for phase in phases if by_task.get(phase) == "throughout" or _is_contact(phase)}
-    marks = np.array([phase in named for phase in episode.phase])
-    for phase in phases - named:
-        if phase in by_task:
-            inside = episode.phase == phase
-            marks |= inside & (episode.time > episode.time[inside][-1] - FOUND)
-    if not marks.any():
-        return None
-    nearest = np.searchsorted(episode.time, time - 1e-9).clip(0, len(marks) - 1)
-    return np.asarray(marks[nearest])
-
-
-def _is_contact(phase: str) -> bool:
-    name = phase.lower()
-    return WORD.search(name) is not None and NEGATION.search(name) is None
-
-
 def _stamps(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:
     """When samples were taken; says so where that is not when they were stamped."""
     joints = [joint for joint in model.joints if joint in episode.position]
@@ -227,6 +172,60 @@ def _speaking(velocity: Array | None, position: Array, name: str, warnings: list
         warnings.append(f"{name}: a velocity is constant while its joint moves; velocities are left aside")
         return None
     return velocity
+
+
+def touching(episode: Episode, time: Array) -> Mask | None:
+    """Marks the times (N,) that fall into a phase of contact, by its name or by the task; None where none says so."""
+    if episode.phase is None:
+        return None
+    by_task = contact_phases(str(episode.metadata.get("task") or ""))
+    phases = {phase for phase in set(episode.phase) if phase is not None}
+    named = {phase for phase in phases if by_task.get(phase) == "throughout" or _is_contact(phase)}
+    marks = np.array([phase in named for phase in episode.phase])
+    for phase in phases - named:
+        if phase in by_task:
+            inside = episode.phase == phase
+            marks |= inside & (episode.time > episode.time[inside][-1] - FOUND)
+    if not marks.any():
+        return None
+    nearest = np.searchsorted(episode.time, time - 1e-9).clip(0, len(marks) - 1)
+    return np.asarray(marks[nearest])
+
+
+def _is_contact(phase: str) -> bool:
+    name = phase.lower()
+    return WORD.search(name) is not None and NEGATION.search(name) is None
+
+
+def _cut_short(episodes: Sequence[Episode]) -> list[str]:
+    """Says which recordings are too long to be used whole, and which were not ended cleanly."""
+    said = list(dict.fromkeys(note for episode in episodes if (note := stretch_note(episode))))
+    return said + [f"{e.name}: the run was killed; what it left is used" for e in episodes if not e.complete]
+
+
+def _stranger(episodes: Sequence[Episode], model: NominalModel) -> list[str]:
+    robot = episodes[0].robot
+    if robot in model.robot or model.robot in robot:
+        return []
+    return [
+        f"the recordings say that the robot is '{robot}'; they are compared with the model '{model.robot}'"
+    ]
+
+
+def _standing(model: NominalModel) -> list[str]:
+    """Joints of the model that carry, or are carried by, recorded ones, and are taken as standing."""
+    still = model.tree.standing
+    return [f"not recorded, taken as standing at 0: {', '.join(still)}"] if still else []
+
+
+def _say_what_some_lack(logs: Sequence[Log], warnings: list[str]) -> None:
+    for what, name in (("effort", "effort"), ("command", "effort_command"), ("velocity", "velocity")):
+        lacking = [log.name for log in logs if getattr(log, what) is None]
+        if 0 < len(lacking) < len(logs):
+            warnings.append(
+                f"{name} is missing in {', '.join(lacking[:3])}: it is compared in no recording, because only what"
+                " all have in common is"
+            )
 
 
 def _weak_joints(logs: Sequence[Log], model: NominalModel) -> tuple[str, ...]:

@@ -14,12 +14,24 @@ from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput, nearest
 
 Rows = NDArray[np.float64]
-
+Array = NDArray[np.float64]
 COPIED_SHARE = 0.5
 """Part of a recording's samples that stand, to the last digit, in another one, too: noise never does that."""
 
 DISTINCT_MIN = 50
 """Fewer different samples prove no copy: simulated rest looks alike everywhere."""
+
+LIKENESS = 0.1
+"""Two motions repeat each other if they differ by less than this part of their size."""
+
+LATE_MAX = 1.0
+"""Repeats that were started by hand may begin so much later in their recording [s]."""
+
+NEAR = 3
+"""Samples about the first guess of the lag among which the best one is looked for."""
+
+LENGTH = 0.05
+"""Repeats differ in length by less than this part, and by less than twice `LATE_MAX`."""
 
 
 def refuse_company(episodes: Sequence[Episode]) -> None:
@@ -41,32 +53,6 @@ def refuse_company(episodes: Sequence[Episode]) -> None:
         _refuse_other_joints(first, episode)
 
 
-def _refuse_same_names(episodes: Sequence[Episode]) -> None:
-    for index, episode in enumerate(episodes):
-        for other in episodes[:index]:
-            if other.name != episode.name:
-                continue
-            if other.source.resolve() == episode.source.resolve():
-                raise BadInput(
-                    f"{episode.source} is given twice: a recording that was fitted cannot test the fit"
-                    " (valid: each once, as LOG or as --holdout)"
-                )
-            raise BadInput(
-                f"two recordings are called '{episode.name}' ({other.source}, {episode.source});"
-                " valid: each recording once, under its own name"
-            )
-
-
-def _refuse_other_joints(first: Episode, episode: Episode) -> None:
-    for one, other in ((first, episode), (episode, first)):
-        missing = [joint for joint in one.joints if joint not in other.position]
-        if missing:
-            raise BadInput(
-                f"{other.source}: no position.{missing[0]}{nearest(missing[0], other.joints)}, which {one.source}"
-                f" has (valid: the same joints in every recording; it has {', '.join(other.joints)})"
-            )
-
-
 def refuse_copies(logs: Sequence[Log]) -> None:
     """Refuses a recording whose samples stand in another one: as a repeat or a test it would prove nothing.
 
@@ -84,28 +70,6 @@ def refuse_copies(logs: Sequence[Log]) -> None:
                     f"{log.name} and {other.name} hold the same numbers in {shared} samples: one is a copy, or"
                     " a part, of the other (valid: separate recordings; even a repeated motion has new noise)"
                 )
-
-
-def _rows(log: Log, kinds: Sequence[str]) -> Rows:
-    """The different samples of a recording, one mark for each."""
-    table = np.hstack([log.position, *(getattr(log, kind) for kind in kinds)])
-    weights = np.random.default_rng(0).normal(size=table.shape[1])
-    return np.unique(table @ weights)
-
-
-Array = NDArray[np.float64]
-
-LIKENESS = 0.1
-"""Two motions repeat each other if they differ by less than this part of their size."""
-
-LATE_MAX = 1.0
-"""Repeats that were started by hand may begin so much later in their recording [s]."""
-
-NEAR = 3
-"""Samples about the first guess of the lag among which the best one is looked for."""
-
-LENGTH = 0.05
-"""Repeats differ in length by less than this part, and by less than twice `LATE_MAX`."""
 
 
 def group_repeats(logs: Sequence[Log], said: Sequence[str | None], warnings: list[str]) -> tuple[Log, ...]:
@@ -134,6 +98,44 @@ def group_repeats(logs: Sequence[Log], said: Sequence[str | None], warnings: lis
     return tuple(_aligned(logs, leader, lag))
 
 
+def repeats(log: Log, other: Log) -> bool:
+    """Whether two recordings show one motion, but for when it began."""
+    return _lag(log, other) is not None
+
+
+def _refuse_same_names(episodes: Sequence[Episode]) -> None:
+    for index, episode in enumerate(episodes):
+        for other in episodes[:index]:
+            if other.name != episode.name:
+                continue
+            if other.source.resolve() == episode.source.resolve():
+                raise BadInput(
+                    f"{episode.source} is given twice: a recording that was fitted cannot test the fit"
+                    " (valid: each once, as LOG or as --holdout)"
+                )
+            raise BadInput(
+                f"two recordings are called '{episode.name}' ({other.source}, {episode.source});"
+                " valid: each recording once, under its own name"
+            )
+
+
+def _refuse_other_joints(first: Episode, episode: Episode) -> None:
+    for one, other in ((first, episode), (episode, first)):
+        missing = [joint for joint in one.joints if joint not in other.position]
+        if missing:
+            raise BadInput(
+                f"{other.source}: no position.{missing[0]}{nearest(missing[0], other.joints)}, which {one.source}"
+                f" has (valid: the same joints in every recording; it has {', '.join(other.joints)})"
+            )
+
+
+def _rows(log: Log, kinds: Sequence[str]) -> Rows:
+    """The different samples of a recording, one mark for each."""
+    table = np.hstack([log.position, *(getattr(log, kind) for kind in kinds)])
+    weights = np.random.default_rng(0).normal(size=table.shape[1])
+    return np.unique(table @ weights)
+
+
 def _aligned(logs: Sequence[Log], leader: Sequence[int], lag: Sequence[int]) -> list[Log]:
     """Cuts the recordings of each group to what they have in common."""
     out = list(logs)
@@ -146,11 +148,6 @@ def _aligned(logs: Sequence[Log], leader: Sequence[int], lag: Sequence[int]) -> 
             part = whole.part(begin + lag[index], end + lag[index]) if len(members) > 1 else whole
             out[index] = replace(part, group=logs[first].name)
     return out
-
-
-def repeats(log: Log, other: Log) -> bool:
-    """Whether two recordings show one motion, but for when it began."""
-    return _lag(log, other) is not None
 
 
 def _lag(log: Log, other: Log) -> int | None:

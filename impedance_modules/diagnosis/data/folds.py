@@ -12,8 +12,36 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.log import InsufficientData, Log
 from impedance_modules.errors import BadInput
 
+Array = NDArray[np.float64]
 FOLDS_MIN = 2
 """Fewest folds that a fit is tested on, beside what is held out."""
+
+TAILS = (0.02, 0.98)
+"""Quantiles between which a joint's positions and speeds are taken to reach."""
+
+AS_GOOD = 0.05
+"""Motions that leave this little less of the reach behind are spared as well."""
+
+RUN_IN = 0.13
+"""What a filter of the widest band (20 Hz) throws away at each end [s]; a filter of a narrower one throws more away."""
+
+STRETCHES = 6
+"""Most stretches that one motion is cut into."""
+
+STRETCH_MIN = 2.0
+"""Stretches are at least so long where there is time for it [s]."""
+
+SHORTEST = 0.6
+"""Part of it that is enough for the fewest stretches; shorter ones of equal motion give way to those of equal time."""
+
+STRETCHES_MIN = 4
+"""Fewest: one is held out, and what is left still makes folds."""
+
+CALM_SHARE = 0.3
+"""Part of a stretch's worth that goes by time alone, so that rest is not one endless stretch."""
+
+PACE = 20.0
+"""Rate at which motion is summed up; faster differences are mostly noise [Hz]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,15 +141,6 @@ def _numbered(motions: Sequence[Sequence[Log]], tested: Sequence[Log], warnings:
     return Arrangement(tuple(logs), tuple(folds), tuple(range(first, len(logs))), tuple(warnings))
 
 
-Array = NDArray[np.float64]
-
-TAILS = (0.02, 0.98)
-"""Quantiles between which a joint's positions and speeds are taken to reach."""
-
-AS_GOOD = 0.05
-"""Motions that leave this little less of the reach behind are spared as well."""
-
-
 def most_spared(motions: Sequence[Sequence[Log]]) -> int:
     """Chooses the motion to hold out: nothing is tested outside what was fitted, and nothing is fitted too little.
 
@@ -145,28 +164,6 @@ def _reach(log: Log) -> Array:
     """How far a recording's positions and speeds reach, each joint's, (2 n,)."""
     speed = np.diff(log.position, axis=0) * log.rate
     return np.concatenate([np.subtract(*np.quantile(x, TAILS[::-1], axis=0)) for x in (log.position, speed)])
-
-
-RUN_IN = 0.13
-"""What a filter of the widest band (20 Hz) throws away at each end [s]; a filter of a narrower one throws more away."""
-
-STRETCHES = 6
-"""Most stretches that one motion is cut into."""
-
-STRETCH_MIN = 2.0
-"""Stretches are at least so long where there is time for it [s]."""
-
-SHORTEST = 0.6
-"""Part of it that is enough for the fewest stretches; shorter ones of equal motion give way to those of equal time."""
-
-STRETCHES_MIN = 4
-"""Fewest: one is held out, and what is left still makes folds."""
-
-CALM_SHARE = 0.3
-"""Part of a stretch's worth that goes by time alone, so that rest is not one endless stretch."""
-
-PACE = 20.0
-"""Rate at which motion is summed up; faster differences are mostly noise [Hz]."""
 
 
 def cut(motion: Sequence[Log], useful: float, run_in: float = 0.0) -> list[list[Log]]:

@@ -22,6 +22,8 @@ from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
+ROTOR, SPRING = "reflected_inertia", "joint_elasticity"
+"""Effects that replace a number of the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +113,6 @@ def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
         effort_max=np.array([drive.effort_max for drive in drives]),
         spring_damping=np.array([drive.spring_damping for drive in drives]),
     )
-
-
-ROTOR, SPRING = "reflected_inertia", "joint_elasticity"
-"""Effects that replace a number of the model."""
 
 
 def wearing(

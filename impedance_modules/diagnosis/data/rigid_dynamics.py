@@ -21,9 +21,92 @@ from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree
 from impedance_modules.effects.rigid_model import RigidModel
 
 Array = NDArray[np.float64]
-
 GRAVITY = (0.0, 0.0, -9.81)
 """In the axes of the URDF's root [m/s^2]."""
+
+
+class BatchedRigidModel(RigidModel):
+    """A `RigidModel` whose inverse dynamics and body columns come from `dynamics`.
+
+    Attributes:
+        tree: The rigid bodies.
+    """
+
+    tree: RigidTree
+    _kept: tuple[Array, Array] | None = None
+    _keeping: bool = False
+
+    @classmethod
+    def of_tree(cls, urdf: Path, tree: RigidTree) -> BatchedRigidModel:
+        """Takes a URDF and its tree of recorded joints."""
+        model = cls.from_urdf(urdf, tree.joints)
+        if not isinstance(model, BatchedRigidModel):
+            raise TypeError("RigidModel.from_urdf builds the class it is called on")
+        model.tree = tree
+        return model
+
+    def torque(self, q: Array, v: Array, a: Array) -> Array:
+        """Computes ID(q, v, a), (N, n) [N.m]."""
+        return inverse_dynamics(self.tree, q, v, a)
+
+    def weight(self, q: Array) -> Array:
+        """Computes g(q), (N, n) [N.m]."""
+        still = np.zeros_like(q)
+        return inverse_dynamics(self.tree, q, still, still)
+
+    def body_columns(self, body: str, q: Array, v: Array, a: Array) -> Array:
+        r"""Computes d ID / d\pi of a link, (N, n, 10)."""
+        links = [item.link for item in self.tree.bodies]
+        if body not in links:
+            return super().body_columns(body, q, v, a)
+        first = 10 * links.index(body)
+        return self._whole(q, v, a)[:, :, first : first + 10]
+
+    def body_inertia(self, body: str) -> Array:
+        """Ten nominal inertial parameters of what moves with a link."""
+        links = [item.link for item in self.tree.bodies]
+        return self.tree.bodies[links.index(body)].inertia if body in links else super().body_inertia(body)
+
+    def link_inertia(self, link: str) -> Array:
+        """Ten nominal inertial parameters of a link itself, without what is fixed to it."""
+        links = [item.link for item in self.tree.bodies]
+        return self.tree.bodies[links.index(link)].own if link in links else super().link_inertia(link)
+
+    def keep(self) -> None:
+        """Remembers the regressor (N, n, 10 n) of the motion that is asked for last, until told to forget."""
+        self._keeping = True
+
+    def forget(self) -> None:
+        """Gives the remembered regressor's memory back."""
+        self._kept, self._keeping = None, False
+
+    def _whole(self, q: Array, v: Array, a: Array) -> Array:
+        if self._kept is not None and self._kept[0] is q:
+            return self._kept[1]
+        whole = inertial_regressor(self.tree, q, v, a)
+        if self._keeping:
+            self._kept = (q, whole)
+        return whole
+
+
+def inverse_dynamics(tree: RigidTree, q: Array, v: Array, a: Array, gravity: Array | None = None) -> Array:
+    r"""Computes Y \pi without Y, (N, n) [N.m]: each body's wrench is added to its carrier's on the way inwards.
+
+    Takes what `inertial_regressor` takes.
+    """
+    turns, shifts, motions = _outwards(tree, q, v, a, gravity)
+    wrenches = [_own_wrench(body.inertia, *motion) for body, motion in zip(tree.bodies, motions, strict=True)]
+    torque = np.zeros(q.shape)
+    for index in reversed(range(len(tree.bodies))):
+        body, (force, moment) = tree.bodies[index], wrenches[index]
+        torque[:, index] = (force if body.prismatic else moment) @ body.axis
+        if body.parent is None:
+            continue
+        turn, (carried, turning) = turns[index], wrenches[body.parent]
+        passed = np.einsum("nij,nj->ni", turn, force)
+        twisted = np.einsum("nij,nj->ni", turn, moment) + _cross(shifts[index], passed)
+        wrenches[body.parent] = (carried + passed, turning + twisted)
+    return torque
 
 
 def inertial_regressor(tree: RigidTree, q: Array, v: Array, a: Array, gravity: Array | None = None) -> Array:
@@ -55,24 +138,20 @@ def inertial_regressor(tree: RigidTree, q: Array, v: Array, a: Array, gravity: A
     return regressor
 
 
-def inverse_dynamics(tree: RigidTree, q: Array, v: Array, a: Array, gravity: Array | None = None) -> Array:
-    r"""Computes Y \pi without Y, (N, n) [N.m]: each body's wrench is added to its carrier's on the way inwards.
+def gravity_regressor(tree: RigidTree, q: Array) -> Array:
+    """Computes the static part of `inertial_regressor`, (N, n, 10 n)."""
+    return inertial_regressor(tree, q, np.zeros_like(q), np.zeros_like(q))
 
-    Takes what `inertial_regressor` takes.
-    """
-    turns, shifts, motions = _outwards(tree, q, v, a, gravity)
-    wrenches = [_own_wrench(body.inertia, *motion) for body, motion in zip(tree.bodies, motions, strict=True)]
-    torque = np.zeros(q.shape)
-    for index in reversed(range(len(tree.bodies))):
-        body, (force, moment) = tree.bodies[index], wrenches[index]
-        torque[:, index] = (force if body.prismatic else moment) @ body.axis
-        if body.parent is None:
-            continue
-        turn, (carried, turning) = turns[index], wrenches[body.parent]
-        passed = np.einsum("nij,nj->ni", turn, force)
-        twisted = np.einsum("nij,nj->ni", turn, moment) + _cross(shifts[index], passed)
-        wrenches[body.parent] = (carried + passed, turning + twisted)
-    return torque
+
+def mass_matrix(tree: RigidTree, q: Array) -> Array:
+    """Computes the links' inertia M(q) column by column, (N, n, n) [kg.m^2]."""
+    samples, n = q.shape
+    columns = []
+    for index in range(n):
+        unit = np.zeros((samples, n))
+        unit[:, index] = 1.0
+        columns.append(inverse_dynamics(tree, q, np.zeros_like(q), unit, np.zeros(3)))
+    return np.stack(columns, axis=2)
 
 
 def _outwards(
@@ -92,22 +171,6 @@ def _outwards(
         turns.append(turn)
         shifts.append(shift)
     return turns, shifts, motions
-
-
-def gravity_regressor(tree: RigidTree, q: Array) -> Array:
-    """Computes the static part of `inertial_regressor`, (N, n, 10 n)."""
-    return inertial_regressor(tree, q, np.zeros_like(q), np.zeros_like(q))
-
-
-def mass_matrix(tree: RigidTree, q: Array) -> Array:
-    """Computes the links' inertia M(q) column by column, (N, n, n) [kg.m^2]."""
-    samples, n = q.shape
-    columns = []
-    for index in range(n):
-        unit = np.zeros((samples, n))
-        unit[:, index] = 1.0
-        columns.append(inverse_dynamics(tree, q, np.zeros_like(q), unit, np.zeros(3)))
-    return np.stack(columns, axis=2)
 
 
 def _placement(body: Body, q: Array) -> tuple[Array, Array]:
@@ -178,67 +241,3 @@ def _second(x: Array) -> Array:
     out[:, 1, 1], out[:, 1, 2], out[:, 1, 4] = x.T
     out[:, 2, 3], out[:, 2, 4], out[:, 2, 5] = x.T
     return out
-
-
-class BatchedRigidModel(RigidModel):
-    """A `RigidModel` whose inverse dynamics and body columns come from `dynamics`.
-
-    Attributes:
-        tree: The rigid bodies.
-    """
-
-    tree: RigidTree
-    _kept: tuple[Array, Array] | None = None
-    _keeping: bool = False
-
-    @classmethod
-    def of_tree(cls, urdf: Path, tree: RigidTree) -> BatchedRigidModel:
-        """Takes a URDF and its tree of recorded joints."""
-        model = cls.from_urdf(urdf, tree.joints)
-        if not isinstance(model, BatchedRigidModel):
-            raise TypeError("RigidModel.from_urdf builds the class it is called on")
-        model.tree = tree
-        return model
-
-    def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Computes ID(q, v, a), (N, n) [N.m]."""
-        return inverse_dynamics(self.tree, q, v, a)
-
-    def weight(self, q: Array) -> Array:
-        """Computes g(q), (N, n) [N.m]."""
-        still = np.zeros_like(q)
-        return inverse_dynamics(self.tree, q, still, still)
-
-    def body_columns(self, body: str, q: Array, v: Array, a: Array) -> Array:
-        r"""Computes d ID / d\pi of a link, (N, n, 10)."""
-        links = [item.link for item in self.tree.bodies]
-        if body not in links:
-            return super().body_columns(body, q, v, a)
-        first = 10 * links.index(body)
-        return self._whole(q, v, a)[:, :, first : first + 10]
-
-    def body_inertia(self, body: str) -> Array:
-        """Ten nominal inertial parameters of what moves with a link."""
-        links = [item.link for item in self.tree.bodies]
-        return self.tree.bodies[links.index(body)].inertia if body in links else super().body_inertia(body)
-
-    def link_inertia(self, link: str) -> Array:
-        """Ten nominal inertial parameters of a link itself, without what is fixed to it."""
-        links = [item.link for item in self.tree.bodies]
-        return self.tree.bodies[links.index(link)].own if link in links else super().link_inertia(link)
-
-    def keep(self) -> None:
-        """Remembers the regressor (N, n, 10 n) of the motion that is asked for last, until told to forget."""
-        self._keeping = True
-
-    def forget(self) -> None:
-        """Gives the remembered regressor's memory back."""
-        self._kept, self._keeping = None, False
-
-    def _whole(self, q: Array, v: Array, a: Array) -> Array:
-        if self._kept is not None and self._kept[0] is q:
-            return self._kept[1]
-        whole = inertial_regressor(self.tree, q, v, a)
-        if self._keeping:
-            self._kept = (q, whole)
-        return whole

@@ -24,6 +24,8 @@ from impedance_modules.errors import BadInput, nearest
 from impedance_modules.spec.urdf import UrdfLimits, parse_xml, read_urdf
 
 Array = NDArray[np.float64]
+TOLERANCE = 1e-6
+"""Negative eigenvalue that round-off in a robot description explains, as a part of the largest one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +100,32 @@ def read_tree(urdf: Path, joints: Sequence[str]) -> RigidTree:
     root, _ = parse_xml(urdf)
     limits = {name: joint.limits for name, joint in facts.joints.items()}
     return _Walk(root, frozenset(joints), limits, movable).tree()
+
+
+def pseudo_inertia(parameters: Array) -> Array:
+    r"""Builds P (4, 4) [kg.m^2, kg.m, kg].
+
+    Args:
+        parameters: (10,) m, h, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz at one origin.
+    """
+    m, h = parameters[0], parameters[1:4]
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    out = np.empty((4, 4))
+    out[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    out[:3, 3] = out[3, :3] = h
+    out[3, 3] = m
+    return out
+
+
+def can_exist(nominal: Array, change: Array) -> bool:
+    """Says whether a body whose parameters change by (10,) still can exist.
+
+    A description that is itself no body (rounded, or drawn without care) may not become less of one.
+    """
+    before = np.linalg.eigvalsh(pseudo_inertia(nominal))
+    after = np.linalg.eigvalsh(pseudo_inertia(nominal + change))
+    return bool(after[0] >= min(0.0, float(before[0])) - TOLERANCE * float(before[-1]))
 
 
 class _Walk:
@@ -201,33 +229,3 @@ def _inertia(link: ET.Element, rotation: Array, translation: Array) -> Array:
     about = about + mass * (c @ c * np.eye(3) - np.outer(c, c))
     second = about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
     return np.concatenate([[mass], mass * c, second])
-
-
-TOLERANCE = 1e-6
-"""Negative eigenvalue that round-off in a robot description explains, as a part of the largest one."""
-
-
-def pseudo_inertia(parameters: Array) -> Array:
-    r"""Builds P (4, 4) [kg.m^2, kg.m, kg].
-
-    Args:
-        parameters: (10,) m, h, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz at one origin.
-    """
-    m, h = parameters[0], parameters[1:4]
-    xx, xy, yy, xz, yz, zz = parameters[4:]
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    out = np.empty((4, 4))
-    out[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    out[:3, 3] = out[3, :3] = h
-    out[3, 3] = m
-    return out
-
-
-def can_exist(nominal: Array, change: Array) -> bool:
-    """Says whether a body whose parameters change by (10,) still can exist.
-
-    A description that is itself no body (rounded, or drawn without care) may not become less of one.
-    """
-    before = np.linalg.eigvalsh(pseudo_inertia(nominal))
-    after = np.linalg.eigvalsh(pseudo_inertia(nominal + change))
-    return bool(after[0] >= min(0.0, float(before[0])) - TOLERANCE * float(before[-1]))

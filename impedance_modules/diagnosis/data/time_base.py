@@ -17,7 +17,6 @@ from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
-
 JITTER_WARNING = 0.1
 """Rms deviation of the steps, as a part of the step, that is worth a sentence."""
 
@@ -29,6 +28,30 @@ STILL_STEPS = 1e-3
 
 LAG_MAX = 0.6
 """Longest delay that is looked for [s]."""
+
+SMOOTHER = 0.8
+"""Evenly counted samples are believed if they leave less than this part of the stamps' roughness."""
+
+EVEN = 1e-3
+"""Stamps that are even to this part of a step need no second opinion."""
+
+APART = 0.5
+"""Counted times further from any stamp than this part of a step mean that samples were not even."""
+
+SAME = 1.01
+"""Rates that differ by less are one rate."""
+
+PASS = 0.4
+"""End of the band that is kept, over the new rate."""
+
+FINEST = 1e-9
+"""Differences below it are rounding of the file [rad]."""
+
+FEWEST = 20
+"""Fewer gaps than this say nothing about a grid."""
+
+NEAR = 20.0
+"""Gaps of up to so many steps are compared with whole numbers of them."""
 
 
 def even_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, float, float]:
@@ -70,77 +93,6 @@ def even_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, floa
     return even, float((count - 1) / (even[-1] - even[0])), jitter
 
 
-def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
-    """Brings (N, n) samples to even times: what was measured by a cubic spline, what was asked for by holding.
-
-    A straight line between samples would lose a twentieth of a tenth of the rate's frequency.
-    """
-    if len(time) == len(even) and np.allclose(
-        time, even, rtol=0.0, atol=STILL_STEPS * float(even[1] - even[0])
-    ):
-        return values
-    if kind == "effort_command":
-        return np.asarray(values[np.searchsorted(time, even + 1e-9, side="right") - 1])
-    return np.asarray(CubicSpline(time, values, axis=0)(even))
-
-
-def shifted(values: Array, time: Array, late: float) -> Array:
-    """Gives samples (N, n) of what is late by a time, by cubic pieces; before the start the first value stands."""
-    if late == 0.0:
-        return values
-    return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
-
-
-def common_delay(logs: Sequence[Log], tree: RigidTree) -> float | None:
-    """Estimates the lag of measured effort behind the torque asked for that all joints share [s].
-
-    The peak of the cross-correlation of the two rates of change, refined by a parabola, as the median over
-    joints and recordings; None where command or effort is missing or their shapes do not agree, and where the
-    effort would come first, which only another effect can feign.
-    """
-    found = []
-    for log in logs:
-        if log.command is None or log.effort is None:
-            continue
-        asked = log.command
-        if log.gravity_compensation == "robot":
-            asked = asked + gravity_regressor(tree, log.position) @ tree.inertia
-        for index in range(asked.shape[1]):
-            lag = _lag(np.diff(asked[:, index]), np.diff(log.effort[:, index]), log.rate)
-            if lag is not None:
-                found.append(lag)
-    if not found or np.median(found) < 0.0:
-        return None
-    return float(np.median(found))
-
-
-def _lag(cause: Array, effect: Array, rate: float) -> float | None:
-    if cause.std() == 0.0 or effect.std() == 0.0:
-        return None
-    span = min(int(LAG_MAX * rate), len(cause) // 4)
-    size = 2 ** int(np.ceil(np.log2(2 * len(cause))))
-    a, b = cause - cause.mean(), effect - effect.mean()
-    spectrum = np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size)
-    correlation = np.fft.irfft(spectrum, size) / (len(a) * a.std() * b.std())
-    window = np.concatenate([correlation[-span:], correlation[: span + 1]])
-    peak = int(np.argmax(window))
-    if window[peak] < 0.3 or peak in (0, len(window) - 1):
-        return None
-    left, middle, right = window[peak - 1 : peak + 2]
-    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
-    return float((peak - span + shift) / rate)
-
-
-SMOOTHER = 0.8
-"""Evenly counted samples are believed if they leave less than this part of the stamps' roughness."""
-
-EVEN = 1e-3
-"""Stamps that are even to this part of a step need no second opinion."""
-
-APART = 0.5
-"""Counted times further from any stamp than this part of a step mean that samples were not even."""
-
-
 def steady_stamps(time: Array, position: Array) -> Array:
     """Gives the times at which samples were taken, (N,): as stamped, or evenly counted where that is smoother.
 
@@ -170,11 +122,25 @@ def _roughness(time: Array, position: Array) -> float:
     )
 
 
-SAME = 1.01
-"""Rates that differ by less are one rate."""
+def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
+    """Brings (N, n) samples to even times: what was measured by a cubic spline, what was asked for by holding.
 
-PASS = 0.4
-"""End of the band that is kept, over the new rate."""
+    A straight line between samples would lose a twentieth of a tenth of the rate's frequency.
+    """
+    if len(time) == len(even) and np.allclose(
+        time, even, rtol=0.0, atol=STILL_STEPS * float(even[1] - even[0])
+    ):
+        return values
+    if kind == "effort_command":
+        return np.asarray(values[np.searchsorted(time, even + 1e-9, side="right") - 1])
+    return np.asarray(CubicSpline(time, values, axis=0)(even))
+
+
+def shifted(values: Array, time: Array, late: float) -> Array:
+    """Gives samples (N, n) of what is late by a time, by cubic pieces; before the start the first value stands."""
+    if late == 0.0:
+        return values
+    return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
 
 
 def one_rate(logs: Sequence[Log], warnings: list[str]) -> list[Log]:
@@ -216,14 +182,44 @@ def _slowed(log: Log, rate: float) -> Log:
     )
 
 
-FINEST = 1e-9
-"""Differences below it are rounding of the file [rad]."""
+def common_delay(logs: Sequence[Log], tree: RigidTree) -> float | None:
+    """Estimates the lag of measured effort behind the torque asked for that all joints share [s].
 
-FEWEST = 20
-"""Fewer gaps than this say nothing about a grid."""
+    The peak of the cross-correlation of the two rates of change, refined by a parabola, as the median over
+    joints and recordings; None where command or effort is missing or their shapes do not agree, and where the
+    effort would come first, which only another effect can feign.
+    """
+    found = []
+    for log in logs:
+        if log.command is None or log.effort is None:
+            continue
+        asked = log.command
+        if log.gravity_compensation == "robot":
+            asked = asked + gravity_regressor(tree, log.position) @ tree.inertia
+        for index in range(asked.shape[1]):
+            lag = _lag(np.diff(asked[:, index]), np.diff(log.effort[:, index]), log.rate)
+            if lag is not None:
+                found.append(lag)
+    if not found or np.median(found) < 0.0:
+        return None
+    return float(np.median(found))
 
-NEAR = 20.0
-"""Gaps of up to so many steps are compared with whole numbers of them."""
+
+def _lag(cause: Array, effect: Array, rate: float) -> float | None:
+    if cause.std() == 0.0 or effect.std() == 0.0:
+        return None
+    span = min(int(LAG_MAX * rate), len(cause) // 4)
+    size = 2 ** int(np.ceil(np.log2(2 * len(cause))))
+    a, b = cause - cause.mean(), effect - effect.mean()
+    spectrum = np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size)
+    correlation = np.fft.irfft(spectrum, size) / (len(a) * a.std() * b.std())
+    window = np.concatenate([correlation[-span:], correlation[: span + 1]])
+    peak = int(np.argmax(window))
+    if window[peak] < 0.3 or peak in (0, len(window) - 1):
+        return None
+    left, middle, right = window[peak - 1 : peak + 2]
+    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
+    return float((peak - span + shift) / rate)
 
 
 def grid_of(positions: Array) -> float:

@@ -20,7 +20,6 @@ from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
-
 OPPOSED = -0.8
 """Correlation with the links' torque below which a sign is flipped."""
 
@@ -38,6 +37,15 @@ FOLLOWS = 0.5
 
 DRIVEN = 0.5
 """Part of a torque that must follow the speed for it to be judged by friction."""
+
+CUTOFF = 3.0
+"""Motion above it hardly matters to a sign [Hz]."""
+
+SAMPLES = 600
+"""Samples that a rough comparison takes."""
+
+FAST = 0.05
+"""Share of its greatest speed above which a joint is taken as moving one way."""
 
 
 def refuse_flipped_torque(log: Log, model: NominalModel) -> None:
@@ -59,55 +67,6 @@ def refuse_flipped_torque(log: Log, model: NominalModel) -> None:
             " need, or friction would drive the joint (valid: torque that turns the joint the way its position"
             " grows; state 'sign: {JOINT: -1}' in the import map)"
         )
-
-
-def _flipped(found: Rough, joint: int) -> bool:
-    effort, model = found.effort[:, joint], found.model[:, joint]
-    if _follows_command(found, joint):
-        return False
-    own = found.own(joint)
-    e, m = without(effort, own), without(model, own)
-    heaviest = float(found.model.std(axis=0).max())
-    if _size(model) < LIGHT * heaviest:
-        return False
-    if _size(m) > SEEN * max(_size(effort), 1e-9) and _size(e) > 0.0:
-        correlation = float(e @ m) / (len(e) * _size(e) * _size(m))
-        slope = float(e @ m) / float(m @ m)
-        return correlation < OPPOSED and SIZE[0] < -slope < SIZE[1]
-    return _drives(effort - model, own) and not _drives(-effort - model, own)
-
-
-def _follows_command(found: Rough, joint: int) -> bool:
-    """Whether a measured torque rises where more was asked for."""
-    if found.drive is None:
-        return False
-    effort, drive = found.effort[:, joint], found.drive[:, joint]
-    if min(_size(effort), _size(drive)) == 0.0:
-        return False
-    return float(np.corrcoef(effort, drive)[0, 1]) > FOLLOWS
-
-
-def _drives(rest: Array, own: Array) -> bool:
-    """Whether a torque beyond the links' mostly follows the speed and feeds energy into the joint."""
-    basis = own[:, [0, 1, 2, 3]]
-    solution = np.linalg.lstsq(basis, rest, rcond=None)[0]
-    friction = basis[:, 2:] @ solution[2:]
-    follows = _size(friction) > np.sqrt(DRIVEN) * _size(rest)
-    return bool(follows and friction @ own[:, 2] < 0.0)
-
-
-def _size(values: Array) -> float:
-    return float(values.std())
-
-
-CUTOFF = 3.0
-"""Motion above it hardly matters to a sign [Hz]."""
-
-SAMPLES = 600
-"""Samples that a rough comparison takes."""
-
-FAST = 0.05
-"""Share of its greatest speed above which a joint is taken as moving one way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,3 +123,42 @@ def without(values: Array, basis: Array) -> Array:
     """What is left of values (M,) after a least-squares fit of a basis (M, p)."""
     solution = np.linalg.lstsq(basis, values, rcond=None)[0]
     return np.asarray(values - basis @ solution)
+
+
+def _flipped(found: Rough, joint: int) -> bool:
+    effort, model = found.effort[:, joint], found.model[:, joint]
+    if _follows_command(found, joint):
+        return False
+    own = found.own(joint)
+    e, m = without(effort, own), without(model, own)
+    heaviest = float(found.model.std(axis=0).max())
+    if _size(model) < LIGHT * heaviest:
+        return False
+    if _size(m) > SEEN * max(_size(effort), 1e-9) and _size(e) > 0.0:
+        correlation = float(e @ m) / (len(e) * _size(e) * _size(m))
+        slope = float(e @ m) / float(m @ m)
+        return correlation < OPPOSED and SIZE[0] < -slope < SIZE[1]
+    return _drives(effort - model, own) and not _drives(-effort - model, own)
+
+
+def _follows_command(found: Rough, joint: int) -> bool:
+    """Whether a measured torque rises where more was asked for."""
+    if found.drive is None:
+        return False
+    effort, drive = found.effort[:, joint], found.drive[:, joint]
+    if min(_size(effort), _size(drive)) == 0.0:
+        return False
+    return float(np.corrcoef(effort, drive)[0, 1]) > FOLLOWS
+
+
+def _drives(rest: Array, own: Array) -> bool:
+    """Whether a torque beyond the links' mostly follows the speed and feeds energy into the joint."""
+    basis = own[:, [0, 1, 2, 3]]
+    solution = np.linalg.lstsq(basis, rest, rcond=None)[0]
+    friction = basis[:, 2:] @ solution[2:]
+    follows = _size(friction) > np.sqrt(DRIVEN) * _size(rest)
+    return bool(follows and friction @ own[:, 2] < 0.0)
+
+
+def _size(values: Array) -> float:
+    return float(values.std())

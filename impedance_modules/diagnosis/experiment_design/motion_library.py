@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.experiment_design.motion_limits import Room
 
 Array = NDArray[np.float64]
+Weight = Callable[[Array], Array]
+"""Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
 
 SWING_MAX = 0.5
 """Longest way to either side of the start [rad]."""
@@ -54,9 +56,6 @@ NEARLY = 0.1
 LOADED = 0.2
 """Way to either side with each load [rad]."""
 
-Weight = Callable[[Array], Array]
-"""Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
-
 OVERSHOOT = 0.03
 """By how much the joint springs may pass a stroke's end [rad]."""
 
@@ -65,166 +64,6 @@ CALM = 0.9
 
 SIZES = (1.0, 0.75, 0.5)
 """Sizes that are tried: the largest that is safe wins."""
-
-
-@dataclass(frozen=True)
-class _Reach:
-    """Where one joint may go: start, lower and upper end [rad], and its speed [rad/s]."""
-
-    joint: int
-    start: float
-    low: float
-    high: float
-    speed: float
-
-    def time(self, way: float, share: float = 1.0) -> float:
-        """Duration of a stroke over a way at a part of the allowed speed [s]."""
-        return max(SHORTEST, PEAK * abs(way) / (share * self.speed))
-
-
-def motions(room: Room, start: Array, joint: int, size: float, weight: Weight) -> Iterator[Motion]:
-    """Gives every kind of motion of a joint at a size; kinds for which there is no room are left out.
-
-    Args:
-        room: Limits.
-        start: (n,) posture at which every motion begins and ends [rad].
-        joint: Which moves.
-        size: Part of the longest way.
-        weight: Postures (N, n) -> torques (N, n) that the links' weight needs [N.m].
-    """
-    low = max(room.lower[joint] + OVERSHOOT, start[joint] - size * SWING_MAX)
-    high = min(room.upper[joint] - OVERSHOOT, start[joint] + size * SWING_MAX)
-    reach = _Reach(joint, float(start[joint]), float(low), float(high), float(room.velocity[joint]))
-    if reach.high - reach.low < SWING_MIN:
-        return
-    wide = _Reach(
-        joint,
-        reach.start,
-        float(max(room.lower[joint] + OVERSHOOT, start[joint] - size * CARRIED)),
-        float(min(room.upper[joint] - OVERSHOOT, start[joint] + size * CARRIED)),
-        reach.speed,
-    )
-    for name, strokes in KINDS.items():
-        chain = strokes(wide if name in WIDE else reach)
-        if chain:
-            yield Motion(start, tuple(chain), (f"{name} of {room.joints[joint]}",))
-    chain = _two_loads(reach, room, start, weight, size)
-    yield Motion(start, tuple(chain), (f"two_loads of {room.joints[joint]}",))
-
-
-def _two_loads(reach: _Reach, room: Room, start: Array, weight: Weight, size: float) -> list[Stroke]:
-    """Strokes both ways in the posture near the start that loads the joint least, and in the one that does most."""
-    way = min(LOADED, (reach.high - reach.low) / 2.0)
-    chain: list[Stroke] = []
-    for goal in _loads(reach, room, start, weight, size):
-        farthest = max(abs(angle - start[joint]) / room.velocity[joint] for joint, angle in goal.items())
-        slow = max(SHORTEST, PEAK * float(farthest) / SPEEDS[1])
-        centre = min(
-            max(goal[reach.joint], float(room.lower[reach.joint]) + OVERSHOOT + way),
-            float(room.upper[reach.joint]) - OVERSHOOT - way,
-        )
-        chain += [
-            Stroke({**goal, reach.joint: centre - way}, slow),
-            *go(reach.joint, [centre + way, centre - way] * 2, reach.time(2.0 * way, SPEEDS[1])),
-        ]
-    back = {joint: float(start[joint]) for stroke in chain for joint in stroke.goal}
-    return [*chain, Stroke(back, chain[0].duration + slow), Stroke({}, 0.5)]
-
-
-def _loads(
-    reach: _Reach, room: Room, start: Array, weight: Weight, size: float
-) -> tuple[dict[int, float], dict[int, float]]:
-    """Angles of the joint and of one other with the smallest, and with the largest weight on the joint."""
-
-    def places(joint: int) -> Array:
-        ends = start[joint] - size * CARRIED, start[joint] + size * CARRIED
-        return np.append(
-            start[joint],
-            np.linspace(
-                max(room.lower[joint] + OVERSHOOT, ends[0]),
-                min(room.upper[joint] - OVERSHOOT, ends[1]),
-                PLACES,
-            ),
-        )
-
-    goals = [
-        {reach.joint: float(own), other: float(place)}
-        for other in range(len(start))
-        for place in places(other)
-        for own in places(reach.joint)
-        if other != reach.joint or place == own
-    ]
-    postures = np.tile(start, (len(goals), 1))
-    for posture, goal in zip(postures, goals, strict=True):
-        posture[list(goal)] = list(goal.values())
-    load = np.abs(weight(postures)[:, reach.joint])
-    way = np.sum(np.abs(postures - start), axis=1)
-    span = float(np.ptp(load))
-    light = np.where(load <= load.min() + NEARLY * span, way, np.inf)
-    heavy = np.where(load >= load.max() - NEARLY * span, way, np.inf)
-    return goals[int(np.argmin(light))], goals[int(np.argmin(heavy))]
-
-
-def _holds(reach: _Reach) -> list[Stroke]:
-    places = np.linspace(reach.low, reach.high, 7)
-    pace = reach.time(reach.high - reach.low, 0.5)
-    up, down = [float(x) for x in places], [float(x) for x in places[-2::-1]]
-    return [*go(reach.joint, [*up, *down], max(0.6, pace / 4.0), HOLD), *_home(reach)]
-
-
-def _ladder(reach: _Reach) -> list[Stroke]:
-    way = reach.high - reach.low
-    out = go(reach.joint, [reach.low], reach.time(way))
-    for share, part in zip(SPEEDS, WAYS, strict=True):
-        out += go(reach.joint, [reach.low + part * way, reach.low], reach.time(part * way, share))
-    return [*out, *_home(reach)]
-
-
-def _ramp(reach: _Reach) -> list[Stroke]:
-    way = reach.high - reach.low
-    return [
-        *go(reach.joint, [reach.low], reach.time(way)),
-        *go(reach.joint, [reach.high, reach.low], reach.time(way, 0.15)),
-        *_home(reach),
-    ]
-
-
-def _reversals(reach: _Reach) -> list[Stroke]:
-    way = min(SMALL, (reach.high - reach.low) / 2.0)
-    centre = min(max(reach.start, reach.low + way), reach.high - way)
-    places = [centre + way, centre - way] * 5
-    return [
-        *go(reach.joint, places, reach.time(2.0 * way, 0.5)),
-        *_home(reach, abs(centre - reach.start) + way),
-    ]
-
-
-def _chirp(reach: _Reach) -> list[Stroke]:
-    out: list[Stroke] = []
-    for index, duration in enumerate(np.geomspace(2.0, SHORTEST, 16)):
-        way = min((reach.high - reach.low) / 2.0, CALM * reach.speed * float(duration) / PEAK / 2.0)
-        centre = min(max(reach.start, reach.low + way), reach.high - way)
-        out.append(Stroke({reach.joint: centre + (way if index % 2 else -way)}, float(duration)))
-    return [*out, *_home(reach)]
-
-
-def _home(reach: _Reach, way: float | None = None) -> list[Stroke]:
-    longest = reach.high - reach.low if way is None else way
-    return [Stroke({reach.joint: reach.start}, reach.time(longest, 0.5)), Stroke({}, 0.5)]
-
-
-KINDS: dict[str, Callable[[_Reach], list[Stroke]]] = {
-    "holds": _holds,
-    "ladder": _ladder,
-    "ramp": _ramp,
-    "reversals": _reversals,
-    "chirp": _chirp,
-}
-"""Kind -> its strokes."""
-
-WIDE = ("holds",)
-"""Kinds that go as far as for another load: over a small range a weight is as constant as an offset."""
-
 
 PEAK = 15.0 / 8.0
 """Peak speed of a minimum-jerk stroke over its mean speed."""
@@ -287,6 +126,36 @@ class Motion:
         return out
 
 
+def motions(room: Room, start: Array, joint: int, size: float, weight: Weight) -> Iterator[Motion]:
+    """Gives every kind of motion of a joint at a size; kinds for which there is no room are left out.
+
+    Args:
+        room: Limits.
+        start: (n,) posture at which every motion begins and ends [rad].
+        joint: Which moves.
+        size: Part of the longest way.
+        weight: Postures (N, n) -> torques (N, n) that the links' weight needs [N.m].
+    """
+    low = max(room.lower[joint] + OVERSHOOT, start[joint] - size * SWING_MAX)
+    high = min(room.upper[joint] - OVERSHOOT, start[joint] + size * SWING_MAX)
+    reach = _Reach(joint, float(start[joint]), float(low), float(high), float(room.velocity[joint]))
+    if reach.high - reach.low < SWING_MIN:
+        return
+    wide = _Reach(
+        joint,
+        reach.start,
+        float(max(room.lower[joint] + OVERSHOOT, start[joint] - size * CARRIED)),
+        float(min(room.upper[joint] - OVERSHOOT, start[joint] + size * CARRIED)),
+        reach.speed,
+    )
+    for name, strokes in KINDS.items():
+        chain = strokes(wide if name in WIDE else reach)
+        if chain:
+            yield Motion(start, tuple(chain), (f"{name} of {room.joints[joint]}",))
+    chain = _two_loads(reach, room, start, weight, size)
+    yield Motion(start, tuple(chain), (f"two_loads of {room.joints[joint]}",))
+
+
 def go(joint: int, places: Sequence[float], duration: float, wait: float = 0.0) -> list[Stroke]:
     """Visits places with one joint, each in the same time, and waits at each."""
     out: list[Stroke] = []
@@ -295,3 +164,133 @@ def go(joint: int, places: Sequence[float], duration: float, wait: float = 0.0) 
         if wait > 0.0:
             out.append(Stroke({}, wait))
     return out
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """Where one joint may go: start, lower and upper end [rad], and its speed [rad/s]."""
+
+    joint: int
+    start: float
+    low: float
+    high: float
+    speed: float
+
+    def time(self, way: float, share: float = 1.0) -> float:
+        """Duration of a stroke over a way at a part of the allowed speed [s]."""
+        return max(SHORTEST, PEAK * abs(way) / (share * self.speed))
+
+
+def _holds(reach: _Reach) -> list[Stroke]:
+    places = np.linspace(reach.low, reach.high, 7)
+    pace = reach.time(reach.high - reach.low, 0.5)
+    up, down = [float(x) for x in places], [float(x) for x in places[-2::-1]]
+    return [*go(reach.joint, [*up, *down], max(0.6, pace / 4.0), HOLD), *_home(reach)]
+
+
+def _ladder(reach: _Reach) -> list[Stroke]:
+    way = reach.high - reach.low
+    out = go(reach.joint, [reach.low], reach.time(way))
+    for share, part in zip(SPEEDS, WAYS, strict=True):
+        out += go(reach.joint, [reach.low + part * way, reach.low], reach.time(part * way, share))
+    return [*out, *_home(reach)]
+
+
+def _ramp(reach: _Reach) -> list[Stroke]:
+    way = reach.high - reach.low
+    return [
+        *go(reach.joint, [reach.low], reach.time(way)),
+        *go(reach.joint, [reach.high, reach.low], reach.time(way, 0.15)),
+        *_home(reach),
+    ]
+
+
+def _reversals(reach: _Reach) -> list[Stroke]:
+    way = min(SMALL, (reach.high - reach.low) / 2.0)
+    centre = min(max(reach.start, reach.low + way), reach.high - way)
+    places = [centre + way, centre - way] * 5
+    return [
+        *go(reach.joint, places, reach.time(2.0 * way, 0.5)),
+        *_home(reach, abs(centre - reach.start) + way),
+    ]
+
+
+def _chirp(reach: _Reach) -> list[Stroke]:
+    out: list[Stroke] = []
+    for index, duration in enumerate(np.geomspace(2.0, SHORTEST, 16)):
+        way = min((reach.high - reach.low) / 2.0, CALM * reach.speed * float(duration) / PEAK / 2.0)
+        centre = min(max(reach.start, reach.low + way), reach.high - way)
+        out.append(Stroke({reach.joint: centre + (way if index % 2 else -way)}, float(duration)))
+    return [*out, *_home(reach)]
+
+
+def _two_loads(reach: _Reach, room: Room, start: Array, weight: Weight, size: float) -> list[Stroke]:
+    """Strokes both ways in the posture near the start that loads the joint least, and in the one that does most."""
+    way = min(LOADED, (reach.high - reach.low) / 2.0)
+    chain: list[Stroke] = []
+    for goal in _loads(reach, room, start, weight, size):
+        farthest = max(abs(angle - start[joint]) / room.velocity[joint] for joint, angle in goal.items())
+        slow = max(SHORTEST, PEAK * float(farthest) / SPEEDS[1])
+        centre = min(
+            max(goal[reach.joint], float(room.lower[reach.joint]) + OVERSHOOT + way),
+            float(room.upper[reach.joint]) - OVERSHOOT - way,
+        )
+        chain += [
+            Stroke({**goal, reach.joint: centre - way}, slow),
+            *go(reach.joint, [centre + way, centre - way] * 2, reach.time(2.0 * way, SPEEDS[1])),
+        ]
+    back = {joint: float(start[joint]) for stroke in chain for joint in stroke.goal}
+    return [*chain, Stroke(back, chain[0].duration + slow), Stroke({}, 0.5)]
+
+
+def _loads(
+    reach: _Reach, room: Room, start: Array, weight: Weight, size: float
+) -> tuple[dict[int, float], dict[int, float]]:
+    """Angles of the joint and of one other with the smallest, and with the largest weight on the joint."""
+
+    def places(joint: int) -> Array:
+        ends = start[joint] - size * CARRIED, start[joint] + size * CARRIED
+        return np.append(
+            start[joint],
+            np.linspace(
+                max(room.lower[joint] + OVERSHOOT, ends[0]),
+                min(room.upper[joint] - OVERSHOOT, ends[1]),
+                PLACES,
+            ),
+        )
+
+    goals = [
+        {reach.joint: float(own), other: float(place)}
+        for other in range(len(start))
+        for place in places(other)
+        for own in places(reach.joint)
+        if other != reach.joint or place == own
+    ]
+    postures = np.tile(start, (len(goals), 1))
+    for posture, goal in zip(postures, goals, strict=True):
+        posture[list(goal)] = list(goal.values())
+    load = np.abs(weight(postures)[:, reach.joint])
+    way = np.sum(np.abs(postures - start), axis=1)
+    span = float(np.ptp(load))
+    light = np.where(load <= load.min() + NEARLY * span, way, np.inf)
+    heavy = np.where(load >= load.max() - NEARLY * span, way, np.inf)
+    return goals[int(np.argmin(light))], goals[int(np.argmin(heavy))]
+
+
+def _home(reach: _Reach, way: float | None = None) -> list[Stroke]:
+    longest = reach.high - reach.low if way is None else way
+    return [Stroke({reach.joint: reach.start}, reach.time(longest, 0.5)), Stroke({}, 0.5)]
+
+
+KINDS: dict[str, Callable[[_Reach], list[Stroke]]] = {
+    "holds": _holds,
+    "ladder": _ladder,
+    "ramp": _ramp,
+    "reversals": _reversals,
+    "chirp": _chirp,
+}
+"""Kind -> its strokes."""
+
+
+WIDE = ("holds",)
+"""Kinds that go as far as for another load: over a small range a weight is as constant as an offset."""

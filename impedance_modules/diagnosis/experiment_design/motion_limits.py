@@ -17,6 +17,8 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
+Weight = Callable[[Array], Array]
+"""Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
 
 POSITION_MARGIN = 0.1
 """Part of a joint's range that a probe keeps away from either end."""
@@ -35,6 +37,24 @@ ENDLESS = np.pi
 
 UNSTATED_SPEED = 1.0
 """Speed of a joint whose URDF states none [rad/s]."""
+
+STEP = 0.05
+"""Time between the postures of a path that are measured [s]."""
+
+ROOM = 2.0
+"""Times the robot's own margin that a probe keeps between links."""
+
+DRAWN, TRIES = 4000, 200
+"""Postures that are drawn, from a fixed seed; of these so many with least weight have their distances measured."""
+
+MIDDLE = 0.3
+"""Part of a joint's range on either side of its middle in which they lie."""
+
+FREE = 0.15
+"""Room that a recorded start needs to either end of a joint's range [rad]."""
+
+WEIGHT_SHARE = 0.7
+"""Part of the torque that a probe may use, that the weight takes at the start: the rest is for moving."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +128,6 @@ def _room(joints: tuple[str, ...], lower: Array, upper: Array, velocity: Array, 
     return Room(joints, lower + margin, upper - margin, VELOCITY_SHARE * velocity, EFFORT_SHARE * effort)
 
 
-STEP = 0.05
-"""Time between the postures of a path that are measured [s]."""
-
-ROOM = 2.0
-"""Times the robot's own margin that a probe keeps between links."""
-
-
 class Clearance:
     """Measures the declared pairs of links; joints in the order of a diagnosis."""
 
@@ -148,23 +161,6 @@ class Clearance:
                 best = float(self._distances.distance[index])
                 pair = " and ".join(self._distances.pairs[index])
         return best, pair
-
-
-DRAWN, TRIES = 4000, 200
-"""Postures that are drawn, from a fixed seed; of these so many with least weight have their distances measured."""
-
-MIDDLE = 0.3
-"""Part of a joint's range on either side of its middle in which they lie."""
-
-FREE = 0.15
-"""Room that a recorded start needs to either end of a joint's range [rad]."""
-
-
-WEIGHT_SHARE = 0.7
-"""Part of the torque that a probe may use, that the weight takes at the start: the rest is for moving."""
-
-Weight = Callable[[Array], Array]
-"""Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
 
 
 def choose_start(

@@ -42,7 +42,6 @@ from impedance_modules.errors import BadInput
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
-
 CHI_SQUARE = 200.0
 """Expected chi-square difference that a question needs."""
 
@@ -51,6 +50,78 @@ SHARE = 0.1
 
 SHARE_PERHAPS = 0.02
 """Below it nothing is to be expected: a diagnosis takes two causes within a hundredth for one."""
+
+NOISE_SHARE = 0.002
+"""Noise that is assumed without a diagnosis, over a joint's torque limit."""
+
+GAP_SHARE = 2.0
+"""Times the gap's rms that may resist a probe all its way."""
+
+NOISE_UNSTATED = 0.05
+"""The same where no limit is stated [N.m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """What `impedance probe` writes down."""
+
+    brief: Brief
+    follower: Follower
+    proposal: Proposal
+
+
+def propose_probe(
+    answer: Mapping[str, Any] | None,
+    model: NominalModel,
+    urdf: Path,
+    spec: RobotSpec | None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Probe:
+    """Finds the next motion to record.
+
+    Args:
+        answer: A diagnosis JSON, or None.
+        model: Of all joints that may move.
+        urdf: Its links.
+        spec: The robot's folder; None for a bare URDF, whose links are not measured for collisions.
+        progress: Called with a sentence for each step.
+
+    Raises:
+        BadInput: The diagnosis and the model do not fit, or no motion is safe.
+    """
+    room = room_of_model(model) if spec is None else room_of_robot(spec, model.joints)
+    brief = general_brief(model.joints, _assumed(room)) if answer is None else brief_of(answer, model.tree)
+    clearance = None if spec is None else Clearance(spec, model.joints)
+    rigid = BatchedRigidModel.of_tree(urdf, model.tree)
+    start = choose_start(room, brief.start, clearance, rigid.weight)
+    sensor = "motor" if {"motor", "whole", "drive"} & set(brief.residuals) else "joint_sensor"
+    follower = Follower(model, rigid, start, spring_stiffness(model, start), sensor)
+    return Probe(brief, follower, Chooser(brief, follower, room, clearance, progress).choose())
+
+
+def resisting_work(probe: Probe) -> float:
+    r"""Work [J] that the gap itself may take out of the energy tank, friction at worst: \sum 2 gap_j \int |dq_j|."""
+    _, position = probe.follower.position(probe.proposal.motion)
+    way = np.sum(np.abs(np.diff(position, axis=0)), axis=0)
+    joints = probe.follower.model.joints
+    return float(sum(GAP_SHARE * gap * way[joints.index(joint)] for joint, gap in probe.brief.gap.items()))
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A probe.
+
+    Attributes:
+        motion: What the joint springs do.
+        expected: One per question.
+        nearest: Smallest distance of declared pairs of links [m]; infinite where none are declared or known.
+        pair: Which.
+    """
+
+    motion: Motion
+    expected: tuple[Expected, ...]
+    nearest: float
+    pair: str
 
 
 @dataclass(frozen=True)
@@ -77,31 +148,6 @@ class Expected:
     def progress(self) -> float:
         """How near the answer is, at most 1."""
         return min(1.0, self.separation.chi_square / CHI_SQUARE, self.separation.share / SHARE)
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """A probe.
-
-    Attributes:
-        motion: What the joint springs do.
-        expected: One per question.
-        nearest: Smallest distance of declared pairs of links [m]; infinite where none are declared or known.
-        pair: Which.
-    """
-
-    motion: Motion
-    expected: tuple[Expected, ...]
-    nearest: float
-    pair: str
-
-
-@dataclass(frozen=True, eq=False)
-class _Tried:
-    """A safe motion of one joint and what it says to the questions."""
-
-    motion: Motion
-    expected: tuple[Expected, ...]
 
 
 class Chooser:
@@ -201,60 +247,12 @@ class Chooser:
         return tuple(Expected(question, item) for question, item in zip(questions, found, strict=True))
 
 
-NOISE_SHARE = 0.002
-"""Noise that is assumed without a diagnosis, over a joint's torque limit."""
-
-GAP_SHARE = 2.0
-"""Times the gap's rms that may resist a probe all its way."""
-
-NOISE_UNSTATED = 0.05
-"""The same where no limit is stated [N.m]."""
-
-
 @dataclass(frozen=True, eq=False)
-class Probe:
-    """What `impedance probe` writes down."""
+class _Tried:
+    """A safe motion of one joint and what it says to the questions."""
 
-    brief: Brief
-    follower: Follower
-    proposal: Proposal
-
-
-def propose_probe(
-    answer: Mapping[str, Any] | None,
-    model: NominalModel,
-    urdf: Path,
-    spec: RobotSpec | None,
-    progress: Callable[[str], None] = lambda _: None,
-) -> Probe:
-    """Finds the next motion to record.
-
-    Args:
-        answer: A diagnosis JSON, or None.
-        model: Of all joints that may move.
-        urdf: Its links.
-        spec: The robot's folder; None for a bare URDF, whose links are not measured for collisions.
-        progress: Called with a sentence for each step.
-
-    Raises:
-        BadInput: The diagnosis and the model do not fit, or no motion is safe.
-    """
-    room = room_of_model(model) if spec is None else room_of_robot(spec, model.joints)
-    brief = general_brief(model.joints, _assumed(room)) if answer is None else brief_of(answer, model.tree)
-    clearance = None if spec is None else Clearance(spec, model.joints)
-    rigid = BatchedRigidModel.of_tree(urdf, model.tree)
-    start = choose_start(room, brief.start, clearance, rigid.weight)
-    sensor = "motor" if {"motor", "whole", "drive"} & set(brief.residuals) else "joint_sensor"
-    follower = Follower(model, rigid, start, spring_stiffness(model, start), sensor)
-    return Probe(brief, follower, Chooser(brief, follower, room, clearance, progress).choose())
-
-
-def resisting_work(probe: Probe) -> float:
-    r"""Work [J] that the gap itself may take out of the energy tank, friction at worst: \sum 2 gap_j \int |dq_j|."""
-    _, position = probe.follower.position(probe.proposal.motion)
-    way = np.sum(np.abs(np.diff(position, axis=0)), axis=0)
-    joints = probe.follower.model.joints
-    return float(sum(GAP_SHARE * gap * way[joints.index(joint)] for joint, gap in probe.brief.gap.items()))
+    motion: Motion
+    expected: tuple[Expected, ...]
 
 
 def _assumed(room: Room) -> dict[tuple[Residual, str], float]:

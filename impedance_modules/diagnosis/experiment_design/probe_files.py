@@ -15,7 +15,6 @@ from impedance_modules.diagnosis.experiment_design.separation import RATIO, Foll
 from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
 
 Array = NDArray[np.float64]
-
 TANK_SHARE = 1.4
 """Energy in the tank over what the rehearsal says is needed."""
 
@@ -86,28 +85,6 @@ def posture_table(proposal: Proposal, follower: Follower) -> str:
     return "\n".join(rows) + "\n"
 
 
-def _row(began: float, duration: float, place: Array) -> str:
-    return ",".join(f"{value:.4f}" for value in (began, duration, *place))
-
-
-def _mapping(limb: LimbSpec, joints: Sequence[str], values: Array) -> str:
-    return (
-        "{"
-        + ", ".join(f"{short}: {values[joints.index(joint)]:.4g}" for short, joint in limb.joints.items())
-        + "}"
-    )
-
-
-def _goals(goal: Mapping[int, float], spec: RobotSpec, joints: Sequence[str]) -> str:
-    named = {joints[index]: angle for index, angle in goal.items()}
-    parts = []
-    for limb in spec.limbs.values():
-        inside = {short: named[joint] for short, joint in limb.joints.items() if joint in named}
-        if inside:
-            parts.append(f"{limb.name}: {{{', '.join(f'{k}: {v:.4f}' for k, v in inside.items())}}}")
-    return ", ".join(parts)
-
-
 def probe_object(probe: Probe) -> dict[str, Any]:
     """Builds the JSON object; a distance that was not measured is null."""
     proposal, joints = probe.proposal, probe.follower.model.joints
@@ -131,3 +108,25 @@ def probe_object(probe: Probe) -> dict[str, Any]:
             for item in proposal.expected
         ],
     }
+
+
+def _row(began: float, duration: float, place: Array) -> str:
+    return ",".join(f"{value:.4f}" for value in (began, duration, *place))
+
+
+def _mapping(limb: LimbSpec, joints: Sequence[str], values: Array) -> str:
+    return (
+        "{"
+        + ", ".join(f"{short}: {values[joints.index(joint)]:.4g}" for short, joint in limb.joints.items())
+        + "}"
+    )
+
+
+def _goals(goal: Mapping[int, float], spec: RobotSpec, joints: Sequence[str]) -> str:
+    named = {joints[index]: angle for index, angle in goal.items()}
+    parts = []
+    for limb in spec.limbs.values():
+        inside = {short: named[joint] for short, joint in limb.joints.items() if joint in named}
+        if inside:
+            parts.append(f"{limb.name}: {{{', '.join(f'{k}: {v:.4f}' for k, v in inside.items())}}}")
+    return ", ".join(parts)

@@ -43,13 +43,28 @@ from impedance_modules.diagnosis.residuals.contact_mask import (
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.catalogue import CATALOGUE
 
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+"""Called with a sentence for each step."""
+
 CONTACT = "external_contact"
 """Bound to one recording's time: no other recording can confirm it, so it has a procedure of its own (`contact`)."""
 
-Array = NDArray[np.float64]
+POORER = 1.2
+"""Squares that a search without moments of contact may leave, over those that the causes found with them leave."""
 
-Progress = Callable[[str], None]
-"""Called with a sentence for each step."""
+IN_PROPORTION_TO_COMMAND = ("torque_gain", "controller_gain")
+"""Effects in proportion to what was asked for, which a flexible model may not use.
+
+A command knows the motion without the noise of its differences, and an inertia's column with it: together they are
+that noise, and would take it from any floor.
+"""
+
+SIGMA = 1.5
+"""Standard deviations, inflated as those in the answer are."""
+
+NEUTRAL = {"torque_gain": 1.0}
+"""Number of an effect that changes nothing, where it is not zero."""
 
 
 def explain(
@@ -136,69 +151,6 @@ def _search(
     return Evidence(selector, arrangement.heldout, prepared, model_fit, floor, plain, found.refusal, pushes)
 
 
-POORER = 1.2
-"""Squares that a search without moments of contact may leave, over those that the causes found with them leave."""
-
-
-def _measured(
-    selector: Selector, narrowed: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
-) -> tuple[Push, ...]:
-    """The pushes again, by a model that was fitted without them: the links' numbers no longer bend to them."""
-    known = [selector.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in causes]
-    model = [term for term in known if term is not None]
-    if len(model) < len(known):
-        return ()
-    return find_pushes(selector.model_fit(model), prepared, narrowed.model_fit(causes).whole.coefficients)
-
-
-def _as_good(narrowed: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
-    """Whether causes found without some rows explain the others about as well as those found with all rows do."""
-    moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in first]
-    known = [term for term in moved if term is not None]
-    return float(narrowed.model_fit(causes).left.sum()) <= POORER * float(narrowed.model_fit(known).left.sum())
-
-
-def _floor(  # noqa: PLR0917 - all of them belong together
-    left: Sequence[Sequence[Array]],
-    prepared: Sequence[Prepared],
-    nuisance: NuisanceColumns,
-    flexible: Sequence[CandidateRegressor],
-    fitted: Sequence[int],
-    aside: Mapping[tuple[int, int], NDArray[np.bool_]],
-) -> Whitening:
-    pairs = repeat_pairs(prepared, fitted)
-    if pairs:
-        return noise_by_repeats(left, prepared, nuisance, pairs, aside)
-    return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
-
-
-IN_PROPORTION_TO_COMMAND = ("torque_gain", "controller_gain")
-"""Effects in proportion to what was asked for, which a flexible model may not use.
-
-A command knows the motion without the noise of its differences, and an inertia's column with it: together they are
-that noise, and would take it from any floor.
-"""
-
-
-def _simple(regressors: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
-    """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
-    return [
-        regressor
-        for regressor in regressors
-        if not regressor.shape
-        and regressor.width <= 3
-        and len(regressor.blocks[0]) == 1
-        and not (regressor.key[0] in IN_PROPORTION_TO_COMMAND and regressor.key[2] == "actuator")
-    ]
-
-
-SIGMA = 1.5
-"""Standard deviations, inflated as those in the answer are."""
-
-NEUTRAL = {"torque_gain": 1.0}
-"""Number of an effect that changes nothing, where it is not zero."""
-
-
 def certain(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
     """Terms of a fitted model whose number is there for certain; those of several numbers are not judged here."""
     return [term for index, term in enumerate(model_fit.model) if _certain(model_fit, refiner, index, term)]
@@ -233,3 +185,49 @@ def confirmed(
         if float(with_all[groups].sum()) < float(without[groups].sum()):
             kept.append(term)
     return kept
+
+
+def _measured(
+    selector: Selector, narrowed: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
+) -> tuple[Push, ...]:
+    """The pushes again, by a model that was fitted without them: the links' numbers no longer bend to them."""
+    known = [selector.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in causes]
+    model = [term for term in known if term is not None]
+    if len(model) < len(known):
+        return ()
+    return find_pushes(selector.model_fit(model), prepared, narrowed.model_fit(causes).whole.coefficients)
+
+
+def _as_good(narrowed: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
+    """Whether causes found without some rows explain the others about as well as those found with all rows do."""
+    moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in first]
+    known = [term for term in moved if term is not None]
+    return float(narrowed.model_fit(causes).left.sum()) <= POORER * float(
+        narrowed.model_fit(known).left.sum()
+    )
+
+
+def _floor(  # noqa: PLR0917 - all of them belong together
+    left: Sequence[Sequence[Array]],
+    prepared: Sequence[Prepared],
+    nuisance: NuisanceColumns,
+    flexible: Sequence[CandidateRegressor],
+    fitted: Sequence[int],
+    aside: Mapping[tuple[int, int], NDArray[np.bool_]],
+) -> Whitening:
+    pairs = repeat_pairs(prepared, fitted)
+    if pairs:
+        return noise_by_repeats(left, prepared, nuisance, pairs, aside)
+    return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
+
+
+def _simple(regressors: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
+    """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
+    return [
+        regressor
+        for regressor in regressors
+        if not regressor.shape
+        and regressor.width <= 3
+        and len(regressor.blocks[0]) == 1
+        and not (regressor.key[0] in IN_PROPORTION_TO_COMMAND and regressor.key[2] == "actuator")
+    ]

@@ -24,8 +24,6 @@ from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remai
 from impedance_modules.effects.catalogue import CATALOGUE
 
 Array = NDArray[np.float64]
-
-
 WEIGHTY = 0.05
 """Part of the gap that a cause must explain for its rivals to make the whole answer ambiguous."""
 
@@ -33,6 +31,12 @@ KNOWN, NEAR = 0.5, 6.0
 """Part of the gap that causes must explain, and residual power over noise that they may leave, for it to be ambiguous
 which, where something is left. What is left may have a structure, but no more power than passes; more only where no
 repeats say for certain how strong the noise is."""
+
+SLIGHT = 0.1
+"""Weight of one joint's part over another's, of one effect, below which its rivals are not the effect's."""
+
+SPRING, IMITATION = "parallel_spring", "crosstalk"
+"""What such a spring is named, among those that do as well or by a sensor that hears another joint."""
 
 
 def conclude(
@@ -62,14 +66,93 @@ def conclude(
     )
 
 
-def _middle(evidence: Evidence, model: NominalModel) -> dict[str, float]:
-    """Joint -> median of all recorded positions: about where the next motion may begin."""
-    middle = np.median(np.concatenate([item.position for item in evidence.prepared]), axis=0)
-    return {joint: float(q) for joint, q in zip(model.joints, middle, strict=True)}
+def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
+    """Turns the accepted candidates into causes, those that explain most first."""
+    merged: dict[tuple[str, str], Cause] = {}
+    for term, gain in _in_order(evidence):
+        cause = _cause(evidence, term, gain)
+        key = (cause.effect, cause.port)
+        merged[key] = _merge(merged[key], cause) if key in merged else cause
+    total = evidence.excess_before
+    left = min(1.0, evidence.excess(evidence.model_fit) / total) if total > 0.0 else 0.0
+    gains = sum(cause.weight for cause in merged.values())
+    scale = (1.0 - left) / gains if gains > 0.0 else 0.0
+    weighed = [
+        replace(cause, weight=cause.weight * scale, shrink=_own_shrink(evidence, cause))
+        for cause in merged.values()
+    ]
+    if evidence.pushes:
+        share = evidence.pushed_share
+        weighed = [replace(cause, weight=cause.weight * (1.0 - share)) for cause in weighed]
+        weighed.append(contact_cause(evidence.pushes, evidence.prepared, share))
+    return tuple(sorted(weighed, key=lambda cause: -cause.weight))
 
 
-def _near(lack: Lack, *, weak: bool) -> bool:
-    return bool(np.all(lack.ratio <= np.maximum(lack.limit, NEAR if weak else 0.0)))
+def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> tuple[str, ...]:
+    """Says that a spring which the robot compensates may be behind a cause, and which recordings would tell.
+
+    Args:
+        prepared: The recordings.
+        causes: What was named.
+
+    Returns:
+        One sentence, or none where commands or sensors are missing, or nothing that such a spring looks like was named.
+    """
+    both = all({"link", "actuator"} <= set(item.residuals) for item in prepared)
+    if not both or any(item.log.gravity_compensation != "robot" for item in prepared):
+        return ()
+    known = {joint for cause in causes if cause.effect == SPRING for joint in cause.joints}
+    found = [
+        cause
+        for cause in causes
+        if cause.effect != SPRING
+        and not set(cause.joints) <= known
+        and {cause.effect, *(rival.effect for rival in cause.equivalent)} & {SPRING, IMITATION}
+    ]
+    if not found:
+        return ()
+    names = "; ".join(f"{cause.effect} on {', '.join(cause.joints)}" for cause in found)
+    return (
+        f"{names}: the robot adds torques of its own, and a spring beside a joint that it compensates shows both at the"
+        " link and at the motor, where one effect in one place does not explain it (valid: the same motions without"
+        " effort_command, as `impedance baxter record` writes them)",
+    )
+
+
+def propose(
+    causes: Sequence[Cause], report: DataReport, model: NominalModel, start: Mapping[str, float]
+) -> Mapping[str, object]:
+    """Names the joints to move, the excitation that the catalogue asks for, and about which posture.
+
+    `impedance probe` turns it into the shortest safe motion; it needs the robot's limits and shapes.
+
+    Args:
+        causes: What was found.
+        report: Of the data.
+        model: Of the robot.
+        start: Joint -> middle of what was recorded [rad].
+    """
+    return {**_asked(causes, report, model), "start": dict(start)}
+
+
+def _asked(causes: Sequence[Cause], report: DataReport, model: NominalModel) -> Mapping[str, object]:
+    unclear = [cause for cause in causes if cause.equivalent]
+    if unclear:
+        cause = unclear[0]
+        names = [cause.effect, *(rival.effect for rival in cause.equivalent)]
+        asked = dict.fromkeys(CATALOGUE[name].description.excitation for name in names if name in CATALOGUE)
+        return {
+            "purpose": f"tell {', '.join(dict.fromkeys(names))} apart",
+            "joints": list(cause.joints or model.joints),
+            "excitation": "; ".join(asked),
+        }
+    if report.weak_joints:
+        return {
+            "purpose": "see joints that hardly moved",
+            "joints": list(report.weak_joints),
+            "excitation": "reversals at three or more speeds over the joint's range",
+        }
+    return {"purpose": "none needed", "joints": [], "excitation": ""}
 
 
 def _verdict(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> str:
@@ -79,6 +162,31 @@ def _verdict(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> st
     if known and any(cause.equivalent and cause.weight >= WEIGHTY for cause in causes):
         return "ambiguous"
     return "explained" if remainder.explained else "partly_explained"
+
+
+def _near(lack: Lack, *, weak: bool) -> bool:
+    return bool(np.all(lack.ratio <= np.maximum(lack.limit, NEAR if weak else 0.0)))
+
+
+def _remainder(found: Lack, evidence: Evidence, model: NominalModel) -> Remainder:
+    worst = int(np.argmax(found.ratio / found.limit))
+    residual, joint = evidence.design.groups[worst]
+    ratio = float(found.ratio[worst])
+    words = (
+        f"residual power is {ratio:.3g} times noise and parameters' uncertainty on {model.joints[joint]} ({residual});"
+        f" {found.limit[worst]:.3g} would pass"
+    )
+    if evidence.floor.weak:
+        words += "; the noise floor is weak, no recording repeats another"
+    if found.structure:
+        words += f"; {found.structure}"
+    if not found.passed:
+        words += "; not explained by the catalogue"
+        if evidence.refusal is not None:
+            words += (
+                f" (nearest: {evidence.refusal.trial.term.candidate.name}, which {evidence.refusal.reason})"
+            )
+    return Remainder(ratio, found.passed, words)
 
 
 def _gaps(evidence: Evidence, model: NominalModel) -> tuple[JointGap, ...]:
@@ -106,51 +214,10 @@ def _shrink(gaps: Sequence[JointGap]) -> float | None:
     return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
 
 
-def _remainder(found: Lack, evidence: Evidence, model: NominalModel) -> Remainder:
-    worst = int(np.argmax(found.ratio / found.limit))
-    residual, joint = evidence.design.groups[worst]
-    ratio = float(found.ratio[worst])
-    words = (
-        f"residual power is {ratio:.3g} times noise and parameters' uncertainty on {model.joints[joint]} ({residual});"
-        f" {found.limit[worst]:.3g} would pass"
-    )
-    if evidence.floor.weak:
-        words += "; the noise floor is weak, no recording repeats another"
-    if found.structure:
-        words += f"; {found.structure}"
-    if not found.passed:
-        words += "; not explained by the catalogue"
-        if evidence.refusal is not None:
-            words += (
-                f" (nearest: {evidence.refusal.trial.term.candidate.name}, which {evidence.refusal.reason})"
-            )
-    return Remainder(ratio, found.passed, words)
-
-
-SLIGHT = 0.1
-"""Weight of one joint's part over another's, of one effect, below which its rivals are not the effect's."""
-
-
-def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
-    """Turns the accepted candidates into causes, those that explain most first."""
-    merged: dict[tuple[str, str], Cause] = {}
-    for term, gain in _in_order(evidence):
-        cause = _cause(evidence, term, gain)
-        key = (cause.effect, cause.port)
-        merged[key] = _merge(merged[key], cause) if key in merged else cause
-    total = evidence.excess_before
-    left = min(1.0, evidence.excess(evidence.model_fit) / total) if total > 0.0 else 0.0
-    gains = sum(cause.weight for cause in merged.values())
-    scale = (1.0 - left) / gains if gains > 0.0 else 0.0
-    weighed = [
-        replace(cause, weight=cause.weight * scale, shrink=_own_shrink(evidence, cause))
-        for cause in merged.values()
-    ]
-    if evidence.pushes:
-        share = evidence.pushed_share
-        weighed = [replace(cause, weight=cause.weight * (1.0 - share)) for cause in weighed]
-        weighed.append(contact_cause(evidence.pushes, evidence.prepared, share))
-    return tuple(sorted(weighed, key=lambda cause: -cause.weight))
+def _middle(evidence: Evidence, model: NominalModel) -> dict[str, float]:
+    """Joint -> median of all recorded positions: about where the next motion may begin."""
+    middle = np.median(np.concatenate([item.position for item in evidence.prepared]), axis=0)
+    return {joint: float(q) for joint, q in zip(model.joints, middle, strict=True)}
 
 
 def _in_order(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
@@ -221,79 +288,10 @@ def _merge(one: Cause, other: Cause) -> Cause:
 
 def _own_shrink(evidence: Evidence, cause: Cause) -> float | None:
     """Held-out shrink of the nominal model plus this cause alone."""
-    own = [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) == (cause.effect, cause.port)]
+    own = [
+        term for term in evidence.model_fit.model if (term.key[0], term.key[2]) == (cause.effect, cause.port)
+    ]
     before = evidence.excess_before
     if before <= 0.0:
         return None
     return 1.0 - float(np.sqrt(evidence.excess(evidence.selector.model_fit(own)) / before))
-
-
-SPRING, IMITATION = "parallel_spring", "crosstalk"
-"""What such a spring is named, among those that do as well or by a sensor that hears another joint."""
-
-
-def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> tuple[str, ...]:
-    """Says that a spring which the robot compensates may be behind a cause, and which recordings would tell.
-
-    Args:
-        prepared: The recordings.
-        causes: What was named.
-
-    Returns:
-        One sentence, or none where commands or sensors are missing, or nothing that such a spring looks like was named.
-    """
-    both = all({"link", "actuator"} <= set(item.residuals) for item in prepared)
-    if not both or any(item.log.gravity_compensation != "robot" for item in prepared):
-        return ()
-    known = {joint for cause in causes if cause.effect == SPRING for joint in cause.joints}
-    found = [
-        cause
-        for cause in causes
-        if cause.effect != SPRING
-        and not set(cause.joints) <= known
-        and {cause.effect, *(rival.effect for rival in cause.equivalent)} & {SPRING, IMITATION}
-    ]
-    if not found:
-        return ()
-    names = "; ".join(f"{cause.effect} on {', '.join(cause.joints)}" for cause in found)
-    return (
-        f"{names}: the robot adds torques of its own, and a spring beside a joint that it compensates shows both at the"
-        " link and at the motor, where one effect in one place does not explain it (valid: the same motions without"
-        " effort_command, as `impedance baxter record` writes them)",
-    )
-
-
-def propose(
-    causes: Sequence[Cause], report: DataReport, model: NominalModel, start: Mapping[str, float]
-) -> Mapping[str, object]:
-    """Names the joints to move, the excitation that the catalogue asks for, and about which posture.
-
-    `impedance probe` turns it into the shortest safe motion; it needs the robot's limits and shapes.
-
-    Args:
-        causes: What was found.
-        report: Of the data.
-        model: Of the robot.
-        start: Joint -> middle of what was recorded [rad].
-    """
-    return {**_asked(causes, report, model), "start": dict(start)}
-
-
-def _asked(causes: Sequence[Cause], report: DataReport, model: NominalModel) -> Mapping[str, object]:
-    unclear = [cause for cause in causes if cause.equivalent]
-    if unclear:
-        cause = unclear[0]
-        names = [cause.effect, *(rival.effect for rival in cause.equivalent)]
-        asked = dict.fromkeys(CATALOGUE[name].description.excitation for name in names if name in CATALOGUE)
-        return {
-            "purpose": f"tell {', '.join(dict.fromkeys(names))} apart",
-            "joints": list(cause.joints or model.joints),
-            "excitation": "; ".join(asked),
-        }
-    if report.weak_joints:
-        return {
-            "purpose": "see joints that hardly moved",
-            "joints": list(report.weak_joints),
-            "excitation": "reversals at three or more speeds over the joint's range",
-        }
-    return {"purpose": "none needed", "joints": [], "excitation": ""}

@@ -27,7 +27,6 @@ from impedance_modules.effects.residual_kinds import uses_motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
 STRONG = 16.3
 """Chi-square of three numbers that noise passes once in a thousand times: a hat that may belong to a push."""
 
@@ -60,6 +59,9 @@ QUIETER, QUIETER_SQUARE = 0.25, 0.1015
 
 REPEATED_MAX = 0.5
 """Size of the difference to the repeat's force, over the push, below which it is the robot's own doing."""
+
+SPACING = 0.25
+"""Between the tips of two hats [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +114,6 @@ def find_pushes(
     return tuple(push for push in out if not _repeated(push, prepared, found))
 
 
-def _usual(left: Array) -> float:
-    """What a weak floor leaves at quiet times, over what noise would: beyond this a moment stands out, not before."""
-    return max(1.0, float(np.sqrt(np.quantile(left**2, QUIETER) / QUIETER_SQUARE)))
-
-
 def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[int, Mask]:
     """Recording -> (M,) rows that no push touches, the filter's reach included."""
     out: dict[int, Mask] = {}
@@ -128,12 +125,52 @@ def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[
     return out
 
 
+def contact_cause(pushes: Sequence[Push], prepared: Sequence[Prepared], share: float) -> Cause:
+    """Describes the strongest push on every link that was pushed.
+
+    Args:
+        pushes: One or more.
+        prepared: The recordings that their indices refer to.
+        share: Part of the gap that they make.
+    """
+    strongest = {push.body: push for push in sorted(pushes, key=lambda push: push.gain)}
+    parameters = {}
+    for body, push in strongest.items():
+        named = zip(FORCE, push.force, push.std, strict=True)
+        forces = {symbol: Estimate(float(value), float(std), "N") for symbol, value, std in named}
+        times = {"start": Estimate(push.start, SPACING, "s"), "end": Estimate(push.end, SPACING, "s")}
+        parameters[body] = {**forces, **times}
+    names = [prepared[push.recording].log.name for push in pushes]
+    told = ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
+    return Cause(
+        effect="external_contact",
+        joints=(),
+        port="contact",
+        parameters=parameters,
+        weight=share,
+        shrink=None,
+        equivalent=(),
+        rivals=(
+            Rival("free torques", (), f"one force explains the joints together; pushes in {told}, set aside"),
+        ),
+        position_range={},
+        velocity_range={},
+    )
+
+
 def _quiet(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
     """Whether no joint's residual stands out at any moment."""
     return all(float(np.max(free_torques(model_fit, item, r, left, g))) < STRONG for g in groups)
 
 
-def _intervals(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces) -> list[Push]:
+def _usual(left: Array) -> float:
+    """What a weak floor leaves at quiet times, over what noise would: beyond this a moment stands out, not before."""
+    return max(1.0, float(np.sqrt(np.quantile(left**2, QUIETER) / QUIETER_SQUARE)))
+
+
+def _intervals(
+    model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces
+) -> list[Push]:
     """Runs of strong hats that pass as pushes."""
     count = len(forces.force)
     strength = np.array([strength_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
@@ -205,10 +242,6 @@ def _repeated(push: Push, prepared: Sequence[Prepared], found: dict[int, Forces]
     return False
 
 
-SPACING = 0.25
-"""Between the tips of two hats [s]."""
-
-
 @dataclass(frozen=True, eq=False)
 class Forces:
     """Hats of one link on one recording: (k, 3) forces, their covariance, and what each joint gains by them."""
@@ -218,23 +251,6 @@ class Forces:
     covariance: Array
     joints: Array
     gain: float
-
-
-def hats_of(item: Prepared, rows: int) -> tuple[Array, Array]:
-    """Tips (k,) [s] and hats (rows, k) at the recording's last rows."""
-    time = item.time[-rows:] - item.log.start
-    tips = np.arange(time[0], time[-1] + SPACING, SPACING)
-    return tips, np.clip(1.0 - np.abs(time[:, None] - tips) / SPACING, 0.0, None)
-
-
-def free_torques(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
-    """Chi-square (k,) of a free torque of one joint at each hat."""
-    _, hats = hats_of(item, item.samples)
-    X = np.asarray(model_fit.design.whitening.apply(hats, r, g))
-    gram = X.T @ X + 1e-6 * np.eye(X.shape[1])
-    covariance = np.linalg.inv(gram)
-    torque = covariance @ (X.T @ left[g])
-    return np.asarray(torque**2 / np.diag(covariance))
 
 
 def fit_forces(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], body: str) -> Forces:
@@ -260,40 +276,24 @@ def fit_forces(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array
     return Forces(body, force.reshape(-1, 3), np.asarray(covariance), joints, float(force @ right))
 
 
+def hats_of(item: Prepared, rows: int) -> tuple[Array, Array]:
+    """Tips (k,) [s] and hats (rows, k) at the recording's last rows."""
+    time = item.time[-rows:] - item.log.start
+    tips = np.arange(time[0], time[-1] + SPACING, SPACING)
+    return tips, np.clip(1.0 - np.abs(time[:, None] - tips) / SPACING, 0.0, None)
+
+
+def free_torques(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
+    """Chi-square (k,) of a free torque of one joint at each hat."""
+    _, hats = hats_of(item, item.samples)
+    X = np.asarray(model_fit.design.whitening.apply(hats, r, g))
+    gram = X.T @ X + 1e-6 * np.eye(X.shape[1])
+    covariance = np.linalg.inv(gram)
+    torque = covariance @ (X.T @ left[g])
+    return np.asarray(torque**2 / np.diag(covariance))
+
+
 def strength_of(forces: Forces, part: slice) -> float:
     """Chi-square of some hats together."""
     force = forces.force.reshape(-1)[part]
     return float(force @ np.linalg.solve(forces.covariance[part, part], force))
-
-
-def contact_cause(pushes: Sequence[Push], prepared: Sequence[Prepared], share: float) -> Cause:
-    """Describes the strongest push on every link that was pushed.
-
-    Args:
-        pushes: One or more.
-        prepared: The recordings that their indices refer to.
-        share: Part of the gap that they make.
-    """
-    strongest = {push.body: push for push in sorted(pushes, key=lambda push: push.gain)}
-    parameters = {}
-    for body, push in strongest.items():
-        named = zip(FORCE, push.force, push.std, strict=True)
-        forces = {symbol: Estimate(float(value), float(std), "N") for symbol, value, std in named}
-        times = {"start": Estimate(push.start, SPACING, "s"), "end": Estimate(push.end, SPACING, "s")}
-        parameters[body] = {**forces, **times}
-    names = [prepared[push.recording].log.name for push in pushes]
-    told = ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
-    return Cause(
-        effect="external_contact",
-        joints=(),
-        port="contact",
-        parameters=parameters,
-        weight=share,
-        shrink=None,
-        equivalent=(),
-        rivals=(
-            Rival("free torques", (), f"one force explains the joints together; pushes in {told}, set aside"),
-        ),
-        position_range={},
-        velocity_range={},
-    )

@@ -15,7 +15,6 @@ from impedance_modules.diagnosis.result import Place, Series
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
 SLOW, FAST = 0.05, 0.5
 """Below: slow; above: fast [rad/s]."""
 
@@ -38,30 +37,8 @@ PORT_OF_RESIDUAL = {
 }
 """Residual -> port that it looks through."""
 
-
-def regimes(item: Prepared, model: NominalModel, joint: int) -> dict[str, Mask]:
-    """Sorts a recording's samples by what one joint does; a sample belongs to the first that fits."""
-    q, v, a = item.position[:, joint], item.velocity[:, joint], item.acceleration[:, joint]
-    limits = model.tree.bodies[joint].limits
-    near = np.zeros(len(q), dtype=bool)
-    if limits is not None and limits.upper > limits.lower:
-        near = (q < limits.lower + NEAR) | (q > limits.upper - NEAR)
-    turning = np.abs(np.sign(v) - np.sign(np.roll(v, 3))) > 1.0
-    reversal = (np.abs(v) < SLOW) & (turning | np.roll(turning, -3) | (np.abs(a) > SLOW))
-    tests = {
-        "saturated": np.abs(item.load[:, joint]) >= 0.99 * model.effort_max[joint],
-        "near_limit": near,
-        "reversal": reversal,
-        "hold": np.abs(v) < STILL,
-        "accelerating": np.abs(a) > 2.0 * np.abs(v) + FAST,
-        "fast": np.abs(v) >= FAST,
-        "slow": np.ones(len(q), dtype=bool),
-    }
-    out, left = {}, np.ones(len(q), dtype=bool)
-    for name, mask in tests.items():
-        out[name] = mask & left
-        left = left & ~mask
-    return out
+MOST_RECORDINGS = 4
+"""Held-out recordings that are kept for report and viewer."""
 
 
 def locate(evidence: Evidence, model: NominalModel) -> tuple[Place, ...]:
@@ -92,17 +69,29 @@ def locate(evidence: Evidence, model: NominalModel) -> tuple[Place, ...]:
     return tuple(found)
 
 
-def _band(series: Sequence[Array], item: Prepared) -> tuple[float, float]:
-    """Frequencies between which the middle four fifths of the power lie [Hz]."""
-    longest = max(series, key=len)
-    power = np.abs(np.fft.rfft(np.hanning(len(longest)) * longest)) ** 2
-    frequency = np.fft.rfftfreq(len(longest), item.band.step / item.band.rate)
-    part = np.cumsum(power) / max(float(power.sum()), 1e-30)
-    return float(frequency[np.searchsorted(part, 0.1)]), float(frequency[np.searchsorted(part, 0.9)])
-
-
-MOST_RECORDINGS = 4
-"""Held-out recordings that are kept for report and viewer."""
+def regimes(item: Prepared, model: NominalModel, joint: int) -> dict[str, Mask]:
+    """Sorts a recording's samples by what one joint does; a sample belongs to the first that fits."""
+    q, v, a = item.position[:, joint], item.velocity[:, joint], item.acceleration[:, joint]
+    limits = model.tree.bodies[joint].limits
+    near = np.zeros(len(q), dtype=bool)
+    if limits is not None and limits.upper > limits.lower:
+        near = (q < limits.lower + NEAR) | (q > limits.upper - NEAR)
+    turning = np.abs(np.sign(v) - np.sign(np.roll(v, 3))) > 1.0
+    reversal = (np.abs(v) < SLOW) & (turning | np.roll(turning, -3) | (np.abs(a) > SLOW))
+    tests = {
+        "saturated": np.abs(item.load[:, joint]) >= 0.99 * model.effort_max[joint],
+        "near_limit": near,
+        "reversal": reversal,
+        "hold": np.abs(v) < STILL,
+        "accelerating": np.abs(a) > 2.0 * np.abs(v) + FAST,
+        "fast": np.abs(v) >= FAST,
+        "slow": np.ones(len(q), dtype=bool),
+    }
+    out, left = {}, np.ones(len(q), dtype=bool)
+    for name, mask in tests.items():
+        out[name] = mask & left
+        left = left & ~mask
+    return out
 
 
 def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[Series, ...]:
@@ -146,3 +135,12 @@ def _doing(item: Prepared, model: NominalModel, joint: int) -> tuple[str, ...]:
     for name, mask in regimes(item, model, joint).items():
         out[mask] = name
     return tuple(out.tolist())
+
+
+def _band(series: Sequence[Array], item: Prepared) -> tuple[float, float]:
+    """Frequencies between which the middle four fifths of the power lie [Hz]."""
+    longest = max(series, key=len)
+    power = np.abs(np.fft.rfft(np.hanning(len(longest)) * longest)) ** 2
+    frequency = np.fft.rfftfreq(len(longest), item.band.step / item.band.rate)
+    part = np.cumsum(power) / max(float(power.sum()), 1e-30)
+    return float(frequency[np.searchsorted(part, 0.1)]), float(frequency[np.searchsorted(part, 0.9)])

@@ -24,7 +24,17 @@ from impedance_modules.diagnosis.result import (
     Series,
 )
 
+Array = NDArray[np.float64]
 FORMAT = 1
+
+EDGES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+"""Between octaves [Hz]."""
+
+SHRINK_MIN = 0.02
+"""A cause that shrinks the held-out gap by less is not worn."""
+
+MOST = 9e8
+"""Numbers beyond the format's bounds are no finding."""
 
 
 def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -73,6 +83,91 @@ def per_joint(gaps: Sequence[JointGap]) -> dict[str, dict[str, Any]]:
         joint: {**_gap(gap), "shrink": _number(gap.shrink), "port": gap.residual}
         for joint, gap in out.items()
     }
+
+
+def rollout_object(rollout: Rollout) -> dict[str, Any]:
+    """Builds the JSON object; where nothing was rolled out it says why."""
+    left_out = [{"what": item.what, "why": item.why} for item in rollout.left_out]
+    if not rollout.windows:
+        return {"windows": 0, "left_out": left_out}
+    return {
+        "windows": rollout.windows,
+        "window_s": rollout.window,
+        "episodes": list(rollout.episodes),
+        "driven_by": rollout.drive,
+        "noise_floor_from": rollout.floor,
+        "shrink": rollout.shrink,
+        "all_causes": cause_rollout_object(rollout.whole),
+        "per_joint": {
+            joint: {"position": _drift(drift), "velocity": _drift(rollout.velocity[joint])}
+            for joint, drift in rollout.position.items()
+        },
+        "growth": {
+            "time_s": list(rollout.growth.time),
+            "before": _lists(rollout.growth.before),
+            "after": _lists(rollout.growth.after),
+        },
+        "left_out": left_out,
+    }
+
+
+def cause_rollout_object(cause: CauseRollout | None) -> dict[str, Any] | None:
+    """Builds a cause's entry; null where the rollouts could not wear it."""
+    if cause is None:
+        return None
+    return {
+        "without": cause.without,
+        "with": cause.with_it,
+        "ratio": cause.ratio,
+        "standard_error": cause.standard_error if math.isfinite(cause.standard_error) else None,
+        "verdict": cause.verdict,
+    }
+
+
+def spectrum_object(series: Sequence[Series]) -> dict[str, Any]:
+    """Builds the JSON object of the first held-out recording's residuals."""
+    if not series:
+        return {"edges_hz": [], "per_port": []}
+    first = [item for item in series if item.episode == series[0].episode]
+    highest = max((_nyquist(item.time) for item in first), default=0.0)
+    edges = [edge for edge, below in zip(EDGES, (0.0, *EDGES), strict=False) if below < highest]
+    return {
+        "edges_hz": edges,
+        "per_port": [
+            {
+                "joint": item.joint,
+                "residual": item.residual,
+                "before": _octaves(item.time, item.before, edges),
+                "after": _octaves(item.time, item.after, edges),
+                "unit": item.unit,
+            }
+            for item in first
+        ],
+    }
+
+
+def patch_object(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Builds the patch; None where nothing was found that may be worn."""
+    effects = [_effect(cause) for cause in diagnosis.causes if _worn(cause)]
+    if not effects or diagnosis.verdict not in ("explained", "partly_explained", "ambiguous"):
+        return None
+    return {
+        "format": 1,
+        "robot": diagnosis.robot,
+        "provenance": {
+            "origin": "diagnosis",
+            "date": datetime.date.today().isoformat(),
+            "episodes": list(diagnosis.episodes),
+            "verdict": diagnosis.verdict,
+            "versions": {"impedance-modules": impedance_modules.__version__},
+        },
+        "effects": effects,
+    }
+
+
+def patch_text(patch: Mapping[str, Any]) -> str:
+    """Writes a patch as YAML that every reader takes alike: block mappings, quoted text, numbers with a point."""
+    return "# yaml-language-server: $schema=patch.schema.json\n" + "".join(_lines(patch, 0))
 
 
 def _gap(gap: JointGap) -> dict[str, Any]:
@@ -126,36 +221,22 @@ def _ranges(cause: Cause) -> dict[str, Mapping[str, list[float]]]:
     }
 
 
+def _drift(drift: Drift) -> dict[str, Any]:
+    return {
+        "before": drift.before,
+        "after": drift.after,
+        "noise_floor": drift.noise_floor,
+        "unit": drift.unit,
+        "shrink": drift.shrink,
+    }
+
+
+def _lists(values: Mapping[str, tuple[float, ...]]) -> dict[str, list[float]]:
+    return {joint: list(numbers) for joint, numbers in values.items()}
+
+
 def _number(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else value
-
-
-Array = NDArray[np.float64]
-
-EDGES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-"""Between octaves [Hz]."""
-
-
-def spectrum_object(series: Sequence[Series]) -> dict[str, Any]:
-    """Builds the JSON object of the first held-out recording's residuals."""
-    if not series:
-        return {"edges_hz": [], "per_port": []}
-    first = [item for item in series if item.episode == series[0].episode]
-    highest = max((_nyquist(item.time) for item in first), default=0.0)
-    edges = [edge for edge, below in zip(EDGES, (0.0, *EDGES), strict=False) if below < highest]
-    return {
-        "edges_hz": edges,
-        "per_port": [
-            {
-                "joint": item.joint,
-                "residual": item.residual,
-                "before": _octaves(item.time, item.before, edges),
-                "after": _octaves(item.time, item.after, edges),
-                "unit": item.unit,
-            }
-            for item in first
-        ],
-    }
 
 
 def _nyquist(time: Array) -> float:
@@ -171,85 +252,6 @@ def _octaves(time: Array, values: Array, edges: Sequence[float]) -> list[float]:
     which = np.digitize(frequency, np.array(edges)) - 1
     inside = np.minimum(which, len(edges) - 2)
     return [float(np.sqrt(power[inside == k].sum())) for k in range(len(edges) - 1)]
-
-
-def rollout_object(rollout: Rollout) -> dict[str, Any]:
-    """Builds the JSON object; where nothing was rolled out it says why."""
-    left_out = [{"what": item.what, "why": item.why} for item in rollout.left_out]
-    if not rollout.windows:
-        return {"windows": 0, "left_out": left_out}
-    return {
-        "windows": rollout.windows,
-        "window_s": rollout.window,
-        "episodes": list(rollout.episodes),
-        "driven_by": rollout.drive,
-        "noise_floor_from": rollout.floor,
-        "shrink": rollout.shrink,
-        "all_causes": cause_rollout_object(rollout.whole),
-        "per_joint": {
-            joint: {"position": _drift(drift), "velocity": _drift(rollout.velocity[joint])}
-            for joint, drift in rollout.position.items()
-        },
-        "growth": {
-            "time_s": list(rollout.growth.time),
-            "before": _lists(rollout.growth.before),
-            "after": _lists(rollout.growth.after),
-        },
-        "left_out": left_out,
-    }
-
-
-def _drift(drift: Drift) -> dict[str, Any]:
-    return {
-        "before": drift.before,
-        "after": drift.after,
-        "noise_floor": drift.noise_floor,
-        "unit": drift.unit,
-        "shrink": drift.shrink,
-    }
-
-
-def _lists(values: Mapping[str, tuple[float, ...]]) -> dict[str, list[float]]:
-    return {joint: list(numbers) for joint, numbers in values.items()}
-
-
-def cause_rollout_object(cause: CauseRollout | None) -> dict[str, Any] | None:
-    """Builds a cause's entry; null where the rollouts could not wear it."""
-    if cause is None:
-        return None
-    return {
-        "without": cause.without,
-        "with": cause.with_it,
-        "ratio": cause.ratio,
-        "standard_error": cause.standard_error if math.isfinite(cause.standard_error) else None,
-        "verdict": cause.verdict,
-    }
-
-
-SHRINK_MIN = 0.02
-"""A cause that shrinks the held-out gap by less is not worn."""
-
-MOST = 9e8
-"""Numbers beyond the format's bounds are no finding."""
-
-
-def patch_object(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    """Builds the patch; None where nothing was found that may be worn."""
-    effects = [_effect(cause) for cause in diagnosis.causes if _worn(cause)]
-    if not effects or diagnosis.verdict not in ("explained", "partly_explained", "ambiguous"):
-        return None
-    return {
-        "format": 1,
-        "robot": diagnosis.robot,
-        "provenance": {
-            "origin": "diagnosis",
-            "date": datetime.date.today().isoformat(),
-            "episodes": list(diagnosis.episodes),
-            "verdict": diagnosis.verdict,
-            "versions": {"impedance-modules": impedance_modules.__version__},
-        },
-        "effects": effects,
-    }
 
 
 def _worn(cause: Cause) -> bool:
@@ -277,11 +279,6 @@ def _effect(cause: Cause) -> dict[str, Any]:
             "velocity": {joint: list(ends) for joint, ends in cause.velocity_range.items()},
         }
     return out
-
-
-def patch_text(patch: Mapping[str, Any]) -> str:
-    """Writes a patch as YAML that every reader takes alike: block mappings, quoted text, numbers with a point."""
-    return "# yaml-language-server: $schema=patch.schema.json\n" + "".join(_lines(patch, 0))
 
 
 def _lines(value: Mapping[str, Any], depth: int) -> Iterator[str]:

@@ -45,6 +45,21 @@ SENTENCES = {
 MOST_PLACES = 12
 """Places of the gap that a table lists; all of them are in the map and in the numbers."""
 
+NORMAL_95 = 1.96
+"""Standard deviations on either side that hold 95 % of a normal distribution."""
+
+VERDICTS = {
+    "helps": "Worn by the plant, it makes the simulated motion better",
+    "worsens": "Worn by the plant, it makes the simulated motion worse, although it explains torque",
+    "no difference": "Worn by the plant, it makes no clear difference to the simulated motion",
+}
+
+SHORT = 5
+"""Causes that the head of a report lists."""
+
+WIDE = 100.0
+"""Half an interval, in % of the value, beyond which a number cannot be told from zero and is not drawn."""
+
 
 def html_report(found: Diagnosis, answer: dict[str, Any]) -> str:
     """Builds the report from the JSON object, so that every number in it is there; curves come from the diagnosis."""
@@ -80,6 +95,25 @@ def _head(answer: dict[str, Any]) -> str:
     return (
         f"<p>{badge}</p>{lead}<div class='cards'>{boxes}</div>{in_short(answer['causes'])}{_advice(answer)}"
     )
+
+
+def in_short(causes: Sequence[dict[str, Any]]) -> str:
+    """The causes in a line each: where, how large, how well known, and what it could be instead."""
+    lines = [_line(cause) for cause in causes[:SHORT]]
+    if len(causes) > SHORT:
+        lines.append(f"and {len(causes) - SHORT} more")
+    return bullets(lines)
+
+
+def _line(cause: dict[str, Any]) -> str:
+    numbers = "; ".join(
+        f"{key}: "
+        + ", ".join(f"{s} {number(e['value'])} ± {number(e['std'], 2)} {e['unit']}" for s, e in found.items())
+        for key, found in cause["parameters"].items()
+    )
+    equal = ", ".join(f"{r['effect']} {' '.join(r['joints'])}" for r in cause["equivalent"])
+    instead = f" - or instead: {equal}" if equal else ""
+    return f"{cause['effect']} ({percent(cause['weight'])}): {numbers}{instead}"
 
 
 def _advice(answer: dict[str, Any]) -> str:
@@ -145,6 +179,20 @@ def _where(answer: dict[str, Any]) -> str:
     return section("Where", nowhere, maps, listed)
 
 
+def cause_sections(causes: Sequence[dict[str, Any]], unexplained: float) -> str:
+    """All causes, ranked; a sentence where there is none."""
+    if not causes:
+        return section("Causes", paragraph("None was found."))
+    weights = [[_place(c), c["effect"], c["port"], percent(c["weight"])] for c in causes]
+    weights.append(["", "not explained", "", percent(unexplained)])
+    head = table(("on", "effect", "port", "weight"), weights, numbers=(3,))
+    return section("Causes", head, *(_cause(cause) for cause in causes))
+
+
+def _place(cause: dict[str, Any]) -> str:
+    return ", ".join(cause["joints"] or cause["parameters"])
+
+
 def _left(remainder: dict[str, Any]) -> str:
     fits = "What remains is small enough." if remainder["explained"] else "What remains is not explained."
     lack = f"Largest residual power over noise: {number(remainder['lack_of_fit'])}."
@@ -175,56 +223,6 @@ def _numbers(answer: dict[str, Any]) -> str:
     return section(
         "The numbers", f"<details><summary>Everything, as JSON</summary><pre>{body}</pre></details>"
     )
-
-
-NORMAL_95 = 1.96
-"""Standard deviations on either side that hold 95 % of a normal distribution."""
-
-VERDICTS = {
-    "helps": "Worn by the plant, it makes the simulated motion better",
-    "worsens": "Worn by the plant, it makes the simulated motion worse, although it explains torque",
-    "no difference": "Worn by the plant, it makes no clear difference to the simulated motion",
-}
-
-
-SHORT = 5
-"""Causes that the head of a report lists."""
-
-WIDE = 100.0
-"""Half an interval, in % of the value, beyond which a number cannot be told from zero and is not drawn."""
-
-
-def in_short(causes: Sequence[dict[str, Any]]) -> str:
-    """The causes in a line each: where, how large, how well known, and what it could be instead."""
-    lines = [_line(cause) for cause in causes[:SHORT]]
-    if len(causes) > SHORT:
-        lines.append(f"and {len(causes) - SHORT} more")
-    return bullets(lines)
-
-
-def _line(cause: dict[str, Any]) -> str:
-    numbers = "; ".join(
-        f"{key}: "
-        + ", ".join(f"{s} {number(e['value'])} ± {number(e['std'], 2)} {e['unit']}" for s, e in found.items())
-        for key, found in cause["parameters"].items()
-    )
-    equal = ", ".join(f"{r['effect']} {' '.join(r['joints'])}" for r in cause["equivalent"])
-    instead = f" - or instead: {equal}" if equal else ""
-    return f"{cause['effect']} ({percent(cause['weight'])}): {numbers}{instead}"
-
-
-def cause_sections(causes: Sequence[dict[str, Any]], unexplained: float) -> str:
-    """All causes, ranked; a sentence where there is none."""
-    if not causes:
-        return section("Causes", paragraph("None was found."))
-    weights = [[_place(c), c["effect"], c["port"], percent(c["weight"])] for c in causes]
-    weights.append(["", "not explained", "", percent(unexplained)])
-    head = table(("on", "effect", "port", "weight"), weights, numbers=(3,))
-    return section("Causes", head, *(_cause(cause) for cause in causes))
-
-
-def _place(cause: dict[str, Any]) -> str:
-    return ", ".join(cause["joints"] or cause["parameters"])
 
 
 def _cause(cause: dict[str, Any]) -> str:

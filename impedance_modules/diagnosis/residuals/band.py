@@ -20,9 +20,7 @@ from scipy.signal import butter, firwin, sosfiltfilt, upfirdn
 from impedance_modules.diagnosis.data.log import Log
 
 Array = NDArray[np.float64]
-
 Real = TypeVar("Real", np.float32, np.float64)
-
 NOISE_SHARE = 0.05
 """Noise of the acceleration over the acceleration, at the end of the band."""
 
@@ -96,14 +94,24 @@ class Band:
         return values[self.margin : len(values) - self.margin : self.step][: self.kept(len(values))]
 
 
-def least_duration(cutoff: float, rows: int) -> float:
-    """About how long a stretch [s] so many samples in the band make."""
-    return rows / 2.5 / cutoff
+def choose_cutoff(logs: Sequence[Log]) -> float:
+    """Finds the end of the band that all recordings can bear [Hz]."""
+    found = [
+        _cutoff(log.position[:, joint], log.rate) for log in logs for joint in range(log.position.shape[1])
+    ]
+    known = [cutoff for cutoff in found if cutoff is not None]
+    highest = min(BAND_MAX, min(log.rate for log in logs) / 5.0)
+    return float(np.clip(np.median(known) if known else BAND_MIN, min(BAND_MIN, highest), highest))
 
 
 def filter_length(cutoff: float) -> float:
     """About what the band's filter throws away at each end of a recording [s]."""
     return REACH / cutoff
+
+
+def least_duration(cutoff: float, rows: int) -> float:
+    """About how long a stretch [s] so many samples in the band make."""
+    return rows / 2.5 / cutoff
 
 
 def thin(values: Array, rate: float) -> tuple[Array, float]:
@@ -118,16 +126,6 @@ def thin_mask(values: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
     """Thins (N,) marks as `thin` does samples: one stands for all up to the next."""
     step = int(rate * (1.0 + 1e-3) // WORK_RATE)
     return values if step < 2 else np.logical_or.reduceat(values, np.arange(0, len(values), step))
-
-
-def choose_cutoff(logs: Sequence[Log]) -> float:
-    """Finds the end of the band that all recordings can bear [Hz]."""
-    found = [
-        _cutoff(log.position[:, joint], log.rate) for log in logs for joint in range(log.position.shape[1])
-    ]
-    known = [cutoff for cutoff in found if cutoff is not None]
-    highest = min(BAND_MAX, min(log.rate for log in logs) / 5.0)
-    return float(np.clip(np.median(known) if known else BAND_MIN, min(BAND_MIN, highest), highest))
 
 
 def _cutoff(position: Array, rate: float) -> float | None:

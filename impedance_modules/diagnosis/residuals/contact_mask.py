@@ -21,7 +21,6 @@ from impedance_modules.effects.residual_kinds import Residual, uses_motion
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Place = TypeVar("Place", bound=Hashable)
-
 MARGIN = 0.2
 """Before and after a contact that is left aside with it: the filter's reach [s]."""
 
@@ -35,7 +34,9 @@ def contact_aside(prepared: Sequence[Prepared]) -> dict[int, Mask]:
     return {} if _mostly(out, prepared) else out
 
 
-def on_links(clear: Mapping[int, Mask], groups: Sequence[tuple[Residual, int]]) -> dict[tuple[int, int], Mask]:
+def on_links(
+    clear: Mapping[int, Mask], groups: Sequence[tuple[Residual, int]]
+) -> dict[tuple[int, int], Mask]:
     """Recording and group -> (M,) rows that count: what touches the robot shows where its links' motion is compared."""
     return {
         (r, g): mask
@@ -54,19 +55,6 @@ def without_touched_links(prepared: tuple[Prepared, ...]) -> tuple[Prepared, ...
         replace(item, residuals={name: x for name, x in item.residuals.items() if not uses_motion(name)})
         for item in prepared
     )
-
-
-def _clear(prepared: Sequence[Prepared]) -> dict[int, Mask]:
-    return {
-        r: ~_widened(item)
-        for r, item in enumerate(prepared)
-        if item.log.touching is not None and item.log.touching.any()
-    }
-
-
-def _mostly(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) -> bool:
-    lost = sum(int((~mask).sum()) for mask in clear.values())
-    return lost > MOST * sum(item.samples for item in prepared)
 
 
 def contact_note(prepared: Sequence[Prepared]) -> tuple[str, ...]:
@@ -101,6 +89,19 @@ def both(first: Mapping[Place, Mask], second: Mapping[Place, Mask]) -> dict[Plac
     for place, mask in second.items():
         out[place] = out[place] & mask if place in out else mask
     return out
+
+
+def _clear(prepared: Sequence[Prepared]) -> dict[int, Mask]:
+    return {
+        r: ~_widened(item)
+        for r, item in enumerate(prepared)
+        if item.log.touching is not None and item.log.touching.any()
+    }
+
+
+def _mostly(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) -> bool:
+    lost = sum(int((~mask).sum()) for mask in clear.values())
+    return lost > MOST * sum(item.samples for item in prepared)
 
 
 def _widened(item: Prepared) -> Mask:

@@ -28,7 +28,6 @@ from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, Lived,
 
 Array = NDArray[np.float64]
 Mobility = Callable[[Array], Array] | None
-
 SURE = 3.0
 """Standard errors by which a cause must change the rollouts' errors to be said to."""
 
@@ -40,6 +39,63 @@ SPARSELY = 50
 
 FLOOR_MIN = 1e-9
 """Below it a floor is the computer's round-off [rad]."""
+
+GROWTH_EVERY = 4
+"""Every which look is told in the growth over the horizon."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Errors before and after, and the floors (n,) of position and velocity."""
+
+    before: Lived
+    after: Lived
+    floors: tuple[Array, Array]
+
+
+def summarise(  # noqa: PLR0917 - all of them are the outcome
+    evidence: Evidence,
+    drive: str,
+    windows: Sequence[Window],
+    sides: Sides,
+    floor: str,
+    verdicts: Mapping[tuple[str, str], CauseRollout],
+    left_out: tuple[LeftOut, ...],
+) -> Rollout:
+    """Puts the outcome together."""
+    first = [rms(sides.before.position), rms(sides.before.velocity)]
+    last = [rms(sides.after.position), rms(sides.after.velocity)]
+    bodies = evidence.prepared[0].tree.bodies
+    drifts = [
+        {
+            body.joint: Drift(
+                float(first[k][i]),
+                float(last[k][i]),
+                float(sides.floors[k][i]),
+                ("m" if body.prismatic else "rad") + ("/s" if k else ""),
+            )
+            for i, body in enumerate(bodies)
+        }
+        for k in range(2)
+    ]
+    sticks = yardsticks(sides.after, sides.floors)
+    every = range(len(bodies))
+    names = dict.fromkeys(evidence.prepared[window.recording].log.name for window in windows)
+    return Rollout(
+        drive=drive,
+        window=WINDOW,
+        windows=len(windows),
+        episodes=tuple(names),
+        floor=floor,
+        position=drifts[0],
+        velocity=drifts[1],
+        growth=_growth(sides, [body.joint for body in bodies]),
+        shrink=total_shrink(first, last, sides.floors),
+        whole=judge(power(sides.before, sticks, every), power(sides.after, sticks, every)),
+        causes=verdicts,
+        left_out=left_out,
+        traces=tuple(_trace(evidence, windows, sides, i) for i in range(len(bodies))),
+    )
 
 
 def rms(errors: Array) -> Array:
@@ -129,64 +185,6 @@ def total_shrink(before: Sequence[Array], after: Sequence[Array], floors: Sequen
         start += float(np.sum(np.clip(first**2 / floor**2 - 1.0, 0.0, None)))
         left += float(np.sum(np.clip(last**2 / floor**2 - 1.0, 0.0, None)[gap]))
     return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
-
-
-GROWTH_EVERY = 4
-"""Every which look is told in the growth over the horizon."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sides:
-    """Errors before and after, and the floors (n,) of position and velocity."""
-
-    before: Lived
-    after: Lived
-    floors: tuple[Array, Array]
-
-
-def summarise(  # noqa: PLR0917 - all of them are the outcome
-    evidence: Evidence,
-    drive: str,
-    windows: Sequence[Window],
-    sides: Sides,
-    floor: str,
-    verdicts: Mapping[tuple[str, str], CauseRollout],
-    left_out: tuple[LeftOut, ...],
-) -> Rollout:
-    """Puts the outcome together."""
-    first = [rms(sides.before.position), rms(sides.before.velocity)]
-    last = [rms(sides.after.position), rms(sides.after.velocity)]
-    bodies = evidence.prepared[0].tree.bodies
-    drifts = [
-        {
-            body.joint: Drift(
-                float(first[k][i]),
-                float(last[k][i]),
-                float(sides.floors[k][i]),
-                ("m" if body.prismatic else "rad") + ("/s" if k else ""),
-            )
-            for i, body in enumerate(bodies)
-        }
-        for k in range(2)
-    ]
-    sticks = yardsticks(sides.after, sides.floors)
-    every = range(len(bodies))
-    names = dict.fromkeys(evidence.prepared[window.recording].log.name for window in windows)
-    return Rollout(
-        drive=drive,
-        window=WINDOW,
-        windows=len(windows),
-        episodes=tuple(names),
-        floor=floor,
-        position=drifts[0],
-        velocity=drifts[1],
-        growth=_growth(sides, [body.joint for body in bodies]),
-        shrink=total_shrink(first, last, sides.floors),
-        whole=judge(power(sides.before, sticks, every), power(sides.after, sticks, every)),
-        causes=verdicts,
-        left_out=left_out,
-        traces=tuple(_trace(evidence, windows, sides, i) for i in range(len(bodies))),
-    )
 
 
 def _growth(sides: Sides, joints: Sequence[str]) -> Growth:

@@ -62,7 +62,9 @@ class _Stage:
     windows: tuple[Window, ...]
     pairs: tuple[tuple[int, int], ...]
 
-    def live(self, effects: Sequence[EffectSpec], nuisance: FittedNuisance, windows: Sequence[Window]) -> Lived:
+    def live(
+        self, effects: Sequence[EffectSpec], nuisance: FittedNuisance, windows: Sequence[Window]
+    ) -> Lived:
         prepared = self.evidence.prepared
         return live(dress(self.robot, effects, nuisance, prepared[0].tree), self.drive, prepared, windows)
 

@@ -17,7 +17,6 @@ from impedance_modules.errors import BadInput
 from impedance_modules.plant.seeded import Seed
 
 Array = NDArray[np.float64]
-
 LOOKS = 20
 """Times within a window at which recording and rollout are compared."""
 
@@ -26,6 +25,79 @@ SINGULAR = 1e-9
 
 LOST = float(np.pi)
 """A joint that is half a turn (or metres) off is lost: errors count up to here, in speed up to LOST / WINDOW."""
+
+RUN_IN = 0.3
+"""How long worn effects live along the recording before a window begins [s]."""
+
+MARGIN = 0.4
+"""Left out at both ends of a recording, where filters have seen only one side [s]."""
+
+WINDOW = 0.4
+"""Length of a window [s]: long enough for friction to show, short enough for an open loop."""
+
+WINDOWS = 20
+"""Windows over all held-out recordings."""
+
+FLOOR_WINDOWS = 4
+"""Windows per recording of a fitted repeat, where no held-out recording has one."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A recording's index, and when the window begins after the recording's own first sample [s]."""
+
+    recording: int
+    start: float
+
+
+def held_out_windows(prepared: Sequence[Prepared], heldout: Sequence[int]) -> tuple[Window, ...]:
+    """Spreads the windows over the held-out recordings; repeats are cut at the same times."""
+    groups: dict[str, list[int]] = {}
+    for index in heldout:
+        groups.setdefault(prepared[index].log.group, []).append(index)
+    chosen = list(groups.values())[:WINDOWS]
+    out = []
+    for members in chosen:
+        count = max(1, round(WINDOWS / (len(chosen) * len(members))))
+        out += spread(prepared, members, count)
+    return tuple(out)
+
+
+def floor_windows(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> tuple[Window, ...]:
+    """Windows of the first pair of recordings that repeat each other; none without one."""
+    return tuple(spread(prepared, pairs[0], FLOOR_WINDOWS)) if pairs else ()
+
+
+def spread(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> list[Window]:
+    """Cuts windows of several recordings at the same, even times; none while one of them touches something.
+
+    The plant that lives a window again knows no surroundings.
+    """
+    last = min(prepared[index].log.duration for index in members) - MARGIN - WINDOW
+    if last <= MARGIN:
+        return []
+    if any(prepared[index].log.touching is not None for index in members):
+        free = [
+            start
+            for start in np.arange(MARGIN, last, 0.25 * WINDOW)
+            if not any(_touches(prepared[index], float(start)) for index in members)
+        ]
+        places = np.linspace(0, len(free) - 1, count + 2)[1:-1]
+        starts = np.unique([free[round(place)] for place in places if free])
+    else:
+        starts = np.linspace(MARGIN, last, count + 2)[1:-1]
+    return [Window(index, float(start)) for index in members for start in starts]
+
+
+def common_windows(windows: Sequence[Window], pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Places of windows that show the same moment of two recordings that repeat each other."""
+    place = {(window.recording, window.start): index for index, window in enumerate(windows)}
+    return [
+        (place[window.recording, window.start], place[other, window.start])
+        for window in windows
+        for one, other in pairs
+        if window.recording == one and (other, window.start) in place
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,38 +141,6 @@ def live(dressed: Dressed, drive: str, prepared: Sequence[Prepared], windows: Se
         errors.append(_compare(prepared[window.recording], begin + step * looks, *reported))
     position, velocity = (np.array(part) for part in zip(*errors, strict=True))
     return Lived(step * looks, _counted(position, LOST), _counted(velocity, LOST / WINDOW))
-
-
-def _refuse_without_inertia(dressed: Dressed, position: Array) -> None:
-    model = dressed.plant.model
-    values, vectors = np.linalg.eigh(model.mass_matrix(position))
-    if values[0] > SINGULAR * values[-1]:
-        return
-    joint = model.joint_names[int(np.argmax(np.abs(vectors[:, 0])))]
-    raise BadInput(
-        f"the model cannot be simulated: around '{joint}' nothing has inertia"
-        " (valid: a moment of inertia about every joint's axis, or a reflected_inertia)"
-    )
-
-
-def _counted(errors: Array, most: float) -> Array:
-    """Counts what is lost, or no number any more, as lost."""
-    return np.clip(np.nan_to_num(errors, nan=most, posinf=most, neginf=-most), -most, most)
-
-
-def _compare(prepared: Prepared, time: Array, position: Array, velocity: Array) -> tuple[Array, Array]:
-    """Subtracts the recording, at the looks' times: the position as it was read, the filtered velocity."""
-    s = prepared.signals
-    measured = [_between(time, s.time, values) for values in (prepared.log.position, s.velocity)]
-    return position - measured[0], velocity - measured[1]
-
-
-def _between(time: Array, grid: Array, values: Array) -> Array:
-    return np.column_stack([np.interp(time, grid, column) for column in values.T])
-
-
-RUN_IN = 0.3
-"""How long worn effects live along the recording before a window begins [s]."""
 
 
 def choose_drive(prepared: Prepared) -> str:
@@ -174,27 +214,6 @@ def driver_of(prepared: Prepared, drive: str, dressed: Dressed) -> Driver:
     )
 
 
-def _unknown_weight(prepared: Prepared, drive: str, dressed: Dressed) -> Array:
-    """What the robot's own compensation carries beyond the model's weight (N, n)."""
-    s, change = prepared.signals, dressed.nuisance.weights
-    if drive != "command" or prepared.log.gravity_compensation != "robot" or not change.any():
-        return np.zeros_like(s.position)
-    return -np.asarray(gravity_regressor(prepared.tree, s.position) @ change)
-
-
-def _true_effort(reported: Array, dressed: Dressed) -> Array:
-    sensors = dressed.worn.sensors
-    clean = (reported - sensors.bias) / sensors.gain
-    return np.asarray(np.linalg.solve(np.eye(len(sensors.gain)) + sensors.crosstalk, clean.T).T)
-
-
-def _aims(command: Array | None, rate: float, order: NDArray[np.intp]) -> Array | None:
-    if command is None:
-        return None
-    moving = np.gradient(command, 1.0 / rate, axis=0)
-    return np.stack([command[:, order], moving[:, order]], axis=1)
-
-
 def seed_at(driver: Driver, start: float, dressed: Dressed) -> Seed:
     """The state at a time, and the motion that led there."""
     step = dressed.plant.division.step
@@ -224,72 +243,33 @@ def seed_at(driver: Driver, start: float, dressed: Dressed) -> Seed:
     return Seed(start, q[-1], v[-1], load[-1], load_rate[-1], acting[-1], past)
 
 
+def _unknown_weight(prepared: Prepared, drive: str, dressed: Dressed) -> Array:
+    """What the robot's own compensation carries beyond the model's weight (N, n)."""
+    s, change = prepared.signals, dressed.nuisance.weights
+    if drive != "command" or prepared.log.gravity_compensation != "robot" or not change.any():
+        return np.zeros_like(s.position)
+    return -np.asarray(gravity_regressor(prepared.tree, s.position) @ change)
+
+
+def _true_effort(reported: Array, dressed: Dressed) -> Array:
+    sensors = dressed.worn.sensors
+    clean = (reported - sensors.bias) / sensors.gain
+    return np.asarray(np.linalg.solve(np.eye(len(sensors.gain)) + sensors.crosstalk, clean.T).T)
+
+
+def _aims(command: Array | None, rate: float, order: NDArray[np.intp]) -> Array | None:
+    if command is None:
+        return None
+    moving = np.gradient(command, 1.0 / rate, axis=0)
+    return np.stack([command[:, order], moving[:, order]], axis=1)
+
+
 def _at(time: Array, grid: Array, values: Array) -> Array:
     """Interpolates (N, n) values linearly."""
     place = np.clip((time - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.000001)
     first = place.astype(np.intp)
     part = (place - first)[:, None]
     return np.asarray(values[first] * (1.0 - part) + values[first + 1] * part)
-
-
-MARGIN = 0.4
-"""Left out at both ends of a recording, where filters have seen only one side [s]."""
-
-WINDOW = 0.4
-"""Length of a window [s]: long enough for friction to show, short enough for an open loop."""
-
-WINDOWS = 20
-"""Windows over all held-out recordings."""
-
-FLOOR_WINDOWS = 4
-"""Windows per recording of a fitted repeat, where no held-out recording has one."""
-
-
-@dataclass(frozen=True)
-class Window:
-    """A recording's index, and when the window begins after the recording's own first sample [s]."""
-
-    recording: int
-    start: float
-
-
-def held_out_windows(prepared: Sequence[Prepared], heldout: Sequence[int]) -> tuple[Window, ...]:
-    """Spreads the windows over the held-out recordings; repeats are cut at the same times."""
-    groups: dict[str, list[int]] = {}
-    for index in heldout:
-        groups.setdefault(prepared[index].log.group, []).append(index)
-    chosen = list(groups.values())[:WINDOWS]
-    out = []
-    for members in chosen:
-        count = max(1, round(WINDOWS / (len(chosen) * len(members))))
-        out += spread(prepared, members, count)
-    return tuple(out)
-
-
-def floor_windows(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> tuple[Window, ...]:
-    """Windows of the first pair of recordings that repeat each other; none without one."""
-    return tuple(spread(prepared, pairs[0], FLOOR_WINDOWS)) if pairs else ()
-
-
-def spread(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> list[Window]:
-    """Cuts windows of several recordings at the same, even times; none while one of them touches something.
-
-    The plant that lives a window again knows no surroundings.
-    """
-    last = min(prepared[index].log.duration for index in members) - MARGIN - WINDOW
-    if last <= MARGIN:
-        return []
-    if any(prepared[index].log.touching is not None for index in members):
-        free = [
-            start
-            for start in np.arange(MARGIN, last, 0.25 * WINDOW)
-            if not any(_touches(prepared[index], float(start)) for index in members)
-        ]
-        places = np.linspace(0, len(free) - 1, count + 2)[1:-1]
-        starts = np.unique([free[round(place)] for place in places if free])
-    else:
-        starts = np.linspace(MARGIN, last, count + 2)[1:-1]
-    return [Window(index, float(start)) for index in members for start in starts]
 
 
 def _touches(item: Prepared, start: float) -> bool:
@@ -300,12 +280,29 @@ def _touches(item: Prepared, start: float) -> bool:
     return bool(touching[round((start - RUN_IN) * rate) : round((start + WINDOW) * rate) + 1].any())
 
 
-def common_windows(windows: Sequence[Window], pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Places of windows that show the same moment of two recordings that repeat each other."""
-    place = {(window.recording, window.start): index for index, window in enumerate(windows)}
-    return [
-        (place[window.recording, window.start], place[other, window.start])
-        for window in windows
-        for one, other in pairs
-        if window.recording == one and (other, window.start) in place
-    ]
+def _refuse_without_inertia(dressed: Dressed, position: Array) -> None:
+    model = dressed.plant.model
+    values, vectors = np.linalg.eigh(model.mass_matrix(position))
+    if values[0] > SINGULAR * values[-1]:
+        return
+    joint = model.joint_names[int(np.argmax(np.abs(vectors[:, 0])))]
+    raise BadInput(
+        f"the model cannot be simulated: around '{joint}' nothing has inertia"
+        " (valid: a moment of inertia about every joint's axis, or a reflected_inertia)"
+    )
+
+
+def _counted(errors: Array, most: float) -> Array:
+    """Counts what is lost, or no number any more, as lost."""
+    return np.clip(np.nan_to_num(errors, nan=most, posinf=most, neginf=-most), -most, most)
+
+
+def _compare(prepared: Prepared, time: Array, position: Array, velocity: Array) -> tuple[Array, Array]:
+    """Subtracts the recording, at the looks' times: the position as it was read, the filtered velocity."""
+    s = prepared.signals
+    measured = [_between(time, s.time, values) for values in (prepared.log.position, s.velocity)]
+    return position - measured[0], velocity - measured[1]
+
+
+def _between(time: Array, grid: Array, values: Array) -> Array:
+    return np.column_stack([np.interp(time, grid, column) for column in values.T])
