@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.log import DataReport
 
 Array = NDArray[np.float64]
+
 EXIT_CODES: Mapping[str, int] = {
     "no_gap": 0,
     "explained": 0,

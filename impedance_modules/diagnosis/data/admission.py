@@ -29,6 +29,7 @@ from impedance_modules.spec.task_text import contact_phases
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
 RATE_MIN = 25.0
 """Below it joint-level causes blur into each other [Hz]."""
 

@@ -15,6 +15,7 @@ from impedance_modules.diagnosis.data.torque_sign import refuse_flipped_torque, 
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
+
 JUMP = 1.0
 """No joint turns so far from one sample to the next [rad], at any rate that is admitted."""
 

@@ -15,6 +15,7 @@ from impedance_modules.errors import BadInput, nearest
 
 Rows = NDArray[np.float64]
 Array = NDArray[np.float64]
+
 COPIED_SHARE = 0.5
 """Part of a recording's samples that stand, to the last digit, in another one, too: noise never does that."""
 

@@ -13,6 +13,7 @@ from impedance_modules.diagnosis.data.log import InsufficientData, Log
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
+
 FOLDS_MIN = 2
 """Fewest folds that a fit is tested on, beside what is held out."""
 

@@ -22,6 +22,7 @@ from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
+
 ROTOR, SPRING = "reflected_inertia", "joint_elasticity"
 """Effects that replace a number of the model."""
 

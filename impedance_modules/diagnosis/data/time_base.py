@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
+
 JITTER_WARNING = 0.1
 """Rms deviation of the steps, as a part of the step, that is worth a sentence."""
 

@@ -20,6 +20,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
+
 OPPOSED = -0.8
 """Correlation with the links' torque below which a sign is flipped."""
 

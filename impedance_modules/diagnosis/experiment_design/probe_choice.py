@@ -42,6 +42,7 @@ from impedance_modules.errors import BadInput
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
+
 CHI_SQUARE = 200.0
 """Expected chi-square difference that a question needs."""
 

@@ -15,6 +15,7 @@ from impedance_modules.diagnosis.experiment_design.separation import RATIO, Foll
 from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
 
 Array = NDArray[np.float64]
+
 TANK_SHARE = 1.4
 """Energy in the tank over what the rehearsal says is needed."""
 

@@ -36,6 +36,7 @@ from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.rigid_model import RigidModel
 
 Array = NDArray[np.float64]
+
 CUTOFF = 8.0
 """Assumed end of the band in which recordings are compared [Hz]."""
 

@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.regression.candidates import (
     shapes_of,
 )
 from impedance_modules.diagnosis.regression.cleaned_signals import (
-    instrument,
+    clean_signals,
     noise_of_repeats,
     with_stationary_joints,
 )
@@ -87,7 +87,7 @@ def explain(
     pairs = repeat_pairs(prepared, arrangement.fitted)
     noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
     flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
-    signals = [instrument(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
+    signals = [clean_signals(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
     shaped = [
         (candidate, shape)
         for candidate in list_candidates(CATALOGUE, prepared, {*without, CONTACT})

@@ -24,6 +24,7 @@ from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remai
 from impedance_modules.effects.catalogue import CATALOGUE
 
 Array = NDArray[np.float64]
+
 WEIGHTY = 0.05
 """Part of the gap that a cause must explain for its rivals to make the whole answer ambiguous."""
 

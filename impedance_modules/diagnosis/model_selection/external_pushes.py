@@ -27,6 +27,7 @@ from impedance_modules.effects.residual_kinds import uses_motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
 STRONG = 16.3
 """Chi-square of three numbers that noise passes once in a thousand times: a hat that may belong to a push."""
 

@@ -15,6 +15,7 @@ from impedance_modules.diagnosis.result import Place, Series
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
 SLOW, FAST = 0.05, 0.5
 """Below: slow; above: fast [rad/s]."""
 

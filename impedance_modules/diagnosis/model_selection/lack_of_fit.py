@@ -24,6 +24,7 @@ from impedance_modules.diagnosis.regression.cleaned_signals import stationary_jo
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 
 Array = NDArray[np.float64]
+
 ALPHA = 0.002
 """Probability that a right model fails, all groups together."""
 
@@ -174,7 +175,7 @@ def _smooth(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | No
     """
     still = np.all([stationary_joints(item.signals.position) for item in evidence.prepared], axis=0)
     selector, model_fit = evidence.selector, evidence.model_fit
-    looks = [look for look in selector.screen.look(model_fit) if look.layout.shaped.candidate is None]
+    looks = [look for look in selector.screen.entry(model_fit) if look.layout.shaped.candidate is None]
     trials = [selector.trial(model_fit, look.layout) for look in looks[:STAND_INS]]
     good = [
         trial

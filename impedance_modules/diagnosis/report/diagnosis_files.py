@@ -25,6 +25,7 @@ from impedance_modules.diagnosis.result import (
 )
 
 Array = NDArray[np.float64]
+
 FORMAT = 1
 
 EDGES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)

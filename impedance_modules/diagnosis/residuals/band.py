@@ -21,6 +21,7 @@ from impedance_modules.diagnosis.data.log import Log
 
 Array = NDArray[np.float64]
 Real = TypeVar("Real", np.float32, np.float64)
+
 NOISE_SHARE = 0.05
 """Noise of the acceleration over the acceleration, at the end of the band."""
 

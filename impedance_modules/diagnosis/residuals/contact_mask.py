@@ -21,6 +21,7 @@ from impedance_modules.effects.residual_kinds import Residual, uses_motion
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Place = TypeVar("Place", bound=Hashable)
+
 MARGIN = 0.2
 """Before and after a contact that is left aside with it: the filter's reach [s]."""
 

@@ -28,6 +28,7 @@ from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, Lived,
 
 Array = NDArray[np.float64]
 Mobility = Callable[[Array], Array] | None
+
 SURE = 3.0
 """Standard errors by which a cause must change the rollouts' errors to be said to."""
 

@@ -46,6 +46,7 @@ from impedance_modules.spec.robot_spec import (
 from impedance_modules.spec.urdf import read_urdf
 
 Array = NDArray[np.float64]
+
 DOWNSTREAM: dict[str, tuple[Residual, ...]] = {
     "command": ("actuator", "link", "motor", "whole", "drive"),
     "motor": ("motor",),
@@ -152,7 +153,7 @@ class FittedNuisance:
 
 def fitted_nuisance(evidence: Evidence) -> FittedNuisance:
     """Reads the fit of the accepted model."""
-    found = evidence.bench.whole.coefficients
+    found = evidence.model_fit.whole.coefficients
     prior = inertia_prior(evidence.prepared[0].tree.inertia)
     size = len(prior)
     rate = evidence.prepared[0].log.rate

@@ -17,6 +17,7 @@ from impedance_modules.errors import BadInput
 from impedance_modules.plant.seeded import Seed
 
 Array = NDArray[np.float64]
+
 LOOKS = 20
 """Times within a window at which recording and rollout are compared."""
 
