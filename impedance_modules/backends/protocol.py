@@ -70,7 +70,7 @@ class RealRobot(Protocol):
             ImpedanceError: It does not say any more.
         """
 
-    def rehearse_by(self, cycle: Callable[[], None]) -> None:
+    def warm_up_with(self, cycle: Callable[[], None]) -> None:
         """Has the robot call ``cycle`` shortly before each state is due, where there is time for it."""
 
     def extra_columns(self) -> tuple[str, ...]:

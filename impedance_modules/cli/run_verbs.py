@@ -24,10 +24,7 @@ from impedance_modules.cli.shared_options import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from impedance_modules.control.assembly import Assembly
-
-if TYPE_CHECKING:
-    from impedance_modules.backends.baxter.session import Visit
+    from impedance_modules.backends.baxter.session import DeferredSession
     from impedance_modules.control.assembly import Assembly
     from impedance_modules.runs.execution import RunResult
 
@@ -83,7 +80,6 @@ def run_command(
     from rich.console import Console
 
     from impedance_modules.cli.print_run import print_run, progress
-    from impedance_modules.cli.run_verbs import PlaybackOptions, play_task_back
     from impedance_modules.control.assembly import assemble
     from impedance_modules.errors import BadInput
     from impedance_modules.prediction.check import refuse_unfit
@@ -147,13 +143,13 @@ def _exit_code(result: RunResult) -> int:
 
 
 @contextmanager
-def _real_robot(transport: str) -> Iterator[Visit]:
+def _real_robot(transport: str) -> Iterator[DeferredSession]:
     """Brings a node up for the time of a run."""
-    from impedance_modules.backends.baxter.session import Visit
+    from impedance_modules.backends.baxter.session import DeferredSession
     from impedance_modules.cli.baxter.connection import node
 
     with node(transport, "run") as network:
-        yield Visit(network)
+        yield DeferredSession(network)
 
 
 def _real_rate(read_only: bool) -> float:

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.preflight_checks import Gate
+from impedance_modules.backends.baxter.preflight_checks import PreflightResult
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.conditions import Touch
 from impedance_modules.modules.weight import STANDARD_GRAVITY
@@ -30,7 +30,7 @@ SHARE = 0.5
 """Of the force that a phase waits for: the most that may be felt where nothing touches."""
 
 
-def contact_gates(assembly: Assembly, state: RobotState) -> tuple[Gate, ...]:
+def contact_checks(assembly: Assembly, state: RobotState) -> tuple[PreflightResult, ...]:
     """Asks what the hands feel at rest; one answer per arm whose contact a phase of the task waits for.
 
     Args:
@@ -69,14 +69,14 @@ def _awaited(assembly: Assembly) -> dict[str, tuple[str, float]]:
     return found
 
 
-def _gate(assembly: Assembly, state: RobotState, arm: str, felt: float, awaited: tuple[str, float]) -> Gate:
+def _gate(assembly: Assembly, state: RobotState, arm: str, felt: float, awaited: tuple[str, float]) -> PreflightResult:
     """Judges what one arm feels [N]; a hand that holds something may feel its weight."""
     phase, force = awaited
     held = assembly.modules.held
     carried = held.spec.mass * STANDARD_GRAVITY if held is not None and arm in held.limbs else 0.0
     name, found = f"contact {arm}", f"at rest the hand feels {felt:.1f} N"
     if felt < SHARE * force + carried:
-        return Gate(name, True, found, "")
+        return PreflightResult(name, True, found, "")
     joints = assembly.model.limbs[arm].joints
     expected = assembly.model.gravity(state.position)
     worst = int(joints[np.argmax(np.abs(state.effort - expected)[joints])])
@@ -89,7 +89,7 @@ def _gate(assembly: Assembly, state: RobotState, arm: str, felt: float, awaited:
         "nothing that touches the arm, and a model that knows what carries it: --effects with a patch"
         f" that a diagnosis of this robot has written{f', or {known}' if known else ''}"
     )
-    return Gate(name, False, found, remedy)
+    return PreflightResult(name, False, found, remedy)
 
 
 def _patches_with_springs(assembly: Assembly) -> Iterator[str]:

@@ -100,7 +100,7 @@ def carry_out(
     with ExitStack() as ending:
         # What keeps every thread waiting comes before the robot is taken over: it must be held all the time.
         if real is not None:
-            real.rehearse_by(Rehearsal(assembly))
+            real.warm_up_with(Rehearsal(assembly))
         ending.enter_context(no_collections())
         # Whatever happens, the robot is held; once it is, again does nothing.
         ending.callback(backend.finish, "hold")

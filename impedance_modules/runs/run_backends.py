@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
-from impedance_modules.backends.baxter.preflight_checks import Gate
+from impedance_modules.backends.baxter.preflight_checks import PreflightResult
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.session import Session
 from impedance_modules.backends.protocol import Backend
 from impedance_modules.backends.replay_backend import ReplayBackend
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.contact_gate import contact_gates
+from impedance_modules.control.contact_gate import contact_checks
 from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
@@ -81,7 +81,7 @@ def baxter_backend(assembly: Assembly, session: Session, *, read_only: bool, app
     limbs = {arm.limb.name: arm.limb for arm in assembly.modules.arms}
     options = DriveOptions(assembly.rate, read_only, approach, assembly.modules.posture)
 
-    def of_task(link: RobotLink) -> tuple[Gate, ...]:
-        return () if link.sample is None else contact_gates(assembly, link.sample.state)
+    def of_task(link: RobotLink) -> tuple[PreflightResult, ...]:
+        return () if link.sample is None else contact_checks(assembly, link.sample.state)
 
     return session.backend(limbs, options, assembly.model, of_task)

@@ -40,7 +40,7 @@ class Forgetful:
         self.finished: list[str] = []
         self.rehearse = None
 
-    def rehearse_by(self, cycle) -> None:
+    def warm_up_with(self, cycle) -> None:
         self.rehearse = cycle
 
     def start(self) -> FirstState:

@@ -53,7 +53,7 @@ class LockstepDouble:
         """Lets something happen at a time of the double's."""
         self._plans.append((seconds, act))
 
-    def rehearse_by(self, cycle: Callable[[], None]) -> None:
+    def warm_up_with(self, cycle: Callable[[], None]) -> None:
         """Nobody waits here, so nothing grows cold."""
 
     def start(self) -> FirstState:

@@ -185,7 +185,7 @@ class BaxterBackend:
         np.copyto(self._effort, effort)
         self.driver.torque(effort)
 
-    def rehearse_by(self, cycle: Callable[[], None]) -> None:
+    def warm_up_with(self, cycle: Callable[[], None]) -> None:
         """Calls ``cycle`` shortly before each state is due, unless states come too fast for the caches to go cold."""
         if self._period >= COLD_AFTER:
             self._rehearse = cycle

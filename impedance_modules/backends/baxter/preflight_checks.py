@@ -51,7 +51,7 @@ class Subject:
     limbs: Sequence[str]
 
 
-def judge(subject: Subject, now: float) -> tuple[Gate, ...]:
+def judge(subject: Subject, now: float) -> tuple[PreflightResult, ...]:
     """Asks every question, without sending anything.
 
     Args:
@@ -77,7 +77,7 @@ def judge(subject: Subject, now: float) -> tuple[Gate, ...]:
     )
 
 
-def refuse_closed(gates: Iterable[Gate], *, commanding: bool) -> None:
+def refuse_closed(gates: Iterable[PreflightResult], *, commanding: bool) -> None:
     """Refuses a robot of which a gate is closed.
 
     Args:
@@ -93,7 +93,7 @@ def refuse_closed(gates: Iterable[Gate], *, commanding: bool) -> None:
         raise RobotRefused("the robot must not be moved now; nothing was sent\n  " + "\n  ".join(lines))
 
 
-def before_power(gates: Iterable[Gate], *, tucked: bool) -> list[Gate]:
+def before_power(gates: Iterable[PreflightResult], *, tucked: bool) -> list[PreflightResult]:
     """Leaves out what only a robot with power can tell, and the range of arms that are said to be tucked."""
     return [
         gate
@@ -102,63 +102,63 @@ def before_power(gates: Iterable[Gate], *, tucked: bool) -> list[Gate]:
     ]
 
 
-def _joints(link: RobotLink) -> Gate:
+def _joints(link: RobotLink) -> PreflightResult:
     remedy = "a robot whose /robot/joint_states names them all"
     missing = link.merge.missing
     if missing:
-        return Gate("joints", False, f"never reported: {', '.join(missing)}", remedy, for_motion=False)
+        return PreflightResult("joints", False, f"never reported: {', '.join(missing)}", remedy, for_motion=False)
     if link.sample is None:
-        return Gate("joints", False, "no complete state yet", remedy, for_motion=False)
+        return PreflightResult("joints", False, "no complete state yet", remedy, for_motion=False)
     state = link.sample.state
     if not np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all():
         found = "an angle, rate or torque is not finite"
-        return Gate("joints", False, found, "a robot whose sensors work", for_motion=False)
+        return PreflightResult("joints", False, found, "a robot whose sensors work", for_motion=False)
     nodes = {offer.node for offer in link.transport.offers_of(topics.JOINT_STATES) if not offer.gone}
     if topics.REALTIME_NODE not in nodes:
         found = f"{' and '.join(sorted(nodes))} publish the joint states, not {topics.REALTIME_NODE}"
-        return Gate("joints", False, found, "a robot's own real-time loop", for_motion=True)
-    return Gate("joints", True, f"{len(state.position)} joints of the model reported", "")
+        return PreflightResult("joints", False, found, "a robot's own real-time loop", for_motion=True)
+    return PreflightResult("joints", True, f"{len(state.position)} joints of the model reported", "")
 
 
-def _rate(link: RobotLink, now: float) -> Gate:
+def _rate(link: RobotLink, now: float) -> PreflightResult:
     rate = link.rate(now)
     found = f"states come at {rate:.0f} Hz"
     remedy = "a wired, quiet network" if rate > 0.0 else "a robot that has booted and names all its joints"
-    return Gate("rate", rate >= LOWEST_RATE, found, remedy, for_motion=False)
+    return PreflightResult("rate", rate >= LOWEST_RATE, found, remedy, for_motion=False)
 
 
-def _description(comparison: Comparison) -> Gate:
+def _description(comparison: Comparison) -> PreflightResult:
     remedy = "the robot folder of this very robot, or a robot as it left the factory"
     if comparison.problems:
-        return Gate("description", False, "; ".join(comparison.problems), remedy)
+        return PreflightResult("description", False, "; ".join(comparison.problems), remedy)
     found = "; ".join(comparison.notes) if comparison.notes else "is our model"
-    return Gate("description", True, found, "")
+    return PreflightResult("description", True, found, "")
 
 
-def _power(robot: AssemblyState | None) -> Gate:
+def _power(robot: AssemblyState | None) -> PreflightResult:
     if robot is None:
-        return Gate("power", False, "/robot/state says nothing", "a robot that has booted")
+        return PreflightResult("power", False, "/robot/state says nothing", "a robot that has booted")
     why = why_off(robot)
     if why is None and robot.error:
         why = "the robot reports an error"
     remedy = "release the e-stop, then 'impedance baxter enable' with the e-stop in hand"
-    return Gate("power", why is None, "enabled" if why is None else why, remedy)
+    return PreflightResult("power", why is None, "enabled" if why is None else why, remedy)
 
 
-def _collision(subject: Subject) -> Gate:
+def _collision(subject: Subject) -> PreflightResult:
     felt = [limb for limb in subject.limbs if subject.link.collision.get(limb, False)]
     found = f"felt by {' and '.join(felt)}" if felt else "none felt"
-    return Gate("collision", not felt, found, "arms that touch nothing; wait two seconds")
+    return PreflightResult("collision", not felt, found, "arms that touch nothing; wait two seconds")
 
 
-def _cuff(subject: Subject) -> Gate:
+def _cuff(subject: Subject) -> PreflightResult:
     squeezed = [limb for limb in subject.limbs if subject.link.squeezed.get(limb, False)]
     found = f"squeezed at {' and '.join(squeezed)}" if squeezed else "free"
-    return Gate("cuff", not squeezed, found, "let go of the cuff")
+    return PreflightResult("cuff", not squeezed, found, "let go of the cuff")
 
 
 @dataclass(frozen=True)
-class Gate:
+class PreflightResult:
     """One condition.
 
     Attributes:
@@ -180,33 +180,33 @@ CLEANUP = "'rosnode cleanup' has the master forget one that is gone for good"
 """Of a node that the master knows and that does not answer: it counts as living until somebody says otherwise."""
 
 
-def software_gate(transport: Transport) -> Gate:
+def software_gate(transport: Transport) -> PreflightResult:
     """Is it the master of a robot with the software that is known here?"""
     version = transport.get_parameter(topics.SOFTWARE_VERSION)
     remedy = f"the master of a Baxter with software {topics.SUPPORTED_SOFTWARE}x in ROS_MASTER_URI"
     if version is None:
         found = f"the master has no parameter {topics.SOFTWARE_VERSION}: it is no Baxter's"
-        return Gate("software", False, found, remedy, for_motion=False)
+        return PreflightResult("software", False, found, remedy, for_motion=False)
     fits = str(version).startswith(topics.SUPPORTED_SOFTWARE)
-    return Gate("software", fits, f"version {version}", remedy, for_motion=False)
+    return PreflightResult("software", fits, f"version {version}", remedy, for_motion=False)
 
 
-def one_robot_gate(transport: Transport) -> Gate:
+def one_robot_gate(transport: Transport) -> PreflightResult:
     """Does exactly one living node say what state the robot is in?"""
     offers = transport.offers_of(topics.ROBOT_STATE)
     present = [_named(offer) for offer in offers if not offer.gone]
     aside = _aside(offers)
     if len(present) == 1:
-        return Gate("one robot", True, f"{present[0]} alone publishes /robot/state{aside}", "")
+        return PreflightResult("one robot", True, f"{present[0]} alone publishes /robot/state{aside}", "")
     if not present:
         found = f"nobody publishes /robot/state{aside}"
-        return Gate("one robot", False, found, "a robot that has booted", for_motion=False)
+        return PreflightResult("one robot", False, found, "a robot that has booted", for_motion=False)
     found = f"{' and '.join(present)} publish /robot/state: which robot is meant?{aside}"
     remedy = f"end the simulators and doubles on this master; {CLEANUP}"
-    return Gate("one robot", False, found, remedy, for_motion=False)
+    return PreflightResult("one robot", False, found, remedy, for_motion=False)
 
 
-def messages_gate(transport: Transport, limbs: Sequence[str]) -> Gate:
+def messages_gate(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
     """Do those we listen to send what we expect?"""
     heard: list[tuple[str, type[Message]]] = [
         (topics.ROBOT_STATE, AssemblyState),
@@ -229,15 +229,15 @@ def messages_gate(transport: Transport, limbs: Sequence[str]) -> Gate:
                 wrong.append(f"{offer.node} does not answer for {topic}: {offer.problem}")
     if wrong:
         remedy = f"a robot with software {topics.SUPPORTED_SOFTWARE}x, whose messages are the ones known here"
-        return Gate("messages", False, "; ".join(wrong), remedy, for_motion=False)
-    return Gate("messages", True, f"{asked} publishers send what is expected", "", for_motion=False)
+        return PreflightResult("messages", False, "; ".join(wrong), remedy, for_motion=False)
+    return PreflightResult("messages", True, f"{asked} publishers send what is expected", "", for_motion=False)
 
 
 def _means(offer: Offer, kind: type[Message]) -> bool:
     return offer.ros_type == kind.ros_type and offer.checksum == checksum_of(kind)
 
 
-def alone_gate(transport: Transport, limbs: Sequence[str]) -> Gate:
+def alone_gate(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
     """Does nobody else command the limbs?"""
     others: dict[str, list[str]] = {}
     asides: dict[str, Offer] = {}
@@ -251,8 +251,8 @@ def alone_gate(transport: Transport, limbs: Sequence[str]) -> Gate:
     if others:
         named = (f"{node} ({' and '.join(commanded)})" for node, commanded in others.items())
         remedy = f"end the other controllers first; {CLEANUP}"
-        return Gate("nobody else", False, f"commanded by {', '.join(named)}{aside}", remedy)
-    return Gate("nobody else", True, f"nobody else commands {' and '.join(limbs)}{aside}", "")
+        return PreflightResult("nobody else", False, f"commanded by {', '.join(named)}{aside}", remedy)
+    return PreflightResult("nobody else", True, f"nobody else commands {' and '.join(limbs)}{aside}", "")
 
 
 def _named(offer: Offer) -> str:
@@ -288,10 +288,10 @@ SAME_EFFORT = 6.0
 """At rest a joint's measured torque may differ from our model's by this much [N.m]."""
 
 
-def range_gate(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> Gate:
+def range_gate(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> PreflightResult:
     """Asks whether the arms are within their ranges."""
     if link.sample is None:
-        return Gate("range", False, "no state of the arms", "a robot that has booted")
+        return PreflightResult("range", False, "no state of the arms", "a robot that has booted")
     q = link.sample.state.position
     low, high = model.column("position_min") + RANGE_MARGIN, model.column("position_max") - RANGE_MARGIN
     joints = np.concatenate([model.limbs[limb].joints for limb in limbs])
@@ -302,25 +302,25 @@ def range_gate(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> Gate
     ]
     if outside:
         remedy = "arms untucked: 'impedance baxter untuck', with power by 'baxter enable --tucked'"
-        return Gate("range", False, ", ".join(outside), remedy)
-    return Gate("range", True, "all joints inside their ranges", "")
+        return PreflightResult("range", False, ", ".join(outside), remedy)
+    return PreflightResult("range", True, "all joints inside their ranges", "")
 
 
-def hand_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
+def hand_gate(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
     """Asks whether the robot's forward kinematics and ours agree: wrong model, wrong tip, wrong robot."""
     name = f"hand {limb}"
     message = link.endpoint.get(limb)
     if message is None or link.sample is None:
-        return Gate(name, None, "the robot does not say where its hand is", "")
+        return PreflightResult(name, None, "the robot does not say where its hand is", "")
     hand = model.pose(link.sample.state.position, model.limbs[limb].hand)
     tip = hand.translation + hand.rotation @ np.array([0.0, 0.0, TIP])
     place = message.pose.position
     off = float(np.linalg.norm(tip - np.array([place.x, place.y, place.z])))
     found = f"{1e3 * off:.1f} mm from where the robot has it"
-    return Gate(name, off < SAME_HAND, found, f"below {1e3 * SAME_HAND:g} mm: arms at rest, our model's hand")
+    return PreflightResult(name, off < SAME_HAND, found, f"below {1e3 * SAME_HAND:g} mm: arms at rest, our model's hand")
 
 
-def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
+def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
     """Asks whether the robot's gravity torque and ours agree; a robot that carries a tool knows, we do not.
 
     ``gravity_only`` is the weight alone: springs beside the joints that a patch lets the model wear are not in it.
@@ -329,20 +329,20 @@ def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
     message = link.sea.get(limb)
     names = model.limbs[limb].joint_names
     if message is None or link.sample is None or len(message.gravity_only) != len(message.name):
-        return Gate(name, None, "the robot does not say what its arm weighs", "")
+        return PreflightResult(name, None, "the robot does not say what its arm weighs", "")
     said = dict(zip(message.name, message.gravity_only, strict=True))
     if not set(names) <= set(said):
-        return Gate(name, None, "the robot does not say what its arm weighs", "")
+        return PreflightResult(name, None, "the robot does not say what its arm weighs", "")
     q = link.sample.state.position
     ours = (model.gravity(q) - model.winding(q))[model.limbs[limb].joints]
     off = np.abs(ours - np.array([said[joint] for joint in names]))
     worst = int(np.argmax(off))
     found = f"gravity torques differ by at most {off[worst]:.2f} N.m ({names[worst]})"
     remedy = f"below {SAME_WEIGHT:g} N.m: a tool in the model (a patch), or none on the arm"
-    return Gate(name, bool(off[worst] < SAME_WEIGHT), found, remedy)
+    return PreflightResult(name, bool(off[worst] < SAME_WEIGHT), found, remedy)
 
 
-def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
+def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
     """Asks whether the measured torques at rest are what our model expects; never closed (``contact_gate`` is).
 
     A Baxter's shoulders have springs beside the drive, which carry part of the arm's weight; our model has
@@ -350,16 +350,16 @@ def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> Gate:
     """
     name = f"effort {limb}"
     if link.sample is None:
-        return Gate(name, None, "no state of the arms", "")
+        return PreflightResult(name, None, "no state of the arms", "")
     joints = model.limbs[limb].joints
     state = link.sample.state
     off = np.abs(state.effort - model.gravity(state.position))[joints]
     worst = int(np.argmax(off))
     found = f"at rest, torques differ from our model's by at most {off[worst]:.1f} N.m"
     if off[worst] <= SAME_EFFORT:
-        return Gate(name, True, found, "")
+        return PreflightResult(name, True, found, "")
     found += (
         f" ({model.limbs[limb].joint_names[worst]}): a spring beside the joint, a tool, a touch? A task that waits for"
         " contact needs a patch that has it (record, diagnose, run --effects), and is refused without"
     )
-    return Gate(name, None, found, "")
+    return PreflightResult(name, None, found, "")

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
-from impedance_modules.backends.baxter.preflight_checks import Gate, Subject, judge, refuse_closed
+from impedance_modules.backends.baxter.preflight_checks import PreflightResult, Subject, judge, refuse_closed
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.ros.transport import Transport
 from impedance_modules.backends.baxter.served_description import Comparison, compare_description
@@ -55,7 +55,7 @@ class Session:
         self.model = RobotModel(self.spec)
         self.link = RobotLink(transport, self.model.joint_names, tuple(spec.limbs))
 
-    def gates(self, limbs: Sequence[str], model: RobotModel | None = None) -> tuple[Gate, ...]:
+    def gates(self, limbs: Sequence[str], model: RobotModel | None = None) -> tuple[PreflightResult, ...]:
         """Listens long enough and asks every question about some limbs; sends nothing.
 
         ``model`` wears what a run's patch says of the robot; None is the robot folder's.
@@ -69,7 +69,7 @@ class Session:
         limbs: Mapping[str, Limb],
         options: DriveOptions,
         model: RobotModel,
-        of_task: Callable[[RobotLink], Sequence[Gate]],
+        of_task: Callable[[RobotLink], Sequence[PreflightResult]],
     ) -> BaxterBackend:
         """Makes the backend of a run.
 
@@ -103,7 +103,7 @@ class Session:
         self.transport.close()
 
 
-class Visit:
+class DeferredSession:
     """A robot that becomes known while a task is assembled: the task says which folder it is compared with."""
 
     def __init__(self, transport: Transport) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from impedance_modules.backends.baxter.preflight_checks import Gate
+    from impedance_modules.backends.baxter.preflight_checks import PreflightResult
 
 ANSWERS = {True: "open", False: "CLOSED", None: "unknown"}
 
@@ -48,7 +48,7 @@ def check(robot: str, transport: str) -> int:
     return 2 if closed else 0
 
 
-def gate_table(gates: tuple[Gate, ...]) -> Table:
+def gate_table(gates: tuple[PreflightResult, ...]) -> Table:
     """Puts every gate into a line."""
     from rich.table import Table
     from rich.text import Text

@@ -75,7 +75,7 @@ def test_a_cycle_is_rehearsed_before_its_state_and_sends_nothing() -> None:
     robot, sent = StandIn(SPEC), []
     with driving(robot) as drive:
         started(drive)
-        drive.backend.rehearse_by(lambda: sent.append(len(robot.commands)))
+        drive.backend.warm_up_with(lambda: sent.append(len(robot.commands)))
         drive.cycle(20)
         # A few times per state at most, and not for one that is here already.
         assert 1 <= len(sent) <= 20 * backend.MOST_REHEARSALS
@@ -86,7 +86,7 @@ def test_a_cycle_is_rehearsed_before_its_state_and_sends_nothing() -> None:
 def test_states_that_come_quickly_need_no_rehearsal() -> None:
     robot, rehearsed = StandIn(SPEC), []
     with driving(robot) as drive, mock.patch.object(backend, "COLD_AFTER", 0.02):
-        drive.backend.rehearse_by(lambda: rehearsed.append(1))
+        drive.backend.warm_up_with(lambda: rehearsed.append(1))
         started(drive)
         drive.cycle(20)
     assert rehearsed == []

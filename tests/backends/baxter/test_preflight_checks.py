@@ -21,7 +21,7 @@ from impedance_modules.backends.baxter.served_description import compare_descrip
 from impedance_modules.backends.baxter.simulator.collision_safety import Push
 from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
 from impedance_modules.control.assembly import Assembly, assemble
-from impedance_modules.control.contact_gate import contact_gates
+from impedance_modules.control.contact_gate import contact_checks
 from impedance_modules.effects.apply import apply_patch
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
@@ -283,19 +283,19 @@ def at_rest(assembly: Assembly, effects: Path | None = None, springs=SPRINGS) ->
 
 def test_a_robot_whose_springs_the_model_lacks_is_refused_with_the_remedy(tmp_path: Path) -> None:
     assembly = feeling(tmp_path, springs_known=False)
-    gates = contact_gates(assembly, at_rest(assembly).read())
+    gates = contact_checks(assembly, at_rest(assembly).read())
     with pytest.raises(RobotRefused, match=r"right_s1 measures .* --effects .*counterbalance-springs.yaml"):
         refuse_closed(gates, commanding=True)
     # Springs of other numbers than the patch's, and exactly the patch's.
     known = feeling(tmp_path, springs_known=True)
     for double in (at_rest(known), at_rest(known, effects=PATCH, springs={})):
-        (gate,) = contact_gates(known, double.read())
+        (gate,) = contact_checks(known, double.read())
         assert gate.passed, gate
 
 
 def test_a_task_that_waits_for_no_contact_is_not_asked() -> None:
     assembly = assemble("soft-hold", effects=None, rate=RATE, scale=1.0, arm=None)
-    assert contact_gates(assembly, at_rest(assembly).read()) == ()
+    assert contact_checks(assembly, at_rest(assembly).read()) == ()
 
 
 def feel(assembly: Assembly, out: Path, push: float = 0.0) -> RunResult:
