@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
-from rich.table import Table
 
-from impedance_modules.diagnosis.result import Diagnosis, JointGap, Rollout
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
     from impedance_modules.diagnosis.data.nominal_model import NominalModel
-    from impedance_modules.diagnosis.result import Diagnosis
+    from impedance_modules.diagnosis.result import Diagnosis, JointGap, Rollout
     from impedance_modules.episode.data import Episode
     from impedance_modules.spec.patch_file import EffectSpec
 
@@ -62,7 +62,6 @@ def diagnose_command(
     """
     from rich.console import Console
 
-    from impedance_modules.cli.diagnose_verb import print_diagnosis
     from impedance_modules.diagnosis.data.log import InsufficientData
     from impedance_modules.diagnosis.data.long_recordings import read_recordings
     from impedance_modules.diagnosis.diagnose import diagnose, insufficient
@@ -245,6 +244,8 @@ def _print_rollouts(found: Diagnosis, console: Console) -> None:
 
 
 def _rollouts(rollout: Rollout) -> Table:
+    from rich.table import Table
+
     title = f"simulated again, {rollout.windows} x {rollout.window:g} s: rms error of position"
     table = Table(title=title)
     for name in ("joint", "before", "after", "noise", "unit", "shrink"):
@@ -262,6 +263,8 @@ def _quiet(gap: JointGap) -> bool:
 
 
 def _gaps(found: Diagnosis) -> Table:
+    from rich.table import Table
+
     table = Table(title="held-out residual, rms")
     for name in ("joint", "port", "before", "after", "noise", "unit", "shrink"):
         table.add_column(name, justify="left" if name in ("joint", "port", "unit") else "right")

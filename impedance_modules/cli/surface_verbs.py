@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from impedance_modules.tools.recorded_roughness import Roughness
-
-if TYPE_CHECKING:
     from impedance_modules.episode.data import Episode
+    from impedance_modules.tools.recorded_roughness import Roughness
     from impedance_modules.tools.surface_fit import SurfaceMap
     from impedance_modules.tools.surface_truth import MapErrors, TrueSurface
 

@@ -79,7 +79,9 @@ def sweep_command(
         raise BadInput("--jobs counts local cores, --scheduler uses none of them (valid: one of the two)")
     ranges = tuple(map(read_range, vary))
     folder = out if out is not None else Path("out") / f"sweep-{Path(task).stem}"
-    plan = SweepPlan(task, ranges, effects, draws, seeds, seed, rate, duration, folder / "runs" if keep else None)
+    plan = SweepPlan(
+        task, ranges, effects, draws, seeds, seed, rate, duration, folder / "runs" if keep else None
+    )
     todo = make_jobs(plan)
     if (folder / TABLE).exists():
         raise BadInput(f"{folder} holds a sweep already (valid: another --out, or remove it)")

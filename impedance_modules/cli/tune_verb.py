@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from impedance_modules.control.assembly import Assembly
     from impedance_modules.robot.model import RobotModel
-    from impedance_modules.tools.spring_tuning import TuningRequest, TunedPosture, TuningResult
+    from impedance_modules.tools.spring_tuning import TunedPosture, TuningRequest, TuningResult
 
 PATH = click.Path(path_type=Path)
 AXES = {
@@ -98,8 +98,8 @@ def tune_command(
     from rich.console import Console
 
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.tools.tuned_task import trial_task, tuned_task
     from impedance_modules.tools.spring_tuning import tune
+    from impedance_modules.tools.tuned_task import trial_task, tuned_task
 
     if not 0.0 < share <= 10.0:
         raise BadInput(f"--share {share:g}: not a share of the springs (valid: above 0, up to 10)")
