@@ -16,7 +16,7 @@ from impedance_modules.spec.build_task import (
     build_tank,
 )
 from impedance_modules.spec.check_arms import arm_problems
-from impedance_modules.spec.check_object import (
+from impedance_modules.spec.check_surroundings import (
     object_problems,
     playback_problems,
     push_problems,

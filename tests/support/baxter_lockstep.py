@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.backends.baxter.joint_states import JointStateMerge
+from impedance_modules.backends.baxter.joint_states import JointStateMerger
 from impedance_modules.backends.baxter.robot_link import SeaColumns
 from impedance_modules.backends.baxter.ros import messages
-from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
+from impedance_modules.backends.baxter.simulator.build_simulator import build_simulator
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode
-from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, TICK, FakeOptions
-from impedance_modules.backends.baxter.simulator.publishers import Readout
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, TICK, SimulatorOptions
+from impedance_modules.backends.baxter.simulator.publishers import MessageBuilder
 from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.robot.state import RobotState
@@ -38,11 +38,11 @@ class LockstepDouble:
         springs: Mapping[str, tuple[float, float]],
     ) -> None:
         patch = None if effects is None else read_patch(effects)
-        options = FakeOptions(enabled=True, springs=springs, seed=seed)
-        self.robot = build_fake("baxter", task, patch, options).robot
+        options = SimulatorOptions(enabled=True, springs=springs, seed=seed)
+        self.robot = build_simulator("baxter", task, patch, options).robot
         self._ticks = round(1.0 / (rate * TICK))
-        self._readout = Readout(self.robot)
-        self._merge = JointStateMerge(self.robot.model.joint_names)
+        self._readout = MessageBuilder(self.robot)
+        self._merge = JointStateMerger(self.robot.model.joint_names)
         self._sea: dict[str, messages.SEAJointState] = {}
         self._hear_sea()
         self._extra = SeaColumns(self._sea)

@@ -120,7 +120,7 @@ class BaxterBackend:
         self._rehearse: Callable[[], None] | None = None
         self._effort: Array = np.zeros(len(options.start))
         self._usual_interval = sys.getswitchinterval()
-        self._awake = AwakeProcessor()
+        self._awake = CpuIdleInhibitor()
 
     def start(self) -> FirstState:
         """Prepares the robot: rate, start pose, a try at zero torque, time-out; leaves it held where it stands.
@@ -291,7 +291,7 @@ DEVICE = Path("/dev/cpu_dma_latency")
 """Linux wakes up within as many microseconds as were written there, for as long as the file is open."""
 
 
-class AwakeProcessor:
+class CpuIdleInhibitor:
     """A wish to the kernel, if this process may have one; it ends with ``end`` or with the process.
 
     Linux gives the file to root alone; a rule of udev may give it to a group. Without it everything works, later.

@@ -32,7 +32,7 @@ class Sample:
     taken: float
 
 
-class JointStateMerge:
+class JointStateMerger:
     """Merges joint states by name.
 
     A sample is complete when every joint has been reported since the last one. So messages with gripper joints

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.joint_states import JointStateMerge, Sample
+from impedance_modules.backends.baxter.joint_states import JointStateMerger, Sample
 from impedance_modules.backends.baxter.ros.messages import (
     AssemblyState,
     CollisionDetectionState,
@@ -65,7 +65,7 @@ class RobotLink:
     def __init__(self, transport: Transport, joint_names: tuple[str, ...], limbs: Sequence[str]) -> None:
         """Begins to listen, to these joints and all these limbs of the robot."""
         self.transport = transport
-        self.merge = JointStateMerge(joint_names)
+        self.merge = JointStateMerger(joint_names)
         self.sample: Sample | None = None
         self.robot: AssemblyState | None = None
         self.sea: dict[str, SEAJointState] = {}
@@ -73,7 +73,7 @@ class RobotLink:
         self.collision: dict[str, bool] = {}
         self.squeezed: dict[str, bool] = {}
         self._listener: Listener | None = None
-        self._spare = JointStateMerge(joint_names)
+        self._spare = JointStateMerger(joint_names)
         self._heard: JointState | None = None
         self._news = threading.Condition()
         self._arrivals: deque[float] = deque(maxlen=4096)

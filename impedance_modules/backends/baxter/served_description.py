@@ -70,10 +70,10 @@ def compare_description(text: str, spec: RobotSpec) -> Comparison:
         spec: Of the robot folder; its own ``joint_origins`` are not looked at.
     """
     try:
-        served = JointTree(text)
+        served = UrdfJoints(text)
     except (ElementTree.ParseError, ValueError) as error:
         return Comparison({}, (f"the served description cannot be read: {error}",), ())
-    ours = JointTree(spec.urdf.read_text())
+    ours = UrdfJoints(spec.urdf.read_text())
     found = _Found({}, [], [])
     for limb in spec.limbs.values():
         missing = [name for name in limb.joints.values() if name not in served.joints]
@@ -89,7 +89,7 @@ def compare_description(text: str, spec: RobotSpec) -> Comparison:
     return Comparison(found.origins, tuple(found.problems), tuple(found.notes))
 
 
-def _compare_mount(ours: JointTree, served: JointTree, limb: LimbSpec, found: _Found) -> None:
+def _compare_mount(ours: UrdfJoints, served: UrdfJoints, limb: LimbSpec, found: _Found) -> None:
     """Finds the mount that puts our first joint where the served description has it."""
     first = next(iter(limb.joints.values()))
     mount = ours.carrier(link_of(ours.joints[first], "parent"))
@@ -123,7 +123,7 @@ def _compare_mount(ours: JointTree, served: JointTree, limb: LimbSpec, found: _F
     found.notes.append(what)
 
 
-def _compare_chain(ours: JointTree, served: JointTree, limb: LimbSpec, problems: list[str]) -> None:
+def _compare_chain(ours: UrdfJoints, served: UrdfJoints, limb: LimbSpec, problems: list[str]) -> None:
     """Compares each joint with the one before it, and the directions of their axes."""
     names = list(limb.joints.values())
     for before, name in pairwise(names):
@@ -142,7 +142,7 @@ def _compare_chain(ours: JointTree, served: JointTree, limb: LimbSpec, problems:
             problems.append(f"'{name}' is served with another axis than our model has")
 
 
-def _limit_problems(served: JointTree, limb: LimbSpec, spec: RobotSpec) -> list[str]:
+def _limit_problems(served: UrdfJoints, limb: LimbSpec, spec: RobotSpec) -> list[str]:
     """Finds ranges that differ, and speeds or torques that our file allows and the robot does not."""
     found = []
     for name in limb.joints.values():
@@ -163,7 +163,7 @@ def _limit_problems(served: JointTree, limb: LimbSpec, spec: RobotSpec) -> list[
     return found
 
 
-def _root_of(tree: JointTree, joint: str) -> str:
+def _root_of(tree: UrdfJoints, joint: str) -> str:
     link = link_of(tree.joints[joint], "parent")
     while (carrier := tree.carrier(link)) is not None:
         link = link_of(carrier, "parent")
@@ -175,7 +175,7 @@ def _difference(one: Pose, other: Pose) -> tuple[float, float]:
     return float(np.linalg.norm(one.translation - other.translation)), float(np.linalg.norm(turn))
 
 
-class JointTree:
+class UrdfJoints:
     """Joints of a URDF by the link they carry."""
 
     def __init__(self, text: str) -> None:

@@ -84,16 +84,16 @@ def fake(
     import os
 
     from impedance_modules.backends.baxter.ros.master_client import MasterClient, master_uri_of
-    from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
+    from impedance_modules.backends.baxter.simulator.build_simulator import build_simulator
     from impedance_modules.backends.baxter.simulator.fault_injection import describe, parse_fault
     from impedance_modules.backends.baxter.simulator.parameters import (
         SPRINGS,
-        FakeOptions,
+        SimulatorOptions,
         over_torque_of,
         time_out_result_of,
     )
-    from impedance_modules.backends.baxter.simulator.real_time import Journal, live
-    from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode, RosNetwork
+    from impedance_modules.backends.baxter.simulator.real_time import EventLog, live
+    from impedance_modules.backends.baxter.simulator.simulator_node import SimulatorNode, RosNetwork
     from impedance_modules.cli.baxter.connection import Ending
     from impedance_modules.spec.patch_file import read_patch
 
@@ -104,7 +104,7 @@ def fake(
         raise BadInput(f"--duration {duration:g}: some time is needed (valid: above 0 s)")
     master = master_uri_of(os.environ)
     MasterClient(master, "/impedance_fake").check()
-    options = FakeOptions(
+    options = SimulatorOptions(
         time_out_result=time_out_result_of(time_out_result),
         over_torque=over_torque_of(over_torque),
         enabled=enabled,
@@ -114,16 +114,16 @@ def fake(
         mount_offset=dict(_offset(text) for text in mount_offset),
         seed=seed,
     )
-    built = build_fake(robot, posture, None if effects is None else read_patch(effects), options)
+    built = build_simulator(robot, posture, None if effects is None else read_patch(effects), options)
     script = [parse_fault(text, tuple(built.robot.limbs)) for text in faults]
     with ExitStack() as stack:
         diary = None if log is None else stack.enter_context(_diary(log))
         ending = stack.enter_context(Ending())
-        node = FakeNode(built.robot, RosNetwork(master), built.description)
+        node = SimulatorNode(built.robot, RosNetwork(master), built.description)
         node.open()
         node.plan(script)
         click.echo(f"a {built.robot.model.spec.name} stands {posture} at {master}; Ctrl-C ends it")
-        slipped = live(node, Journal(built.robot, diary), click.echo, ending.asked, duration)
+        slipped = live(node, EventLog(built.robot, diary), click.echo, ending.asked, duration)
     click.echo(f"ended after {built.robot.now:.1f} s; its clock fell behind by {slipped:.3f} s")
     return 0
 

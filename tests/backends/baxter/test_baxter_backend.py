@@ -13,7 +13,7 @@ import pytest
 
 from impedance_modules.backends.baxter import baxter_backend as backend
 from impedance_modules.backends.baxter import driver as watchdog
-from impedance_modules.backends.baxter.baxter_backend import AwakeProcessor
+from impedance_modules.backends.baxter.baxter_backend import CpuIdleInhibitor
 from impedance_modules.backends.baxter.driver import HELD_UP, LOOK, Watchdog
 from impedance_modules.backends.baxter.position_mode import ARRIVED
 from impedance_modules.control.loop import Interrupt, run_loop
@@ -290,7 +290,7 @@ def test_what_the_robot_adds_by_itself_is_recorded() -> None:
 def test_the_processor_is_kept_awake_during_a_run_and_only_then(tmp_path: Path) -> None:
     device = tmp_path / "latency"
     device.write_bytes(b"")
-    awake, refused = AwakeProcessor(device), AwakeProcessor(tmp_path / "none")
+    awake, refused = CpuIdleInhibitor(device), CpuIdleInhibitor(tmp_path / "none")
     for processor in (awake, refused):
         processor.end()
         processor.begin()
@@ -301,7 +301,7 @@ def test_the_processor_is_kept_awake_during_a_run_and_only_then(tmp_path: Path) 
     assert not awake.granted
     robot = StandIn(SPEC)
     with driving(robot) as drive:
-        drive.backend._awake = AwakeProcessor(device)
+        drive.backend._awake = CpuIdleInhibitor(device)
         started(drive)
         assert drive.backend._awake.granted
         drive.backend.finish("hold")

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.joint_states import JointStateMerge, RobotClock
+from impedance_modules.backends.baxter.joint_states import JointStateMerger, RobotClock
 from impedance_modules.backends.baxter.robot_link import SeaColumns
 from impedance_modules.backends.baxter.ros.messages import Header, JointState, SEAJointState
 
@@ -25,7 +25,7 @@ def message(names, stamp: int, values=None) -> JointState:
 
 @given(st.permutations((*NAMES, "head_nod", "head_pan", "torso_t0")), st.integers(1, 10**6))
 def test_joints_are_found_by_name_wherever_they_stand(names, stamp: int) -> None:
-    merge = JointStateMerge(NAMES)
+    merge = JointStateMerger(NAMES)
     sample = merge.take(message(names, stamp), 1.0)
     assert sample is not None
     expected = np.array([float(len(name) + stamp) for name in NAMES])
@@ -36,7 +36,7 @@ def test_joints_are_found_by_name_wherever_they_stand(names, stamp: int) -> None
 
 @given(st.lists(st.sampled_from(["all", "grippers", "right", "left", "nobody"]), max_size=40))
 def test_a_sample_comes_when_every_joint_was_reported_since_the_last(kinds) -> None:
-    merge = JointStateMerge(NAMES)
+    merge = JointStateMerger(NAMES)
     sets = {"all": NAMES, "grippers": GRIPPERS, "right": NAMES[:2], "left": NAMES[2:], "nobody": ()}
     since: set[str] = set()
     count = 0
@@ -53,7 +53,7 @@ def test_a_sample_comes_when_every_joint_was_reported_since_the_last(kinds) -> N
 
 
 def test_arrays_of_another_length_than_the_names_are_not_believed() -> None:
-    merge = JointStateMerge(NAMES)
+    merge = JointStateMerger(NAMES)
     good = message(NAMES, 1)
     for bad in ("position", "velocity", "effort"):
         broken = JointState(

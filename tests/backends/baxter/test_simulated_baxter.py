@@ -11,29 +11,29 @@ import pytest
 from impedance_modules.backends.baxter.position_mode import named_posture
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.simulator.assembly_state import AssemblyMachine, Button, Source
-from impedance_modules.backends.baxter.simulator.build_simulator import build_fake
+from impedance_modules.backends.baxter.simulator.build_simulator import build_simulator
 from impedance_modules.backends.baxter.simulator.fault_injection import parse_fault
-from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, Doing
-from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, STOP_MARGIN, FakeOptions
+from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, LimbActivity
+from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, STOP_MARGIN, SimulatorOptions
 from impedance_modules.backends.baxter.simulator.real_time import Pacer
-from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
-from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
+from impedance_modules.backends.baxter.simulator.simulated_baxter import SimulatedBaxter
+from impedance_modules.backends.baxter.simulator.simulator_node import SimulatorNode
 from impedance_modules.errors import BadInput
 from tests.support.in_process_transport import InProcessMaster, InProcessNetwork, InProcessTransport
 
-ON = FakeOptions(enabled=True, springs=SPRINGS)
+ON = SimulatorOptions(enabled=True, springs=SPRINGS)
 
 
-def fake(options: FakeOptions = ON, posture: str = "neutral") -> FakeBaxter:
-    return build_fake("baxter", posture, None, options).robot
+def fake(options: SimulatorOptions = ON, posture: str = "neutral") -> SimulatedBaxter:
+    return build_simulator("baxter", posture, None, options).robot
 
 
-def live(robot: FakeBaxter, seconds: float) -> None:
+def live(robot: SimulatedBaxter, seconds: float) -> None:
     for _ in range(round(seconds * 1000)):
         robot.tick()
 
 
-def torque(robot: FakeBaxter, values: dict[str, float], seconds: float) -> None:
+def torque(robot: SimulatedBaxter, values: dict[str, float], seconds: float) -> None:
     names = robot.limbs["left"].limb.joint_names
     for _ in range(round(seconds * 1000)):
         robot.command("left", CommandMode.TORQUE, names, [values.get(name, 0.0) for name in names])
@@ -55,10 +55,10 @@ def test_no_torque_holds_the_pose_because_the_robot_carries_weight_and_springs()
     assert sea.hysteresis_model_effort[1] == pytest.approx(preload + 0.55 * stiffness, abs=0.1)
 
 
-def messages_of(robot: FakeBaxter) -> messages.SEAJointState:
-    from impedance_modules.backends.baxter.simulator.publishers import Readout
+def messages_of(robot: SimulatedBaxter) -> messages.SEAJointState:
+    from impedance_modules.backends.baxter.simulator.publishers import MessageBuilder
 
-    return Readout(robot).sea_joints(robot.limbs["left"].limb, 0)
+    return MessageBuilder(robot).sea_joints(robot.limbs["left"].limb, 0)
 
 
 def test_gravity_compensation_suppressed_lets_the_arm_fall_and_lapses() -> None:
@@ -87,11 +87,11 @@ def test_a_silent_commander_is_given_up_within_its_time_out(result: str) -> None
     live(robot, 1.0)
     speed = np.abs(robot.state.velocity).max()
     if result == "hold":
-        assert robot.limbs["left"].doing is Doing.HOLDS and speed < 0.05
+        assert robot.limbs["left"].doing is LimbActivity.HOLDS and speed < 0.05
     elif result == "disable":
         assert not robot.machine.standing.enabled
     else:
-        assert robot.limbs["left"].doing is Doing.FLOATS and robot.machine.standing.enabled
+        assert robot.limbs["left"].doing is LimbActivity.FLOATS and robot.machine.standing.enabled
         # Only the motor's own friction brakes it.
         assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) > 0.05
 
@@ -116,7 +116,7 @@ def test_time_out_is_cut_to_what_the_robot_accepts() -> None:
 def test_commands_without_sense_are_ignored(wish: tuple) -> None:
     robot = fake()
     robot.command("left", *wish)
-    assert robot.limbs["left"].ignored == 1 and robot.limbs["left"].doing is Doing.HOLDS
+    assert robot.limbs["left"].ignored == 1 and robot.limbs["left"].doing is LimbActivity.HOLDS
 
 
 def test_torque_beyond_the_boards_is_clamped_or_faults() -> None:
@@ -204,23 +204,23 @@ def test_tucked_arms_can_only_be_powered_while_their_force_field_is_suppressed()
 @pytest.mark.parametrize(("force", "kind"), [((0.0, 0.0, -60.0), "impact"), ((0.0, 0.0, -1.0), "")])
 def test_a_push_is_a_collision_if_it_is_hard(force: tuple, kind: str) -> None:
     robot = fake()
-    node = FakeNode(robot, InProcessNetwork(InProcessMaster()), "")
+    node = SimulatorNode(robot, InProcessNetwork(InProcessMaster()), "")
     node.suffer(parse_fault(f"push left {force[0]} {force[1]} {force[2]} 0.2", ("left", "right")))
     live(robot, 0.1)
     assert robot.colliding["left"] == kind
     if kind:
         torque(robot, {}, 0.5)
-        assert robot.limbs["left"].doing is Doing.HOLDS and robot.limbs["left"].ignored == 500
+        assert robot.limbs["left"].doing is LimbActivity.HOLDS and robot.limbs["left"].ignored == 500
         live(robot, 1.5)
         torque(robot, {}, 0.01)
-        assert robot.limbs["left"].doing is Doing.OBEYS and not robot.colliding["left"]
+        assert robot.limbs["left"].doing is LimbActivity.OBEYS and not robot.colliding["left"]
 
 
 def test_a_squeezed_cuff_makes_the_arm_yield() -> None:
     robot = fake()
     robot.cuffs["left"] = True
     torque(robot, {"left_s0": 20.0}, 0.2)
-    assert robot.limbs["left"].doing is Doing.FLOATS
+    assert robot.limbs["left"].doing is LimbActivity.FLOATS
     assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) < 0.1
 
 
@@ -269,7 +269,7 @@ def test_a_torque_acts_after_the_transport_delay_and_not_before() -> None:
 
 
 def test_calibrated_mounts_are_served_and_obeyed() -> None:
-    built = build_fake("baxter", "neutral", None, replace(ON, mount_offset={"left": (0.0, 0.001, -0.0095)}))
+    built = build_simulator("baxter", "neutral", None, replace(ON, mount_offset={"left": (0.0, 0.001, -0.0095)}))
     moved = built.robot.kinematics.pose("left_hand").translation
     plain = fake().kinematics.pose("left_hand").translation
     np.testing.assert_allclose(moved - plain, [0.0, 0.001, -0.0095], atol=2e-3)
@@ -319,11 +319,11 @@ def test_pace_has_no_drift_and_slips_when_it_must() -> None:
 class Network:
     """A node on a network, and ears on every topic."""
 
-    def __init__(self, options: FakeOptions = ON) -> None:
-        built = build_fake("baxter", "neutral", None, options)
+    def __init__(self, options: SimulatorOptions = ON) -> None:
+        built = build_simulator("baxter", "neutral", None, options)
         self.master = InProcessMaster()
         self.robot = built.robot
-        self.node = FakeNode(built.robot, InProcessNetwork(self.master), built.description)
+        self.node = SimulatorNode(built.robot, InProcessNetwork(self.master), built.description)
         self.node.open()
         self.user = InProcessTransport(self.master, "/user")
         self.heard: dict[str, list] = {}

@@ -34,7 +34,7 @@ class Source(IntEnum):
 
 
 @dataclass(frozen=True)
-class Standing:
+class PowerState:
     """What an AssemblyState says."""
 
     enabled: bool
@@ -49,8 +49,8 @@ class Standing:
         return self.enabled
 
 
-OFF = Standing(enabled=False, stopped=False, error=False, button=Button.UNPRESSED, source=Source.NONE)
-ON = Standing(enabled=True, stopped=False, error=False, button=Button.UNPRESSED, source=Source.NONE)
+OFF = PowerState(enabled=False, stopped=False, error=False, button=Button.UNPRESSED, source=Source.NONE)
+ON = PowerState(enabled=True, stopped=False, error=False, button=Button.UNPRESSED, source=Source.NONE)
 
 
 class AssemblyMachine:
@@ -110,4 +110,4 @@ class AssemblyMachine:
 
     def _stop(self, button: Button, source: Source, *, error: bool) -> None:
         self.refusal = ""
-        self.standing = Standing(enabled=False, stopped=True, error=error, button=button, source=source)
+        self.standing = PowerState(enabled=False, stopped=True, error=error, button=button, source=source)

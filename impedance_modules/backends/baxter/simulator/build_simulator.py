@@ -10,8 +10,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from impedance_modules.backends.baxter.position_mode import named_posture
-from impedance_modules.backends.baxter.simulator.parameters import FakeOptions
-from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
+from impedance_modules.backends.baxter.simulator.parameters import SimulatorOptions
+from impedance_modules.backends.baxter.simulator.simulated_baxter import SimulatedBaxter
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.robot.model import RobotModel
@@ -21,14 +21,14 @@ from impedance_modules.spec.robot_spec import RobotSpec
 
 
 @dataclass(frozen=True)
-class BuiltFake:
+class BuiltSimulator:
     """A double, and the description that it serves."""
 
-    robot: FakeBaxter
+    robot: SimulatedBaxter
     description: str
 
 
-def build_fake(robot: str, posture: str, patch: PatchSpec | None, options: FakeOptions) -> BuiltFake:
+def build_simulator(robot: str, posture: str, patch: PatchSpec | None, options: SimulatorOptions) -> BuiltSimulator:
     """Builds a double; takes some seconds, for the compiler.
 
     Args:
@@ -48,7 +48,7 @@ def build_fake(robot: str, posture: str, patch: PatchSpec | None, options: FakeO
     with tempfile.TemporaryDirectory() as folder:
         model = RobotModel(replace(spec, urdf=write_description(text, Path(folder))))
         worn = None if patch is None else apply_to_plant(model, patch)
-        return BuiltFake(FakeBaxter(model, worn, model.position(stands), options), text)
+        return BuiltSimulator(SimulatedBaxter(model, worn, model.position(stands), options), text)
 
 
 def served_description(spec: RobotSpec, mount_offset: Mapping[str, tuple[float, float, float]]) -> str:

@@ -136,7 +136,7 @@ Send = Callable[[], None]
 
 
 @dataclass
-class Mishaps:
+class MessageFaults:
     """Faults in force.
 
     Attributes:

@@ -23,7 +23,7 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     SPEED_RATIO,
     TICK,
     TORQUE_LIMITS,
-    FakeOptions,
+    SimulatorOptions,
 )
 from impedance_modules.plant.driven import BoardOrders, DrivenPlant
 from impedance_modules.plant.servo import Reach, Reference, Sensed, Servo, Tuning
@@ -42,7 +42,7 @@ class CommandMode(IntEnum):
     RAW_POSITION = 4
 
 
-class Doing(Enum):
+class LimbActivity(Enum):
     """What a powered limb does; without power it does nothing at all."""
 
     HOLDS = "holds"
@@ -76,7 +76,7 @@ class LimbDrive:
         ignored: Commands that made no sense, or came while the limb paused or had no power.
     """
 
-    def __init__(self, model: RobotModel, limb: Limb, options: FakeOptions) -> None:
+    def __init__(self, model: RobotModel, limb: Limb, options: SimulatorOptions) -> None:
         self.limb = limb
         self._options = options
         shorts = limb.short_names
@@ -89,7 +89,7 @@ class LimbDrive:
         tuning = Tuning(TICK, POSITION_LAG, INTEGRAL_RATE, INTEGRAL_LIMIT)
         self.reference = Reference(Reach(low, high, speed), tuning)
         self._k = len(specs)
-        self.doing = Doing.HOLDS
+        self.doing = LimbActivity.HOLDS
         self.mode: CommandMode | None = None
         self.command: Array = np.zeros(self._k)
         self.fault = ""
@@ -104,8 +104,8 @@ class LimbDrive:
     @property
     def served(self) -> bool:
         """Says whether the limb's servo acts, not a torque command or nothing."""
-        return self.doing is Doing.HOLDS or (
-            self.doing is Doing.OBEYS and self.mode is not CommandMode.TORQUE
+        return self.doing is LimbActivity.HOLDS or (
+            self.doing is LimbActivity.OBEYS and self.mode is not CommandMode.TORQUE
         )
 
     def paused(self, now: float) -> bool:
@@ -124,13 +124,13 @@ class LimbDrive:
 
     def settle(self, position: Array) -> None:
         """Leaves every mode and holds at measured positions (k,) [rad]."""
-        self.doing, self.mode = Doing.HOLDS, None
+        self.doing, self.mode = LimbActivity.HOLDS, None
         self.command = np.zeros(self._k)
         self.reference.settle(position)
 
     def float_free(self) -> None:
         """Leaves every mode; only the robot's own help with the weight remains."""
-        self.doing, self.mode = Doing.FLOATS, None
+        self.doing, self.mode = LimbActivity.FLOATS, None
         self.command = np.zeros(self._k)
 
     def pause(self, now: float, seconds: float, position: Array) -> None:
@@ -172,12 +172,12 @@ class LimbDrive:
         """Changes the mode: a servo starts where it holds already, or else where the arm is."""
         moves = mode in (CommandMode.POSITION, CommandMode.RAW_POSITION)
         if mode is not self.mode:
-            if self.doing is Doing.FLOATS or self.mode is CommandMode.TORQUE:
+            if self.doing is LimbActivity.FLOATS or self.mode is CommandMode.TORQUE:
                 self.reference.settle(position)
             self.command = self.reference.position.copy() if moves else np.zeros(self._k)
         elif not moves:
             self.command = np.zeros(self._k)
-        self.mode, self.doing = mode, Doing.OBEYS
+        self.mode, self.doing = mode, LimbActivity.OBEYS
 
     def _bounded(self, places: Sequence[int], torque: Array) -> Array:
         """Keeps a torque within what the boards give, or faults."""
@@ -190,13 +190,13 @@ class LimbDrive:
 
     def check_time(self, now: float) -> None:
         """Leaves a mode whose commands have stopped coming; ``expired`` tells."""
-        self.expired = self.doing is Doing.OBEYS and now - self._heard > self.time_out
+        self.expired = self.doing is LimbActivity.OBEYS and now - self._heard > self.time_out
 
     def orders(self, sensed: Sensed, servo: Servo) -> LimbOrders:
         """Moves on by one tick, with what the joints report and how their servo is set."""
         if not self.served:
             return LimbOrders(self.command, sensed.position, servo=False)
-        if self.doing is Doing.HOLDS:
+        if self.doing is LimbActivity.HOLDS:
             self.reference.stay()
         elif self.mode is CommandMode.POSITION:
             self.reference.approach(self.command, self.speed_ratio)
@@ -212,7 +212,7 @@ INERTIA_TICKS = 100
 
 
 @dataclass(frozen=True)
-class Claim:
+class BoardRequest:
     """What one limb wants of its boards.
 
     Attributes:
@@ -226,7 +226,7 @@ class Claim:
     kept_off: bool
 
 
-class Boards:
+class JointBoards:
     """All joints' boards with their servos.
 
     Attributes:
@@ -246,7 +246,7 @@ class Boards:
         inertia = np.diag(self._model.mass_matrix(q)) - self._model.reflected_inertia
         self._ease = EASE * np.sqrt(inertia / self.stiffness)
 
-    def orders(self, state: RobotState, claims: Sequence[Claim] | None, field: Array) -> BoardOrders:
+    def orders(self, state: RobotState, claims: Sequence[BoardRequest] | None, field: Array) -> BoardOrders:
         """Puts the limbs' claims together.
 
         Args:

@@ -116,7 +116,7 @@ def over_torque_of(word: str) -> OverTorque:
 
 
 @dataclass(frozen=True)
-class FakeOptions:
+class SimulatorOptions:
     """How the double is built. Sources disagree about, or are silent on, what the first two say.
 
     Attributes:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.ros.messages import Message
-from impedance_modules.backends.baxter.simulator.assembly_state import Standing
-from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, Doing
+from impedance_modules.backends.baxter.simulator.assembly_state import PowerState
+from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, LimbActivity
 from impedance_modules.backends.baxter.simulator.parameters import (
     DEFAULT_RATE,
     FASTEST_RATE,
@@ -24,7 +24,7 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     STATE_RATE,
     TICK,
 )
-from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
+from impedance_modules.backends.baxter.simulator.simulated_baxter import SimulatedBaxter
 from impedance_modules.robot.model import Limb
 from impedance_modules.robot.pose import carry
 from impedance_modules.robot.rotation import log3
@@ -46,10 +46,10 @@ def floats(array: Array) -> Floats:
     return tuple(array.tolist())
 
 
-class Readout:
+class MessageBuilder:
     """Builds every message of one robot; names and orders as the real one has them."""
 
-    def __init__(self, robot: FakeBaxter) -> None:
+    def __init__(self, robot: SimulatedBaxter) -> None:
         self._robot = robot
         model = robot.model
         self._sorted = np.argsort(model.joint_names)
@@ -116,7 +116,7 @@ class Readout:
         powered = float(robot.machine.standing.enabled)
         acting = powered * (not robot.suppressed(limb.name, "suppress_gravity_compensation"))
         reference = drive.reference
-        torque = drive.doing is Doing.OBEYS and drive.mode is CommandMode.TORQUE
+        torque = drive.doing is LimbActivity.OBEYS and drive.mode is CommandMode.TORQUE
         measured = robot.state.position[joints]
         still = np.zeros(joints.size)
         return messages.SEAJointState(
@@ -172,7 +172,7 @@ class Readout:
         return messages.DigitalIOState(int(self._robot.cuffs[limb.name]), is_input_only=True)
 
 
-def assembly_message(standing: Standing) -> messages.AssemblyState:
+def assembly_message(standing: PowerState) -> messages.AssemblyState:
     """Puts power and stops into a message."""
     return messages.AssemblyState(
         standing.ready,
@@ -243,7 +243,7 @@ def bounded_rate(wish: float) -> float:
     return min(max(wish, SLOWEST_RATE), FASTEST_RATE) if wish else DEFAULT_RATE
 
 
-def outlets(readout: Readout, limbs: tuple[Limb, ...]) -> list[Outlet]:
+def outlets(readout: MessageBuilder, limbs: tuple[Limb, ...]) -> list[Outlet]:
     """Lists every topic, the most urgent first."""
     found = [
         Outlet(REALTIME_NODE, JOINT_STATES, messages.JointState, DEFAULT_RATE, readout.joint_states),
@@ -270,7 +270,7 @@ def outlets(readout: Readout, limbs: tuple[Limb, ...]) -> list[Outlet]:
     return found
 
 
-def _of_limb(readout: Readout, limb: Limb) -> list[Outlet]:
+def _of_limb(readout: MessageBuilder, limb: Limb) -> list[Outlet]:
     place = f"/robot/limb/{limb.name}"
     fast: list[tuple[str, type[Message], Make]] = [
         ("gravity_compensation_torques", messages.SEAJointState, partial(readout.sea_joints, limb)),

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import TextIO
 
 from impedance_modules.backends.baxter.simulator.parameters import TICK
-from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
-from impedance_modules.backends.baxter.simulator.simulator_node import FakeNode
+from impedance_modules.backends.baxter.simulator.simulated_baxter import SimulatedBaxter
+from impedance_modules.backends.baxter.simulator.simulator_node import SimulatorNode
 
 TURN = 0.0005
 """How long a thread may keep the others waiting [s]; commands come in threads of their own."""
@@ -22,8 +22,8 @@ COMPLAINT_PAUSE = 5.0
 
 
 def live(
-    node: FakeNode,
-    journal: Journal,
+    node: SimulatorNode,
+    journal: EventLog,
     tell: Callable[[str], None],
     asked_to_end: Callable[[], bool],
     duration: float | None,
@@ -64,10 +64,10 @@ def live(
     return pacer.slipped
 
 
-class Journal:
+class EventLog:
     """Writes what a robot says; its clock is the robot's."""
 
-    def __init__(self, robot: FakeBaxter, file: TextIO | None) -> None:
+    def __init__(self, robot: SimulatedBaxter, file: TextIO | None) -> None:
         """``file`` is open for text, or None for no diary."""
         self._robot, self._file = robot, file
         self._told = 0

@@ -23,17 +23,17 @@ from impedance_modules.backends.baxter.simulator.collision_safety import (
 )
 from impedance_modules.backends.baxter.simulator.joint_boards import (
     INERTIA_TICKS,
-    Boards,
-    Claim,
+    JointBoards,
+    BoardRequest,
     CommandMode,
-    Doing,
+    LimbActivity,
     LimbDrive,
 )
 from impedance_modules.backends.baxter.simulator.parameters import (
     COLLISION_PAUSE,
     STOP_MARGIN,
     TICK,
-    FakeOptions,
+    SimulatorOptions,
 )
 from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.plant.driven import DrivenPlant
@@ -50,7 +50,7 @@ FIELD_TICKS = 10
 """The force field and the hands' poses are brought up to date every so many ticks."""
 
 
-class FakeBaxter:
+class SimulatedBaxter:
     """A two-armed robot with modes, safety and moods of its own.
 
     Attributes:
@@ -70,7 +70,7 @@ class FakeBaxter:
     """
 
     def __init__(
-        self, model: RobotModel, worn: PlantEffects | None, posture: Array, options: FakeOptions
+        self, model: RobotModel, worn: PlantEffects | None, posture: Array, options: SimulatorOptions
     ) -> None:
         """Builds the robot, standing still at a posture (n,) [rad]; compiles what it needs."""
         self.model, self.options = model, options
@@ -83,7 +83,7 @@ class FakeBaxter:
         self.plant = DrivenPlant(model, plant_options, worn, springs)
         self.plant.widen_stops(STOP_MARGIN)
         self.plant.warm(posture)
-        self._boards = Boards(model, self.plant)
+        self._boards = JointBoards(model, self.plant)
         self.machine = AssemblyMachine(enabled=options.enabled)
         limbs = model.limbs
         self.limbs = {name: LimbDrive(model, limb, options) for name, limb in limbs.items()}
@@ -198,11 +198,11 @@ class FakeBaxter:
         if not self._powered:
             return
         squeezed = self.cuffs[name] and not self.suppressed(name, "suppress_cuff_interaction")
-        if squeezed and drive.doing is not Doing.FLOATS:
+        if squeezed and drive.doing is not LimbActivity.FLOATS:
             self.say(f"{name}: cuff squeezed, the arm yields")
         if squeezed:
             drive.float_free()
-        elif drive.doing is Doing.FLOATS and self.options.time_out_result != "float":
+        elif drive.doing is LimbActivity.FLOATS and self.options.time_out_result != "float":
             drive.settle(self.position(drive))
         drive.check_time(self.now)
         if drive.expired:
@@ -241,12 +241,12 @@ class FakeBaxter:
                 drive.pause(self.now, COLLISION_PAUSE, self.position(drive))
             self.colliding[name] = felt
 
-    def _claims(self) -> list[Claim] | None:
+    def _claims(self) -> list[BoardRequest] | None:
         """What each limb wants of its boards; None without power."""
         if not self._powered:
             return None
         return [
-            Claim(
+            BoardRequest(
                 drive,
                 assisted=not self.suppressed(name, "suppress_gravity_compensation"),
                 kept_off=not self.suppressed(name, "suppress_collision_avoidance"),

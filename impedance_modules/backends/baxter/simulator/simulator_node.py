@@ -17,19 +17,19 @@ from impedance_modules.backends.baxter.ros.socket_transport import SocketTranspo
 from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.backends.baxter.simulator.assembly_state import ON
 from impedance_modules.backends.baxter.simulator.collision_safety import SUPPRESSIBLE, Push
-from impedance_modules.backends.baxter.simulator.fault_injection import Fault, Mishaps, parse_fault
+from impedance_modules.backends.baxter.simulator.fault_injection import Fault, MessageFaults, parse_fault
 from impedance_modules.backends.baxter.simulator.parameters import STATE_RATE
 from impedance_modules.backends.baxter.simulator.publishers import (
     JOINT_STATES,
     REALTIME_NODE,
     STATE,
     Outlet,
-    Readout,
+    MessageBuilder,
     assembly_message,
     bounded_rate,
     outlets,
 )
-from impedance_modules.backends.baxter.simulator.simulated_baxter import FakeBaxter
+from impedance_modules.backends.baxter.simulator.simulated_baxter import SimulatedBaxter
 from impedance_modules.errors import BadInput
 
 SECOND_NODE = "/another_robot"
@@ -44,7 +44,7 @@ PUSH_TIME = 1.0
 """How long a push lasts unless it says so [s]."""
 
 
-class FakeNode:
+class SimulatorNode:
     """One double with its nodes on a network.
 
     Attributes:
@@ -54,14 +54,14 @@ class FakeNode:
         slipped: By how much the robot's life is behind the wall's clock, which its stamps follow [s].
     """
 
-    def __init__(self, robot: FakeBaxter, network: Network, description: str) -> None:
+    def __init__(self, robot: SimulatedBaxter, network: Network, description: str) -> None:
         """Prepares everything; ``open`` brings the nodes up. ``description`` is the URDF that is served."""
         self.robot = robot
         self._network, self._description = network, description
         self._limbs = tuple(robot.model.limbs.values())
-        self._readout = Readout(robot)
+        self._readout = MessageBuilder(robot)
         last = self._limbs[-1].joint_names[-1]
-        self.mishaps = Mishaps(joint=last, seed=robot.options.seed)
+        self.mishaps = MessageFaults(joint=last, seed=robot.options.seed)
         self._start = time.time_ns()
         self._outlets = outlets(self._readout, self._limbs)
         self._second = Outlet(
@@ -277,7 +277,7 @@ FAULT_TOPIC = "/fake_baxter/fault"
 
 
 def listen(
-    node: Transport, robot: FakeBaxter, set_rate: Callable[[int], None], obey: Callable[[str], None]
+    node: Transport, robot: SimulatedBaxter, set_rate: Callable[[int], None], obey: Callable[[str], None]
 ) -> None:
     """Subscribes to everything that the robot listens to.
 
@@ -299,7 +299,7 @@ def listen(
         _listen_for(node, robot, limb)
 
 
-def _listen_for(node: Transport, robot: FakeBaxter, limb: str) -> None:
+def _listen_for(node: Transport, robot: SimulatedBaxter, limb: str) -> None:
     drive, post, place = robot.limbs[limb], robot.post, f"/robot/limb/{limb}"
 
     def ask(name: str) -> Callable[[messages.Empty, float], None]:
