@@ -37,6 +37,19 @@ RANK = {
 NOT_FOR_DIAGNOSIS = ("backends", "control", "prediction", "runs")
 """Diagnosis works from episodes alone."""
 
+STAGES = {
+    "data": 0,
+    "result": 1,
+    "residuals": 2,
+    "regression": 3,
+    "model_selection": 4,
+    "rollout": 5,
+    "report": 6,
+    "experiment_design": 6,
+    "diagnose": 7,
+}
+"""Folders and files of diagnosis/ in the order in which a recording goes through them."""
+
 ROOMS = {
     "pinocchio": {"robot", "plant", "effects"},
     "coal": {"robot", "plant"},
@@ -91,6 +104,21 @@ def test_imports_point_downwards(path: Path) -> None:
             continue
         assert RANK[other] < RANK[own], f"{path}: {own} must not import {name}"
         assert (own, other) not in {("diagnosis", upper) for upper in NOT_FOR_DIAGNOSIS}, f"{path}: {name}"
+
+
+@pytest.mark.parametrize(
+    "path", sorted((PACKAGE / "diagnosis").rglob("*.py")), ids=lambda path: str(path.relative_to(CHECKOUT))
+)
+def test_a_diagnosis_flows_one_way(path: Path) -> None:
+    relative = path.relative_to(PACKAGE / "diagnosis")
+    own = relative.parts[0] if len(relative.parts) > 1 else relative.stem
+    if own == "__init__":
+        return
+    for name in imported_names(path):
+        parts = name.split(".")
+        if parts[:2] != ["impedance_modules", "diagnosis"] or len(parts) < 3 or parts[2] == own:
+            continue
+        assert STAGES[parts[2]] < STAGES[own], f"{path}: {own} must not import {name}"
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(CHECKOUT)))
