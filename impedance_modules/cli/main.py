@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The command line: ``impedance VERB``. Parsing, printing and exit codes; the work is done elsewhere.
 
-Verbs import what they need when they are called: ``check`` must answer before a compiler has woken up.
+A verb imports what it needs when it is called: ``check`` must answer without importing a compiler.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ VERBS = {
     "baxter": "baxter",
 }
 """Verb -> file of this folder that holds ``VERB_command``; in the order of a session."""
+
+VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Verbs(click.Group):
@@ -71,9 +73,6 @@ def main() -> None:
         click.echo("stopped by Ctrl-C", err=True)
         sys.exit(130)
     sys.exit(code if isinstance(code, int) else 0)
-
-
-VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def use_one_thread() -> None:

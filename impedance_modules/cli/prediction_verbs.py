@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance check``: is a task right, and what will it do?"""
+"""``impedance check``: is a task right, and what will it do? ``impedance analyze``: what does a push on it meet?"""
 
 from __future__ import annotations
 

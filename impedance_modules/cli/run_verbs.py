@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance run``: carry a task out, safely, and keep everything that happened."""
+"""``impedance run``: carry a task out and record it. ``impedance replay``: view a recording or recompute it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import DeferredSession
     from impedance_modules.control.assembly import Assembly
     from impedance_modules.runs.execution import RunResult
-
 
 BACKENDS = ("sim", "replay", "baxter")
 
@@ -127,38 +126,6 @@ def run_command(
     return _exit_code(result)
 
 
-def _directory(out: Path | None, assembly: Assembly) -> Path:
-    """Where a run's files go."""
-    if out is not None:
-        return out
-    return Path("out") / f"{assembly.task.name}-{time.strftime('%Y%m%d-%H%M%S')}"
-
-
-def _exit_code(result: RunResult) -> int:
-    from impedance_modules.control.supervisor import Ending
-
-    if result.interrupted:
-        return 130
-    return 3 if result.ending is Ending.STOPPED else 0
-
-
-@contextmanager
-def _real_robot(transport: str) -> Iterator[DeferredSession]:
-    """Brings a node up for the time of a run."""
-    from impedance_modules.backends.baxter.session import DeferredSession
-    from impedance_modules.cli.baxter.connection import node
-
-    with node(transport, "run") as network:
-        yield DeferredSession(network)
-
-
-def _real_rate(read_only: bool) -> float:
-    """Rate of a real robot unless the run says otherwise [Hz]: what it is asked for, or sends unasked."""
-    from impedance_modules.backends.baxter.topics import DEFAULT_STATE_RATE, USUAL_RATE
-
-    return DEFAULT_STATE_RATE if read_only else USUAL_RATE
-
-
 @click.command("replay")
 @click.argument("log", metavar="DIR_OR_LOG", type=click.Path(path_type=Path))
 @click.option(
@@ -180,24 +147,6 @@ def replay_command(log: Path, view: bool, verify: bool) -> int:
 
         click.echo(f"opened {view_episode(log)}")
     return 0
-
-
-def _verify(log: Path) -> None:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from impedance_modules.episode.reader import read_episode
-
-    episode = read_episode(log)
-    console = Console()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        from impedance_modules.runs.verify import verify
-
-        row = bar.add_task("recomputing", total=1.0)
-        found = verify(episode, lambda part: bar.update(row, completed=part))
-    click.echo(f"{found.samples} samples of {found.joints} joints recomputed: every torque bit-equal")
-    for name, (then, now) in found.other_versions.items():
-        click.echo(f"note: recorded with {name} {then}, recomputed with {now}")
 
 
 @dataclass(frozen=True)
@@ -244,6 +193,56 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
     if result.interrupted:
         return 130
     return 3 if result.stopped else 0
+
+
+def _directory(out: Path | None, assembly: Assembly) -> Path:
+    """Where a run's files go."""
+    if out is not None:
+        return out
+    return Path("out") / f"{assembly.task.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+
+
+def _exit_code(result: RunResult) -> int:
+    from impedance_modules.control.supervisor import Ending
+
+    if result.interrupted:
+        return 130
+    return 3 if result.ending is Ending.STOPPED else 0
+
+
+@contextmanager
+def _real_robot(transport: str) -> Iterator[DeferredSession]:
+    """Brings a node up for the time of a run."""
+    from impedance_modules.backends.baxter.session import DeferredSession
+    from impedance_modules.cli.baxter.connection import node
+
+    with node(transport, "run") as network:
+        yield DeferredSession(network)
+
+
+def _real_rate(read_only: bool) -> float:
+    """Rate of a real robot unless the run says otherwise [Hz]: what it is asked for, or sends unasked."""
+    from impedance_modules.backends.baxter.topics import DEFAULT_STATE_RATE, USUAL_RATE
+
+    return DEFAULT_STATE_RATE if read_only else USUAL_RATE
+
+
+def _verify(log: Path) -> None:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from impedance_modules.episode.reader import read_episode
+
+    episode = read_episode(log)
+    console = Console()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        from impedance_modules.runs.verify import verify
+
+        row = bar.add_task("recomputing", total=1.0)
+        found = verify(episode, lambda part: bar.update(row, completed=part))
+    click.echo(f"{found.samples} samples of {found.joints} joints recomputed: every torque bit-equal")
+    for name, (then, now) in found.other_versions.items():
+        click.echo(f"note: recorded with {name} {then}, recomputed with {now}")
 
 
 def _refuse_playback(options: PlaybackOptions) -> None:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance map``: shape and stiffness of what a hand touched in a recording (thesis 5.1.5, 6.2.3)."""
+"""``impedance map`` and ``impedance roughness``: shape, stiffness and roughness of a surface that a hand touched.
+
+Thesis 5.1.5, 6.2.3 (map) and 5.2.4 (roughness).
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,8 @@ if TYPE_CHECKING:
     from impedance_modules.tools.recorded_roughness import Roughness
     from impedance_modules.tools.surface_fit import SurfaceMap
     from impedance_modules.tools.surface_truth import MapErrors, TrueSurface
+
+WAY = "x|-x|y|-y|z|-z"
 
 
 @click.command("map")
@@ -51,44 +56,6 @@ def map_command(episode: Path, out: Path, hand: str | None, force: float, cell: 
     said = write_map(out, str(episode), touches, found, _compared(read, found) if truth else None)
     _print_map(said, out)
     return 0
-
-
-def _compared(episode: Episode, found: SurfaceMap) -> tuple[TrueSurface, MapErrors]:
-    """Builds the surfaces of the episode's task as the plant wore them."""
-    from impedance_modules.errors import BadInput
-    from impedance_modules.runs.verify import reassemble
-    from impedance_modules.tools.surface_truth import map_errors, true_surface
-
-    if episode.metadata.get("backend") != "sim":
-        raise BadInput(
-            f"{episode.source}: --truth needs a run of the built-in plant; nobody knows what was there"
-        )
-    truth = true_surface(reassemble(episode).task.environment, found)
-    return truth, map_errors(found, truth)
-
-
-def _print_map(said: dict[str, Any], out: Path) -> None:
-    click.echo(
-        f"{said['cells']} cells of {1000 * said['cell']:g} mm touched by {said['hand']}:"
-        f" {said['cells_with_shape_at_rest']} with a height at rest, {said['cells_with_stiffness']} with a stiffness"
-    )
-    if said["cells_with_shape_at_rest"] < said["cells"]:
-        click.echo(
-            "the others were pressed with nearly the same force all the time; stroke them at another one too"
-        )
-    errors = said.get("errors_against_the_plant")
-    if errors is not None:
-        rest, stiffness = errors["shape"], errors["stiffness"]
-        click.echo(f"against the plant: pressed height {1000 * errors['pressed']:.2f} mm RMS")
-        if rest is not None:
-            click.echo(f"  height at rest {1000 * rest:.2f} mm RMS over {errors['shape_cells']} cells")
-        if stiffness is not None:
-            worst = errors["stiffness_worst"]
-            click.echo(f"  stiffness {100 * stiffness:.0f} % off in the median, {100 * worst:.0f} % at worst")
-    click.echo(f"files: {out}/ (map.csv, map.json, map.png)")
-
-
-WAY = "x|-x|y|-y|z|-z"
 
 
 @click.command("roughness")
@@ -137,6 +104,41 @@ def roughness_command(
         json_path.write_text(json.dumps(_roughness_json(found), indent=2, allow_nan=False) + "\n")
     _print_roughness(found)
     return 0
+
+
+def _compared(episode: Episode, found: SurfaceMap) -> tuple[TrueSurface, MapErrors]:
+    """Builds the surfaces of the episode's task as the plant wore them."""
+    from impedance_modules.errors import BadInput
+    from impedance_modules.runs.verify import reassemble
+    from impedance_modules.tools.surface_truth import map_errors, true_surface
+
+    if episode.metadata.get("backend") != "sim":
+        raise BadInput(
+            f"{episode.source}: --truth needs a run of the built-in plant; nobody knows what was there"
+        )
+    truth = true_surface(reassemble(episode).task.environment, found)
+    return truth, map_errors(found, truth)
+
+
+def _print_map(said: dict[str, Any], out: Path) -> None:
+    click.echo(
+        f"{said['cells']} cells of {1000 * said['cell']:g} mm touched by {said['hand']}:"
+        f" {said['cells_with_shape_at_rest']} with a height at rest, {said['cells_with_stiffness']} with a stiffness"
+    )
+    if said["cells_with_shape_at_rest"] < said["cells"]:
+        click.echo(
+            "the others were pressed with nearly the same force all the time; stroke them at another one too"
+        )
+    errors = said.get("errors_against_the_plant")
+    if errors is not None:
+        rest, stiffness = errors["shape"], errors["stiffness"]
+        click.echo(f"against the plant: pressed height {1000 * errors['pressed']:.2f} mm RMS")
+        if rest is not None:
+            click.echo(f"  height at rest {1000 * rest:.2f} mm RMS over {errors['shape_cells']} cells")
+        if stiffness is not None:
+            worst = errors["stiffness_worst"]
+            click.echo(f"  stiffness {100 * stiffness:.0f} % off in the median, {100 * worst:.0f} % at worst")
+    click.echo(f"files: {out}/ (map.csv, map.json, map.png)")
 
 
 def _roughness_json(found: Roughness) -> dict[str, object]:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The recording of a run: Parquet written as the run goes, read back as numbers, seen in rerun.
+"""The recording of a run: Parquet written while the run goes on, read back as numbers, shown in rerun.
 
-Rooms: ``columns`` (names), ``metadata`` (who, what, which sensor), ``writer`` and ``parts`` (a kill -9 loses
-    at
-most the last second), ``reader`` and ``data`` (an `Episode`), ``scene``, ``view``, ``recording``, ``layout``
-and ``viewer`` (rerun), ``picture`` (one still image). rerun and matplotlib are imported when first used.
+Format: ``columns`` (names), ``metadata`` (robot, sensors, task), ``run_folder`` (files of a run), ``file_format``
+(Parquet parts, merged at the end). Writing: ``writer`` and ``background``; a kill -9 loses at most the last second.
+Reading: ``reader`` gives an `Episode` (``data``). Viewing: ``view_scene`` (what is shown, as plain data),
+``view_layout``, ``rerun_writer``, ``live_view``, ``viewer``, ``residual_view`` (rerun) and ``run_picture`` (one PNG).
+Logs of other programs: ``imports``. rerun and matplotlib are imported when first used.
 """

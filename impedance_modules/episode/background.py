@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One thread that does a recording's slow work (encoding, fsync, rerun) beside the control loop."""
+"""What stands between the control loop and slow work (encoding, fsync, rerun): a thread, and a ring of rows."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ Job = Callable[[bool], None]
 
 LONGEST_REST = 0.02
 """A loop that has not been heard of for so long is not waited for [s]."""
+
+RING_BYTES = 32_000_000
+"""Memory of a ring: 26 s at 1 kHz and 150 columns."""
 
 
 class Background:
@@ -98,10 +101,6 @@ class Background:
             for job in tuple(self._jobs):
                 job(last)
             self._finished = last
-
-
-RING_BYTES = 32_000_000
-"""Memory of a ring: 26 s at 1 kHz and 150 columns."""
 
 
 class RowRing:

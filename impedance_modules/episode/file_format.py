@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Part files of a running recording, and the merge that makes them one episode."""
+"""Episodes as Parquet: the schema, part files of a running recording, and the merge that makes one file of them."""
 
 from __future__ import annotations
 
@@ -67,6 +67,35 @@ def rows_to_table(
             arrays.append(pa.array(next(by_column), from_pandas=not is_required(name)))
     rest()
     return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def write_episode(
+    path: Path,
+    columns: Mapping[str, NDArray[np.float64] | Sequence[str | None]],
+    metadata: Mapping[str, Any],
+) -> Path:
+    """Writes one Parquet file, whole or not at all.
+
+    Args:
+        path: Of the file; its directory exists.
+        columns: Name -> (samples,) numbers; ``phase`` -> texts. NaN means no value in a column that need not
+            have one.
+        metadata: From `episode_metadata`.
+
+    Raises:
+        BadInput: Columns or metadata that no episode may have, or columns of different lengths.
+    """
+    place = str(path)
+    names = tuple(columns)
+    parse_columns(names, place)
+    check_metadata(metadata, place, has_effort=any(name.startswith("effort.") for name in names))
+    lengths = {len(values) for values in columns.values()}
+    if len(lengths) != 1:
+        raise BadInput(f"{place}: columns of {sorted(lengths)} samples (valid: all of one length)")
+    schema = episode_schema(names, {"complete": True, **metadata}, place)
+    arrays = [_array(name, columns[name]) for name in names]
+    write_merged(Path(path), iter([pa.Table.from_arrays(arrays, schema=schema)]), schema)
+    return Path(path)
 
 
 def write_part(path: Path, table: pa.Table) -> None:
@@ -145,35 +174,6 @@ def _read(path: Path, only_schema: bool = False) -> pa.Table:
         raise BadInput(
             f"{path}: damaged part of an episode: {error} (valid: remove it and open again)"
         ) from error
-
-
-def write_episode(
-    path: Path,
-    columns: Mapping[str, NDArray[np.float64] | Sequence[str | None]],
-    metadata: Mapping[str, Any],
-) -> Path:
-    """Writes one Parquet file, whole or not at all.
-
-    Args:
-        path: Of the file; its directory exists.
-        columns: Name -> (samples,) numbers; ``phase`` -> texts. NaN means no value in a column that need not
-            have one.
-        metadata: From `episode_metadata`.
-
-    Raises:
-        BadInput: Columns or metadata that no episode may have, or columns of different lengths.
-    """
-    place = str(path)
-    names = tuple(columns)
-    parse_columns(names, place)
-    check_metadata(metadata, place, has_effort=any(name.startswith("effort.") for name in names))
-    lengths = {len(values) for values in columns.values()}
-    if len(lengths) != 1:
-        raise BadInput(f"{place}: columns of {sorted(lengths)} samples (valid: all of one length)")
-    schema = episode_schema(names, {"complete": True, **metadata}, place)
-    arrays = [_array(name, columns[name]) for name in names]
-    write_merged(Path(path), iter([pa.Table.from_arrays(arrays, schema=schema)]), schema)
-    return Path(path)
 
 
 def _array(name: str, values: NDArray[np.float64] | Sequence[str | None]) -> pa.Array:

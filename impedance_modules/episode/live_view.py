@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The rerun recording of a run that is going on: samples queue up, the background thread writes them."""
+"""The rerun recording of a run in progress: samples wait in a queue, the background thread writes them."""
 
 from __future__ import annotations
 

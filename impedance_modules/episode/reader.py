@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads an episode and refuses one that would mislead: every message says what, where, and what is valid."""
+"""Reads an episode from its file, or from the parts that a killed run left, and refuses one that would mislead.
+
+Every message says what is wrong, where, and what would be valid.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +32,8 @@ from impedance_modules.episode.run_folder import EPISODE, RunLock, part_paths
 from impedance_modules.errors import BadInput
 
 Indices = NDArray[np.intp]
-
 KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, "extra")
+ReadColumn = Callable[[str], pa.ChunkedArray]
 
 
 def read_episode(
@@ -83,6 +86,30 @@ def read_episode(
         metadata=MappingProxyType(metadata),
         source=Path(path),
     )
+
+
+def open_source(path: Path) -> tuple[pa.Schema, int, ReadColumn]:
+    """Opens an episode file or a run's directory.
+
+    A directory with parts of a run that is over gets them merged first. Parts of a run that is still going,
+    or in a directory that cannot be written, are read as they are.
+
+    Returns:
+        Its schema, its number of rows, and a function that reads one column.
+
+    Raises:
+        BadInput: Nothing there, empty, or not Parquet.
+    """
+    directory = path if path.is_dir() else path.parent
+    if path.is_dir() or (path.name == EPISODE and not path.exists()):
+        merged = _merge_if_over(directory) if part_paths(directory) else directory / EPISODE
+        if merged is None:
+            table = read_parts(directory)
+            return table.schema, len(table), table.column
+        if not merged.exists():
+            raise BadInput(f"{path}: no episode here (valid: a directory with {EPISODE}, or a Parquet file)")
+        path = merged
+    return _open_file(path)
 
 
 class _Columns:
@@ -163,33 +190,6 @@ def _frozen(values: NDArray[Any]) -> NDArray[Any]:
     """Returns the array, read-only."""
     values.setflags(write=False)
     return values
-
-
-ReadColumn = Callable[[str], pa.ChunkedArray]
-
-
-def open_source(path: Path) -> tuple[pa.Schema, int, ReadColumn]:
-    """Opens an episode file or a run's directory.
-
-    A directory with parts of a run that is over gets them merged first. Parts of a run that is still going,
-    or in a directory that cannot be written, are read as they are.
-
-    Returns:
-        Its schema, its number of rows, and a function that reads one column.
-
-    Raises:
-        BadInput: Nothing there, empty, or not Parquet.
-    """
-    directory = path if path.is_dir() else path.parent
-    if path.is_dir() or (path.name == EPISODE and not path.exists()):
-        merged = _merge_if_over(directory) if part_paths(directory) else directory / EPISODE
-        if merged is None:
-            table = read_parts(directory)
-            return table.schema, len(table), table.column
-        if not merged.exists():
-            raise BadInput(f"{path}: no episode here (valid: a directory with {EPISODE}, or a Parquet file)")
-        path = merged
-    return _open_file(path)
 
 
 def _merge_if_over(directory: Path) -> Path | None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes view samples as a rerun recording, many instants at a time: one column per thing, not one call."""
+"""Writes view samples as a rerun recording, many instants with one call for each entity."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from impedance_modules.episode.view_scene import (
     SPRING,
     TORQUE,
     Array,
-    SceneBody,
     BodyShape,
     Scene,
+    SceneBody,
     ViewSample,
     check_sample,
     series_colour,
@@ -223,6 +223,13 @@ def send_curves(stream: rr.RecordingStream, path: str, index: rr.TimeColumn, val
         stream.send_columns(path, indexes=[index], columns=columns)
 
 
+def solid(shape: BodyShape, body: SceneBody) -> Any:
+    """Returns a shape as rerun draws it, in its body's frame and colour."""
+    # What the hands touch is see-through, so that springs and ellipsoids inside it stay visible.
+    fill = "solid" if body.role == "robot" else "transparentfillmajorwireframe"
+    return _SOLIDS[shape.kind](shape, {"colors": [BODY[body.role]], "fill_mode": fill})
+
+
 def _repeat(colour: tuple[int, ...], like: Array) -> Any:
     """Returns one colour per instant."""
     return np.tile(np.array(colour, np.uint8), (len(like), 1))
@@ -231,13 +238,6 @@ def _repeat(colour: tuple[int, ...], like: Array) -> Any:
 def _thin(like: Array) -> Array:
     """Returns one line radius [m] per entry."""
     return np.full(len(like), 0.006)
-
-
-def solid(shape: BodyShape, body: SceneBody) -> Any:
-    """Returns a shape as rerun draws it, in its body's frame and colour."""
-    # What the hands touch is see-through, so that springs and ellipsoids inside it stay visible.
-    fill = "solid" if body.role == "robot" else "transparentfillmajorwireframe"
-    return _SOLIDS[shape.kind](shape, {"colors": [BODY[body.role]], "fill_mode": fill})
 
 
 def _capsule(shape: BodyShape, look: dict[str, Any]) -> Any:

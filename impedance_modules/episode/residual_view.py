@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A rerun recording of measured against predicted: curves, residuals and what each joint did, with a ready layout."""
+"""A rerun recording of measured against predicted: curves, residuals and what each joint did."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Names of a run's files, writing a file all at once, and the lock that marks a run as alive."""
+"""The files of a run: their names, how they are written and locked, and which episodes a path stands for."""
 
 from __future__ import annotations
 
@@ -94,6 +94,23 @@ class RunLock:
         os.close(self._descriptor)
 
 
+def write_summary(directory: Path, summary: Mapping[str, Any]) -> Path:
+    """Writes the summary of a run, whole or not at all.
+
+    Args:
+        directory: Of the run.
+        summary: Numbers, texts, arrays, nested; a number that is not finite becomes null.
+
+    Raises:
+        TypeError: A value that is none of these.
+    """
+    path = Path(directory) / SUMMARY
+    text = json.dumps(_plain(summary), indent=2, allow_nan=False, ensure_ascii=False)
+    with whole_file(path) as stream:
+        stream.write(text.encode() + b"\n")
+    return path
+
+
 def episode_paths(paths: Sequence[Path]) -> tuple[Path, ...]:
     """Replaces every folder of imported episodes by its episodes, in the order of their names.
 
@@ -128,23 +145,6 @@ def _episodes_at(path: Path) -> Sequence[Path]:
             " NAME.parquet each)"
         )
     return found
-
-
-def write_summary(directory: Path, summary: Mapping[str, Any]) -> Path:
-    """Writes the summary of a run, whole or not at all.
-
-    Args:
-        directory: Of the run.
-        summary: Numbers, texts, arrays, nested; a number that is not finite becomes null.
-
-    Raises:
-        TypeError: A value that is none of these.
-    """
-    path = Path(directory) / SUMMARY
-    text = json.dumps(_plain(summary), indent=2, allow_nan=False, ensure_ascii=False)
-    with whole_file(path) as stream:
-        stream.write(text.encode() + b"\n")
-    return path
 
 
 def _plain(value: Any) -> Any:

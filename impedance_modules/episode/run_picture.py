@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One still picture of a run, for reports and for people without a viewer."""
+"""One still picture of a run, for reports and for people without a viewer; a panel draws one quantity."""
 
 from __future__ import annotations
 
@@ -26,10 +26,24 @@ PICTURE_KINDS: tuple[str, ...] = (
     "phase",
 )
 """What a picture can show; ``read_episode(path, PICTURE_KINDS)`` spares the memory of the rest."""
+
 WIDTH = 13.0
 PANEL_HEIGHT = 1.9
+
 RESOLUTION = 130
 """Dots per inch."""
+
+MOST_POINTS = 4000
+"""A curve is thinned to this many points: more than a picture can show."""
+
+PLANES: tuple[tuple[str, int, int], ...] = (("from above", 1, 0), ("from behind", 1, 2))
+AXIS_NAMES = "xyz"
+
+MOST_LABELS = 9
+"""Curves that a legend beside a panel has room for."""
+
+AnyFigure = Figure | SubFigure
+TimePanel = Callable[[Axes, Episode, slice], None]
 
 
 def write_picture(episode: Episode, path: Path) -> Path:
@@ -57,51 +71,6 @@ def write_picture(episode: Episode, path: Path) -> Path:
     with whole_file(Path(path)) as stream:
         figure.savefig(stream, format="png", dpi=RESOLUTION)
     return Path(path)
-
-
-def _time_panels(episode: Episode) -> list[TimePanel]:
-    """Returns the panels for which the episode has columns."""
-    choice: list[tuple[bool, TimePanel]] = [
-        (bool(frames_with_target(episode)), draw_error),
-        (bool(episode.wrench), draw_force),
-        (episode.tank is not None, draw_tank),
-        (bool(episode.effort_command or episode.effort), draw_torque),
-        (not episode.pose, draw_position),
-    ]
-    return [panel for wanted, panel in choice if wanted] or [draw_position]
-
-
-def _draw_over_time(figure: AnyFigure, episode: Episode) -> None:
-    drawn = _time_panels(episode)
-    column = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
-    rows = thinning(episode)
-    for index, (axes, panel) in enumerate(zip(column, drawn, strict=True)):
-        panel(axes, episode, rows)
-        shade_phases(axes, episode, named=index == 0)
-        _style(axes)
-    column[-1].set_xlabel("time [s]")
-
-
-def _style(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(True, color="0.9", linewidth=0.5)
-    axes.tick_params(labelsize=8)
-
-
-def _title(episode: Episode) -> str:
-    length = episode.time[-1] - episode.time[0]
-    ended = "" if episode.complete else ", not finished"
-    return f"{episode.name} on {episode.robot}: {length:.1f} s, {len(episode)} samples{ended}"
-
-
-MOST_POINTS = 4000
-"""A curve is thinned to this many points: more than a picture can show."""
-PLANES: tuple[tuple[str, int, int], ...] = (("from above", 1, 0), ("from behind", 1, 2))
-AXIS_NAMES = "xyz"
-MOST_LABELS = 9
-"""Curves that a legend beside a panel has room for."""
-AnyFigure = Figure | SubFigure
-TimePanel = Callable[[Axes, Episode, slice], None]
 
 
 def thinning(episode: Episode) -> slice:
@@ -226,6 +195,41 @@ def shade_phases(axes: Axes, episode: Episode, *, named: bool) -> None:
                 fontsize=8,
                 color="0.25",
             )
+
+
+def _time_panels(episode: Episode) -> list[TimePanel]:
+    """Returns the panels for which the episode has columns."""
+    choice: list[tuple[bool, TimePanel]] = [
+        (bool(frames_with_target(episode)), draw_error),
+        (bool(episode.wrench), draw_force),
+        (episode.tank is not None, draw_tank),
+        (bool(episode.effort_command or episode.effort), draw_torque),
+        (not episode.pose, draw_position),
+    ]
+    return [panel for wanted, panel in choice if wanted] or [draw_position]
+
+
+def _draw_over_time(figure: AnyFigure, episode: Episode) -> None:
+    drawn = _time_panels(episode)
+    column = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    rows = thinning(episode)
+    for index, (axes, panel) in enumerate(zip(column, drawn, strict=True)):
+        panel(axes, episode, rows)
+        shade_phases(axes, episode, named=index == 0)
+        _style(axes)
+    column[-1].set_xlabel("time [s]")
+
+
+def _style(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(True, color="0.9", linewidth=0.5)
+    axes.tick_params(labelsize=8)
+
+
+def _title(episode: Episode) -> str:
+    length = episode.time[-1] - episode.time[0]
+    ended = "" if episode.complete else ", not finished"
+    return f"{episode.name} on {episode.robot}: {length:.1f} s, {len(episode)} samples{ended}"
 
 
 def _limbs(episode: Episode, joints: Sequence[str]) -> dict[str, list[str]]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a recording looks when it opens: the arms on the left, the curves that explain them on the right."""
+"""Where each thing stands in a rerun recording (its entity path), and how the window is laid out when it opens."""
 
 from __future__ import annotations
 
@@ -10,6 +10,16 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from impedance_modules.episode.view_scene import Scene
+
+APPLICATION = "impedance_modules"
+TIMELINE = "time"
+WORLD = "/world"
+TANK = "/energy/tank"
+ACTIVE_ROWS = "/safety/active_rows"
+PHASE = "/task/phase"
+LOG = "/task/log"
+POSITION_ERROR = "/tracking/position_mm"
+ANGLE_ERROR = "/tracking/angle_deg"
 
 
 def run_layout(scene: Scene) -> rrb.Blueprint:
@@ -33,34 +43,11 @@ def run_layout(scene: Scene) -> rrb.Blueprint:
     )
 
 
-def _curves(scene: Scene) -> list[Any]:
-    top = 1.05 * scene.tank_max
-    views = [_plot("tank [J]: level, floor, max", [TANK], (0.0, top))]
-    torques = [
-        _plot(f"torque / limit, {limb}", [torque_path(limb)], (-1.1, 1.1)) for limb in scene.limbs
-    ]
-    views += [_tabs(torques)] if torques else []
-    if scene.tracked:
-        views.append(
-            _tabs(
-                [
-                    _plot("distance to target [mm]", [POSITION_ERROR], None),
-                    _plot("angle to target [deg]", [ANGLE_ERROR], None),
-                ]
-            )
-        )
-    forces = [_plot(f"force [N], {name}", [force_path(name)], None) for name in scene.wrenches]
-    views += [_tabs(forces)] if forces else []
-    if scene.constraints:
-        views.append(_plot("active QP rows", [ACTIVE_ROWS], None))
-    return views
-
-
 def columns_layout(groups: Mapping[str, Sequence[str]], *, with_phases: bool) -> rrb.Blueprint:
     """Returns the layout of a log without a task: one plot per quantity, and nothing that was not recorded.
 
     Args:
-        groups: Title of a plot -> its 
+        groups: Title of a plot -> its
         with_phases: The log names its phases.
     """
     views = [_plot(title, paths, None) for title, paths in groups.items()]
@@ -73,33 +60,6 @@ def columns_layout(groups: Mapping[str, Sequence[str]], *, with_phases: bool) ->
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,
     )
-
-
-def _plot(title: str, paths: Sequence[str], limits: tuple[float, float] | None) -> Any:
-    axis = None if limits is None else rrb.ScalarAxis(range=limits)
-    return rrb.TimeSeriesView(
-        origin="/",
-        contents=list(paths),
-        name=title,
-        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-        axis_y=axis,
-        plot_legend=rrb.PlotLegend(visible=True),
-    )
-
-
-def _tabs(views: Sequence[Any]) -> Any:
-    return views[0] if len(views) == 1 else rrb.Tabs(*views)
-
-
-APPLICATION = "impedance_modules"
-TIMELINE = "time"
-WORLD = "/world"
-TANK = "/energy/tank"
-ACTIVE_ROWS = "/safety/active_rows"
-PHASE = "/task/phase"
-LOG = "/task/log"
-POSITION_ERROR = "/tracking/position_mm"
-ANGLE_ERROR = "/tracking/angle_deg"
 
 
 def entity(*parts: str) -> str:
@@ -141,3 +101,40 @@ def force_path(name: str) -> str:
 def column_path(kind: str, name: str) -> str:
     """Returns the path of curves taken straight from an episode's columns."""
     return entity("episode", kind, name)
+
+
+def _curves(scene: Scene) -> list[Any]:
+    top = 1.05 * scene.tank_max
+    views = [_plot("tank [J]: level, floor, max", [TANK], (0.0, top))]
+    torques = [_plot(f"torque / limit, {limb}", [torque_path(limb)], (-1.1, 1.1)) for limb in scene.limbs]
+    views += [_tabs(torques)] if torques else []
+    if scene.tracked:
+        views.append(
+            _tabs(
+                [
+                    _plot("distance to target [mm]", [POSITION_ERROR], None),
+                    _plot("angle to target [deg]", [ANGLE_ERROR], None),
+                ]
+            )
+        )
+    forces = [_plot(f"force [N], {name}", [force_path(name)], None) for name in scene.wrenches]
+    views += [_tabs(forces)] if forces else []
+    if scene.constraints:
+        views.append(_plot("active QP rows", [ACTIVE_ROWS], None))
+    return views
+
+
+def _plot(title: str, paths: Sequence[str], limits: tuple[float, float] | None) -> Any:
+    axis = None if limits is None else rrb.ScalarAxis(range=limits)
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=list(paths),
+        name=title,
+        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        axis_y=axis,
+        plot_legend=rrb.PlotLegend(visible=True),
+    )
+
+
+def _tabs(views: Sequence[Any]) -> Any:
+    return views[0] if len(views) == 1 else rrb.Tabs(*views)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the rerun view shows, as plain data: a `Scene` that never changes and one `ViewSample` per instant.
+"""What the rerun view shows, as plain data: a `Scene` that never changes, one `ViewSample` per instant, colours.
 
-The runtime fills these; nothing here knows rerun or a robot. A pose is (7,): position [m], then unit
-quaternion (x, y, z, w). Arrays of a sample follow the order of the scene's names.
+``runs`` fills these; nothing here knows rerun or a robot. A pose is (7,): position [m], then unit quaternion
+(x, y, z, w). Arrays of a sample follow the order of the scene's names.
 """
 
 from __future__ import annotations
@@ -19,6 +19,26 @@ from impedance_modules.errors import BadInput
 Array = NDArray[np.float64]
 Pose7 = tuple[float, float, float, float, float, float, float]
 AT_ORIGIN: Pose7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+Colour = tuple[int, int, int, int]
+SERIES: tuple[Colour, ...] = (
+    (0, 114, 178, 255),
+    (213, 94, 0, 255),
+    (0, 158, 115, 255),
+    (204, 121, 167, 255),
+    (230, 159, 0, 255),
+    (86, 180, 233, 255),
+    (140, 100, 60, 255),
+    (110, 110, 110, 255),
+)
+BODY: dict[str, Colour] = {
+    "robot": (150, 160, 172, 255),
+    "object": (214, 158, 60, 255),
+    "surface": (120, 140, 120, 130),
+}
+SPRING: Colour = (240, 228, 66, 255)
+FORCE: Colour = (213, 94, 0, 255)
+TORQUE: Colour = (204, 121, 167, 255)
+LIMIT: Colour = (200, 60, 60, 255)
 
 
 @dataclass(frozen=True)
@@ -162,29 +182,6 @@ def check_sample(scene: Scene, sample: ViewSample) -> None:
         given = getattr(sample, name).shape
         if given != shape:
             raise BadInput(f"view sample: '{name}' has shape {given} (valid: {shape}, as the scene says)")
-
-
-Colour = tuple[int, int, int, int]
-
-SERIES: tuple[Colour, ...] = (
-    (0, 114, 178, 255),
-    (213, 94, 0, 255),
-    (0, 158, 115, 255),
-    (204, 121, 167, 255),
-    (230, 159, 0, 255),
-    (86, 180, 233, 255),
-    (140, 100, 60, 255),
-    (110, 110, 110, 255),
-)
-BODY: dict[str, Colour] = {
-    "robot": (150, 160, 172, 255),
-    "object": (214, 158, 60, 255),
-    "surface": (120, 140, 120, 130),
-}
-SPRING: Colour = (240, 228, 66, 255)
-FORCE: Colour = (213, 94, 0, 255)
-TORQUE: Colour = (204, 121, 167, 255)
-LIMIT: Colour = (200, 60, 60, 255)
 
 
 def series_colour(index: int) -> Colour:

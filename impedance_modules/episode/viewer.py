@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shows an episode in the rerun viewer, and makes a recording of one that never had a task."""
+"""Opens rerun's window, and makes a recording of an episode that has none."""
 
 from __future__ import annotations
 
@@ -33,6 +33,27 @@ UNITS = {
     "target": "m, quaternion",
 }
 ROWS_PER_CHUNK = 10_000
+DISPLAYS: tuple[str, ...] = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+
+TIME_TO_FAIL = 3.0
+"""How long a viewer may take to find that it cannot open a window [s]."""
+
+
+def view_episode(path: Path) -> Path:
+    """Opens a run's recording in the viewer; makes one next to the episode when there is none.
+
+    Args:
+        path: A run's directory, an episode file, or an ``.rrd`` file.
+
+    Returns:
+        The recording that was opened.
+
+    Raises:
+        BadInput: No such recording, or the viewer cannot open a window.
+    """
+    recording = _recording_of(Path(path))
+    open_viewer(recording)
+    return recording
 
 
 def recording_from_episode(episode: Episode, path: Path) -> Path:
@@ -58,73 +79,6 @@ def recording_from_episode(episode: Episode, path: Path) -> Path:
     stream.flush()
     stream.disconnect()
     return path
-
-
-def view_episode(path: Path) -> Path:
-    """Opens a run's recording in the viewer; makes one next to the episode when there is none.
-
-    Args:
-        path: A run's directory, an episode file, or an ``.rrd`` file.
-
-    Returns:
-        The recording that was opened.
-
-    Raises:
-        BadInput: No such recording, or the viewer cannot open a window.
-    """
-    recording = _recording_of(Path(path))
-    open_viewer(recording)
-    return recording
-
-
-def _recording_of(path: Path) -> Path:
-    if path.suffix == ".rrd":
-        if not path.exists():
-            raise BadInput(
-                f"{path}: no such recording (valid: a run's directory, an episode, or an .rrd file)"
-            )
-        return path
-    of_run = path / RECORDING if path.is_dir() else path.with_name(RECORDING)
-    if (path.is_dir() or path.name == EPISODE) and of_run.exists():
-        return of_run
-    episode = read_episode(path)
-    return recording_from_episode(episode, of_run if path.is_dir() else path.with_suffix(".rrd"))
-
-
-def _curves(episode: Episode) -> Iterator[tuple[str, str, tuple[str, ...], Array]]:
-    """Yields title of the plot, entity, names of the curves, and (N, curves)."""
-    for kind in JOINT_KINDS:
-        joints = tuple(getattr(episode, kind))
-        if joints:
-            title = f"{kind} [{UNITS[kind]}]"
-            yield title, view_layout.column_path("joints", kind), joints, episode.matrix(kind)
-    for kind in FRAME_KINDS:
-        names = WRENCH_COMPONENTS if kind == "wrench" else POSE_COMPONENTS
-        for frame, values in getattr(episode, kind).items():
-            yield f"{kind} of {frame} [{UNITS[kind]}]", view_layout.column_path(kind, frame), names, values
-    if episode.tank is not None:
-        yield "tank [J]", view_layout.column_path("energy", "tank"), ("tank",), episode.tank[:, None]
-    if episode.extra:
-        values = np.column_stack(list(episode.extra.values()))
-        yield "other columns", view_layout.column_path("other", "columns"), tuple(episode.extra), values
-
-
-DISPLAYS: tuple[str, ...] = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
-TIME_TO_FAIL = 3.0
-"""How long a viewer may take to find that it cannot open a window [s]."""
-
-
-def require_display(what: str) -> None:
-    """Makes sure that a window can open.
-
-    Args:
-        what: Would be shown, for the message.
-
-    Raises:
-        BadInput: This machine has no display.
-    """
-    if sys.platform == "linux" and not any(os.environ.get(name) for name in DISPLAYS):
-        raise _no_window(what, "this machine has no display")
 
 
 def open_viewer(recording: Path) -> None:
@@ -159,6 +113,51 @@ def open_live_stream(name: str) -> rr.RecordingStream:
     stream = new_stream(name)
     rr.spawn(hide_welcome_screen=True, recording=stream)
     return stream
+
+
+def require_display(what: str) -> None:
+    """Makes sure that a window can open.
+
+    Args:
+        what: Would be shown, for the message.
+
+    Raises:
+        BadInput: This machine has no display.
+    """
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in DISPLAYS):
+        raise _no_window(what, "this machine has no display")
+
+
+def _recording_of(path: Path) -> Path:
+    if path.suffix == ".rrd":
+        if not path.exists():
+            raise BadInput(
+                f"{path}: no such recording (valid: a run's directory, an episode, or an .rrd file)"
+            )
+        return path
+    of_run = path / RECORDING if path.is_dir() else path.with_name(RECORDING)
+    if (path.is_dir() or path.name == EPISODE) and of_run.exists():
+        return of_run
+    episode = read_episode(path)
+    return recording_from_episode(episode, of_run if path.is_dir() else path.with_suffix(".rrd"))
+
+
+def _curves(episode: Episode) -> Iterator[tuple[str, str, tuple[str, ...], Array]]:
+    """Yields title of the plot, entity, names of the curves, and (N, curves)."""
+    for kind in JOINT_KINDS:
+        joints = tuple(getattr(episode, kind))
+        if joints:
+            title = f"{kind} [{UNITS[kind]}]"
+            yield title, view_layout.column_path("joints", kind), joints, episode.matrix(kind)
+    for kind in FRAME_KINDS:
+        names = WRENCH_COMPONENTS if kind == "wrench" else POSE_COMPONENTS
+        for frame, values in getattr(episode, kind).items():
+            yield f"{kind} of {frame} [{UNITS[kind]}]", view_layout.column_path(kind, frame), names, values
+    if episode.tank is not None:
+        yield "tank [J]", view_layout.column_path("energy", "tank"), ("tank",), episode.tank[:, None]
+    if episode.extra:
+        values = np.column_stack(list(episode.extra.values()))
+        yield "other columns", view_layout.column_path("other", "columns"), tuple(episode.extra), values
 
 
 def _no_window(what: str, reason: str) -> BadInput:

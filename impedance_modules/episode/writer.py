@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes an episode as the run goes: a ring of rows that a background thread empties into part files."""
+"""Writes an episode while the run goes on: rows are copied to memory, and a thread writes them to part files."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from impedance_modules.errors import BadInput, SafetyStop
 
 FLUSH_PERIOD = 0.5
 """Wall time, and episode time, after which rows are on their way to a part [s]."""
+
 LONGEST_LAG = 0.8
 """Episode time that a run which may wait lets pass before its rows are on disk [s]."""
 

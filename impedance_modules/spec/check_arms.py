@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.robot_spec import JointSpec, LimbSpec
-from impedance_modules.spec.task_draft import WORLD, TaskDraft, DraftArm, mirrored_frames
+from impedance_modules.spec.task_draft import WORLD, DraftArm, TaskDraft, mirrored_frames
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import KeyPath
 

@@ -17,7 +17,7 @@ from impedance_modules.spec.check_springs import (
     springs_complete,
 )
 from impedance_modules.spec.task import SpringSpec
-from impedance_modules.spec.task_draft import TaskDraft, DraftArm, spring_names
+from impedance_modules.spec.task_draft import DraftArm, TaskDraft, spring_names
 from impedance_modules.spec.yaml_tree import KeyPath
 
 OBJECT = "object"

@@ -21,7 +21,7 @@ import numpy as np
 from impedance_modules.errors import Problem
 from impedance_modules.spec.robot_spec import LimbSpec
 from impedance_modules.spec.task import AXES, HybridAxis, Matrix, SpringSpec
-from impedance_modules.spec.task_draft import TaskDraft, DraftArm
+from impedance_modules.spec.task_draft import DraftArm, TaskDraft
 from impedance_modules.spec.yaml_tree import KeyPath
 
 RELATIVE_TOLERANCE = 1e-9

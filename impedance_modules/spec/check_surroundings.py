@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the held object, surfaces, pushes and the energy tank must fulfil beyond their schema."""
+"""What the held object, surfaces, pushes, the energy tank and playback must fulfil beyond their schema."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_object, build_push, build_surface, build_tank, build_wood
 from impedance_modules.spec.task import ObjectSpec
-from impedance_modules.spec.task_draft import TaskDraft, DraftArm
+from impedance_modules.spec.task_draft import DraftArm, TaskDraft
 
 LARGEST_WOOD = 1.0
 """Area of wood that the plant keeps account of [m^2]."""
@@ -36,29 +36,6 @@ def object_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[
         yield from _start_problems(draft, held)
 
 
-def _without_hand_spring(draft: TaskDraft, arm: DraftArm) -> str:
-    """An arm moves and squeezes an object through a spring on its hand."""
-    limb = draft.limb(arm.name)
-    read_all = len(arm.springs) == len(draft.count("arms", arm.mirror_of or arm.name, "springs"))
-    if limb is None or not read_all or any(spring.frame == limb.hand for spring in arm.springs.values()):
-        return ""
-    return f"the arm '{arm.name}' holds the object but has no spring on its hand '{limb.hand}'"
-
-
-def _start_problems(draft: TaskDraft, held: ObjectSpec) -> Iterator[Problem]:
-    """The object's origin must not begin below a level plane."""
-    for i in draft.count("environment"):
-        if held.position is None or not draft.clean("environment", i):
-            continue
-        surface = build_surface(draft.value("environment", i))
-        if surface.height is not None and not any(surface.rotation) and held.position[2] < surface.height:
-            message = (
-                f"the object's origin starts at z = {held.position[2]:g} m, below the plane environment[{i}] "
-                f"at {surface.height:g} m"
-            )
-            yield draft.problem(("object", "position", 2), message)
-
-
 def tank_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Checks floor < initial <= max."""
     at = ("safety", "tank")
@@ -82,23 +59,6 @@ def surface_problems(draft: TaskDraft) -> Iterator[Problem]:
                 yield from _support_problems(draft, (*place, i, "supports"))
 
 
-def _support_problems(draft: TaskDraft, at: tuple[str | int, ...]) -> Iterator[Problem]:
-    supports = [(float(raw["at"]), float(raw["height"])) for raw in draft.value(*at)]
-    for k, ((before, low), (place, high)) in enumerate(itertools.pairwise(supports), start=1):
-        if place - before < CLOSEST_SUPPORTS:
-            message = (
-                f"this support, at {place:g} m, must lie at least {CLOSEST_SUPPORTS:g} m beyond the one before, "
-                f"at {before:g} m"
-            )
-            yield draft.problem((*at, k, "at"), message)
-        elif abs(high - low) > place - before:
-            message = (
-                f"the sheet would rise by {high - low:g} m over {place - before:g} m; its equation holds for "
-                "slopes up to 1: set the supports further apart"
-            )
-            yield draft.problem((*at, k, "height"), message)
-
-
 def push_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Checks that what is pushed is there, and that the run does not end before the push begins."""
     targets = (*draft.keys("arms"), *(("object",) if draft.has("object") else ()))
@@ -115,13 +75,6 @@ def push_problems(draft: TaskDraft) -> Iterator[Problem]:
         if lasts is not None and push.start >= lasts:
             message = f"the push begins at {push.start:g} s, but all phases are over after {lasts:g} s"
             yield draft.problem(("pushes", i, "start"), message)
-
-
-def _longest(draft: TaskDraft) -> float | None:
-    """Adds up the durations of all phases [s]; None where one of them is not sound."""
-    if not draft.clean("phases"):
-        return None
-    return sum(float(draft.value("phases", i, "duration")) for i in draft.count("phases"))
 
 
 def playback_problems(draft: TaskDraft) -> Iterator[Problem]:
@@ -154,3 +107,50 @@ def wood_problems(draft: TaskDraft) -> Iterator[Problem]:
             low, high = wood.splinters.force
             message = f"the least breaking force, {low:g} N, is above the largest, {high:g} N"
             yield draft.problem((*at, "splinters", "force"), message)
+
+
+def _without_hand_spring(draft: TaskDraft, arm: DraftArm) -> str:
+    """An arm moves and squeezes an object through a spring on its hand."""
+    limb = draft.limb(arm.name)
+    read_all = len(arm.springs) == len(draft.count("arms", arm.mirror_of or arm.name, "springs"))
+    if limb is None or not read_all or any(spring.frame == limb.hand for spring in arm.springs.values()):
+        return ""
+    return f"the arm '{arm.name}' holds the object but has no spring on its hand '{limb.hand}'"
+
+
+def _start_problems(draft: TaskDraft, held: ObjectSpec) -> Iterator[Problem]:
+    """The object's origin must not begin below a level plane."""
+    for i in draft.count("environment"):
+        if held.position is None or not draft.clean("environment", i):
+            continue
+        surface = build_surface(draft.value("environment", i))
+        if surface.height is not None and not any(surface.rotation) and held.position[2] < surface.height:
+            message = (
+                f"the object's origin starts at z = {held.position[2]:g} m, below the plane environment[{i}] "
+                f"at {surface.height:g} m"
+            )
+            yield draft.problem(("object", "position", 2), message)
+
+
+def _support_problems(draft: TaskDraft, at: tuple[str | int, ...]) -> Iterator[Problem]:
+    supports = [(float(raw["at"]), float(raw["height"])) for raw in draft.value(*at)]
+    for k, ((before, low), (place, high)) in enumerate(itertools.pairwise(supports), start=1):
+        if place - before < CLOSEST_SUPPORTS:
+            message = (
+                f"this support, at {place:g} m, must lie at least {CLOSEST_SUPPORTS:g} m beyond the one before, "
+                f"at {before:g} m"
+            )
+            yield draft.problem((*at, k, "at"), message)
+        elif abs(high - low) > place - before:
+            message = (
+                f"the sheet would rise by {high - low:g} m over {place - before:g} m; its equation holds for "
+                "slopes up to 1: set the supports further apart"
+            )
+            yield draft.problem((*at, k, "height"), message)
+
+
+def _longest(draft: TaskDraft) -> float | None:
+    """Adds up the durations of all phases [s]; None where one of them is not sound."""
+    if not draft.clean("phases"):
+        return None
+    return sum(float(draft.value("phases", i, "duration")) for i in draft.count("phases"))

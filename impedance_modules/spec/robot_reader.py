@@ -2,7 +2,7 @@
 """Reads a robot folder: ``robot.yaml`` and its URDF, into a frozen ``RobotSpec``.
 
 First the shape of the file is checked against ``schemas/robot.schema.json``, then its meaning against the
-URDF (``robot_checks``). Each stage reports everything it finds at once.
+URDF: joints, hands and links exist, limits fit. Each stage reports everything it finds at once.
 """
 
 from __future__ import annotations
@@ -58,6 +58,27 @@ def read_robot(name_or_folder: str | Path, beside: Path | None = None) -> RobotS
     if problems:
         raise BadFile(problems)
     return _build(document.data, folder)
+
+
+def robot_problems(document: Document, urdf: UrdfFacts) -> list[Problem]:
+    """Returns everything wrong with a robot file whose shape is right.
+
+    Args:
+        document: ``robot.yaml``, free of schema problems.
+        urdf: The URDF it names.
+    """
+    return [
+        *_limb_problems(document, urdf),
+        *_locked_problems(document, urdf),
+        *_ownership_problems(document, urdf),
+        *_table_problems(document),
+        *_limit_problems(document, urdf),
+        *_inertia_problems(document, urdf),
+        *_mirror_problems(document),
+        *_timing_problems(document),
+        *_collision_problems(document, urdf),
+        *_playback_problems(document),
+    ]
 
 
 def _build(data: Mapping[str, Any], folder: Path) -> RobotSpec:
@@ -124,27 +145,6 @@ def _joint(name: str, row: Mapping[str, Any]) -> JointSpec:
         motor_damping=float(row["motor_damping"]),
         spring_damping=float(row["spring_damping"]),
     )
-
-
-def robot_problems(document: Document, urdf: UrdfFacts) -> list[Problem]:
-    """Returns everything wrong with a robot file whose shape is right.
-
-    Args:
-        document: ``robot.yaml``, free of schema problems.
-        urdf: The URDF it names.
-    """
-    return [
-        *_limb_problems(document, urdf),
-        *_locked_problems(document, urdf),
-        *_ownership_problems(document, urdf),
-        *_table_problems(document),
-        *_limit_problems(document, urdf),
-        *_inertia_problems(document, urdf),
-        *_mirror_problems(document),
-        *_timing_problems(document),
-        *_collision_problems(document, urdf),
-        *_playback_problems(document),
-    ]
 
 
 def _playback_problems(document: Document) -> Iterator[Problem]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks a document against its JSON Schema and locates every deviation.
+"""Checks a document against its JSON Schema, and reports every deviation with its place, one sentence each.
 
 The schemas avoid ``anyOf``: a value that may be a number or a mapping says ``"type": ["number", "object"]``
 and puts the bounds of both beside it, so each deviation has exactly one cause. Three annotations beside
@@ -23,9 +23,18 @@ from impedance_modules.spec.yaml_tree import KeyPath
 if TYPE_CHECKING:
     from jsonschema import Draft202012Validator
 
-
 _Fault = tuple[KeyPath, str, tuple[str, ...], str]
 """The arguments of ``Document.problem``."""
+
+_KINDS = {
+    "number": "a number",
+    "integer": "a whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "array": "a list",
+    "object": "keys with values",
+    "null": "nothing",
+}
 
 
 def load_schema(name: str) -> dict[str, Any]:
@@ -48,6 +57,59 @@ def schema_faults(document: Document, schema_name: str) -> list[tuple[Problem, K
     """Like ``schema_problems``, each with its path, so that a reader can go on with the sound parts."""
     distinct = dict.fromkeys(_deviations(document, schema_name))
     return [(document.problem(*fault), fault[0]) for fault in distinct]
+
+
+def first_deviation(value: object, name: str) -> str | None:
+    """Says where data that no person wrote (a JSON answer) deviate from a schema; None where they do not."""
+    from jsonschema.exceptions import best_match  # noqa: PLC0415 - as above
+
+    found = best_match(_validator(name).iter_errors(value))
+    return None if found is None else f"{found.json_path}: {found.message}"
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One deviation of a value from its schema.
+
+    Attributes:
+        path: Of the value in the document.
+        keyword: The keyword of JSON Schema that is not met.
+        expected: The keyword's value.
+        found: The document's value.
+        schema: The subschema that holds the keyword.
+    """
+
+    path: tuple[str | int, ...]
+    keyword: str
+    expected: Any
+    found: Any
+    schema: dict[str, Any]
+
+    @property
+    def hint(self) -> str:
+        """The schema's own advice, as the end of a sentence."""
+        return f"; {self.schema['hint']}" if "hint" in self.schema else ""
+
+    @property
+    def unit(self) -> str:
+        """The unit, with a leading blank; nothing for a pure number."""
+        unit = self.schema.get("unit", "1")
+        return "" if unit == "1" else f" {unit}"
+
+
+def say(deviation: Deviation) -> tuple[str, tuple[str, ...]]:
+    """Returns the sentence for a deviation and the valid choices, if they can be listed."""
+    if deviation.keyword == "not" and "message" in deviation.schema:
+        return str(deviation.schema["message"]), ()
+    choices = _choices(deviation)
+    speak = _SENTENCES.get(deviation.keyword)
+    if speak is None:
+        return (
+            f"{_shown(deviation.found)} breaks the rule '{deviation.keyword}: {deviation.expected}'",
+            choices,
+        )
+    hint = "" if deviation.keyword == "type" else deviation.hint
+    return speak(deviation) + hint, choices
 
 
 def _deviations(document: Document, schema_name: str) -> Iterator[_Fault]:
@@ -110,70 +172,6 @@ def _explained(schema: dict[str, Any]) -> str:
     text = str(schema.get("description", "")).split(". ")[0].rstrip(".")
     unit = schema.get("unit", "1")
     return f" ({text}{'' if unit == '1' else f', in {unit}'})" if text else ""
-
-
-def first_deviation(value: object, name: str) -> str | None:
-    """Says where data that no person wrote (a JSON answer) deviate from a schema; None where they do not."""
-    from jsonschema.exceptions import best_match  # noqa: PLC0415 - as above
-
-    found = best_match(_validator(name).iter_errors(value))
-    return None if found is None else f"{found.json_path}: {found.message}"
-
-
-_KINDS = {
-    "number": "a number",
-    "integer": "a whole number",
-    "string": "text",
-    "boolean": "true or false",
-    "array": "a list",
-    "object": "keys with values",
-    "null": "nothing",
-}
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """One deviation of a value from its schema.
-
-    Attributes:
-        path: Of the value in the document.
-        keyword: The keyword of JSON Schema that is not met.
-        expected: The keyword's value.
-        found: The document's value.
-        schema: The subschema that holds the keyword.
-    """
-
-    path: tuple[str | int, ...]
-    keyword: str
-    expected: Any
-    found: Any
-    schema: dict[str, Any]
-
-    @property
-    def hint(self) -> str:
-        """The schema's own advice, as the end of a sentence."""
-        return f"; {self.schema['hint']}" if "hint" in self.schema else ""
-
-    @property
-    def unit(self) -> str:
-        """The unit, with a leading blank; nothing for a pure number."""
-        unit = self.schema.get("unit", "1")
-        return "" if unit == "1" else f" {unit}"
-
-
-def say(deviation: Deviation) -> tuple[str, tuple[str, ...]]:
-    """Returns the sentence for a deviation and the valid choices, if they can be listed."""
-    if deviation.keyword == "not" and "message" in deviation.schema:
-        return str(deviation.schema["message"]), ()
-    choices = _choices(deviation)
-    speak = _SENTENCES.get(deviation.keyword)
-    if speak is None:
-        return (
-            f"{_shown(deviation.found)} breaks the rule '{deviation.keyword}: {deviation.expected}'",
-            choices,
-        )
-    hint = "" if deviation.keyword == "type" else deviation.hint
-    return speak(deviation) + hint, choices
 
 
 def _choices(deviation: Deviation) -> tuple[str, ...]:

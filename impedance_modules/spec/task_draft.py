@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A task file on its way to a TaskSpec: which parts are sound, and the robot they are checked against.
+"""A task file on its way to a TaskSpec: which parts are sound, its arms with their mirror images, and the robot.
 
-A file may have one fault in one corner; all other corners are still checked, so that every fault is reported
-at once. A part is *clean* when neither the YAML nor the schema found anything wrong in it or around it.
+A file may have one fault in one place; all others are still checked, so that every fault is reported at once. A part
+is *clean* when neither the YAML nor the schema found anything wrong in it or around it.
+
+A reflection P of space (P = diag(1, -1, 1) for the plane xz) takes a twist (v, w) to (P v, -P w): w is a
+pseudo-vector. With D = diag(P, -P), a stiffness becomes D K D and a wrench D w. The same D holds in the axes
+of a hand, because the image of a frame with axes R has the axes P R P.
 """
 
 from __future__ import annotations
@@ -21,6 +25,15 @@ from impedance_modules.spec.robot_spec import LimbSpec, MirrorSpec, RobotSpec
 from impedance_modules.spec.task import AXES, ArmSpec, HybridAxis, JointBiasSpec, Matrix, SpringSpec
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import KeyPath
+
+WORLD = "world"
+
+
+class _Absent:
+    """Stands for a value that is not given; None would be one that is given as nothing."""
+
+
+_ABSENT = _Absent()
 
 
 @dataclass(frozen=True)
@@ -83,14 +96,53 @@ class TaskDraft:
         return found
 
 
-class _Absent:
-    """Stands for a value that is not given; None would be one that is given as nothing."""
+@dataclass(frozen=True)
+class DraftArm:
+    """What is known of an arm so far.
+
+    Attributes:
+        name: As in the file.
+        mirror_of: Name of the arm whose image it is; None where it is written out.
+        posture: [rad] by short joint name; only the clean ones.
+        joint_bias: None where it is absent or at fault.
+        springs: By position in the file; only the clean ones.
+    """
+
+    name: str
+    mirror_of: str | None
+    posture: Mapping[str, float]
+    joint_bias: JointBiasSpec | None
+    springs: Mapping[int, SpringSpec]
+
+    def path(self, *inside: str | int) -> KeyPath:
+        """Where a part of the arm stands in the file; a mirror image stands where it is asked for."""
+        return ("arms", self.name, *inside) if self.mirror_of is None else ("arms", self.name, "mirror")
+
+    def finished(self) -> ArmSpec:
+        """The arm of a draft in which nothing is wrong."""
+        return ArmSpec(self.name, self.posture, self.joint_bias, tuple(self.springs.values()))
 
 
-_ABSENT = _Absent()
+def draft_arms(draft: TaskDraft) -> Mapping[str, DraftArm]:
+    """Returns the arms by name, in the order of the file; images whose original is unusable are left out."""
+    names = draft.keys("arms")
+    written = {name: _written_arm(draft, name) for name in names if not draft.has("arms", name, "mirror")}
+    arms: dict[str, DraftArm] = {}
+    for name in names:
+        original = written.get(str(draft.value("arms", name, "mirror")))
+        if name in written:
+            arms[name] = written[name]
+        elif original is not None and (image := _mirrored_arm(draft, name, original)):
+            arms[name] = image
+    return arms
 
 
-WORLD = "world"
+def spring_names(draft: TaskDraft, arm: str) -> tuple[str, ...]:
+    """Names of an arm's springs as the file gives them, sound or not; an image has its original's."""
+    original = draft.value("arms", arm, "mirror")
+    at = ("arms", arm if original is None else str(original), "springs")
+    names = (draft.value(*at, i, "name") for i in draft.count(*at))
+    return tuple(name for name in names if isinstance(name, str))
 
 
 def twist_signs(plane: str) -> NDArray[np.float64]:
@@ -140,47 +192,6 @@ def _mirrored_matrix(matrix: Matrix, signs: NDArray[np.float64]) -> Matrix:
     return image
 
 
-@dataclass(frozen=True)
-class DraftArm:
-    """What is known of an arm so far.
-
-    Attributes:
-        name: As in the file.
-        mirror_of: Name of the arm whose image it is; None where it is written out.
-        posture: [rad] by short joint name; only the clean ones.
-        joint_bias: None where it is absent or at fault.
-        springs: By position in the file; only the clean ones.
-    """
-
-    name: str
-    mirror_of: str | None
-    posture: Mapping[str, float]
-    joint_bias: JointBiasSpec | None
-    springs: Mapping[int, SpringSpec]
-
-    def path(self, *inside: str | int) -> KeyPath:
-        """Where a part of the arm stands in the file; a mirror image stands where it is asked for."""
-        return ("arms", self.name, *inside) if self.mirror_of is None else ("arms", self.name, "mirror")
-
-    def finished(self) -> ArmSpec:
-        """The arm of a draft in which nothing is wrong."""
-        return ArmSpec(self.name, self.posture, self.joint_bias, tuple(self.springs.values()))
-
-
-def draft_arms(draft: TaskDraft) -> Mapping[str, DraftArm]:
-    """Returns the arms by name, in the order of the file; images whose original is unusable are left out."""
-    names = draft.keys("arms")
-    written = {name: _written_arm(draft, name) for name in names if not draft.has("arms", name, "mirror")}
-    arms: dict[str, DraftArm] = {}
-    for name in names:
-        original = written.get(str(draft.value("arms", name, "mirror")))
-        if name in written:
-            arms[name] = written[name]
-        elif original is not None and (image := _mirrored_arm(draft, name, original)):
-            arms[name] = image
-    return arms
-
-
 def _written_arm(draft: TaskDraft, name: str) -> DraftArm:
     at = ("arms", name)
     angles = {
@@ -220,11 +231,3 @@ def _mirrored_arm(draft: TaskDraft, name: str, original: DraftArm) -> DraftArm |
             if spring.frame in frames and spring.expressed_in in frames
         },
     )
-
-
-def spring_names(draft: TaskDraft, arm: str) -> tuple[str, ...]:
-    """Names of an arm's springs as the file gives them, sound or not; an image has its original's."""
-    original = draft.value("arms", arm, "mirror")
-    at = ("arms", arm if original is None else str(original), "springs")
-    names = (draft.value(*at, i, "name") for i in draft.count(*at))
-    return tuple(name for name in names if isinstance(name, str))

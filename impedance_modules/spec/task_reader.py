@@ -16,6 +16,8 @@ from impedance_modules.spec.build_task import (
     build_tank,
 )
 from impedance_modules.spec.check_arms import arm_problems
+from impedance_modules.spec.check_phases import phase_problems
+from impedance_modules.spec.check_springs import spring_problems
 from impedance_modules.spec.check_surroundings import (
     object_problems,
     playback_problems,
@@ -24,15 +26,13 @@ from impedance_modules.spec.check_surroundings import (
     tank_problems,
     wood_problems,
 )
-from impedance_modules.spec.check_phases import phase_problems
-from impedance_modules.spec.check_springs import spring_problems
 from impedance_modules.spec.document import Document, scan_document
 from impedance_modules.spec.locate import find_robot, find_task
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.schema import schema_faults
 from impedance_modules.spec.task import TaskSpec
-from impedance_modules.spec.task_draft import TaskDraft, DraftArm, draft_arms
+from impedance_modules.spec.task_draft import DraftArm, TaskDraft, draft_arms
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 
 RobotReader = Callable[[Path], RobotSpec]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A task file with some of its values replaced: for tuned tasks, and for many runs of one task."""
+"""Task files as text: some values replaced (tuned tasks, sweeps), and which phases are spent in contact."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from impedance_modules.spec.locate import find_robot, find_task
 
 Steps = tuple[str | int, ...]
 """Keys and places from the top of a task file to one of its values."""
+
+Spent = Literal["throughout", "at its end"]
 
 
 def task_document(name_or_path: str | Path) -> Document:
@@ -79,20 +81,6 @@ def changed(document: Document, changes: Mapping[Steps, Any], heading: str = "")
     return heading + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
 
 
-def _place(entries: list[Any], word: str) -> int | None:
-    for place, entry in enumerate(entries):
-        if word in {str(place), str(_name(entry, place))}:
-            return place
-    return None
-
-
-def _name(entry: Any, place: int) -> Any:
-    return entry.get("name", place) if isinstance(entry, dict) else place
-
-
-Spent = Literal["throughout", "at its end"]
-
-
 def contact_phases(text: str) -> dict[str, Spent]:
     """Names the phases in which a hand touches its surroundings or holds an object, and says when.
 
@@ -120,6 +108,17 @@ def contact_phases(text: str) -> dict[str, Spent]:
             out[str(phase.get("name"))] = "throughout" if touching else "at its end"
         touching = held or (touching if awaited is None else awaited)
     return out
+
+
+def _place(entries: list[Any], word: str) -> int | None:
+    for place, entry in enumerate(entries):
+        if word in {str(place), str(_name(entry, place))}:
+            return place
+    return None
+
+
+def _name(entry: Any, place: int) -> Any:
+    return entry.get("name", place) if isinstance(entry, dict) else place
 
 
 def _awaited(phase: Mapping[str, Any]) -> bool | None:

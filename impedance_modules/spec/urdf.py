@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a URDF says, as far as checking a robot or task file needs it: links, joints, limits.
 
-Nothing is computed from it here; dynamics are the business of ``robot/``. Elements keep their line, so a
-fault in the URDF is reported at its own place.
+Nothing is computed from it here; dynamics are computed in ``robot/``. Elements keep their line, so that a fault in
+the URDF is reported at its own place.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from impedance_modules.errors import BadFile, BadInput, Problem
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """What a URDF joint may be."""
+
+LARGEST_FILE = 10_000_000
+"""Bytes; a file beyond this is refused unread."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,66 @@ def read_urdf(path: Path) -> UrdfFacts:
     )
 
 
+class Faults:
+    """Collects problems at the lines of their elements."""
+
+    def __init__(self, path: Path, lines: Mapping[ET.Element, int]) -> None:
+        self.path, self.lines = path, lines
+        self.problems: list[Problem] = []
+
+    def add(self, element: ET.Element, message: str) -> None:
+        """Notes a problem at an element."""
+        self.problems.append(Problem(self.path, self.lines[element], 1, "", message))
+
+    def number(self, element: ET.Element, key: str) -> float:
+        """Reads a finite number; a fault otherwise, and NaN, which no check lets pass."""
+        text = element.get(key, "")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            found = f"found {text!r}" if text else "it is missing"
+            self.add(element, f"<{element.tag}> needs a finite number '{key}'; {found}")
+            return math.nan
+        return value
+
+
+def parse_xml(path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
+    """Parses an XML file into its top element and the line of every element.
+
+    Entity declarations are refused: a robot needs none, and they can be made to fill the memory.
+
+    Raises:
+        BadInput: The file is missing, too large or cannot be read.
+        BadFile: It is not well-formed.
+    """
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise BadInput(f"{path}: larger than {LARGEST_FILE} bytes; no robot description is")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+    builder, lines = ET.TreeBuilder(), dict[ET.Element, int]()
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+
+    def entity(*_: object) -> None:
+        raise BadFile([Problem(path, parser.CurrentLineNumber, 1, "", "XML entities are not accepted")])
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = builder.end
+    parser.EntityDeclHandler = entity
+    try:
+        parser.Parse(raw, True)
+    except expat.ExpatError as error:
+        message = f"not XML: {expat.ErrorString(error.code)}"
+        raise BadFile([Problem(path, error.lineno, error.offset + 1, "", message)]) from None
+    return builder.close(), lines
+
+
 def _named(root: ET.Element, tag: str, faults: Faults) -> dict[str, ET.Element]:
     """Collects elements by name; a missing or repeated name is a fault."""
     found: dict[str, ET.Element] = {}
@@ -200,67 +263,3 @@ def _inertia_numbers(link: ET.Element, faults: Faults) -> Iterator[float]:
     yield faults.number(mass, "value")
     for key in ("ixx", "iyy", "izz"):
         yield faults.number(inertia, key)
-
-
-LARGEST_FILE = 10_000_000
-"""Bytes; a file beyond this is refused unread."""
-
-
-class Faults:
-    """Collects problems at the lines of their elements."""
-
-    def __init__(self, path: Path, lines: Mapping[ET.Element, int]) -> None:
-        self.path, self.lines = path, lines
-        self.problems: list[Problem] = []
-
-    def add(self, element: ET.Element, message: str) -> None:
-        """Notes a problem at an element."""
-        self.problems.append(Problem(self.path, self.lines[element], 1, "", message))
-
-    def number(self, element: ET.Element, key: str) -> float:
-        """Reads a finite number; a fault otherwise, and NaN, which no check lets pass."""
-        text = element.get(key, "")
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            found = f"found {text!r}" if text else "it is missing"
-            self.add(element, f"<{element.tag}> needs a finite number '{key}'; {found}")
-            return math.nan
-        return value
-
-
-def parse_xml(path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
-    """Parses an XML file into its top element and the line of every element.
-
-    Entity declarations are refused: a robot needs none, and they can be made to fill the memory.
-
-    Raises:
-        BadInput: The file is missing, too large or cannot be read.
-        BadFile: It is not well-formed.
-    """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise BadInput(f"{path}: larger than {LARGEST_FILE} bytes; no robot description is")
-        raw = path.read_bytes()
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
-    builder, lines = ET.TreeBuilder(), dict[ET.Element, int]()
-    parser = expat.ParserCreate()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
-
-    def entity(*_: object) -> None:
-        raise BadFile([Problem(path, parser.CurrentLineNumber, 1, "", "XML entities are not accepted")])
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = builder.end
-    parser.EntityDeclHandler = entity
-    try:
-        parser.Parse(raw, True)
-    except expat.ExpatError as error:
-        message = f"not XML: {expat.ErrorString(error.code)}"
-        raise BadFile([Problem(path, error.lineno, error.offset + 1, "", message)]) from None
-    return builder.close(), lines

@@ -3,6 +3,10 @@
 
 The tree is built from the parser's flat stream of events, not by a composing loader: depth, number of values
 and aliases are bounded before anything is expanded, and duplicate keys are still visible.
+
+YAML 1.1 readers and YAML 1.2 readers disagree on ``1e3``, ``010``, ``1:30``, ``on``. A number that one reader takes
+as text and another as 1000 has no place in a file that moves a robot, so all of these are refused, with the spelling
+that every reader agrees on.
 """
 
 from __future__ import annotations
@@ -22,8 +26,53 @@ MOST_VALUES = 20_000
 
 Place = tuple[int, int]
 KeyPath = tuple[str | int, ...]
+
 Fault = tuple[Place, KeyPath, str]
 """A place, a path inside the document, and what is wrong there."""
+
+Scalar = str | int | float | bool | None
+
+LONGEST_INTEGER = 15
+"""Digits that a float64 holds exactly."""
+
+_INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
+_FLOAT = re.compile(r"[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+][0-9]+)?")
+_SHORT_EXPONENT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))[eE]([-+]?)([0-9]+)")
+
+_LOOKALIKES = (
+    (
+        re.compile(r"[-+]?\.?(?:inf|infinity|nan)", re.IGNORECASE),
+        "is not a finite number; every number must be finite",
+    ),
+    (
+        re.compile(r"[-+]?0[0-9_]+"),
+        "may be read as octal or as text; write it without leading zeros",
+    ),
+    (
+        re.compile(r"[-+]?0[xXbBoO][0-9a-fA-F_]+"),
+        "is not a decimal number; write it in decimal",
+    ),
+    (
+        re.compile(r"[-+]?[0-9][0-9_]*(?::[0-5]?[0-9])+(?:\.[0-9_]*)?"),
+        "may be read as a number to base 60; write a decimal number, or quotes for text",
+    ),
+    (
+        re.compile(r"[-+]?[0-9][0-9_]*_[0-9_]*(?:\.[0-9_]*)?"),
+        "may be read as text; write the number without underscores",
+    ),
+    (
+        re.compile(r"[-+]?[0-9]+,[0-9]+"),
+        "is text; write the number with a decimal point",
+    ),
+)
+"""Words that look like numbers but are text, or another number, to some YAML readers."""
+
+_WORDS: dict[str, Scalar] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+_SWITCH = {"on": True, "yes": True, "off": False, "no": False}
 
 
 @dataclass(slots=True)
@@ -225,51 +274,6 @@ class TreeBuilder:
         if not frame.discard and frame.key is not None:
             content[frame.key] = node
         frame.key, frame.waiting, frame.discard = None, False, False
-
-
-Scalar = str | int | float | bool | None
-
-LONGEST_INTEGER = 15
-"""Digits that a float64 holds exactly."""
-
-_INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
-_FLOAT = re.compile(r"[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+][0-9]+)?")
-_SHORT_EXPONENT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))[eE]([-+]?)([0-9]+)")
-
-_LOOKALIKES = (
-    (
-        re.compile(r"[-+]?\.?(?:inf|infinity|nan)", re.IGNORECASE),
-        "is not a finite number; every number must be finite",
-    ),
-    (
-        re.compile(r"[-+]?0[0-9_]+"),
-        "may be read as octal or as text; write it without leading zeros",
-    ),
-    (
-        re.compile(r"[-+]?0[xXbBoO][0-9a-fA-F_]+"),
-        "is not a decimal number; write it in decimal",
-    ),
-    (
-        re.compile(r"[-+]?[0-9][0-9_]*(?::[0-5]?[0-9])+(?:\.[0-9_]*)?"),
-        "may be read as a number to base 60; write a decimal number, or quotes for text",
-    ),
-    (
-        re.compile(r"[-+]?[0-9][0-9_]*_[0-9_]*(?:\.[0-9_]*)?"),
-        "may be read as text; write the number without underscores",
-    ),
-    (
-        re.compile(r"[-+]?[0-9]+,[0-9]+"),
-        "is text; write the number with a decimal point",
-    ),
-)
-"""Words that look like numbers but are text, or another number, to some YAML readers."""
-
-_WORDS: dict[str, Scalar] = {
-    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
-    **dict.fromkeys(("true", "True", "TRUE"), True),
-    **dict.fromkeys(("false", "False", "FALSE"), False),
-}
-_SWITCH = {"on": True, "yes": True, "off": False, "no": False}
 
 
 def read_plain(word: str) -> tuple[Scalar, str | None]:

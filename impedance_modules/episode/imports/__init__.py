@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Foreign logs become episodes: text tables, MATLAB and NumPy files, ROS bags, joint recorder files.
+"""Logs of other programs become episodes: text tables, MATLAB, NumPy and Parquet files, ROS bags.
 
-``run`` is the door. A map (``map_reader``) says what a log's columns mean; a bag or a joint recorder's file gets
-a map of its own (``sniff``). A `LogTable` of any kind (``open_table``) is read in pieces, joined with the others,
-turned into joint quantities in SI units (``convert``), watched for mistakes (``clock``, ``plausible``), thinned
-out where asked (``decimate``) and written: all sources, or none. Memory does not grow with the log's length.
+``pipeline`` is where ``impedance import`` begins. A map (``import_map``, read by ``map_reader``) says what a log's
+columns mean; a bag or a joint recorder's file gets one made for it (``own_maps``). A `LogTable` of any kind
+(``log_sources``) is read in pieces, joined with the others, turned into joint quantities in SI units and thinned out
+where asked (``convert``), searched for mistakes (``log_checks``) and written: all sources, or none. Memory does not
+grow with the log's length.
 """

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A ROS recording as one table: joints matched by name, whoever published them, on one clock.
 
-The messages of one topic that list the same joints are a stream. The stream with most positions gives the
-rows; the others are brought to its times: what was measured by interpolation, what was commanded by holding
-the last command. Where a stream has a hole, no value is made up: its rows are left out.
+The messages of one topic that list the same joints are a stream, kept on disk. The stream with most positions gives
+the rows; the others are brought to its times: what was measured by interpolation, what was commanded by holding the
+last command. Where a stream has a hole, no value is made up: its rows are left out.
 """
 
 from __future__ import annotations
@@ -23,6 +23,20 @@ from impedance_modules.errors import BadInput
 
 PEEK = 400
 """Messages of each topic that are looked at to learn which joints it lists."""
+
+WIDEST_HOLE = 10.0
+"""Typical steps of a stream without a message, from which on its values are unknown in between."""
+
+STEP_SAMPLE = 10_000
+"""Messages from which a stream's typical step is taken."""
+
+Array = NDArray[np.float64]
+
+ColumnPlace = tuple[str, str, str]
+"""Topic, field, joint."""
+
+_BUFFERED = 4096
+"""Rows that wait in memory."""
 
 
 class BagTable:
@@ -102,121 +116,6 @@ class BagTable:
             columns.update(stream.at(time, self._held))
         places = rows[:, 1].astype(np.int64)
         return refuse_nonfinite(self.path, self.row_word, Chunk(columns, places))
-
-
-def column_places(bag: BagFile) -> dict[str, tuple[str, str, str]]:
-    """Returns column name -> (topic, field, joint) for what the first messages hold.
-
-    Raises:
-        BadInput: No message is about joints.
-    """
-    columns: dict[str, tuple[str, str, str]] = {}
-    for message in first_messages(bag):
-        for field in bag.topics[message.topic].fields:
-            if len(message.numbers(field)) == len(message.names):
-                for joint in message.names:
-                    columns[f"{message.topic}.{field}.{joint}"] = (message.topic, field, joint)
-    if not columns:
-        types = ", ".join(bag.others) or "nothing"
-        raise BadInput(
-            f"{bag.path}: no message about joints (valid: sensor_msgs/JointState, or another type that lists joint"
-            f" names and a number for each; present: {types})"
-        )
-    return columns
-
-
-def first_messages(bag: BagFile) -> Iterator[JointMessage]:
-    """Yields the first `PEEK` messages of each topic about joints."""
-    for topic in bag.topics:
-        for count, message in enumerate(bag.messages([topic]), start=1):
-            yield message
-            if count == PEEK:
-                break
-
-
-def _merge_note(base: Stream, others: Sequence[Stream]) -> str:
-    listed = ", ".join(f"{stream.topic} ({stream.rows} messages)" for stream in others)
-    return f"rows are the {base.rows} messages of {base.topic}; brought to their times: {listed}"
-
-
-WIDEST_HOLE = 10.0
-"""Typical steps of a stream without a message, from which on its values are unknown in between."""
-
-STEP_SAMPLE = 10_000
-"""Messages from which a stream's typical step is taken."""
-
-Array = NDArray[np.float64]
-ColumnPlace = tuple[str, str, str]
-"""Topic, field, joint."""
-
-
-class Stream:
-    """Messages of one topic that list the same joints.
-
-    Attributes:
-        topic: Where they came from.
-        columns: Column name -> place in a row; place 0 is the time [s], place 1 the message's number.
-    """
-
-    def __init__(self, topic: str, columns: Mapping[str, ColumnPlace], spool: Spool) -> None:
-        """Starts empty."""
-        self.topic = topic
-        self.columns = {name: index for index, name in enumerate(columns, start=2)}
-        self._fields = [(field, joint) for _, field, joint in columns.values()]
-        self._spool = spool
-        self._array: Array | None = None
-
-    @property
-    def rows(self) -> int:
-        """Messages so far."""
-        return self._spool.rows
-
-    def take(self, time: float, number: int, message: JointMessage, place: str) -> None:
-        """Adds one message.
-
-        Raises:
-            BadInput: A field without a number for each joint.
-        """
-        index = {name: position for position, name in enumerate(message.names)}
-        arrays = {field: message.numbers(field) for field in {field for field, _ in self._fields}}
-        for field, values in arrays.items():
-            if len(values) != len(message.names):
-                raise BadInput(
-                    f"{place}: '{field}' of {message.topic} has {len(values)} values for {len(message.names)} joints"
-                    f" (valid: one for each; if '{field}' was not measured, leave it out of the map)"
-                )
-        self._spool.append(
-            [time, float(number), *(arrays[field][index[joint]] for field, joint in self._fields)]
-        )
-
-    def array(self) -> Array:
-        """Returns all rows, on disk: time, number, columns."""
-        if self._array is None:
-            self._array = self._spool.array()
-        return self._array
-
-    def covers(self, time: Array) -> NDArray[np.bool_]:
-        """Returns at which times the stream has a message close before and after."""
-        own = self.array()[:, 0]
-        after = np.searchsorted(own, time, side="left").clip(1, len(own) - 1)
-        # The typical step, from a part that is long enough: the whole would have to be read for each chunk.
-        step = float(np.median(np.diff(own[:STEP_SAMPLE])))
-        close = own[after] - own[after - 1] <= WIDEST_HOLE * step
-        known: NDArray[np.bool_] = close | (own[after] == time) | (own[after - 1] == time)
-        return known
-
-    def at(self, time: Array, held: Collection[str]) -> dict[str, Array]:
-        """Returns the columns at other times: those ``held`` as last said, the others interpolated."""
-        rows = self.array()
-        own = rows[:, 0]
-        first = max(int(np.searchsorted(own, time[0], side="right")) - 1, 0)
-        last = int(np.searchsorted(own, time[-1], side="left")) + 1
-        part = np.array(rows[first:last])
-        before = (np.searchsorted(part[:, 0], time, side="right") - 1).clip(0)
-        return {
-            name: part[before, index] if name in held else np.interp(time, part[:, 0], part[:, index])
-            for name, index in self.columns.items()
-        }
 
 
 class StreamSet:
@@ -315,8 +214,73 @@ class StreamSet:
             )
 
 
-_BUFFERED = 4096
-"""Rows that wait in memory."""
+class Stream:
+    """Messages of one topic that list the same joints.
+
+    Attributes:
+        topic: Where they came from.
+        columns: Column name -> place in a row; place 0 is the time [s], place 1 the message's number.
+    """
+
+    def __init__(self, topic: str, columns: Mapping[str, ColumnPlace], spool: Spool) -> None:
+        """Starts empty."""
+        self.topic = topic
+        self.columns = {name: index for index, name in enumerate(columns, start=2)}
+        self._fields = [(field, joint) for _, field, joint in columns.values()]
+        self._spool = spool
+        self._array: Array | None = None
+
+    @property
+    def rows(self) -> int:
+        """Messages so far."""
+        return self._spool.rows
+
+    def take(self, time: float, number: int, message: JointMessage, place: str) -> None:
+        """Adds one message.
+
+        Raises:
+            BadInput: A field without a number for each joint.
+        """
+        index = {name: position for position, name in enumerate(message.names)}
+        arrays = {field: message.numbers(field) for field in {field for field, _ in self._fields}}
+        for field, values in arrays.items():
+            if len(values) != len(message.names):
+                raise BadInput(
+                    f"{place}: '{field}' of {message.topic} has {len(values)} values for {len(message.names)} joints"
+                    f" (valid: one for each; if '{field}' was not measured, leave it out of the map)"
+                )
+        self._spool.append(
+            [time, float(number), *(arrays[field][index[joint]] for field, joint in self._fields)]
+        )
+
+    def array(self) -> Array:
+        """Returns all rows, on disk: time, number, columns."""
+        if self._array is None:
+            self._array = self._spool.array()
+        return self._array
+
+    def covers(self, time: Array) -> NDArray[np.bool_]:
+        """Returns at which times the stream has a message close before and after."""
+        own = self.array()[:, 0]
+        after = np.searchsorted(own, time, side="left").clip(1, len(own) - 1)
+        # The typical step, from a part that is long enough: the whole would have to be read for each chunk.
+        step = float(np.median(np.diff(own[:STEP_SAMPLE])))
+        close = own[after] - own[after - 1] <= WIDEST_HOLE * step
+        known: NDArray[np.bool_] = close | (own[after] == time) | (own[after - 1] == time)
+        return known
+
+    def at(self, time: Array, held: Collection[str]) -> dict[str, Array]:
+        """Returns the columns at other times: those ``held`` as last said, the others interpolated."""
+        rows = self.array()
+        own = rows[:, 0]
+        first = max(int(np.searchsorted(own, time[0], side="right")) - 1, 0)
+        last = int(np.searchsorted(own, time[-1], side="left")) + 1
+        part = np.array(rows[first:last])
+        before = (np.searchsorted(part[:, 0], time, side="right") - 1).clip(0)
+        return {
+            name: part[before, index] if name in held else np.interp(time, part[:, 0], part[:, index])
+            for name, index in self.columns.items()
+        }
 
 
 class Spool:
@@ -354,3 +318,38 @@ class Spool:
             with self._path.open("ab") as stream:
                 np.array(self._held, dtype=np.float64).tofile(stream)
             self._held = []
+
+
+def column_places(bag: BagFile) -> dict[str, tuple[str, str, str]]:
+    """Returns column name -> (topic, field, joint) for what the first messages hold.
+
+    Raises:
+        BadInput: No message is about joints.
+    """
+    columns: dict[str, tuple[str, str, str]] = {}
+    for message in first_messages(bag):
+        for field in bag.topics[message.topic].fields:
+            if len(message.numbers(field)) == len(message.names):
+                for joint in message.names:
+                    columns[f"{message.topic}.{field}.{joint}"] = (message.topic, field, joint)
+    if not columns:
+        types = ", ".join(bag.others) or "nothing"
+        raise BadInput(
+            f"{bag.path}: no message about joints (valid: sensor_msgs/JointState, or another type that lists joint"
+            f" names and a number for each; present: {types})"
+        )
+    return columns
+
+
+def first_messages(bag: BagFile) -> Iterator[JointMessage]:
+    """Yields the first `PEEK` messages of each topic about joints."""
+    for topic in bag.topics:
+        for count, message in enumerate(bag.messages([topic]), start=1):
+            yield message
+            if count == PEEK:
+                break
+
+
+def _merge_note(base: Stream, others: Sequence[Stream]) -> str:
+    listed = ", ".join(f"{stream.topic} ({stream.rows} messages)" for stream in others)
+    return f"rows are the {base.rows} messages of {base.topic}; brought to their times: {listed}"

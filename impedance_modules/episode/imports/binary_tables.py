@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""MATLAB's .mat and NumPy's .npz files: variables, structs and matrices become columns."""
+"""MATLAB's .mat, NumPy's .npz and other programs' Parquet files: variables, structs and matrices become columns."""
 
 from __future__ import annotations
 
@@ -83,6 +83,51 @@ class ArrayTable:
             yield refuse_nonfinite(self.path, self.row_word, Chunk(columns, places))
 
 
+class ParquetTable:
+    """The numeric columns of one Parquet file.
+
+    Attributes:
+        path, names, scalars, row_word, notes: See `LogTable`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Opens the file.
+
+        Raises:
+            BadInput: Missing, empty, cut off, or no Parquet.
+        """
+        self.path = path
+        self.scalars: Mapping[str, float] = {}
+        self.row_word = "sample"
+        self.notes: list[str] = []
+        try:
+            if path.stat().st_size == 0:
+                raise BadInput(f"{path}: the file is empty (valid: Parquet)")
+            self._file = pq.ParquetFile(path)
+        except FileNotFoundError:
+            raise BadInput(f"{path}: no such file") from None
+        except (pa.ArrowException, OSError) as error:
+            raise BadInput(f"{path}: not a whole Parquet file: {error}") from error
+        schema = self._file.schema_arrow
+        self.names = tuple(field.name for field in schema if _is_number(field.type))
+        self.metadata: Mapping[bytes, bytes] = schema.metadata or {}
+
+    def chunks(self, wanted: Sequence[str]) -> Iterator[Chunk]:
+        """Yields the wanted columns; see `LogTable`."""
+        start = 1
+        try:
+            for batch in self._file.iter_batches(CHUNK_ROWS, columns=list(wanted), use_threads=False):
+                columns = {
+                    name: batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False)
+                    for name in wanted
+                }
+                places = np.arange(start, start + len(batch), dtype=np.int64)
+                start += len(batch)
+                yield refuse_nonfinite(self.path, self.row_word, Chunk(columns, places))
+        except (pa.ArrowException, OSError) as error:
+            raise BadInput(f"{self.path}: damaged: {error}") from error
+
+
 def _variables(path: Path) -> Mapping[str, Any]:
     try:
         size = path.stat().st_size
@@ -137,51 +182,6 @@ def _columns(name: str, value: NDArray[Any]) -> Iterator[tuple[str, Any]]:
         yield from ((f"{name}[{index + 1}]", tall[:, index]) for index in range(tall.shape[1]))
     else:
         yield name, value.reshape(-1)
-
-
-class ParquetTable:
-    """The numeric columns of one Parquet file.
-
-    Attributes:
-        path, names, scalars, row_word, notes: See `LogTable`.
-    """
-
-    def __init__(self, path: Path) -> None:
-        """Opens the file.
-
-        Raises:
-            BadInput: Missing, empty, cut off, or no Parquet.
-        """
-        self.path = path
-        self.scalars: Mapping[str, float] = {}
-        self.row_word = "sample"
-        self.notes: list[str] = []
-        try:
-            if path.stat().st_size == 0:
-                raise BadInput(f"{path}: the file is empty (valid: Parquet)")
-            self._file = pq.ParquetFile(path)
-        except FileNotFoundError:
-            raise BadInput(f"{path}: no such file") from None
-        except (pa.ArrowException, OSError) as error:
-            raise BadInput(f"{path}: not a whole Parquet file: {error}") from error
-        schema = self._file.schema_arrow
-        self.names = tuple(field.name for field in schema if _is_number(field.type))
-        self.metadata: Mapping[bytes, bytes] = schema.metadata or {}
-
-    def chunks(self, wanted: Sequence[str]) -> Iterator[Chunk]:
-        """Yields the wanted columns; see `LogTable`."""
-        start = 1
-        try:
-            for batch in self._file.iter_batches(CHUNK_ROWS, columns=list(wanted), use_threads=False):
-                columns = {
-                    name: batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False)
-                    for name in wanted
-                }
-                places = np.arange(start, start + len(batch), dtype=np.int64)
-                start += len(batch)
-                yield refuse_nonfinite(self.path, self.row_word, Chunk(columns, places))
-        except (pa.ArrowException, OSError) as error:
-            raise BadInput(f"{self.path}: damaged: {error}") from error
 
 
 def _is_number(kind: pa.DataType) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Turns the raw columns of one or several tables into joint quantities: units, signs, transmission, offsets."""
+"""Raw columns of one or several tables become joint quantities: units, signs, transmission, offsets, decimation."""
 
 from __future__ import annotations
 
@@ -35,9 +35,20 @@ from impedance_modules.errors import BadFile, BadInput
 SAME_TIME = 0.25
 """Part of a step by which the times of two tables may differ in one row."""
 
+ATTENUATION = 60.0
+"""Of what would fold back below half the new rate [dB]."""
+
+WIDEST_PASS = 0.9
+"""Largest pass band, as a part of half the new rate: a steeper filter would blur the ends of the log."""
+
+Matrix = NDArray[np.float64]
+
+UNEVEN = 0.5
+"""Part of a step by which a time may be off for samples to count as even."""
+
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MappedTable:
     """One table with its map.
 
     Attributes:
@@ -55,7 +66,7 @@ class Part:
     wanted: tuple[str, ...]
 
 
-def make_part(table: LogTable, what: TableMap, document_of: ImportMap) -> Part:
+def make_part(table: LogTable, what: TableMap, document_of: ImportMap) -> MappedTable:
     """Finds a map's columns in its table.
 
     Raises:
@@ -76,17 +87,10 @@ def make_part(table: LogTable, what: TableMap, document_of: ImportMap) -> Part:
         raise BadFile([document_of.document.problem(("tables", what.index), str(error), at="key")]) from error
     wanted = tuple(dict.fromkeys([*([time] if time else []), *names]))
     seconds = what.time.seconds if what.time is not None else 1.0
-    return Part(table, what, time, seconds, wanted)
+    return MappedTable(table, what, time, seconds, wanted)
 
 
-def _check_gain(table: LogTable, quantity: MappedQuantity) -> None:
-    gain = quantity.gain_variable
-    if gain is not None and gain not in table.scalars:
-        present = ", ".join(table.scalars) or "none"
-        raise BadInput(f"{table.path}: no variable '{gain}' with a single number (present: {present})")
-
-
-def blocks(parts: Sequence[Part], what: ImportMap, rate: float | None) -> Iterator[Block]:
+def blocks(parts: Sequence[MappedTable], what: ImportMap, rate: float | None) -> Iterator[Block]:
     """Yields a recording in the episode's columns, piece by piece.
 
     Args:
@@ -120,69 +124,6 @@ def column_order(what: ImportMap) -> tuple[str, ...]:
     by_kind = {quantity.kind: quantity for table in what.tables for quantity in table.quantities}
     joints = [joint_column(kind, j) for kind in JOINT_KINDS if kind in by_kind for j in by_kind[kind].columns]
     return (*joints, *(name for table in what.tables for name in table.extra))
-
-
-def _check_lengths(parts: Sequence[Part], chunks: Sequence[Chunk | None], done: int) -> None:
-    lengths = [0 if chunk is None else len(chunk) for chunk in chunks]
-    if len(set(lengths)) > 1:
-        short = int(np.argmin(lengths))
-        other = next(i for i, length in enumerate(lengths) if length > lengths[short])
-        raise BadInput(
-            f"{parts[short].table.path}: ends after {done + lengths[short]} rows, and {parts[other].table.path} goes"
-            " on (valid: tables of one recording have one length and one rate)"
-        )
-
-
-def _time(parts: Sequence[Part], chunks: Sequence[Chunk], done: int, rate: float | None) -> Vector:
-    """The time of each row: the first table's that has one, else even steps."""
-    found: Vector | None = None
-    first: Part | None = None
-    for part, chunk in zip(parts, chunks, strict=True):
-        if part.time is None:
-            continue
-        time = chunk.columns[part.time] * part.seconds
-        if found is None or first is None:
-            found, first = time, part
-            continue
-        step = np.median(np.diff(found)) if len(found) > 1 else 0.0
-        apart = np.abs(time - found) > SAME_TIME * step
-        if apart.any():
-            row = int(np.argmax(apart))
-            raise BadInput(
-                f"{part.table.path}:{chunk.places[row]}: the time here is {time[row]:.6g} s, and {found[row]:.6g} s"
-                f" in the same row of {first.table.path} (valid: tables that were recorded together, at one rate)"
-            )
-    if found is not None:
-        return found
-    if rate is None:
-        raise BadInput(f"{parts[0].table.path}: no time base (valid: a time column in the map, or a rate)")
-    return np.arange(done, done + len(chunks[0])) / rate
-
-
-def _joint_values(quantity: MappedQuantity, part: Part, chunk: Chunk, what: ImportMap) -> Mapping[str, Vector]:
-    joints = tuple(quantity.columns)
-    values: NDArray[np.float64] = np.column_stack(
-        [chunk.columns[find_column(part.table, column)] for column in quantity.columns.values()]
-    ) * np.array([quantity.scale[joint] for joint in joints])
-    if quantity.gain_variable is not None:
-        values = values * part.table.scalars[quantity.gain_variable]
-    if quantity.motor_side and what.transmission is not None:
-        carry = efforts_at_joints if quantity.kind in EFFORTS else positions_at_joints
-        values = carry(what.transmission, values)
-    values = values + np.array([quantity.offset.get(joint, 0.0) for joint in joints])
-    return {joint_column(quantity.kind, joint): values[:, i].copy() for i, joint in enumerate(joints)}
-
-
-ATTENUATION = 60.0
-"""Of what would fold back below half the new rate [dB]."""
-
-WIDEST_PASS = 0.9
-"""Largest pass band, as a part of half the new rate: a steeper filter would blur the ends of the log."""
-
-Matrix = NDArray[np.float64]
-
-UNEVEN = 0.5
-"""Part of a step by which a time may be off for samples to count as even."""
 
 
 def decimated(blocks: Iterator[Block], what: ImportMap) -> Iterator[Block]:
@@ -251,6 +192,66 @@ class _Window:
         self._next = (self._next - ready) % self._keep_every
         self.values, self.times, self._places = self.values[ready:], self.times[ready:], self._places[ready:]
         return block
+
+
+def _check_gain(table: LogTable, quantity: MappedQuantity) -> None:
+    gain = quantity.gain_variable
+    if gain is not None and gain not in table.scalars:
+        present = ", ".join(table.scalars) or "none"
+        raise BadInput(f"{table.path}: no variable '{gain}' with a single number (present: {present})")
+
+
+def _check_lengths(parts: Sequence[MappedTable], chunks: Sequence[Chunk | None], done: int) -> None:
+    lengths = [0 if chunk is None else len(chunk) for chunk in chunks]
+    if len(set(lengths)) > 1:
+        short = int(np.argmin(lengths))
+        other = next(i for i, length in enumerate(lengths) if length > lengths[short])
+        raise BadInput(
+            f"{parts[short].table.path}: ends after {done + lengths[short]} rows, and {parts[other].table.path} goes"
+            " on (valid: tables of one recording have one length and one rate)"
+        )
+
+
+def _time(parts: Sequence[MappedTable], chunks: Sequence[Chunk], done: int, rate: float | None) -> Vector:
+    """The time of each row: the first table's that has one, else even steps."""
+    found: Vector | None = None
+    first: MappedTable | None = None
+    for part, chunk in zip(parts, chunks, strict=True):
+        if part.time is None:
+            continue
+        time = chunk.columns[part.time] * part.seconds
+        if found is None or first is None:
+            found, first = time, part
+            continue
+        step = np.median(np.diff(found)) if len(found) > 1 else 0.0
+        apart = np.abs(time - found) > SAME_TIME * step
+        if apart.any():
+            row = int(np.argmax(apart))
+            raise BadInput(
+                f"{part.table.path}:{chunk.places[row]}: the time here is {time[row]:.6g} s, and {found[row]:.6g} s"
+                f" in the same row of {first.table.path} (valid: tables that were recorded together, at one rate)"
+            )
+    if found is not None:
+        return found
+    if rate is None:
+        raise BadInput(f"{parts[0].table.path}: no time base (valid: a time column in the map, or a rate)")
+    return np.arange(done, done + len(chunks[0])) / rate
+
+
+def _joint_values(
+    quantity: MappedQuantity, part: MappedTable, chunk: Chunk, what: ImportMap
+) -> Mapping[str, Vector]:
+    joints = tuple(quantity.columns)
+    values: NDArray[np.float64] = np.column_stack(
+        [chunk.columns[find_column(part.table, column)] for column in quantity.columns.values()]
+    ) * np.array([quantity.scale[joint] for joint in joints])
+    if quantity.gain_variable is not None:
+        values = values * part.table.scalars[quantity.gain_variable]
+    if quantity.motor_side and what.transmission is not None:
+        carry = efforts_at_joints if quantity.kind in EFFORTS else positions_at_joints
+        values = carry(what.transmission, values)
+    values = values + np.array([quantity.offset.get(joint, 0.0) for joint in joints])
+    return {joint_column(quantity.kind, joint): values[:, i].copy() for i, joint in enumerate(joints)}
 
 
 def _filter(first: Block, what: ImportMap) -> Matrix:

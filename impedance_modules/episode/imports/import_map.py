@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an import map says, as frozen data: which columns of a log mean what."""
+"""What an import map says, as frozen data: which columns of a log mean what, their units, and the transmission.
+
+Units are factors to those of an episode: rad, rad/s, N.m; m, m/s, N if prismatic.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,28 @@ Reference = str | int
 POSITIONS = ("position", "position_command")
 EFFORTS = ("effort", "effort_command")
 COMMANDS = ("position_command", "effort_command")
+TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+COUNTS = "counts"
+
+GAIN_UNITS = ("A", "V", "other")
+"""Units of torque that mean nothing without a gain."""
+
+Matrix = NDArray[np.float64]
+_TURNING: Mapping[str, Mapping[str, float]] = {
+    "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, COUNTS: 2 * math.pi},
+    "velocity": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180,
+        "rev/s": 2 * math.pi,
+        "rpm": 2 * math.pi / 60,
+    },
+    "effort": {"N.m": 1.0, "mN.m": 1e-3, "A": 1.0, "V": 1.0, "other": 1.0},
+}
+_SLIDING: Mapping[str, Mapping[str, float]] = {
+    "position": {"m": 1.0, "mm": 1e-3},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3},
+    "effort": {"N": 1.0, "A": 1.0, "V": 1.0, "other": 1.0},
+}
 
 
 @dataclass(frozen=True)
@@ -150,29 +175,6 @@ class ImportMap:
         return None
 
 
-TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-
-COUNTS = "counts"
-GAIN_UNITS = ("A", "V", "other")
-"""Units of torque that mean nothing without a gain."""
-
-_TURNING: Mapping[str, Mapping[str, float]] = {
-    "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, COUNTS: 2 * math.pi},
-    "velocity": {
-        "rad/s": 1.0,
-        "deg/s": math.pi / 180,
-        "rev/s": 2 * math.pi,
-        "rpm": 2 * math.pi / 60,
-    },
-    "effort": {"N.m": 1.0, "mN.m": 1e-3, "A": 1.0, "V": 1.0, "other": 1.0},
-}
-_SLIDING: Mapping[str, Mapping[str, float]] = {
-    "position": {"m": 1.0, "mm": 1e-3},
-    "velocity": {"m/s": 1.0, "mm/s": 1e-3},
-    "effort": {"N": 1.0, "A": 1.0, "V": 1.0, "other": 1.0},
-}
-
-
 def unit_factors(kind: str, *, sliding: bool) -> Mapping[str, float]:
     """Returns the units of a quantity with the factor to the episode's.
 
@@ -184,9 +186,6 @@ def unit_factors(kind: str, *, sliding: bool) -> Mapping[str, float]:
     """
     family = "position" if kind in POSITIONS else "effort" if kind in EFFORTS else "velocity"
     return (_SLIDING if sliding else _TURNING)[family]
-
-
-Matrix = NDArray[np.float64]
 
 
 def transmission_matrix(entry: Mapping[str, Any], joints: Sequence[str]) -> Matrix:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Opens a log of any kind as a table, by what it is rather than by what it is called."""
+"""What the sources of an import are: of which kind each file is, and which files make one recording.
+
+Files are known by their first bytes rather than by their names.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,8 @@ from impedance_modules.episode.imports.table import LogTable
 from impedance_modules.episode.imports.text_table import TextTable
 from impedance_modules.episode.run_folder import EPISODE, part_paths
 from impedance_modules.errors import BadFile, BadInput
+
+EPISODE_MARK = "{episode}"
 
 _MAGIC = (
     (b"#ROSBAG V", "bag", ""),
@@ -98,31 +103,6 @@ def open_table(path: Path, table: TableMap, what: ImportMap, scratch: Path) -> L
     return _open(kind, path, table, scratch)
 
 
-def _open(kind: str, path: Path, table: TableMap, scratch: Path) -> LogTable:
-    if kind == "bag":
-        # The readers of bags take half a second to import, which only those who read bags should pay.
-        from impedance_modules.episode.imports.bag_table import BagTable  # noqa: PLC0415
-
-        return BagTable(path, table, scratch)
-    if kind == "arrays":
-        return ArrayTable(path)
-    if kind == "parquet":
-        return ParquetTable(path)
-    if table.text is None:
-        raise BadInput(f"{path}: a text file needs a 'separator' in the map")
-    return TextTable(path, table.text)
-
-
-def _neighbours(path: Path) -> str:
-    if not path.parent.is_dir():
-        return f" (the folder {path.parent} does not exist)"
-    same = sorted(entry.name for entry in path.parent.glob(f"*{path.suffix}") if entry.is_file())
-    return f" (beside it: {', '.join(same[:6])})" if same else ""
-
-
-EPISODE_MARK = "{episode}"
-
-
 @dataclass(frozen=True)
 class RecordingFiles:
     """One recording: its name, and a source for each table of the map."""
@@ -166,6 +146,28 @@ def source_name(path: Path) -> str:
     if whole.name == EPISODE:
         return whole.parent.name
     return whole.name if whole.is_dir() else whole.stem
+
+
+def _open(kind: str, path: Path, table: TableMap, scratch: Path) -> LogTable:
+    if kind == "bag":
+        # The readers of bags take half a second to import, which only those who read bags should pay.
+        from impedance_modules.episode.imports.bag_table import BagTable  # noqa: PLC0415
+
+        return BagTable(path, table, scratch)
+    if kind == "arrays":
+        return ArrayTable(path)
+    if kind == "parquet":
+        return ParquetTable(path)
+    if table.text is None:
+        raise BadInput(f"{path}: a text file needs a 'separator' in the map")
+    return TextTable(path, table.text)
+
+
+def _neighbours(path: Path) -> str:
+    if not path.parent.is_dir():
+        return f" (the folder {path.parent} does not exist)"
+    same = sorted(entry.name for entry in path.parent.glob(f"*{path.suffix}") if entry.is_file())
+    return f" (beside it: {', '.join(same[:6])})" if same else ""
 
 
 def _expand(source: Path, what: ImportMap) -> list[Path]:

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The meaning of an import map, checked once its shape is right: every problem, each with its line."""
+"""The meaning of an import map, checked once its shape is right: every problem, each with its line.
+
+A map is checked against itself and against what is known of the robot: its joints, which of them slide, and how far
+they go.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +31,16 @@ from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 from impedance_modules.spec.yaml_tree import KeyPath
 
+Limits = Mapping[str, tuple[float, float]]
 _TEXT_ONLY = ("header", "skip_rows", "comment")
+
 _SINGULAR = 1e12
 """Condition number from which a transmission counts as impossible to turn back."""
 
+_TAKEN = (*JOINT_KINDS, *FRAME_KINDS, TIME, PHASE, TANK)
+
+_BY_JOINT = ("unit", "sign", "offset", "gain", "counts_per_rev")
+"""Keys that may hold one value for each joint."""
 
 
 def map_problems(document: Document, facts: RobotFacts | None, prismatic: frozenset[str]) -> list[Problem]:
@@ -47,6 +57,110 @@ def map_problems(document: Document, facts: RobotFacts | None, prismatic: frozen
         *_table_problems(document, prismatic),
         *_whole_problems(document),
     ]
+
+
+def quantity_problems(
+    document: Document, path: KeyPath, kind: str, prismatic: frozenset[str]
+) -> Iterator[Problem]:
+    """Yields what is wrong with one joint quantity.
+
+    Args:
+        document: The map.
+        path: Of the quantity in it.
+        kind: One of `JOINT_KINDS`.
+        prismatic: Joints that slide.
+    """
+    yield from _Checks(document, path, kind, prismatic).problems()
+
+
+def extra_problems(
+    document: Document, path: KeyPath, name: str, entry: Mapping[str, Any]
+) -> Iterator[Problem]:
+    """Yields what is wrong with an extra quantity."""
+    if name in _TAKEN:
+        message = f"'{name}' has a meaning of its own in an episode; use another name"
+        yield document.problem(path, message, at="key")
+    if ("column" in entry) == ("columns" in entry):
+        yield document.problem(path, "either 'column' or 'columns', and one of them", at="key")
+    elif "columns" in entry:
+        yield from _column_problems(document, (*path, "columns"), entry["columns"])
+
+
+def strangers(
+    document: Document,
+    path: KeyPath,
+    names: Sequence[str] | Mapping[str, Any],
+    joints: Sequence[str],
+    where: str,
+) -> Iterator[Problem]:
+    """Yields a problem for each name that is none of ``joints``, which stand ``where``."""
+    for index, name in enumerate(names):
+        if name not in joints:
+            step = name if isinstance(names, Mapping) else index
+            message = f"'{name}' is not among {where}{nearest(name, joints)}"
+            yield document.problem((*path, step), message, joints, at="key")
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """Joints of a robot.
+
+    Attributes:
+        source: File or folder they come from, for messages.
+        joints: Names of all that move.
+        prismatic: Those that slide.
+        limits: Joint -> lowest and highest position [rad] ([m] if prismatic), where known.
+    """
+
+    source: Path
+    joints: tuple[str, ...]
+    prismatic: frozenset[str]
+    limits: Limits
+
+
+def facts_of_urdf(path: Path) -> RobotFacts:
+    """Reads the facts from a URDF.
+
+    Raises:
+        BadInput: No such file, or no URDF.
+    """
+    urdf = read_urdf(path)
+    moving = {name: joint for name, joint in urdf.joints.items() if joint.moves}
+    limits = {name: (j.limits.lower, j.limits.upper) for name, j in moving.items() if j.limits is not None}
+    return RobotFacts(path, tuple(moving), _sliding(urdf), limits)
+
+
+def facts_of_robot(name: str, beside: Path) -> RobotFacts | None:
+    """Reads the facts from a robot folder; None where there is none of that name.
+
+    Raises:
+        BadInput: The folder is there, but something in it is wrong.
+    """
+    try:
+        folder = find_robot(name, beside)
+    except BadInput:
+        return None
+    spec = read_robot(folder)
+    urdf = read_urdf(spec.urdf)
+    limits = {joint: (row.position_min, row.position_max) for joint, row in spec.joints.items()}
+    joints = tuple(joint for joint, entry in urdf.joints.items() if entry.moves)
+    return RobotFacts(folder, joints, _sliding(urdf), limits)
+
+
+def unknown_robot_note(name: str) -> str:
+    """Returns the sentence for a robot that has no folder."""
+    near = nearest(name, list_robots())
+    return f"there is no robot folder '{name}'{near}: joint names and limits were not checked"
+
+
+def recognise(names: Iterable[str]) -> RobotSpec | None:
+    """Returns the shipped robot to which these joint names belong: one with a whole limb among them, or None."""
+    present = frozenset(names)
+    for name in list_robots():
+        spec = read_robot(name)
+        if any(present.issuperset(limb.joints.values()) for limb in spec.limbs.values()):
+            return spec
+    return None
 
 
 def _joint_problems(document: Document, facts: RobotFacts | None) -> Iterator[Problem]:
@@ -147,118 +261,8 @@ def _whole_problems(document: Document) -> Iterator[Problem]:
         yield document.problem(("tables",), f"extra '{name}' stands in two tables", at="key")
 
 
-Limits = Mapping[str, tuple[float, float]]
-
-
-@dataclass(frozen=True)
-class RobotFacts:
-    """Joints of a robot.
-
-    Attributes:
-        source: File or folder they come from, for messages.
-        joints: Names of all that move.
-        prismatic: Those that slide.
-        limits: Joint -> lowest and highest position [rad] ([m] if prismatic), where known.
-    """
-
-    source: Path
-    joints: tuple[str, ...]
-    prismatic: frozenset[str]
-    limits: Limits
-
-
-def facts_of_urdf(path: Path) -> RobotFacts:
-    """Reads the facts from a URDF.
-
-    Raises:
-        BadInput: No such file, or no URDF.
-    """
-    urdf = read_urdf(path)
-    moving = {name: joint for name, joint in urdf.joints.items() if joint.moves}
-    limits = {name: (j.limits.lower, j.limits.upper) for name, j in moving.items() if j.limits is not None}
-    return RobotFacts(path, tuple(moving), _sliding(urdf), limits)
-
-
-def facts_of_robot(name: str, beside: Path) -> RobotFacts | None:
-    """Reads the facts from a robot folder; None where there is none of that name.
-
-    Raises:
-        BadInput: The folder is there, but something in it is wrong.
-    """
-    try:
-        folder = find_robot(name, beside)
-    except BadInput:
-        return None
-    spec = read_robot(folder)
-    urdf = read_urdf(spec.urdf)
-    limits = {joint: (row.position_min, row.position_max) for joint, row in spec.joints.items()}
-    joints = tuple(joint for joint, entry in urdf.joints.items() if entry.moves)
-    return RobotFacts(folder, joints, _sliding(urdf), limits)
-
-
-def unknown_robot_note(name: str) -> str:
-    """Returns the sentence for a robot that has no folder."""
-    near = nearest(name, list_robots())
-    return f"there is no robot folder '{name}'{near}: joint names and limits were not checked"
-
-
-def recognise(names: Iterable[str]) -> RobotSpec | None:
-    """Returns the shipped robot to which these joint names belong: one with a whole limb among them, or None."""
-    present = frozenset(names)
-    for name in list_robots():
-        spec = read_robot(name)
-        if any(present.issuperset(limb.joints.values()) for limb in spec.limbs.values()):
-            return spec
-    return None
-
-
 def _sliding(urdf: UrdfFacts) -> frozenset[str]:
     return frozenset(name for name, joint in urdf.joints.items() if joint.type == "prismatic")
-
-
-_TAKEN = (*JOINT_KINDS, *FRAME_KINDS, TIME, PHASE, TANK)
-_BY_JOINT = ("unit", "sign", "offset", "gain", "counts_per_rev")
-"""Keys that may hold one value for each joint."""
-
-
-def strangers(
-    document: Document,
-    path: KeyPath,
-    names: Sequence[str] | Mapping[str, Any],
-    joints: Sequence[str],
-    where: str,
-) -> Iterator[Problem]:
-    """Yields a problem for each name that is none of ``joints``, which stand ``where``."""
-    for index, name in enumerate(names):
-        if name not in joints:
-            step = name if isinstance(names, Mapping) else index
-            message = f"'{name}' is not among {where}{nearest(name, joints)}"
-            yield document.problem((*path, step), message, joints, at="key")
-
-
-def extra_problems(document: Document, path: KeyPath, name: str, entry: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yields what is wrong with an extra quantity."""
-    if name in _TAKEN:
-        message = f"'{name}' has a meaning of its own in an episode; use another name"
-        yield document.problem(path, message, at="key")
-    if ("column" in entry) == ("columns" in entry):
-        yield document.problem(path, "either 'column' or 'columns', and one of them", at="key")
-    elif "columns" in entry:
-        yield from _column_problems(document, (*path, "columns"), entry["columns"])
-
-
-def quantity_problems(
-    document: Document, path: KeyPath, kind: str, prismatic: frozenset[str]
-) -> Iterator[Problem]:
-    """Yields what is wrong with one joint quantity.
-
-    Args:
-        document: The map.
-        path: Of the quantity in it.
-        kind: One of `JOINT_KINDS`.
-        prismatic: Joints that slide.
-    """
-    yield from _Checks(document, path, kind, prismatic).problems()
 
 
 def _column_problems(document: Document, path: KeyPath, columns: Any) -> Iterator[Problem]:

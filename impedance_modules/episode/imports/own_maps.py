@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logs that need no map: a joint recorder's file and a bag with joint states name their joints themselves.
+"""Maps for logs that need none from the user: a joint recorder's file, and a bag with joint states.
 
-A map is made for them as text and read like any other, so that what was assumed stands in the episode.
+They name their joints themselves. The map is made as text and read like any other, so that the episode keeps what
+was assumed.
 """
 
 from __future__ import annotations

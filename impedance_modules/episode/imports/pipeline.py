@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One recording from its tables to its Parquet file, watched all the way."""
+"""``impedance import``: each recording from its tables to its Parquet file; all recordings are written, or none."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import pyarrow as pa
 from impedance_modules.episode.columns import JOINT_KINDS, TIME, parse_columns
 from impedance_modules.episode.file_format import episode_schema, is_required, write_merged
 from impedance_modules.episode.imports.binary_tables import ParquetTable
-from impedance_modules.episode.imports.convert import Part, blocks, column_order, decimated, make_part
+from impedance_modules.episode.imports.convert import MappedTable, blocks, column_order, decimated, make_part
 from impedance_modules.episode.imports.import_map import ImportMap
 from impedance_modules.episode.imports.log_checks import Clock, Plausibility, SpeedMatch
 from impedance_modules.episode.imports.log_sources import (
@@ -36,6 +36,39 @@ from impedance_modules.episode.metadata import decode_metadata, episode_metadata
 from impedance_modules.episode.reader import open_source
 from impedance_modules.episode.run_folder import EPISODE
 from impedance_modules.errors import BadInput
+
+SUFFIX = ".parquet"
+
+
+def import_sources(
+    sources: Sequence[Path], map_path: Path | None, rate: float | None, out: Path
+) -> tuple[Imported, ...]:
+    """Turns logs into episodes ``OUT/NAME.parquet``.
+
+    Args:
+        sources: Files, directories of ROS 2 recordings or runs, or folders with files that the map describes.
+        map_path: What the columns mean; None for bags of a shipped robot, joint recorder files and episodes.
+        rate: Stated samples per second [Hz], for logs without time.
+        out: Directory; episodes that are there already are never overwritten.
+
+    Returns:
+        What became of each recording.
+
+    Raises:
+        BadInput: Anything that would make a misleading episode; then nothing is written.
+    """
+    if rate is not None and not (math.isfinite(rate) and rate > 0.0):
+        raise BadInput(f"--rate {rate:g}: no sampling rate (valid: above 0 Hz)")
+    _refuse_twice(sources)
+    what = read_map(map_path) if map_path is not None else None
+    recordings = mapped_recordings(sources, what) if what is not None else plain_recordings(sources)
+    _refuse_present(recordings, out)
+    with _staging(out) as folder:
+        done = [
+            _import_one(recording, what, rate, folder / (recording.name + SUFFIX)) for recording in recordings
+        ]
+        _refuse_present(recordings, out)
+        return tuple(_into_place(imported, out) for imported in done)
 
 
 @dataclass(frozen=True)
@@ -63,7 +96,9 @@ class Imported:
     notes: tuple[str, ...]
 
 
-def import_recording(recording: RecordingFiles, what: ImportMap, rate: float | None, target: Path) -> Imported:
+def import_recording(
+    recording: RecordingFiles, what: ImportMap, rate: float | None, target: Path
+) -> Imported:
     """Writes one recording as an episode.
 
     Args:
@@ -106,6 +141,35 @@ def import_recording(recording: RecordingFiles, what: ImportMap, rate: float | N
     )
 
 
+def copy_episode(path: Path, target: Path) -> Imported:
+    """Checks an episode, or a run's directory, and copies it.
+
+    Raises:
+        BadInput: It is no episode, or one that would mislead.
+    """
+    if path.is_dir():
+        open_source(path)  # merges the parts of a killed run
+        path = path / EPISODE
+    table = ParquetTable(path)
+    layout = parse_columns(table.names, str(path))
+    decode_metadata(table.metadata, str(path), has_effort=bool(layout.joints["effort"]))
+    clock = Clock(path, table.row_word)
+    for chunk in table.chunks([name for name in table.names if is_required(name)]):
+        clock.take(Block(chunk.columns[TIME], chunk.columns, chunk.places))
+    clock.finish()
+    shutil.copyfile(path, target)
+    return Imported(
+        path=target,
+        samples=clock.samples,
+        duration=clock.duration,
+        rate=clock.rate,
+        rate_stated=False,
+        joints=len(layout.joints["position"]),
+        kinds=tuple(kind for kind in JOINT_KINDS if layout.joints[kind]),
+        notes=("an episode already: checked and copied",),
+    )
+
+
 class _Watch:
     """Lets blocks pass while clock and plausibility look at them; they judge when the last has passed."""
 
@@ -144,7 +208,7 @@ class _Tables:
         return pa.LogTable.from_arrays(arrays, schema=self._schema)
 
 
-def _stated_rate(parts: Sequence[Part], what: ImportMap, rate: float | None) -> float | None:
+def _stated_rate(parts: Sequence[MappedTable], what: ImportMap, rate: float | None) -> float | None:
     """Returns the rate to count time with; None where a table brings its own time."""
     place = parts[0].table.path
     if any(part.time is not None for part in parts):
@@ -166,7 +230,7 @@ def _stated_rate(parts: Sequence[Part], what: ImportMap, rate: float | None) -> 
     return stated
 
 
-def _rate_hint(parts: Sequence[Part], what: ImportMap) -> str:
+def _rate_hint(parts: Sequence[MappedTable], what: ImportMap) -> str:
     """The rate at which positions and velocities would agree, where the log has both."""
     first = next(blocks(parts, what, 1.0), None)
     if first is None:
@@ -180,7 +244,7 @@ def _rate_hint(parts: Sequence[Part], what: ImportMap) -> str:
 
 
 def _metadata(
-    recording: RecordingFiles, parts: Sequence[Part], what: ImportMap, stated: float | None
+    recording: RecordingFiles, parts: Sequence[MappedTable], what: ImportMap, stated: float | None
 ) -> dict[str, Any]:
     imported: dict[str, Any] = {
         "sources": [path.name for path in recording.paths],
@@ -208,70 +272,9 @@ def _metadata(
     )
 
 
-def copy_episode(path: Path, target: Path) -> Imported:
-    """Checks an episode, or a run's directory, and copies it.
-
-    Raises:
-        BadInput: It is no episode, or one that would mislead.
-    """
-    if path.is_dir():
-        open_source(path)  # merges the parts of a killed run
-        path = path / EPISODE
-    table = ParquetTable(path)
-    layout = parse_columns(table.names, str(path))
-    decode_metadata(table.metadata, str(path), has_effort=bool(layout.joints["effort"]))
-    clock = Clock(path, table.row_word)
-    for chunk in table.chunks([name for name in table.names if is_required(name)]):
-        clock.take(Block(chunk.columns[TIME], chunk.columns, chunk.places))
-    clock.finish()
-    shutil.copyfile(path, target)
-    return Imported(
-        path=target,
-        samples=clock.samples,
-        duration=clock.duration,
-        rate=clock.rate,
-        rate_stated=False,
-        joints=len(layout.joints["position"]),
-        kinds=tuple(kind for kind in JOINT_KINDS if layout.joints[kind]),
-        notes=("an episode already: checked and copied",),
-    )
-
-
-SUFFIX = ".parquet"
-
-
-def import_sources(
-    sources: Sequence[Path], map_path: Path | None, rate: float | None, out: Path
-) -> tuple[Imported, ...]:
-    """Turns logs into episodes ``OUT/NAME.parquet``.
-
-    Args:
-        sources: Files, directories of ROS 2 recordings or runs, or folders with files that the map describes.
-        map_path: What the columns mean; None for bags of a shipped robot, joint recorder files and episodes.
-        rate: Stated samples per second [Hz], for logs without time.
-        out: Directory; episodes that are there already are never overwritten.
-
-    Returns:
-        What became of each recording.
-
-    Raises:
-        BadInput: Anything that would make a misleading episode; then nothing is written.
-    """
-    if rate is not None and not (math.isfinite(rate) and rate > 0.0):
-        raise BadInput(f"--rate {rate:g}: no sampling rate (valid: above 0 Hz)")
-    _refuse_twice(sources)
-    what = read_map(map_path) if map_path is not None else None
-    recordings = mapped_recordings(sources, what) if what is not None else plain_recordings(sources)
-    _refuse_present(recordings, out)
-    with _staging(out) as folder:
-        done = [
-            _import_one(recording, what, rate, folder / (recording.name + SUFFIX)) for recording in recordings
-        ]
-        _refuse_present(recordings, out)
-        return tuple(_into_place(imported, out) for imported in done)
-
-
-def _import_one(recording: RecordingFiles, what: ImportMap | None, rate: float | None, target: Path) -> Imported:
+def _import_one(
+    recording: RecordingFiles, what: ImportMap | None, rate: float | None, target: Path
+) -> Imported:
     if what is not None:
         return import_recording(recording, what, rate, target)
     path = recording.paths[0]

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What every kind of log looks like to the import: named columns of numbers, read in pieces."""
+"""What every kind of log looks like to the import: named columns of numbers, read in pieces.
+
+A `Chunk` has the log's own columns and units, a `Block` the episode's.
+"""
 
 from __future__ import annotations
 
@@ -35,6 +38,21 @@ class Chunk:
     def __len__(self) -> int:
         """Returns the number of rows."""
         return len(self.places)
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Consecutive samples.
+
+    Attributes:
+        time: (rows,) [s].
+        columns: Episode column without ``time`` -> (rows,).
+        places: (rows,) line, sample or message of each, for messages.
+    """
+
+    time: Vector
+    columns: Mapping[str, Vector]
+    places: NDArray[np.int64]
 
 
 class LogTable(Protocol):
@@ -127,18 +145,3 @@ def _cut(chunk: Chunk, start: int, stop: int) -> Chunk:
     return Chunk(
         {name: values[start:stop] for name, values in chunk.columns.items()}, chunk.places[start:stop]
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Consecutive samples.
-
-    Attributes:
-        time: (rows,) [s].
-        columns: Episode column without ``time`` -> (rows,).
-        places: (rows,) line, sample or message of each, for messages.
-    """
-
-    time: Vector
-    columns: Mapping[str, Vector]
-    places: NDArray[np.int64]
