@@ -95,15 +95,15 @@ def _write(probe: Probe, spec: RobotSpec | None, out: Path) -> list[Path]:
     from impedance_modules.spec.locate import list_robots
 
     texts = {"probe.json": json.dumps(probe_object(probe), indent=2, allow_nan=False) + "\n"}
-    proposal, follower = probe.proposal, probe.follower
+    proposal, predictor = probe.proposal, probe.predictor
     if spec is None:
-        texts["motion.csv"] = motion_table(proposal, follower)
-        texts["postures.csv"] = posture_table(proposal, follower)
+        texts["motion.csv"] = motion_table(proposal, predictor)
+        texts["postures.csv"] = posture_table(proposal, predictor)
     else:
         named = spec.name if spec.name in list_robots() else json.dumps(str(spec.folder.resolve()))
 
         def text(need: float) -> str:
-            return task_text(proposal, follower, spec, probe.brief.purpose, robot=named, need=need)
+            return task_text(proposal, predictor, spec, probe.request.purpose, robot=named, need=need)
 
         texts["probe.yaml"] = text(_need(text(UNTESTED_NEED)) + resisting_work(probe))
     try:
@@ -135,7 +135,7 @@ def _print(probe: Probe, written: list[Path], console: Console) -> None:
     from rich.table import Table
 
     proposal = probe.proposal
-    console.print(f"to {probe.brief.purpose}")
+    console.print(f"to {probe.request.purpose}")
     console.print(f"{', '.join(proposal.motion.kinds)}: {proposal.motion.duration:.1f} s")
     table = Table("question", "expected chi-square", "share", "answered")
     for item in proposal.expected:

@@ -8,20 +8,20 @@ from dataclasses import replace
 from pathlib import Path
 
 from impedance_modules.diagnosis.data.admission import admit
-from impedance_modules.diagnosis.data.folds import Arrangement, arrange
-from impedance_modules.diagnosis.data.nominal_model import NominalModel, wearing
+from impedance_modules.diagnosis.data.folds import DataSplit, assign_folds
+from impedance_modules.diagnosis.data.nominal_model import NominalModel, with_known_effects
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
-from impedance_modules.diagnosis.model_selection.cause_search import Progress, explain
-from impedance_modules.diagnosis.model_selection.conclusion import compensation_note, conclude, name_causes
+from impedance_modules.diagnosis.model_selection.cause_search import Progress, search_causes
+from impedance_modules.diagnosis.model_selection.conclusion import compensation_note, conclude, causes_of_model
 from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
-    without_touched_links,
+    without_links_in_contact,
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.result import Diagnosis, LeftOut, Remainder, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
-from impedance_modules.effects.catalogue import BENCH, SURFACES, WATER
+from impedance_modules.effects.catalogue import not_searched
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch_file import EffectSpec
 
@@ -58,34 +58,34 @@ def diagnose(
     """
     progress("admitting the recordings")
     logs, report = admit(episodes, model)
-    model, worn = wearing(model, worn, logs)
+    model, worn = with_known_effects(model, worn, logs)
     cutoff = choose_cutoff(logs)
     run_in = filter_length(cutoff)
-    arrangement = arrange(logs, heldout, least_duration(cutoff, ROWS_MIN + 2), run_in)
+    split = assign_folds(logs, heldout, least_duration(cutoff, ROWS_MIN + 2), run_in)
     progress("computing residuals")
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
-    prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in arrangement.logs)
-    arrangement, prepared = _long_enough(arrangement, prepared)
-    prepared = without_touched_links(prepared)
+    prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in split.logs)
+    split, prepared = _long_enough(split, prepared)
+    prepared = without_links_in_contact(prepared)
     progress("evaluating candidates")
-    left_out = {*without, *SURFACES, *BENCH, *(() if under_water else WATER)}
-    evidence = explain(prepared, arrangement, model, left_out, progress)
+    left_out = {*without, *not_searched(under_water=under_water)}
+    evidence = search_causes(prepared, split, model, left_out, progress)
     progress("judging rivals")
-    causes = name_causes(evidence)
+    causes = causes_of_model(evidence)
     progress("concluding")
-    notes = (*arrangement.warnings, *contact_note(prepared), *compensation_note(prepared, causes))
+    notes = (*split.warnings, *contact_note(prepared), *compensation_note(prepared, causes))
     found = conclude(evidence, causes, model, replace(report, warnings=(*report.warnings, *notes)))
     progress("letting the plant live the held-out recordings again")
     return with_rollouts(found, evidence, model, urdf, worn)
 
 
 def _long_enough(
-    arrangement: Arrangement, prepared: tuple[Prepared, ...]
-) -> tuple[Arrangement, tuple[Prepared, ...]]:
+    split: DataSplit, prepared: tuple[Prepared, ...]
+) -> tuple[DataSplit, tuple[Prepared, ...]]:
     """Leaves recordings out, or stretches of one, of which hardly anything is left behind the band's filter."""
     short = [i for i, item in enumerate(prepared) if item.samples < ROWS_MIN]
     if not short:
-        return arrangement, prepared
+        return split, prepared
     band = prepared[short[0]].band
     needed = (ROWS_MIN * band.step + 2 * band.margin) / band.rate
     names = ", ".join(f"{prepared[i].log.name} ({prepared[i].log.duration:.2g} s)" for i in short)
@@ -93,7 +93,7 @@ def _long_enough(
         f"too short for motions whose band ends at {band.cutoff:.2g} Hz, and left out: {names}"
         f" (valid: {needed:.2g} s or more)"
     )
-    return arrangement.without(short, why), tuple(x for i, x in enumerate(prepared) if i not in short)
+    return split.without(short, why), tuple(x for i, x in enumerate(prepared) if i not in short)
 
 
 def insufficient(robot: str, episodes: Sequence[str], reason: str) -> Diagnosis:

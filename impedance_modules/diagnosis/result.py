@@ -37,12 +37,12 @@ class Diagnosis:
     gaps: tuple[JointGap, ...]
     shrink: float | None
     rollout: Rollout
-    where: tuple[Place, ...]
+    where: tuple[GapLocation, ...]
     causes: tuple[Cause, ...]
     unexplained_weight: float
     remainder: Remainder
     next_motion: Mapping[str, object]
-    series: tuple[Series, ...]
+    series: tuple[ResidualSeries, ...]
 
     @property
     def exit_code(self) -> int:
@@ -75,7 +75,7 @@ class JointGap:
 
 
 @dataclass(frozen=True)
-class Place:
+class GapLocation:
     """A part of the gap: joint, port, regime and band [Hz], with its share of the excess residual power."""
 
     joint: str
@@ -143,7 +143,7 @@ class Remainder:
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class ResidualSeries:
     """One joint's residual in one held-out recording, for report and viewer.
 
     Attributes:
@@ -193,18 +193,18 @@ class Rollout:
     windows: int
     episodes: tuple[str, ...]
     floor: str
-    position: Mapping[str, Drift]
-    velocity: Mapping[str, Drift]
-    growth: Growth
+    position: Mapping[str, RolloutError]
+    velocity: Mapping[str, RolloutError]
+    growth: ErrorGrowth
     shrink: float | None
     whole: CauseRollout | None
     causes: Mapping[tuple[str, str], CauseRollout]
     left_out: tuple[LeftOut, ...]
-    traces: tuple[Trace, ...]
+    traces: tuple[RolloutTrace, ...]
 
 
 @dataclass(frozen=True)
-class Drift:
+class RolloutError:
     """Rms error of one joint's rollouts in one quantity, over all windows.
 
     Attributes:
@@ -225,7 +225,7 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class Growth:
+class ErrorGrowth:
     """How position errors grow: rms over windows at times after the seed.
 
     Attributes:
@@ -266,7 +266,7 @@ class LeftOut:
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class RolloutTrace:
     """One joint's held-out window that the nominal plant misses most, for the report.
 
     Attributes:
@@ -284,7 +284,7 @@ class Trace:
 
 def no_rollout(*reasons: LeftOut) -> Rollout:
     """The outcome where no window could be lived through, with the reasons."""
-    return Rollout("", 0.0, 0, (), "", {}, {}, Growth((), {}, {}), None, None, {}, reasons, ())
+    return Rollout("", 0.0, 0, (), "", {}, {}, ErrorGrowth((), {}, {}), None, None, {}, reasons, ())
 
 
 def shrink(before: float, after: float, noise_floor: float) -> float | None:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis.data.admission import touching
-from impedance_modules.diagnosis.residuals.contact_mask import on_links, without_touched_links
-from impedance_modules.diagnosis.rollout.simulated_windows import RUN_IN, WINDOW, spread
+from impedance_modules.diagnosis.data.admission import in_contact
+from impedance_modules.diagnosis.residuals.contact_mask import rows_of_link_residuals, without_links_in_contact
+from impedance_modules.diagnosis.rollout.simulated_windows import RUN_IN, WINDOW, place_windows
 from impedance_modules.effects.residual_kinds import RESIDUALS, uses_motion
 from impedance_modules.spec.task_text import contact_phases
 from tests.support.paths import CHECKOUT
@@ -26,10 +26,10 @@ def test_a_phase_of_contact_marks_its_times_and_no_others(name: str) -> None:
     for start in random.integers(0, 350, 3):
         inside[start : start + 40] = True
     phase = np.where(inside, name, "free").astype(object)
-    marks = touching(SimpleNamespace(phase=phase, time=time, metadata={}), time)
+    marks = in_contact(SimpleNamespace(phase=phase, time=time, metadata={}), time)
     np.testing.assert_array_equal(marks, inside)
     even = np.linspace(time[0], time[-1], 777)
-    off = touching(SimpleNamespace(phase=phase, time=time, metadata={}), even)
+    off = in_contact(SimpleNamespace(phase=phase, time=time, metadata={}), even)
     # A resampled instant lies within one sample of an instant with its mark.
     near = np.abs(time[None] - even[:, None]) <= 0.0121
     assert all(mark in inside[row] for mark, row in zip(off, near, strict=True))
@@ -41,8 +41,8 @@ def test_a_phase_of_contact_marks_its_times_and_no_others(name: str) -> None:
 def test_other_phases_leave_everything(name: str | None) -> None:
     time = np.arange(100) / 100.0
     phase = np.full(100, name, dtype=object)
-    assert touching(SimpleNamespace(phase=phase, time=time, metadata={}), time) is None
-    assert touching(SimpleNamespace(phase=None, time=time, metadata={}), time) is None
+    assert in_contact(SimpleNamespace(phase=phase, time=time, metadata={}), time) is None
+    assert in_contact(SimpleNamespace(phase=None, time=time, metadata={}), time) is None
 
 
 TASKS = CHECKOUT / "tasks"
@@ -86,7 +86,7 @@ def test_a_phase_that_waits_for_contact_is_free_but_for_its_end() -> None:
     time = np.arange(600) / 100.0
     phase = np.array(["touch"] * 300 + ["wipe"] * 300, dtype=object)
     text = (TASKS / "wipe-table.yaml").read_text()
-    marks = touching(SimpleNamespace(phase=phase, time=time, metadata={"task": text}), time)
+    marks = in_contact(SimpleNamespace(phase=phase, time=time, metadata={"task": text}), time)
     assert not marks[:240].any()
     assert marks[260:].all()
 
@@ -104,31 +104,31 @@ class _Item:
 def _item(touched: slice, residuals: tuple[str, ...] = ("link", "actuator", "velocity")) -> _Item:
     marks = np.zeros(1000, dtype=bool)
     marks[touched] = True
-    log = SimpleNamespace(touching=marks, rate=100.0, start=0.0, duration=10.0)
+    log = SimpleNamespace(in_contact=marks, rate=100.0, start=0.0, duration=10.0)
     return _Item(log, dict.fromkeys(residuals, 0.0), 1000, np.arange(1000) / 100.0)
 
 
 def test_contact_shows_where_the_links_motion_is_compared_and_nowhere_else() -> None:
     mask = np.arange(10) > 4
     groups = [(residual, 0) for residual in RESIDUALS]
-    found = on_links({3: mask}, groups)
+    found = rows_of_link_residuals({3: mask}, groups)
     assert {groups[g][0] for _, g in found} == {residual for residual in RESIDUALS if uses_motion(residual)}
     assert all(r == 3 for r, _ in found)
 
 
 def test_links_are_not_judged_where_nearly_all_is_contact_but_drives_are() -> None:
-    (found,) = without_touched_links((_item(slice(50, 1000)),))
+    (found,) = without_links_in_contact((_item(slice(50, 1000)),))
     assert set(found.residuals) == {"actuator", "velocity"}
     for item in (_item(slice(700, 1000)), _item(slice(50, 1000), ("motor", "velocity"))):
-        assert without_touched_links((item,)) == (item,)
+        assert without_links_in_contact((item,)) == (item,)
 
 
 def test_no_window_is_lived_again_while_a_hand_touches() -> None:
     items = [_item(slice(200, 500)), _item(slice(450, 600))]
-    windows = spread(items, [0, 1], 12)
+    windows = place_windows(items, [0, 1], 12)
     assert len(windows) > 12
     for window in windows:
         for item in items:
             first, last = round(100 * (window.start - RUN_IN)), round(100 * (window.start + WINDOW))
-            assert not item.log.touching[first : last + 1].any()
-    assert spread([_item(slice(0, 1000))], [0], 5) == []
+            assert not item.log.in_contact[first : last + 1].any()
+    assert place_windows([_item(slice(0, 1000))], [0], 5) == []

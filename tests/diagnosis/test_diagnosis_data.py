@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from impedance_modules.cli.main import impedance
 from impedance_modules.diagnosis.data.admission import admit
-from impedance_modules.diagnosis.data.folds import RUN_IN, arrange
+from impedance_modules.diagnosis.data.folds import RUN_IN, assign_folds
 from impedance_modules.diagnosis.data.log import InsufficientData
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
@@ -410,7 +410,7 @@ def test_a_command_that_was_held_acts_half_a_period_later(tmp_path, urdf, rate):
 def test_one_motion_is_cut_without_losing_a_sample(tmp_path, urdf):
     (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
     logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
-    found = arrange(logs, ())
+    found = assign_folds(logs, ())
     assert sorted([*found.fitted, *found.heldout]) == list(range(len(found.logs))) and len(found.folds) >= 3
     margin = int(RUN_IN * 100)
     kept = np.zeros(logs[0].samples, dtype=int)
@@ -568,7 +568,7 @@ def test_a_tool_on_a_joint_that_carries_nothing_is_no_flipped_sign(tmp_path):
 def test_a_stretch_that_is_too_short_is_left_out_and_the_rest_is_used(tmp_path, urdf):
     (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
     logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
-    whole = arrange(logs, ())
+    whole = assign_folds(logs, ())
     (first, *others), (held,) = whole.folds, whole.heldout
     rest = whole.without([*first, held], "too short")
     names = [whole.logs[i].name for fold in others for i in fold]

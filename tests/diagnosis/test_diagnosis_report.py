@@ -22,7 +22,7 @@ from impedance_modules.cli.run_verbs import replay_command as replay
 from impedance_modules.diagnosis.report.diagnosis_files import spectrum_object
 from impedance_modules.diagnosis.report.html_elements import number, percent, table
 from impedance_modules.diagnosis.report.report_plots import thinned
-from impedance_modules.diagnosis.result import Series
+from impedance_modules.diagnosis.result import ResidualSeries
 from impedance_modules.episode.residual_view import ResidualCurves
 from impedance_modules.episode.run_folder import episode_paths, the_episode
 from impedance_modules.errors import BadInput
@@ -164,7 +164,7 @@ def test_thinning_loses_no_peak() -> None:
 def test_octaves_add_up_to_the_whole() -> None:
     time = np.arange(2000) / 50.0
     tone = np.sin(2.0 * np.pi * 3.0 * time)
-    item = Series("j", "link", "N.m", "run", time, 0.0 * time, tone, 0.5 * tone, ("slow",) * 2000)
+    item = ResidualSeries("j", "link", "N.m", "run", time, 0.0 * time, tone, 0.5 * tone, ("slow",) * 2000)
     found = spectrum_object([item])
     before, after = (np.array(found["per_port"][0][side]) for side in ("before", "after"))
     assert np.sqrt(np.sum(before**2)) == pytest.approx(np.sqrt(0.5), rel=0.02)

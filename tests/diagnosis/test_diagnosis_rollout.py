@@ -18,7 +18,7 @@ from impedance_modules.diagnosis.data.rigid_tree import read_tree
 from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, total_shrink
 from impedance_modules.diagnosis.rollout.simulated_robot import (
     body_changes,
-    dress,
+    apply_causes,
     no_nuisance,
     robot_of_model,
 )
@@ -207,14 +207,14 @@ def test_a_sliding_joint_wears_friction_in_its_own_units(tmp_path: Path) -> None
             "viscous_friction", ("rail",), "link", {"rail": {"fv": PatchQuantity(4.0, unit, None)}}, {}
         )
 
-    dressed = dress(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)
+    dressed = apply_causes(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)
     still, rest = np.zeros(1), np.ones(1)
     now = JointMotion(0.0, still, rest, still, rest, still, still, still, still, still)
     dressed.plant.seed(Seed(0.0, still, rest, still, still, still, [now]))
     _, velocity = dressed.plant.roll(np.zeros((500, 1)), None)
     assert velocity[-1, 0] == pytest.approx(np.exp(-4.0 / 5.0 * 0.5), rel=1e-6)
     with pytest.raises(BadInput, match=r"fv is in N\.s/m, not in 'N\.m\.s/rad'"):
-        dress(robot, [friction("N.m.s/rad")], no_nuisance(model.tree), model.tree)
+        apply_causes(robot, [friction("N.m.s/rad")], no_nuisance(model.tree), model.tree)
 
 
 def test_the_weak_floor_is_what_noise_of_starts_and_torque_gives(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.admission import admit
-from impedance_modules.diagnosis.data.folds import arrange
+from impedance_modules.diagnosis.data.folds import assign_folds
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
-from impedance_modules.diagnosis.data.time_base import grid_of, steady_stamps
+from impedance_modules.diagnosis.data.time_base import quantisation_step, sampling_times
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
 from tests.diagnosis.test_diagnosis import JOINTS, URDF, answer, motion, torque
@@ -72,8 +72,8 @@ def test_a_payload_of_a_planar_arm_is_named_though_its_width_is_unseen(tmp_path)
 def test_a_grid_is_found_and_none_is_made_up(step, seed):
     dice = np.random.default_rng(seed)
     smooth = 0.7 * np.sin(np.linspace(0.0, 20.0, 4000)) + 1e-5 * dice.standard_normal(4000)
-    assert grid_of(step * np.round(smooth / step)) == pytest.approx(step, rel=1e-3)
-    assert grid_of(smooth) < 1e-8
+    assert quantisation_step(step * np.round(smooth / step)) == pytest.approx(step, rel=1e-3)
+    assert quantisation_step(smooth) < 1e-8
 
 
 @settings(max_examples=15, deadline=None)
@@ -82,9 +82,9 @@ def test_stamps_are_believed_only_if_the_motion_is_smooth_by_them(seed, size):
     dice = np.random.default_rng(seed)
     true = 0.01 * np.arange(800) + 0.01 * size * dice.standard_normal(800)
     even = 0.01 * np.arange(800)
-    jittered = steady_stamps(true, np.sin(3.0 * even)[:, None])  # sampled evenly, stamped unevenly
+    jittered = sampling_times(true, np.sin(3.0 * even)[:, None])  # sampled evenly, stamped unevenly
     assert np.abs(jittered - even).max() < 5e-4
-    np.testing.assert_array_equal(steady_stamps(true, np.sin(3.0 * true)[:, None]), true)
+    np.testing.assert_array_equal(sampling_times(true, np.sin(3.0 * true)[:, None]), true)
 
 
 def test_the_held_out_motion_does_not_depend_on_the_order_and_nothing_is_tested_outside_what_was_fitted(
@@ -98,7 +98,7 @@ def test_the_held_out_motion_does_not_depend_on_the_order_and_nothing_is_tested_
     dice = np.random.default_rng(1)
     chosen = set()
     for _ in range(6):
-        found = arrange([wide[i] for i in dice.permutation(len(wide))], ())
+        found = assign_folds([wide[i] for i in dice.permutation(len(wide))], ())
         chosen.add(tuple(found.logs[i].name for i in found.heldout))
     assert len(chosen) == 1
     largest = max(wide, key=lambda log: float(np.ptp(log.position, axis=0).sum()))

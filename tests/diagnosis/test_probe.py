@@ -14,17 +14,17 @@ from impedance_modules.cli.probe_verb import _write, probe_command as command
 from impedance_modules.control.assembly import assemble
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
-from impedance_modules.diagnosis.experiment_design.motion_library import Motion, Stroke, motions
-from impedance_modules.diagnosis.experiment_design.motion_limits import Clearance, choose_start, room_of_robot
+from impedance_modules.diagnosis.experiment_design.motion_library import ProbeMotion, Stroke, motions
+from impedance_modules.diagnosis.experiment_design.motion_limits import Clearance, choose_start, limits_of_robot
 from impedance_modules.diagnosis.experiment_design.probe_choice import (
     CHI_SQUARE,
     SHARE_PERHAPS,
-    Chooser,
+    ProbeSearch,
     Probe,
     propose_probe,
 )
-from impedance_modules.diagnosis.experiment_design.probe_questions import brief_of, general_brief
-from impedance_modules.diagnosis.experiment_design.separation import Follower, Predictor, spring_stiffness
+from impedance_modules.diagnosis.experiment_design.probe_questions import request_of_diagnosis, general_request
+from impedance_modules.diagnosis.experiment_design.separation import MotionPredictor, SeparationPredictor, spring_stiffness
 from impedance_modules.errors import BadInput
 from impedance_modules.prediction.check import refuse_unfit
 from impedance_modules.spec.robot_reader import read_robot
@@ -100,16 +100,16 @@ def test_the_proposal_answers_and_is_safe(pair: int) -> None:
 def test_one_pose_cannot_tell_an_offset_from_a_spring() -> None:
     spec = read_robot(ROBOT)
     model = model_of_spec(spec, list(spec.joints))
-    brief = brief_of(answer(*PAIRS[1]), model.tree)
-    room = room_of_robot(spec, model.joints)
+    brief = request_of_diagnosis(answer(*PAIRS[1]), model.tree)
+    room = limits_of_robot(spec, model.joints)
     start = 0.5 * (room.lower + room.upper)
     rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
-    follower = Follower(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
+    follower = MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
     index, shares = model.joints.index(JOINT), []
     for way in (0.01, 0.5):
         there, back = start[index] + way, start[index] - way
         strokes = tuple(Stroke({index: float(place)}, 1.5) for place in (there, back, there, back))
-        found = Predictor(brief, model).separate(follower.record(Motion(start, strokes, ())), brief.questions)
+        found = SeparationPredictor(brief, model).separate(follower.record(ProbeMotion(start, strokes, ())), brief.questions)
         shares.append(found[0].chi_square)
     assert shares[0] < CHI_SQUARE < shares[1]
 
@@ -148,11 +148,11 @@ def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
     """Weights alone ask for more than half of what the shoulders may use: a start must leave room for moving."""
     spec = read_robot("baxter")
     model = model_of_spec(spec, list(spec.joints))
-    room, clearance = room_of_robot(spec, model.joints), Clearance(spec, model.joints)
+    room, clearance = limits_of_robot(spec, model.joints), Clearance(spec, model.joints)
     rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
     start = choose_start(room, {}, clearance, rigid.weight)
-    follower = Follower(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
-    chooser = Chooser(general_brief(model.joints, {}), follower, room, clearance)
+    follower = MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
+    chooser = ProbeSearch(general_request(model.joints, {}), follower, room, clearance)
     heaviest = int(np.argmax(np.abs(rigid.weight(start[None])[0]) / room.effort))
     safe = [
         motion.kinds[0].split()[0]
@@ -168,5 +168,5 @@ def test_a_rival_of_bodies_is_asked_for_by_its_link_and_slight_causes_are_not() 
     open_one = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
     slight = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
     slight["causes"][0]["weight"] = 0.001  # type: ignore[index]
-    assert [question.second.key for question in brief_of(open_one, tree).questions] == ["port_upper_arm"]
-    assert all(question.second.effect != "payload" for question in brief_of(slight, tree).questions)
+    assert [question.second.key for question in request_of_diagnosis(open_one, tree).questions] == ["port_upper_arm"]
+    assert all(question.second.effect != "payload" for question in request_of_diagnosis(slight, tree).questions)

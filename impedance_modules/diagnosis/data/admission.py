@@ -9,19 +9,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.data.channel_checks import refuse_mistakes, unwrapped
-from impedance_modules.diagnosis.data.dataset_consistency import group_repeats, refuse_company, refuse_copies
+from impedance_modules.diagnosis.data.channel_checks import refuse_faulty_channels, unwrapped
+from impedance_modules.diagnosis.data.dataset_consistency import group_repeats, refuse_mixed_recordings, refuse_copies
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import stretch_note, stretch_origin
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.time_base import (
     common_delay,
-    even_time,
-    grid_of,
-    one_rate,
+    uniform_time,
+    quantisation_step,
+    unify_rates,
     resampled,
-    shifted,
-    steady_stamps,
+    delayed,
+    sampling_times,
 )
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
@@ -57,16 +57,16 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
         InsufficientData: Nothing is wrong, but there is too little to tell a cause.
     """
     warnings = [*_cut_short(episodes), *_stranger(episodes, model), *_standing(model)]
-    refuse_company(episodes)
+    refuse_mixed_recordings(episodes)
     found = [_log(episode, model, warnings) for episode in episodes]
     logs = [unwrapped(log, model, warnings) for log, _ in found]
     refuse_copies(logs)
     for log in logs:
-        refuse_mistakes(log, model)
+        refuse_faulty_channels(log, model)
     if len({log.effort_source for log in logs} - {None}) > 1:
         raise BadInput("the recordings measure torque in different places (valid: one effort_source for all)")
     _say_what_some_lack(logs, warnings)
-    logs = one_rate(logs, warnings)
+    logs = unify_rates(logs, warnings)
     grouped = group_repeats(logs, [episode.repeat_of for episode in episodes], warnings)
     weak = _weak_joints(grouped, model)
     if len(weak) == model.n:
@@ -94,10 +94,10 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
     if len(episode) < SAMPLES_MIN:
         count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
         raise InsufficientData(f"{place}: {count} (valid: {SAMPLES_MIN} or more)")
-    time, rate, jitter = even_time(episode.time, str(place), warnings)
+    time, rate, jitter = uniform_time(episode.time, str(place), warnings)
     stamps = _stamps(episode, model, warnings)
     if stamps is not episode.time:
-        time, rate, _ = even_time(stamps, str(place), [])
+        time, rate, _ = uniform_time(stamps, str(place), [])
     if rate < RATE_MIN:
         hint = (
             " (or is time in milliseconds? valid: seconds)" if 1e3 * rate >= RATE_MIN and rate < 1.0 else ""
@@ -120,7 +120,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         raise BadInput(f"{place}: position is missing for a joint (valid: {', '.join(model.joints)})")
     effort, command = take("effort"), take("effort_command")
     if command is not None:
-        command = shifted(command, time - time[0], 0.5 * _held_for(episode))
+        command = delayed(command, time - time[0], 0.5 * _held_for(episode))
     if effort is None and command is None:
         raise InsufficientData(
             f"{place}: no torque was recorded for all joints, measured or commanded: causes cannot be told"
@@ -138,8 +138,8 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         effort_source=episode.effort_source if effort is not None else None,
         gravity_compensation=episode.gravity_compensation,
         start=float(time[0] - stretch_origin(episode)),
-        touching=touching(episode, time),
-        grid=np.array([grid_of(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
+        in_contact=in_contact(episode, time),
+        grid=np.array([quantisation_step(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
     )
     return log, jitter
 
@@ -147,7 +147,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
 def _stamps(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:
     """When samples were taken; says so where that is not when they were stamped."""
     joints = [joint for joint in model.joints if joint in episode.position]
-    stamps = steady_stamps(episode.time, np.column_stack([episode.position[joint] for joint in joints]))
+    stamps = sampling_times(episode.time, np.column_stack([episode.position[joint] for joint in joints]))
     if stamps is not episode.time:
         off = 1e3 * float(np.sqrt(np.mean((stamps - episode.time) ** 2)))
         warnings.append(
@@ -175,7 +175,7 @@ def _speaking(velocity: Array | None, position: Array, name: str, warnings: list
     return velocity
 
 
-def touching(episode: Episode, time: Array) -> Mask | None:
+def in_contact(episode: Episode, time: Array) -> Mask | None:
     """Marks the times (N,) that fall into a phase of contact, by its name or by the task; None where none says so."""
     if episode.phase is None:
         return None

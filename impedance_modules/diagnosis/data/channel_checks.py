@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_tree import Body
-from impedance_modules.diagnosis.data.torque_sign import refuse_flipped_torque, rough, without
+from impedance_modules.diagnosis.data.torque_sign import refuse_flipped_torque, compare_coarsely, without
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ THOUSAND = (300.0, 3000.0)
 """Torque over the model's torque that looks like thousandths."""
 
 
-def refuse_mistakes(log: Log, model: NominalModel) -> None:
+def refuse_faulty_channels(log: Log, model: NominalModel) -> None:
     """Refuses a recording whose numbers cannot mean what they claim.
 
     Raises:
@@ -231,7 +231,7 @@ def _left(log: Log, model: NominalModel, scale: float) -> float | None:
     """Part of the torque's power that the model and the joints' own effects leave, over all joints."""
     if all(body.prismatic for body in model.tree.bodies):
         return None
-    found = rough(log, model, scale)
+    found = compare_coarsely(log, model, scale)
     if found is None:
         return None
     rest, power = 0.0, 0.0
@@ -246,7 +246,7 @@ def _left(log: Log, model: NominalModel, scale: float) -> float | None:
 
 
 def _refuse_thousandths(log: Log, model: NominalModel) -> None:
-    found = rough(log, model)
+    found = compare_coarsely(log, model)
     if found is None:
         return
     for index, joint in enumerate(model.joints):

@@ -35,7 +35,7 @@ LENGTH = 0.05
 """Repeats differ in length by less than this part, and by less than twice `LATE_MAX`."""
 
 
-def refuse_company(episodes: Sequence[Episode]) -> None:
+def refuse_mixed_recordings(episodes: Sequence[Episode]) -> None:
     """Refuses recordings that do not belong together.
 
     Raises:

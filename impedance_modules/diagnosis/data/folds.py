@@ -46,7 +46,7 @@ PACE = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Arrangement:
+class DataSplit:
     """Logs by their role.
 
     Attributes:
@@ -66,7 +66,7 @@ class Arrangement:
         """Indices of all fitted logs."""
         return tuple(index for fold in self.folds for index in fold)
 
-    def without(self, left_out: Collection[int], why: str) -> Arrangement:
+    def without(self, left_out: Collection[int], why: str) -> DataSplit:
         """Leaves some logs out, and says so; the last fold is held out where no held-out log remains.
 
         Raises:
@@ -83,12 +83,12 @@ class Arrangement:
         if len(kept) < FOLDS_MIN or not held:
             raise InsufficientData(f"{why}; what remains cannot be fitted on one part and tested on another")
         logs = tuple(log for i, log in enumerate(self.logs) if i in place)
-        return Arrangement(logs, tuple(kept), held, (*self.warnings, why))
+        return DataSplit(logs, tuple(kept), held, (*self.warnings, why))
 
 
-def arrange(
+def assign_folds(
     logs: Sequence[Log], heldout: Collection[str], useful: float = 0.0, run_in: float = 0.0
-) -> Arrangement:
+) -> DataSplit:
     """Gives every log its role.
 
     A motion and its repeats stay together. Without a named holdout the motion that can best be spared is held out.
@@ -115,7 +115,7 @@ def arrange(
             raise BadInput("--holdout: every recording is held out (valid: at least one LOG to fit)")
     elif len(groups) > 1:
         motions = sorted(groups.values(), key=lambda found: found[0].name)
-        tested = motions.pop(most_spared(motions))
+        tested = motions.pop(select_holdout(motions))
     else:
         motions, tested = list(groups.values()), []
         warnings.append("one motion only: held-out parts are stretches of the same recording")
@@ -124,25 +124,25 @@ def arrange(
     return _numbered(motions, tested, warnings)
 
 
-def _stretched(tested: Sequence[Log], warnings: list[str], pieces: list[list[Log]]) -> Arrangement:
+def _stretched(tested: Sequence[Log], warnings: list[str], pieces: list[list[Log]]) -> DataSplit:
     """Takes stretches of the only fitted motion, the same ones of each repeat, as motions."""
     if tested:
         warnings.append("one fitted motion only: the folds are stretches of it")
         return _numbered(pieces, tested, warnings)
-    held = pieces.pop(most_typical(pieces))
+    held = pieces.pop(select_holdout_segment(pieces))
     return _numbered(pieces, held, warnings)
 
 
-def _numbered(motions: Sequence[Sequence[Log]], tested: Sequence[Log], warnings: list[str]) -> Arrangement:
+def _numbered(motions: Sequence[Sequence[Log]], tested: Sequence[Log], warnings: list[str]) -> DataSplit:
     logs = [log for motion in motions for log in motion] + list(tested)
     folds, first = [], 0
     for motion in motions:
         folds.append(tuple(range(first, first + len(motion))))
         first += len(motion)
-    return Arrangement(tuple(logs), tuple(folds), tuple(range(first, len(logs))), tuple(warnings))
+    return DataSplit(tuple(logs), tuple(folds), tuple(range(first, len(logs))), tuple(warnings))
 
 
-def most_spared(motions: Sequence[Sequence[Log]]) -> int:
+def select_holdout(motions: Sequence[Sequence[Log]]) -> int:
     """Chooses the motion to hold out: nothing is tested outside what was fitted, and nothing is fitted too little.
 
     A motion that was repeated stays with those that are fitted, as long as there are others: repeats measure the
@@ -217,7 +217,7 @@ def _piece(log: Log, edges: Sequence[int], index: int, run_in: float) -> Log:
     return log.part(first, min(stop, log.samples), f"[{index + 1}/{len(edges) - 1}]")
 
 
-def most_typical(pieces: Sequence[Sequence[Log]]) -> int:
+def select_holdout_segment(pieces: Sequence[Sequence[Log]]) -> int:
     """Finds the stretch in which the joint that moves least, compared with its average, moves most."""
     size = np.array([np.ptp(piece[0].position, axis=0) for piece in pieces])
     usual = size.mean(axis=0)

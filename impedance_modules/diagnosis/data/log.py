@@ -36,7 +36,7 @@ class Log:
         effort_source: ``joint_sensor`` or ``motor``; None without ``effort``.
         gravity_compensation: ``robot``, ``command`` or ``none``.
         start: Of its first sample since the recording began [s]; a stretch of a recording begins later.
-        touching: (N,) samples whose phase says that the robot is in contact; None without phases.
+        in_contact: (N,) samples whose phase says that the robot is in contact; None without phases.
         grid: (n,) step of the grid that positions were recorded on, over the root of the rate they were recorded
             at [rad s^0.5]: what filters and thinning leave as it is. Zero where there is none.
     """
@@ -52,7 +52,7 @@ class Log:
     effort_source: str | None
     gravity_compensation: str
     start: float = 0.0
-    touching: Mask | None = None
+    in_contact: Mask | None = None
     grid: Array | None = None
 
     @property
@@ -82,7 +82,7 @@ class Log:
             command=cut(self.command),
             position_command=cut(self.position_command),
             start=self.start + first / self.rate,
-            touching=None if self.touching is None else self.touching[piece],
+            in_contact=None if self.in_contact is None else self.in_contact[piece],
         )
 
 

@@ -7,7 +7,7 @@ actuator port  \tau_m = \tau_s + I_r \ddot\theta + D \dot\theta,  \theta = q + \
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
+from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
-
-ROTOR, SPRING = "reflected_inertia", "joint_elasticity"
-"""Effects that replace a number of the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +114,7 @@ def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
     )
 
 
-def wearing(
+def with_known_effects(
     model: NominalModel, worn: Sequence[EffectSpec], logs: Sequence[Log]
 ) -> tuple[NominalModel, tuple[EffectSpec, ...]]:
     """Puts into a model what a patch replaces there.
@@ -129,25 +127,29 @@ def wearing(
     Returns:
         The model, and the effects that add to it.
     """
-    replaced = {ROTOR, SPRING} if logs[0].effort_source == "joint_sensor" else {ROTOR}
+    link_effort = logs[0].effort_source == "joint_sensor"
+    adding = []
     for spec in worn:
-        if spec.effect in replaced:
-            model = _with(model, spec)
-    return model, tuple(spec for spec in worn if spec.effect not in replaced)
-
-
-def _with(model: NominalModel, spec: EffectSpec) -> NominalModel:
-    """One effect's numbers in a model; joints that were not recorded count for nothing."""
-    inertia, compliance, damping = (
-        values.copy() for values in (model.reflected_inertia, model.compliance, model.spring_damping)
-    )
-    for name, symbols in spec.parameters.items():
-        if name not in model.joints:
-            continue
-        joint = model.joints.index(name)
-        if spec.effect == ROTOR:
-            inertia[joint] = symbols["Ia"].value
+        numbers = {
+            key: CATALOGUE[spec.effect].joint_numbers(
+                {symbol: quantity.value for symbol, quantity in symbols.items()}, link_effort=link_effort
+            )
+            for key, symbols in spec.parameters.items()
+        }
+        if any(numbers.values()):
+            model = _with(model, numbers)
         else:
-            compliance[joint] = 1.0 / symbols["K"].value
-            damping[joint] = symbols["D"].value if "D" in symbols else damping[joint]
-    return replace(model, reflected_inertia=inertia, compliance=compliance, spring_damping=damping)
+            adding.append(spec)
+    return model, tuple(adding)
+
+
+def _with(model: NominalModel, numbers: Mapping[str, Mapping[str, float]]) -> NominalModel:
+    """Replaces joints' numbers in a model; joints that were not recorded count for nothing."""
+    changed = {
+        name: getattr(model, name).copy() for name in ("reflected_inertia", "compliance", "spring_damping")
+    }
+    for joint, own in numbers.items():
+        if joint in model.joints:
+            for name, value in own.items():
+                changed[name][model.joints.index(joint)] = value
+    return replace(model, **changed)

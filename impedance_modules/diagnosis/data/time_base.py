@@ -55,7 +55,7 @@ NEAR = 20.0
 """Gaps of up to so many steps are compared with whole numbers of them."""
 
 
-def even_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, float, float]:
+def uniform_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, float, float]:
     """Gives an even time base for recorded stamps.
 
     Returns:
@@ -94,7 +94,7 @@ def even_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, floa
     return even, float((count - 1) / (even[-1] - even[0])), jitter
 
 
-def steady_stamps(time: Array, position: Array) -> Array:
+def sampling_times(time: Array, position: Array) -> Array:
     """Gives the times at which samples were taken, (N,): as stamped, or evenly counted where that is smoother.
 
     Args:
@@ -137,14 +137,14 @@ def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
     return np.asarray(CubicSpline(time, values, axis=0)(even))
 
 
-def shifted(values: Array, time: Array, late: float) -> Array:
+def delayed(values: Array, time: Array, late: float) -> Array:
     """Gives samples (N, n) of what is late by a time, by cubic pieces; before the start the first value stands."""
     if late == 0.0:
         return values
     return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
 
 
-def one_rate(logs: Sequence[Log], warnings: list[str]) -> list[Log]:
+def unify_rates(logs: Sequence[Log], warnings: list[str]) -> list[Log]:
     """Brings all recordings to the lowest rate among them, behind a zero-phase low-pass, and says so."""
     lowest = min(log.rate for log in logs)
     faster = [log for log in logs if log.rate > SAME * lowest]
@@ -177,9 +177,9 @@ def _slowed(log: Log, rate: float) -> Log:
         effort=slow(log.effort),
         command=slow(log.command),
         position_command=slow(log.position_command),
-        touching=None
-        if log.touching is None
-        else log.touching[np.searchsorted(old, new).clip(0, log.samples - 1)],
+        in_contact=None
+        if log.in_contact is None
+        else log.in_contact[np.searchsorted(old, new).clip(0, log.samples - 1)],
     )
 
 
@@ -223,7 +223,7 @@ def _lag(cause: Array, effect: Array, rate: float) -> float | None:
     return float((peak - span + shift) / rate)
 
 
-def grid_of(positions: Array) -> float:
+def quantisation_step(positions: Array) -> float:
     """Finds the step of the grid that positions (N,) lie on; zero where they lie on none.
 
     Args:

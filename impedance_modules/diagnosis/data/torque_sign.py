@@ -43,7 +43,7 @@ CUTOFF = 3.0
 """Motion above it hardly matters to a sign [Hz]."""
 
 SAMPLES = 600
-"""Samples that a rough comparison takes."""
+"""Samples that a compare_coarsely comparison takes."""
 
 FAST = 0.05
 """Share of its greatest speed above which a joint is taken as moving one way."""
@@ -55,7 +55,7 @@ def refuse_flipped_torque(log: Log, model: NominalModel) -> None:
     Raises:
         BadInput: With the joints.
     """
-    found = rough(log, model)
+    found = compare_coarsely(log, model)
     if found is None:
         return
     what = "effort" if log.effort is not None else "effort_command"
@@ -71,7 +71,7 @@ def refuse_flipped_torque(log: Log, model: NominalModel) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Rough:
+class CoarseComparison:
     """A smoothed selection of samples, (M, n) each.
 
     Attributes:
@@ -96,7 +96,7 @@ class Rough:
         return np.column_stack([np.ones_like(q), q, v, sign, q * q])
 
 
-def rough(log: Log, model: NominalModel, scale: float = 1.0) -> Rough | None:
+def compare_coarsely(log: Log, model: NominalModel, scale: float = 1.0) -> CoarseComparison | None:
     """Compares a recording, its positions times ``scale``, with its model; None without any torque."""
     effort = log.effort if log.effort is not None else log.command
     if effort is None:
@@ -114,10 +114,10 @@ def rough(log: Log, model: NominalModel, scale: float = 1.0) -> Rough | None:
     weight = inverse_dynamics(model.tree, q, still, still) if compensated else still
     effort = sosfiltfilt(sections, effort, axis=0)[rows]
     if log.effort is None:
-        return Rough(q, v, a, effort, torque - weight, None)
+        return CoarseComparison(q, v, a, effort, torque - weight, None)
     if log.command is None or not compensated:
-        return Rough(q, v, a, effort, torque, None)
-    return Rough(q, v, a, effort, torque, sosfiltfilt(sections, log.command, axis=0)[rows] + weight)
+        return CoarseComparison(q, v, a, effort, torque, None)
+    return CoarseComparison(q, v, a, effort, torque, sosfiltfilt(sections, log.command, axis=0)[rows] + weight)
 
 
 def without(values: Array, basis: Array) -> Array:
@@ -126,7 +126,7 @@ def without(values: Array, basis: Array) -> Array:
     return np.asarray(values - basis @ solution)
 
 
-def _flipped(found: Rough, joint: int) -> bool:
+def _flipped(found: CoarseComparison, joint: int) -> bool:
     effort, model = found.effort[:, joint], found.model[:, joint]
     if _follows_command(found, joint):
         return False
@@ -142,7 +142,7 @@ def _flipped(found: Rough, joint: int) -> bool:
     return _drives(effort - model, own) and not _drives(-effort - model, own)
 
 
-def _follows_command(found: Rough, joint: int) -> bool:
+def _follows_command(found: CoarseComparison, joint: int) -> bool:
     """Whether a measured torque rises where more was asked for."""
     if found.drive is None:
         return False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The motions that a probe is made of: one joint each, inside its room, beginning and ending at the start.
+"""The motions that a probe is made of: one joint each, inside its limits, beginning and ending at the start.
 
 holds        the joint rests at seven places far apart, reached from both sides: weights, springs, offsets
 ladder       strokes both ways at three speeds: dry against viscous friction, laws of speed
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.experiment_design.motion_limits import Room
+from impedance_modules.diagnosis.experiment_design.motion_limits import MotionLimits
 
 Array = NDArray[np.float64]
 Weight = Callable[[Array], Array]
@@ -45,7 +45,7 @@ SMALL = 0.08
 """Way of a small reversal [rad]."""
 
 CARRIED = 1.2
-"""How far joints go at most for another load [rad]."""
+"""How far joints visit at most for another load [rad]."""
 
 PLACES = 7
 """Angles of every joint that are looked at for it."""
@@ -83,7 +83,7 @@ class Stroke:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ProbeMotion:
     """A whole probe.
 
     Attributes:
@@ -106,10 +106,10 @@ class Motion:
         """Indices of the joints that it moves."""
         return tuple(sorted({joint for stroke in self.strokes for joint in stroke.goal}))
 
-    def then(self, other: Motion) -> Motion:
+    def then(self, other: ProbeMotion) -> ProbeMotion:
         """Appends another probe that begins, as every probe, at the same start."""
         kinds = (*self.kinds, *(kind for kind in other.kinds if kind not in self.kinds))
-        return Motion(self.start, (*self.strokes, *other.strokes), kinds)
+        return ProbeMotion(self.start, (*self.strokes, *other.strokes), kinds)
 
     def rest(self, time: Array) -> Array:
         """Gives the rest angles (N, n) at times (N,) [s]."""
@@ -126,37 +126,37 @@ class Motion:
         return out
 
 
-def motions(room: Room, start: Array, joint: int, size: float, weight: Weight) -> Iterator[Motion]:
-    """Gives every kind of motion of a joint at a size; kinds for which there is no room are left out.
+def motions(limits: MotionLimits, start: Array, joint: int, size: float, weight: Weight) -> Iterator[ProbeMotion]:
+    """Gives every kind of motion of a joint at a size; kinds for which there is no limits are left out.
 
     Args:
-        room: Limits.
+        limits: Limits.
         start: (n,) posture at which every motion begins and ends [rad].
         joint: Which moves.
         size: Part of the longest way.
         weight: Postures (N, n) -> torques (N, n) that the links' weight needs [N.m].
     """
-    low = max(room.lower[joint] + OVERSHOOT, start[joint] - size * SWING_MAX)
-    high = min(room.upper[joint] - OVERSHOOT, start[joint] + size * SWING_MAX)
-    reach = _Reach(joint, float(start[joint]), float(low), float(high), float(room.velocity[joint]))
+    low = max(limits.lower[joint] + OVERSHOOT, start[joint] - size * SWING_MAX)
+    high = min(limits.upper[joint] - OVERSHOOT, start[joint] + size * SWING_MAX)
+    reach = _Reach(joint, float(start[joint]), float(low), float(high), float(limits.velocity[joint]))
     if reach.high - reach.low < SWING_MIN:
         return
     wide = _Reach(
         joint,
         reach.start,
-        float(max(room.lower[joint] + OVERSHOOT, start[joint] - size * CARRIED)),
-        float(min(room.upper[joint] - OVERSHOOT, start[joint] + size * CARRIED)),
+        float(max(limits.lower[joint] + OVERSHOOT, start[joint] - size * CARRIED)),
+        float(min(limits.upper[joint] - OVERSHOOT, start[joint] + size * CARRIED)),
         reach.speed,
     )
     for name, strokes in KINDS.items():
         chain = strokes(wide if name in WIDE else reach)
         if chain:
-            yield Motion(start, tuple(chain), (f"{name} of {room.joints[joint]}",))
-    chain = _two_loads(reach, room, start, weight, size)
-    yield Motion(start, tuple(chain), (f"two_loads of {room.joints[joint]}",))
+            yield ProbeMotion(start, tuple(chain), (f"{name} of {limits.joints[joint]}",))
+    chain = _two_loads(reach, limits, start, weight, size)
+    yield ProbeMotion(start, tuple(chain), (f"two_loads of {limits.joints[joint]}",))
 
 
-def go(joint: int, places: Sequence[float], duration: float, wait: float = 0.0) -> list[Stroke]:
+def visit(joint: int, places: Sequence[float], duration: float, wait: float = 0.0) -> list[Stroke]:
     """Visits places with one joint, each in the same time, and waits at each."""
     out: list[Stroke] = []
     for place in places:
@@ -168,7 +168,7 @@ def go(joint: int, places: Sequence[float], duration: float, wait: float = 0.0) 
 
 @dataclass(frozen=True)
 class _Reach:
-    """Where one joint may go: start, lower and upper end [rad], and its speed [rad/s]."""
+    """Where one joint may visit: start, lower and upper end [rad], and its speed [rad/s]."""
 
     joint: int
     start: float
@@ -185,22 +185,22 @@ def _holds(reach: _Reach) -> list[Stroke]:
     places = np.linspace(reach.low, reach.high, 7)
     pace = reach.time(reach.high - reach.low, 0.5)
     up, down = [float(x) for x in places], [float(x) for x in places[-2::-1]]
-    return [*go(reach.joint, [*up, *down], max(0.6, pace / 4.0), HOLD), *_home(reach)]
+    return [*visit(reach.joint, [*up, *down], max(0.6, pace / 4.0), HOLD), *_home(reach)]
 
 
 def _ladder(reach: _Reach) -> list[Stroke]:
     way = reach.high - reach.low
-    out = go(reach.joint, [reach.low], reach.time(way))
+    out = visit(reach.joint, [reach.low], reach.time(way))
     for share, part in zip(SPEEDS, WAYS, strict=True):
-        out += go(reach.joint, [reach.low + part * way, reach.low], reach.time(part * way, share))
+        out += visit(reach.joint, [reach.low + part * way, reach.low], reach.time(part * way, share))
     return [*out, *_home(reach)]
 
 
 def _ramp(reach: _Reach) -> list[Stroke]:
     way = reach.high - reach.low
     return [
-        *go(reach.joint, [reach.low], reach.time(way)),
-        *go(reach.joint, [reach.high, reach.low], reach.time(way, 0.15)),
+        *visit(reach.joint, [reach.low], reach.time(way)),
+        *visit(reach.joint, [reach.high, reach.low], reach.time(way, 0.15)),
         *_home(reach),
     ]
 
@@ -210,7 +210,7 @@ def _reversals(reach: _Reach) -> list[Stroke]:
     centre = min(max(reach.start, reach.low + way), reach.high - way)
     places = [centre + way, centre - way] * 5
     return [
-        *go(reach.joint, places, reach.time(2.0 * way, 0.5)),
+        *visit(reach.joint, places, reach.time(2.0 * way, 0.5)),
         *_home(reach, abs(centre - reach.start) + way),
     ]
 
@@ -224,27 +224,27 @@ def _chirp(reach: _Reach) -> list[Stroke]:
     return [*out, *_home(reach)]
 
 
-def _two_loads(reach: _Reach, room: Room, start: Array, weight: Weight, size: float) -> list[Stroke]:
+def _two_loads(reach: _Reach, limits: MotionLimits, start: Array, weight: Weight, size: float) -> list[Stroke]:
     """Strokes both ways in the posture near the start that loads the joint least, and in the one that does most."""
     way = min(LOADED, (reach.high - reach.low) / 2.0)
     chain: list[Stroke] = []
-    for goal in _loads(reach, room, start, weight, size):
-        farthest = max(abs(angle - start[joint]) / room.velocity[joint] for joint, angle in goal.items())
+    for goal in _loads(reach, limits, start, weight, size):
+        farthest = max(abs(angle - start[joint]) / limits.velocity[joint] for joint, angle in goal.items())
         slow = max(SHORTEST, PEAK * float(farthest) / SPEEDS[1])
         centre = min(
-            max(goal[reach.joint], float(room.lower[reach.joint]) + OVERSHOOT + way),
-            float(room.upper[reach.joint]) - OVERSHOOT - way,
+            max(goal[reach.joint], float(limits.lower[reach.joint]) + OVERSHOOT + way),
+            float(limits.upper[reach.joint]) - OVERSHOOT - way,
         )
         chain += [
             Stroke({**goal, reach.joint: centre - way}, slow),
-            *go(reach.joint, [centre + way, centre - way] * 2, reach.time(2.0 * way, SPEEDS[1])),
+            *visit(reach.joint, [centre + way, centre - way] * 2, reach.time(2.0 * way, SPEEDS[1])),
         ]
     back = {joint: float(start[joint]) for stroke in chain for joint in stroke.goal}
     return [*chain, Stroke(back, chain[0].duration + slow), Stroke({}, 0.5)]
 
 
 def _loads(
-    reach: _Reach, room: Room, start: Array, weight: Weight, size: float
+    reach: _Reach, limits: MotionLimits, start: Array, weight: Weight, size: float
 ) -> tuple[dict[int, float], dict[int, float]]:
     """Angles of the joint and of one other with the smallest, and with the largest weight on the joint."""
 
@@ -253,8 +253,8 @@ def _loads(
         return np.append(
             start[joint],
             np.linspace(
-                max(room.lower[joint] + OVERSHOOT, ends[0]),
-                min(room.upper[joint] - OVERSHOOT, ends[1]),
+                max(limits.lower[joint] + OVERSHOOT, ends[0]),
+                min(limits.upper[joint] - OVERSHOOT, ends[1]),
                 PLACES,
             ),
         )
@@ -293,4 +293,4 @@ KINDS: dict[str, Callable[[_Reach], list[Stroke]]] = {
 
 
 WIDE = ("holds",)
-"""Kinds that go as far as for another load: over a small range a weight is as constant as an offset."""
+"""Kinds that visit as far as for another load: over a small range a weight is as constant as an offset."""

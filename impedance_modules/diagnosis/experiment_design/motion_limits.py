@@ -51,14 +51,14 @@ MIDDLE = 0.3
 """Part of a joint's range on either side of its middle in which they lie."""
 
 FREE = 0.15
-"""Room that a recorded start needs to either end of a joint's range [rad]."""
+"""MotionLimits that a recorded start needs to either end of a joint's range [rad]."""
 
 WEIGHT_SHARE = 0.7
 """Part of the torque that a probe may use, that the weight takes at the start: the rest is for moving."""
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
+class MotionLimits:
     """What a probe may use of every joint, margins taken off; (n,) in the model's joint order.
 
     Attributes:
@@ -75,7 +75,7 @@ class Room:
     effort: Array
 
     def violation(self, position: Array, velocity: Array, effort: Array) -> str | None:
-        """Says where a motion (N, n) leaves the room; None where it does not."""
+        """Says where a motion (N, n) leaves the limits; None where it does not."""
         checks = (
             ("position", "rad", np.max(position - self.upper, axis=0)),
             ("position", "rad", np.max(self.lower - position, axis=0)),
@@ -91,10 +91,10 @@ class Room:
         return None
 
 
-def room_of_robot(spec: RobotSpec, joints: tuple[str, ...]) -> Room:
+def limits_of_robot(spec: RobotSpec, joints: tuple[str, ...]) -> MotionLimits:
     """Takes the limits of a robot folder."""
     drives = [spec.joints[name] for name in joints]
-    return _room(
+    return _with_margins(
         joints,
         np.array([drive.position_min for drive in drives]),
         np.array([drive.position_max for drive in drives]),
@@ -103,7 +103,7 @@ def room_of_robot(spec: RobotSpec, joints: tuple[str, ...]) -> Room:
     )
 
 
-def room_of_model(model: NominalModel) -> Room:
+def limits_of_model(model: NominalModel) -> MotionLimits:
     """Takes the limits that the URDF states.
 
     Raises:
@@ -120,12 +120,12 @@ def room_of_model(model: NominalModel) -> Room:
         lower.append(known.lower if known is not None and bounded else -ENDLESS)
         upper.append(known.upper if known is not None and bounded else ENDLESS)
         speed.append(known.velocity if known is not None and known.velocity > 0.0 else UNSTATED_SPEED)
-    return _room(model.joints, np.array(lower), np.array(upper), np.array(speed), model.effort_max)
+    return _with_margins(model.joints, np.array(lower), np.array(upper), np.array(speed), model.effort_max)
 
 
-def _room(joints: tuple[str, ...], lower: Array, upper: Array, velocity: Array, effort: Array) -> Room:
+def _with_margins(joints: tuple[str, ...], lower: Array, upper: Array, velocity: Array, effort: Array) -> MotionLimits:
     margin = np.minimum(POSITION_MARGIN * (upper - lower), POSITION_MARGIN_MAX)
-    return Room(joints, lower + margin, upper - margin, VELOCITY_SHARE * velocity, EFFORT_SHARE * effort)
+    return MotionLimits(joints, lower + margin, upper - margin, VELOCITY_SHARE * velocity, EFFORT_SHARE * effort)
 
 
 class Clearance:
@@ -164,12 +164,12 @@ class Clearance:
 
 
 def choose_start(
-    room: Room, recorded: Mapping[str, float], clearance: Clearance | None, weight: Weight
+    limits: MotionLimits, recorded: Mapping[str, float], clearance: Clearance | None, weight: Weight
 ) -> Array:
     """Chooses the posture at which a probe begins and ends, (n,) [rad].
 
     Args:
-        room: Limits.
+        limits: Limits.
         recorded: Joint -> angle about which was recorded.
         clearance: Of the links; None where they are not known.
         weight: Of the links.
@@ -177,14 +177,14 @@ def choose_start(
     Raises:
         BadInput: Links are too near each other in every posture that was looked at.
     """
-    middle, span = 0.5 * (room.lower + room.upper), room.upper - room.lower
-    known = np.array([recorded.get(name, middle[i]) for i, name in enumerate(room.joints)])
+    middle, span = 0.5 * (limits.lower + limits.upper), limits.upper - limits.lower
+    known = np.array([recorded.get(name, middle[i]) for i, name in enumerate(limits.joints)])
     free = np.minimum(FREE, 0.4 * span)
-    known = np.clip(known, room.lower + free, room.upper - free)
+    known = np.clip(known, limits.lower + free, limits.upper - free)
     random = np.random.default_rng(0)
     drawn = middle + MIDDLE * span * random.uniform(-1.0, 1.0, (DRAWN, len(span)))
-    postures = np.clip(np.vstack([known, drawn]), room.lower + free, room.upper - free)
-    load = np.max(np.abs(weight(postures)) / room.effort, axis=1)
+    postures = np.clip(np.vstack([known, drawn]), limits.lower + free, limits.upper - free)
+    load = np.max(np.abs(weight(postures)) / limits.effort, axis=1)
     lightest = np.append(0, 1 + np.argsort(load[1:])[:TRIES])
     postures, load = postures[lightest], load[lightest]
     if clearance is None:
@@ -194,7 +194,7 @@ def choose_start(
     if not free_enough.any():
         raise BadInput(
             f"in {TRIES} postures links come within {clearance.needed:g} m of each other"
-            " (valid: a diagnosis recorded in a posture with more room)"
+            " (valid: a diagnosis recorded in a posture with more limits)"
         )
     light = free_enough & (load <= WEIGHT_SHARE)
     if light[0]:

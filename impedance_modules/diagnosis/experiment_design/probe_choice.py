@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shortest safe chain of library motions that answers every question of a brief."""
+"""The shortest safe chain of library motions that answers every question of a request."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
-from impedance_modules.diagnosis.experiment_design.motion_library import SIZES, Motion, motions
+from impedance_modules.diagnosis.experiment_design.motion_library import SIZES, ProbeMotion, motions
 from impedance_modules.diagnosis.experiment_design.motion_limits import (
     EFFORT_SHARE,
     STEP,
     Clearance,
-    Room,
+    MotionLimits,
     choose_start,
-    room_of_model,
-    room_of_robot,
+    limits_of_model,
+    limits_of_robot,
 )
 from impedance_modules.diagnosis.experiment_design.probe_questions import (
-    Brief,
-    Question,
-    brief_of,
-    general_brief,
+    ProbeRequest,
+    ProbeQuestion,
+    request_of_diagnosis,
+    general_request,
 )
 from impedance_modules.diagnosis.experiment_design.separation import (
     RATE,
-    Follower,
-    Predictor,
+    MotionPredictor,
+    SeparationPredictor,
     Separation,
     spring_stiffness,
 )
@@ -44,7 +44,7 @@ from impedance_modules.spec.robot_spec import RobotSpec
 Array = NDArray[np.float64]
 
 CHI_SQUARE = 200.0
-"""Expected chi-square difference that a question needs."""
+"""ExpectedAnswer chi-square difference that a question needs."""
 
 SHARE = 0.1
 """Share of the effect's own power that the rival must leave, at least: noise is not all that is wrong."""
@@ -66,8 +66,8 @@ NOISE_UNSTATED = 0.05
 class Probe:
     """What `impedance probe` writes down."""
 
-    brief: Brief
-    follower: Follower
+    request: ProbeRequest
+    predictor: MotionPredictor
     proposal: Proposal
 
 
@@ -90,22 +90,22 @@ def propose_probe(
     Raises:
         BadInput: The diagnosis and the model do not fit, or no motion is safe.
     """
-    room = room_of_model(model) if spec is None else room_of_robot(spec, model.joints)
-    brief = general_brief(model.joints, _assumed(room)) if answer is None else brief_of(answer, model.tree)
+    limits = limits_of_model(model) if spec is None else limits_of_robot(spec, model.joints)
+    request = general_request(model.joints, _assumed(limits)) if answer is None else request_of_diagnosis(answer, model.tree)
     clearance = None if spec is None else Clearance(spec, model.joints)
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
-    start = choose_start(room, brief.start, clearance, rigid.weight)
-    sensor = "motor" if {"motor", "whole", "drive"} & set(brief.residuals) else "joint_sensor"
-    follower = Follower(model, rigid, start, spring_stiffness(model, start), sensor)
-    return Probe(brief, follower, Chooser(brief, follower, room, clearance, progress).choose())
+    start = choose_start(limits, request.start, clearance, rigid.weight)
+    sensor = "motor" if {"motor", "whole", "drive"} & set(request.residuals) else "joint_sensor"
+    predictor = MotionPredictor(model, rigid, start, spring_stiffness(model, start), sensor)
+    return Probe(request, predictor, ProbeSearch(request, predictor, limits, clearance, progress).choose())
 
 
 def resisting_work(probe: Probe) -> float:
     r"""Work [J] that the gap itself may take out of the energy tank, friction at worst: \sum 2 gap_j \int |dq_j|."""
-    _, position = probe.follower.position(probe.proposal.motion)
+    _, position = probe.predictor.position(probe.proposal.motion)
     way = np.sum(np.abs(np.diff(position, axis=0)), axis=0)
-    joints = probe.follower.model.joints
-    return float(sum(GAP_SHARE * gap * way[joints.index(joint)] for joint, gap in probe.brief.gap.items()))
+    joints = probe.predictor.model.joints
+    return float(sum(GAP_SHARE * gap * way[joints.index(joint)] for joint, gap in probe.request.gap.items()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,17 +119,17 @@ class Proposal:
         pair: Which.
     """
 
-    motion: Motion
-    expected: tuple[Expected, ...]
+    motion: ProbeMotion
+    expected: tuple[ExpectedAnswer, ...]
     nearest: float
     pair: str
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedAnswer:
     """A question and what the chosen motion is expected to say to it."""
 
-    question: Question
+    question: ProbeQuestion
     separation: Separation
 
     @property
@@ -151,19 +151,19 @@ class Expected:
         return min(1.0, self.separation.chi_square / CHI_SQUARE, self.separation.share / SHARE)
 
 
-class Chooser:
+class ProbeSearch:
     """Searches the library."""
 
     def __init__(
         self,
-        brief: Brief,
-        follower: Follower,
-        room: Room,
+        request: ProbeRequest,
+        predictor: MotionPredictor,
+        limits: MotionLimits,
         clearance: Clearance | None,
         progress: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._brief, self._follower, self._room, self._clearance = brief, follower, room, clearance
-        self._predictor = Predictor(brief, follower.model)
+        self._request, self._motion_predictor, self._limits, self._clearance = request, predictor, limits, clearance
+        self._predictor = SeparationPredictor(request, predictor.model)
         self._progress = progress
 
     def choose(self) -> Proposal:
@@ -176,24 +176,24 @@ class Chooser:
         """
         tried = [
             found
-            for joint in dict.fromkeys(joint for q in self._brief.questions for joint in q.joints)
-            for found in self._safe(self._room.joints.index(joint))
+            for joint in dict.fromkeys(joint for q in self._request.questions for joint in q.joints)
+            for found in self._safe(self._limits.joints.index(joint))
         ]
         if not tried:
             raise BadInput(
                 "no motion of the library is safe from the start posture: it is too near a limit or another link"
-                " (valid: a start with 0.05 rad of room on the joints to be moved)"
+                " (valid: a start with 0.05 rad of limits on the joints to be moved)"
             )
         chain = self._chain(tried)
         alone = [item for item in tried if all(e.met for e in item.expected)]
         best = min([chain, *(item.motion for item in alone)], key=lambda motion: motion.duration)
-        signals = self._follower.record(best)
+        signals = self._motion_predictor.record(best)
         nearest, pair = self._nearest(signals)
-        return Proposal(best, self._asked(signals, self._brief.questions), nearest, pair)
+        return Proposal(best, self._asked(signals, self._request.questions), nearest, pair)
 
-    def _chain(self, tried: Sequence[_Tried]) -> Motion:
-        reached = dict.fromkeys(range(len(self._brief.questions)), 0.0)
-        chain: Motion | None = None
+    def _chain(self, tried: Sequence[_Tried]) -> ProbeMotion:
+        reached = dict.fromkeys(range(len(self._request.questions)), 0.0)
+        chain: ProbeMotion | None = None
         pool = list(tried)
         while pool and any(value < 1.0 for value in reached.values()):
 
@@ -211,27 +211,27 @@ class Chooser:
         return tried[0].motion if chain is None else chain
 
     def _safe(self, joint: int) -> Iterator[_Tried]:
-        self._progress(f"trying motions of {self._room.joints[joint]}")
+        self._progress(f"trying motions of {self._limits.joints[joint]}")
         done: set[str] = set()
         for size in SIZES:
-            for motion in motions(self._room, self._follower.start, joint, size, self._follower.rigid.weight):
+            for motion in motions(self._limits, self._motion_predictor.start, joint, size, self._motion_predictor.rigid.weight):
                 if motion.kinds[0] in done:
                     continue
-                signals = self._follower.record(motion)
+                signals = self._motion_predictor.record(motion)
                 if self.objection(signals) is not None:
                     continue
                 done.add(motion.kinds[0])
-                asked = [q for q in self._brief.questions if self._room.joints[joint] in q.joints]
+                asked = [q for q in self._request.questions if self._limits.joints[joint] in q.joints]
                 found = {id(e.question): e for e in self._asked(signals, asked)}
                 nothing = Separation(0.0, 0.0)
                 yield _Tried(
-                    motion, tuple(found.get(id(q), Expected(q, nothing)) for q in self._brief.questions)
+                    motion, tuple(found.get(id(q), ExpectedAnswer(q, nothing)) for q in self._request.questions)
                 )
 
     def objection(self, signals: Signals) -> str | None:
         """Says why a predicted motion is not safe; None where it is."""
         effort = signals.drive if signals.drive is not None else signals.rigid
-        found = self._room.violation(signals.position, signals.velocity, effort)
+        found = self._limits.violation(signals.position, signals.velocity, effort)
         if found is None and self._clearance is not None:
             nearest, pair = self._nearest(signals)
             if nearest < self._clearance.needed:
@@ -243,23 +243,23 @@ class Chooser:
             return np.inf, ""
         return self._clearance.nearest(signals.position[:: max(1, round(STEP * RATE))])
 
-    def _asked(self, signals: Signals, questions: Sequence[Question]) -> tuple[Expected, ...]:
+    def _asked(self, signals: Signals, questions: Sequence[ProbeQuestion]) -> tuple[ExpectedAnswer, ...]:
         found = self._predictor.separate(signals, questions)
-        return tuple(Expected(question, item) for question, item in zip(questions, found, strict=True))
+        return tuple(ExpectedAnswer(question, item) for question, item in zip(questions, found, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class _Tried:
     """A safe motion of one joint and what it says to the questions."""
 
-    motion: Motion
-    expected: tuple[Expected, ...]
+    motion: ProbeMotion
+    expected: tuple[ExpectedAnswer, ...]
 
 
-def _assumed(room: Room) -> dict[tuple[Residual, str], float]:
+def _assumed(limits: MotionLimits) -> dict[tuple[Residual, str], float]:
     """Noise of torques compared at both ports, a little of each joint's limit."""
     out: dict[tuple[Residual, str], float] = {}
-    for joint, effort in zip(room.joints, room.effort / EFFORT_SHARE, strict=True):
+    for joint, effort in zip(limits.joints, limits.effort / EFFORT_SHARE, strict=True):
         size = NOISE_SHARE * float(effort) if np.isfinite(effort) else NOISE_UNSTATED
         out["actuator", joint] = out["link", joint] = size
     return out

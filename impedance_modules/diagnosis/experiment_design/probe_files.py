@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.experiment_design.probe_choice import CHI_SQUARE, SHARE, Probe, Proposal
-from impedance_modules.diagnosis.experiment_design.separation import RATIO, Follower
+from impedance_modules.diagnosis.experiment_design.separation import RATIO, MotionPredictor
 from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
 
 Array = NDArray[np.float64]
@@ -24,19 +24,19 @@ TANK_FLOOR = 0.3
 
 
 def task_text(
-    proposal: Proposal, follower: Follower, spec: RobotSpec, purpose: str, *, robot: str, need: float
+    proposal: Proposal, predictor: MotionPredictor, spec: RobotSpec, purpose: str, *, robot: str, need: float
 ) -> str:
     """Writes the task file: joint springs on every arm, whose rest posture makes the strokes.
 
     Args:
         proposal: What to do.
-        follower: Its start and joint springs.
+        predictor: Its start and joint springs.
         spec: The robot; arms whose joints do not move hold their posture.
         purpose: Why, in words.
         robot: Name or folder by which the task names it.
         need: What the tank needs at least [J].
     """
-    joints = follower.model.joints
+    joints = predictor.model.joints
     initial = max(TANK_SHARE * need, 2.0 * TANK_FLOOR)
     lines = [
         "# yaml-language-server: $schema=../schemas/task.schema.json",
@@ -51,9 +51,9 @@ def task_text(
     for limb in spec.limbs.values():
         lines += [
             f"  {limb.name}:",
-            f"    posture: {_mapping(limb, joints, follower.start)} # rad",
+            f"    posture: {_mapping(limb, joints, predictor.start)} # rad",
             "    joint_bias:",
-            f"      stiffness: {_mapping(limb, joints, follower.stiffness)} # N.m/rad",
+            f"      stiffness: {_mapping(limb, joints, predictor.stiffness)} # N.m/rad",
             f"      damping_ratio: {RATIO:g}",
         ]
     tank = f"{{initial: {initial:.3g}, max: {2.0 * initial:.3g}, floor: {TANK_FLOOR:g}}}"
@@ -65,18 +65,18 @@ def task_text(
     return "\n".join(lines) + "\n"
 
 
-def motion_table(proposal: Proposal, follower: Follower) -> str:
+def motion_table(proposal: Proposal, predictor: MotionPredictor) -> str:
     """Writes the predicted motion as a CSV: time [s] and position [rad] of every joint."""
-    time, position = follower.position(proposal.motion)
-    head = ",".join(["time", *(f"position.{joint}" for joint in follower.model.joints)])
+    time, position = predictor.position(proposal.motion)
+    head = ",".join(["time", *(f"position.{joint}" for joint in predictor.model.joints)])
     rows = (",".join(f"{value:.6f}" for value in (t, *q)) for t, q in zip(time, position, strict=True))
     return "\n".join([head, *rows]) + "\n"
 
 
-def posture_table(proposal: Proposal, follower: Follower) -> str:
+def posture_table(proposal: Proposal, predictor: MotionPredictor) -> str:
     """Writes the strokes as a CSV: when each begins, how long it takes, and the posture it ends in."""
-    joints = follower.model.joints
-    place, began = follower.start.copy(), 0.0
+    joints = predictor.model.joints
+    place, began = predictor.start.copy(), 0.0
     rows = [",".join(["begin", "duration", *joints]), _row(0.0, 0.0, place)]
     for stroke in proposal.motion.strokes:
         for joint, angle in stroke.goal.items():
@@ -88,15 +88,15 @@ def posture_table(proposal: Proposal, follower: Follower) -> str:
 
 def probe_object(probe: Probe) -> dict[str, Any]:
     """Builds the JSON object; a distance that was not measured is null."""
-    proposal, joints = probe.proposal, probe.follower.model.joints
+    proposal, joints = probe.proposal, probe.predictor.model.joints
     return {
         "format": 1,
-        "purpose": probe.brief.purpose,
-        "robot": probe.follower.model.robot,
+        "purpose": probe.request.purpose,
+        "robot": probe.predictor.model.robot,
         "motions": list(proposal.motion.kinds),
         "joints": [joints[index] for index in proposal.motion.moved],
         "duration_s": proposal.motion.duration,
-        "start": dict(zip(joints, probe.follower.start.tolist(), strict=True)),
+        "start": dict(zip(joints, probe.predictor.start.tolist(), strict=True)),
         "nearest_m": proposal.nearest if math.isfinite(proposal.nearest) else None,
         "threshold": {"chi_square": CHI_SQUARE, "share": SHARE},
         "questions": [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a probe is to find out: pairs of suspects, where the first has a size and the second may have any."""
+"""What a probe is to find out: pairs of hypotheses, where the first has a size and the second may have any."""
 
 from __future__ import annotations
 
@@ -8,15 +8,11 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
-from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.catalogue import CATALOGUE, first_excitation
 from impedance_modules.effects.effect import PAIR
 from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.residual_kinds import RESIDUALS, Residual
 from impedance_modules.errors import BadInput
-
-GENERAL = ("coulomb_friction", "viscous_friction", "reflected_inertia", "parallel_spring", "torque_offset")
-"""Effects that a general excitation tells from each other on every joint it moves."""
-
 
 SLIGHT = 0.005
 """Part of the gap below which a cause's rivals are not worth a recording."""
@@ -26,7 +22,7 @@ UNKNOWN_GAP = 5.0
 
 
 @dataclass(frozen=True)
-class Suspect:
+class Hypothesis:
     """An effect at a place.
 
     Attributes:
@@ -48,11 +44,11 @@ class Suspect:
 
 
 @dataclass(frozen=True)
-class Question:
-    """Two suspects to tell apart, and the joint whose motion can do it."""
+class ProbeQuestion:
+    """Two hypotheses to tell apart, and the joint whose motion can do it."""
 
-    first: Suspect
-    second: Suspect
+    first: Hypothesis
+    second: Hypothesis
     joints: tuple[str, ...]
 
     @property
@@ -62,7 +58,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Brief:
+class ProbeRequest:
     """Everything that a probe must answer.
 
     Attributes:
@@ -75,14 +71,14 @@ class Brief:
     """
 
     purpose: str
-    questions: tuple[Question, ...]
+    questions: tuple[ProbeQuestion, ...]
     residuals: tuple[Residual, ...]
     noise: Mapping[tuple[Residual, str], float]
     start: Mapping[str, float]
     gap: Mapping[str, float]
 
 
-def brief_of(answer: Mapping[str, Any], tree: RigidTree) -> Brief:
+def request_of_diagnosis(answer: Mapping[str, Any], tree: RigidTree) -> ProbeRequest:
     """Reads what a diagnosis leaves open.
 
     Rivals of its ambiguous causes first, but of those that explain next to nothing; else joints that hardly moved;
@@ -115,11 +111,11 @@ def brief_of(answer: Mapping[str, Any], tree: RigidTree) -> Brief:
     weak = tuple(name for name in answer["data"].get("weak_joints", ()) if name in joints)
     if open_pairs:
         purpose = "tell apart: " + "; ".join(dict.fromkeys(question.name for question in open_pairs))
-        return Brief(purpose, open_pairs, residuals, noise, start, gap)
+        return ProbeRequest(purpose, open_pairs, residuals, noise, start, gap)
     if weak:
         purpose = f"see joints that hardly moved: {', '.join(weak)}"
-        return Brief(purpose, general_questions(weak), residuals, noise, start, gap)
-    return Brief(
+        return ProbeRequest(purpose, general_questions(weak), residuals, noise, start, gap)
+    return ProbeRequest(
         "see every joint in every way: the diagnosis leaves no pair open",
         general_questions(joints),
         residuals,
@@ -129,38 +125,38 @@ def brief_of(answer: Mapping[str, Any], tree: RigidTree) -> Brief:
     )
 
 
-def general_brief(joints: Sequence[str], noise: Mapping[tuple[Residual, str], float]) -> Brief:
+def general_request(joints: Sequence[str], noise: Mapping[tuple[Residual, str], float]) -> ProbeRequest:
     """What to ask where nothing is known yet: the common effects of every joint."""
     residuals = tuple(dict.fromkeys(name for name, _ in noise))
     gap = {joint: UNKNOWN_GAP * size for (_, joint), size in noise.items()}
-    return Brief("see every joint in every way", general_questions(joints), residuals, noise, {}, gap)
+    return ProbeRequest("see every joint in every way", general_questions(joints), residuals, noise, {}, gap)
 
 
-def general_questions(joints: Sequence[str]) -> tuple[Question, ...]:
+def general_questions(joints: Sequence[str]) -> tuple[ProbeQuestion, ...]:
     """Pairs every common effect with every other, joint by joint."""
-    out: list[Question] = []
+    out: list[ProbeQuestion] = []
     for joint in joints:
-        suspects = [_suspect(effect, joint, None, None) for effect in GENERAL]
-        for index, first in enumerate(suspects):
-            out.extend(Question(first, second, (joint,)) for second in suspects[index + 1 :])
+        hypotheses = [_hypothesis(effect, joint, None, None) for effect in first_excitation()]
+        for index, first in enumerate(hypotheses):
+            out.extend(ProbeQuestion(first, second, (joint,)) for second in hypotheses[index + 1 :])
     return tuple(out)
 
 
-def _open(causes: Sequence[Mapping[str, Any]], tree: RigidTree) -> Iterator[Question]:
+def _open(causes: Sequence[Mapping[str, Any]], tree: RigidTree) -> Iterator[ProbeQuestion]:
     for cause in causes:
         if cause["weight"] < SLIGHT:
             continue
         for key, symbols in cause["parameters"].items():
             values = {symbol: float(number["value"]) for symbol, number in symbols.items()}
-            first = _suspect(cause["effect"], key, cause["port"], values)
+            first = _hypothesis(cause["effect"], key, cause["port"], values)
             own = key.partition(PAIR)[0]
             mine = (own,) if own in tree.joints else tuple(cause["joints"])
             for rival in cause["equivalent"]:
                 theirs = tuple(rival["joints"])
                 if _of_bodies(rival["effect"]) or not theirs or not mine or set(theirs) & set(mine):
                     for other in _keys(rival["effect"], theirs or (key,), tree):
-                        second = _suspect(rival["effect"], other, None, None)
-                        yield Question(first, second, tuple(dict.fromkeys([*mine, *theirs])) or tree.joints)
+                        second = _hypothesis(rival["effect"], other, None, None)
+                        yield ProbeQuestion(first, second, tuple(dict.fromkeys([*mine, *theirs])) or tree.joints)
 
 
 def _of_bodies(effect: str) -> bool:
@@ -193,10 +189,10 @@ def _neighbours(joint: str, joints: Sequence[str]) -> tuple[str, ...]:
     return tuple(joints[i] for i in (place - 1, place + 1) if 0 <= i < len(joints))
 
 
-def _suspect(effect: str, key: str, port: str | None, values: Mapping[str, float] | None) -> Suspect:
+def _hypothesis(effect: str, key: str, port: str | None, values: Mapping[str, float] | None) -> Hypothesis:
     if effect not in CATALOGUE:
         raise BadInput(
             f"the diagnosis names '{effect}', which is not in the catalogue ({', '.join(CATALOGUE)})"
         )
     ports = CATALOGUE[effect].description.ports
-    return Suspect(effect, key, ports if port is None else (cast("Port", port),), values)
+    return Hypothesis(effect, key, ports if port is None else (cast("Port", port),), values)

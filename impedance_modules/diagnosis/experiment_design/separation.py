@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""How well a predicted recording would tell two suspects apart: the expected difference of their chi-squares.
+r"""How well a predicted recording would tell two hypotheses apart: the expected difference of their chi-squares.
 
-With y the torque that the first suspect adds, C the columns of the second, Z those of the links' inertia (3 %
+With y the torque that the first hypothesis adds, C the columns of the second, Z those of the links' inertia (3 %
 prior, scaled to unit size), \sigma the noise of each residual and joint, and all rows counted as
 2 f_c independent samples a second:
 
     \chi^2 = min_{b, z} \sum |y - C b - Z z|^2 / \sigma^2 + |z|^2,      share = \chi^2 / \sum |y|^2 / \sigma^2
 
-share is the squared sine of the angle between the suspect and all that may stand for it. Where the second
+share is the squared sine of the angle between the hypothesis and all that may stand for it. Where the second
 contains the first (a spring with a preload contains an offset), what makes it the second (the stiffness) must not
 do as well by itself; where that cannot be taken apart, what it has beyond the first must show: roles are exchanged.
 """
@@ -25,8 +25,8 @@ from scipy.signal import bilinear, lfilter
 
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_dynamics import inertial_regressor, mass_matrix
-from impedance_modules.diagnosis.experiment_design.motion_library import Motion
-from impedance_modules.diagnosis.experiment_design.probe_questions import Brief, Question, Suspect
+from impedance_modules.diagnosis.experiment_design.motion_library import ProbeMotion
+from impedance_modules.diagnosis.experiment_design.probe_questions import ProbeRequest, ProbeQuestion, Hypothesis
 from impedance_modules.diagnosis.regression.candidates import Candidate, columns_of
 from impedance_modules.diagnosis.regression.nuisance_columns import inertia_prior
 from impedance_modules.effects.catalogue import CATALOGUE
@@ -41,10 +41,10 @@ CUTOFF = 8.0
 """Assumed end of the band in which recordings are compared [Hz]."""
 
 CONTAINED = 0.01
-"""Below this share the second suspect can be the first."""
+"""Below this share the second hypothesis can be the first."""
 
 UNSIZED = 5.0
-"""Size in the noise's rms of a suspect without parameters."""
+"""Size in the noise's rms of a hypothesis without parameters."""
 
 ROWS = 20.0
 """Rows of a prediction that are used, per second [Hz]."""
@@ -60,7 +60,7 @@ RATIO = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Follower:
+class MotionPredictor:
     """Predicts recordings of probes from one start.
 
     Attributes:
@@ -87,7 +87,7 @@ class Follower:
         squared, modes = eigh(np.diag(self.stiffness), self._inertia)
         return np.asarray(squared), np.asarray(modes)
 
-    def position(self, motion: Motion) -> tuple[Array, Array]:
+    def position(self, motion: ProbeMotion) -> tuple[Array, Array]:
         """Gives times (N,) [s] and angles (N, n) [rad]."""
         time = np.arange(0.0, motion.duration, 1.0 / RATE)
         squared, modes = self._modes
@@ -97,7 +97,7 @@ class Follower:
             asked[:, index] = lfilter(numerator, denominator, asked[:, index])
         return time, self.start + asked @ modes.T
 
-    def record(self, motion: Motion) -> Signals:
+    def record(self, motion: ProbeMotion) -> Signals:
         """Predicts what the nominal robot would record of a probe."""
         time, q = self.position(motion)
         v = differentiate(q, time)
@@ -138,27 +138,27 @@ class Separation:
     share: float
 
 
-class Predictor:
-    """Judges predicted recordings of one robot by the questions of one brief."""
+class SeparationPredictor:
+    """Judges predicted recordings of one robot by the questions of one request."""
 
-    def __init__(self, brief: Brief, model: NominalModel) -> None:
-        self._brief, self._model = brief, model
+    def __init__(self, request: ProbeRequest, model: NominalModel) -> None:
+        self._request, self._model = request, model
         self._prior = inertia_prior(model.tree.inertia)
 
-    def separate(self, signals: Signals, questions: Sequence[Question]) -> list[Separation]:
+    def separate(self, signals: Signals, questions: Sequence[ProbeQuestion]) -> list[Separation]:
         """Predicts how well a recording would answer each question."""
         known: dict[tuple[str, ...], _Rows] = {}
         out = []
         for question in questions:
             if question.joints not in known:
                 known[question.joints] = _Rows(
-                    self._brief, self._model, self._prior, signals, question.joints
+                    self._request, self._model, self._prior, signals, question.joints
                 )
             out.append(_answer(known[question.joints], question))
         return out
 
 
-def _answer(rows: _Rows, question: Question) -> Separation:
+def _answer(rows: _Rows, question: ProbeQuestion) -> Separation:
     one_way = min(
         (rows.left(y, C) for y in rows.sized(question.first) for C in rows.spaces(question.second)),
         key=lambda found: found.share,
@@ -184,9 +184,9 @@ def _answer(rows: _Rows, question: Question) -> Separation:
     )
 
 
-def _essential(suspect: Suspect) -> list[int]:
+def _essential(hypothesis: Hypothesis) -> list[int]:
     """Columns that make an effect itself, where every row of its contrasts names one alone; empty otherwise."""
-    rows = np.array(CATALOGUE[suspect.effect].contrasts)
+    rows = np.array(CATALOGUE[hypothesis.effect].contrasts)
     if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
         return []
     return [int(index) for index in np.flatnonzero(rows.any(axis=0))]
@@ -196,18 +196,18 @@ class _Rows:
     """Whitened rows of one predicted recording: groups one below the other."""
 
     def __init__(
-        self, brief: Brief, model: NominalModel, prior: Array, signals: Signals, joints: Sequence[str]
+        self, request: ProbeRequest, model: NominalModel, prior: Array, signals: Signals, joints: Sequence[str]
     ) -> None:
         period = float(signals.time[1] - signals.time[0])
         self._signals, self._step = signals, max(1, round(1.0 / (ROWS * period)))
         independent = np.sqrt(min(1.0, 2.0 * CUTOFF * self._step * period))
         self._weight = {
             (residual, model.joints.index(joint)): independent / noise
-            for (residual, joint), noise in brief.noise.items()
-            if joint in joints and residual in brief.residuals
+            for (residual, joint), noise in request.noise.items()
+            if joint in joints and residual in request.residuals
         }
         self._groups = tuple(self._weight)
-        self._residuals = brief.residuals
+        self._residuals = request.residuals
         if not any(residual in LINKED for residual, _ in self._groups):
             self._nuisance = np.zeros((len(self._groups) * len(signals.time[:: self._step]), 0))
             return
@@ -219,26 +219,26 @@ class _Rows:
         seen = np.max([np.abs(block).max(axis=0) for block in blocks.values()], axis=0) > 0.0
         self._nuisance = self._stack({g: block[:, seen] for g, block in blocks.items()}, int(seen.sum()))
 
-    def sized(self, suspect: Suspect) -> Iterator[Array]:
-        """Gives what a suspect adds to the rows, at every port where it may act."""
-        effect = CATALOGUE[suspect.effect]
-        for port in suspect.ports:
-            if suspect.values is not None:
+    def sized(self, hypothesis: Hypothesis) -> Iterator[Array]:
+        """Gives what a hypothesis adds to the rows, at every port where it may act."""
+        effect = CATALOGUE[hypothesis.effect]
+        for port in hypothesis.ports:
+            if hypothesis.values is not None:
                 blocks: dict[tuple[Residual, int], Array] = {}
                 for residual in self._residuals:
                     torque = predicted(
-                        effect, self._signals, suspect.key, port, residual=residual, values=suspect.values
+                        effect, self._signals, hypothesis.key, port, residual=residual, values=hypothesis.values
                     )
                     picked = torque[:: self._step]
                     blocks |= {g: picked[:, [g[1]]] for g in self._groups if g[0] == residual}
                 yield self._stack(blocks, 1)[:, 0]
             else:
-                yield from (_unit(_itself(C, effect.contrasts)) for C in self._columns(suspect, port))
+                yield from (_unit(_itself(C, effect.contrasts)) for C in self._columns(hypothesis, port))
 
-    def spaces(self, suspect: Suspect) -> Iterator[Array]:
-        """Gives a suspect's column spaces, one per port and shape."""
-        for port in suspect.ports:
-            yield from self._columns(suspect, port)
+    def spaces(self, hypothesis: Hypothesis) -> Iterator[Array]:
+        """Gives a hypothesis's column spaces, one per port and shape."""
+        for port in hypothesis.ports:
+            yield from self._columns(hypothesis, port)
 
     def left(self, y: Array, C: Array) -> Separation:
         """Fits y by C and the nuisance."""
@@ -259,8 +259,8 @@ class _Rows:
         gained = float(target @ np.linalg.solve(columns.T @ columns + np.diag(ridge), target))
         return max(0.0, float(y @ y) - gained)
 
-    def beyond(self, C: Array, first: Suspect) -> Separation:
-        """What columns have beyond a suspect that they contain: the best seen of them, at the suspect's size."""
+    def beyond(self, C: Array, first: Hypothesis) -> Separation:
+        """What columns have beyond a hypothesis that they contain: the best seen of them, at the hypothesis's size."""
         best = Separation(0.0, 0.0)
         for y in self.sized(first):
             for base in self.spaces(first):
@@ -271,10 +271,10 @@ class _Rows:
                         best = max(best, found, key=lambda item: item.share)
         return best
 
-    def _columns(self, suspect: Suspect, port: str) -> Iterator[Array]:
-        effect = CATALOGUE[suspect.effect]
-        candidate = Candidate(effect, port, suspect.key, ())  # type: ignore[arg-type]
-        for shape in effect.shapes(self._signals, suspect.key, candidate.port):
+    def _columns(self, hypothesis: Hypothesis, port: str) -> Iterator[Array]:
+        effect = CATALOGUE[hypothesis.effect]
+        candidate = Candidate(effect, port, hypothesis.key, ())  # type: ignore[arg-type]
+        for shape in effect.shapes(self._signals, hypothesis.key, candidate.port):
             found = columns_of(candidate, shape, self._signals, self._residuals)
             if found is not None:
                 width = next(iter(found.blocks.values())).shape[1]
@@ -301,7 +301,7 @@ def _itself(C: Array, contrasts: Sequence[Sequence[float]]) -> Array:
 
 
 def _unit(y: Array) -> Array:
-    """Scales a suspect without numbers to `UNSIZED` times the noise."""
+    """Scales a hypothesis without numbers to `UNSIZED` times the noise."""
     busy = y[np.abs(y) > 0.0]
     return y if busy.size == 0 else y * (UNSIZED / float(np.sqrt(np.mean(busy**2))))
 

@@ -8,10 +8,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.data.folds import Arrangement
+from impedance_modules.diagnosis.data.folds import DataSplit
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.model_selection.evidence import Evidence, felt, negligible
-from impedance_modules.diagnosis.model_selection.external_pushes import Push, find_pushes, moments_clear
+from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
+from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush, find_pushes, rows_without_pushes
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
@@ -36,40 +36,28 @@ from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColu
 from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner, UnwhitenedFit, estimates
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import (
-    both,
-    contact_aside,
-    on_links,
+    intersect_masks,
+    contact_free_rows,
+    rows_of_link_residuals,
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.external_contact import ExternalContact
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 """Called with a sentence for each step."""
 
-CONTACT = "external_contact"
-"""Bound to one recording's time: no other recording can confirm it, so it has a procedure of its own (`contact`)."""
-
 POORER = 1.2
 """Squares that a search without moments of contact may leave, over those that the causes found with them leave."""
-
-IN_PROPORTION_TO_COMMAND = ("torque_gain", "controller_gain")
-"""Effects in proportion to what was asked for, which a flexible model may not use.
-
-A command knows the motion without the noise of its differences, and an inertia's column with it: together they are
-that noise, and would take it from any floor.
-"""
 
 SIGMA = 1.5
 """Standard deviations, inflated as those in the answer are."""
 
-NEUTRAL = {"torque_gain": 1.0}
-"""Number of an effect that changes nothing, where it is not zero."""
 
-
-def explain(
+def search_causes(
     prepared: tuple[Prepared, ...],
-    arrangement: Arrangement,
+    split: DataSplit,
     model: NominalModel,
     without: Collection[str],
     progress: Progress,
@@ -78,44 +66,46 @@ def explain(
 
     Args:
         prepared: The recordings.
-        arrangement: Which of them are fitted, in which folds, and which are unseen.
+        split: Which of them are fitted, in which folds, and which are unseen.
         model: What was believed.
         without: Ids of effects that are left out of the catalogue.
         progress: Called with a sentence for each step.
     """
     residuals = list(prepared[0].residuals)
-    pairs = repeat_pairs(prepared, arrangement.fitted)
+    pairs = repeat_pairs(prepared, split.fitted)
     noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
     flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
+    # What happened at one time in one recording can be validated_on_holdout by no other: it is searched for by itself.
+    bound = {effect.id for effect in CATALOGUE.values() if effect.bound_to_recording}
     signals = [clean_signals(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
     shaped = [
         (candidate, shape)
-        for candidate in list_candidates(CATALOGUE, prepared, {*without, CONTACT})
+        for candidate in list_candidates(CATALOGUE, prepared, {*without, *bound})
         for shape in shapes_of(candidate, signals)
     ]
     generic = generic_basis(prepared, residuals)
     regressors = candidate_regressors(shaped, prepared, signals, residuals)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
-    aside = on_links(contact_aside(prepared), nuisance.groups)
-    floor = _floor(raw, prepared, nuisance, [*generic, *_simple(regressors)], arrangement.fitted, aside)
+    aside = rows_of_link_residuals(contact_free_rows(prepared), nuisance.groups)
+    floor = _floor(raw, prepared, nuisance, [*generic, *_simple(regressors)], split.fitted, aside)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]
     design = build_design([*regressors, *generic], nuisance, raw, floor, names=names, rate=rate)
     del regressors
     selector = Selector(
-        design, arrangement.folds, ShapeRefiner(design, prepared, signals), model.position_resolution
+        design, split.folds, ShapeRefiner(design, prepared, signals), model.position_resolution
     )
     if aside:
         selector = selector.on(design.without(aside))
-    contact = CONTACT in CATALOGUE and CONTACT not in without
-    return _search(selector, prepared, arrangement, progress, contact=contact)
+    contact = ExternalContact.description.id not in without
+    return _search(selector, prepared, split, progress, contact=contact)
 
 
 def _search(
     selector: Selector,
     prepared: tuple[Prepared, ...],
-    arrangement: Arrangement,
+    split: DataSplit,
     progress: Progress,
     *,
     contact: bool,
@@ -125,34 +115,34 @@ def _search(
     pushes = find_pushes(selector.model_fit(found.causes), prepared) if contact else ()
     if pushes:
         progress("setting moments of contact aside")
-        touched = on_links(moments_clear(pushes, prepared), selector.design.groups)
-        moments = both(selector.design.whitening.clear, touched)
+        touched = rows_of_link_residuals(rows_without_pushes(pushes, prepared), selector.design.groups)
+        moments = intersect_masks(selector.design.whitening.clear, touched)
         narrowed = selector.on(selector.design.without(moments))
         again = narrowed.run(progress)
         if _as_good(narrowed, again.causes, found.causes):
             pushes = _measured(selector, narrowed, again.causes, prepared) or pushes
             selector, found = narrowed, again
         else:
-            pushes = ()  # what the causes explain better on the very same rows was no push
+            pushes = ()  # what the causes search_causes better on the very same rows was no push
     model_fit, plain = selector.model_fit(found.causes), UnwhitenedFit(selector.refiner)
     for kept in (
-        felt(model_fit, plain, negligible(prepared, selector.design.groups)),
-        certain(model_fit, selector.refiner),
-        confirmed(model_fit, selector.model_fit, arrangement.heldout),
+        above_negligible(model_fit, plain, negligible(prepared, selector.design.groups)),
+        significant_terms(model_fit, selector.refiner),
+        validated_on_holdout(model_fit, selector.model_fit, split.heldout),
     ):
         model = [term for term in model_fit.model if term in kept]
         model_fit = model_fit if len(model) == len(model_fit.model) else selector.model_fit(model)
-    floor, pairs = selector.design.whitening, repeat_pairs(prepared, arrangement.fitted)
+    floor, pairs = selector.design.whitening, repeat_pairs(prepared, split.fitted)
     if pairs:
         # With the causes known, repeats that did not quite repeat no longer leak into the floor.
         left = [plain.left(model_fit, r) for r in range(len(prepared))]
         clear = selector.design.whitening.clear
         floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, clear)
-    return Evidence(selector, arrangement.heldout, prepared, model_fit, floor, plain, found.refusal, pushes)
+    return Evidence(selector, split.heldout, prepared, model_fit, floor, plain, found.refusal, pushes)
 
 
-def certain(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
-    """Terms of a fitted model whose number is there for certain; those of several numbers are not judged here."""
+def significant_terms(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
+    """Terms of a fitted model whose number is there for significant_terms; those of several numbers are not judged here."""
     return [term for index, term in enumerate(model_fit.model) if _certain(model_fit, refiner, index, term)]
 
 
@@ -160,11 +150,12 @@ def _certain(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: Model
     effect = term.candidate.effect
     if len(effect.description.parameters) != 1 or effect.replaces:
         return True
+    neutral = effect.description.parameters[0].neutral
     (found,) = estimates(model_fit, refiner, index, prismatic=False).values()
-    return abs(found.value - NEUTRAL.get(effect.id, 0.0)) > SIGMA * found.std
+    return abs(found.value - neutral) > SIGMA * found.std
 
 
-def confirmed(
+def validated_on_holdout(
     model_fit: ModelFit, refit: Callable[[Sequence[ModelTerm]], ModelFit], heldout: Sequence[int]
 ) -> list[ModelTerm]:
     """Terms of a fitted model without which more is left of the unseen recordings; all of them where repeats exist.
@@ -189,7 +180,7 @@ def confirmed(
 
 def _measured(
     selector: Selector, narrowed: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
-) -> tuple[Push, ...]:
+) -> tuple[ExternalPush, ...]:
     """The pushes again, by a model that was fitted without them: the links' numbers no longer bend to them."""
     known = [selector.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in causes]
     model = [term for term in known if term is not None]
@@ -199,7 +190,7 @@ def _measured(
 
 
 def _as_good(narrowed: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
-    """Whether causes found without some rows explain the others about as well as those found with all rows do."""
+    """Whether causes found without some rows search_causes the others about as well as those found with all rows do."""
     moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in first]
     known = [term for term in moved if term is not None]
     return float(narrowed.model_fit(causes).left.sum()) <= POORER * float(
@@ -229,5 +220,15 @@ def _simple(regressors: Sequence[CandidateRegressor]) -> list[CandidateRegressor
         if not regressor.shape
         and regressor.width <= 3
         and len(regressor.blocks[0]) == 1
-        and not (regressor.key[0] in IN_PROPORTION_TO_COMMAND and regressor.key[2] == "actuator")
+        and not _in_proportion(regressor)
     ]
+
+
+def _in_proportion(regressor: CandidateRegressor) -> bool:
+    """Whether a candidate is in proportion to the command.
+
+    A flexible model may not use it: a command knows the motion without the noise of its derivatives, and an inertia's
+    column with it. Together they are that noise, and would take it from any floor.
+    """
+    one = regressor.candidate
+    return one is not None and one.effect.proportional_to_command(one.port)

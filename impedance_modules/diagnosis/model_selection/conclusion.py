@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.log import DataReport
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.external_pushes import contact_cause
-from impedance_modules.diagnosis.model_selection.gap_location import held_out_series, locate
-from impedance_modules.diagnosis.model_selection.lack_of_fit import Lack, lack_of_fit
+from impedance_modules.diagnosis.model_selection.external_pushes import cause_of_pushes
+from impedance_modules.diagnosis.model_selection.gap_location import held_out_series, locate_gap
+from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, lack_of_fit
 from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
@@ -36,9 +36,6 @@ repeats say for certain how strong the noise is."""
 SLIGHT = 0.1
 """Weight of one joint's part over another's, of one effect, below which its rivals are not the effect's."""
 
-SPRING, IMITATION = "parallel_spring", "crosstalk"
-"""What such a spring is named, among those that do as well or by a sensor that hears another joint."""
-
 
 def conclude(
     evidence: Evidence, causes: tuple[Cause, ...], model: NominalModel, report: DataReport
@@ -58,16 +55,16 @@ def conclude(
         gaps=gaps,
         shrink=_shrink(gaps),
         rollout=no_rollout(),
-        where=locate(evidence, model),
+        where=locate_gap(evidence, model),
         causes=causes,
         unexplained_weight=max(0.0, 1.0 - sum(cause.weight for cause in causes)),
         remainder=remainder,
-        next_motion=propose(causes, report, model, _middle(evidence, model)),
+        next_motion=propose_motion(causes, report, model, _middle(evidence, model)),
         series=held_out_series(evidence, model),
     )
 
 
-def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
+def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
     """Turns the accepted candidates into causes, those that explain most first."""
     merged: dict[tuple[str, str], Cause] = {}
     for term, gain in _in_order(evidence):
@@ -85,7 +82,7 @@ def name_causes(evidence: Evidence) -> tuple[Cause, ...]:
     if evidence.pushes:
         share = evidence.pushed_share
         weighed = [replace(cause, weight=cause.weight * (1.0 - share)) for cause in weighed]
-        weighed.append(contact_cause(evidence.pushes, evidence.prepared, share))
+        weighed.append(cause_of_pushes(evidence.pushes, evidence.prepared, share))
     return tuple(sorted(weighed, key=lambda cause: -cause.weight))
 
 
@@ -102,13 +99,15 @@ def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> 
     both = all({"link", "actuator"} <= set(item.residuals) for item in prepared)
     if not both or any(item.log.gravity_compensation != "robot" for item in prepared):
         return ()
-    known = {joint for cause in causes if cause.effect == SPRING for joint in cause.joints}
+    carried = {effect.id for effect in CATALOGUE.values() if effect.carried_by_robot}
+    imitations = {effect.id for effect in CATALOGUE.values() if effect.imitates_carried}
+    known = {joint for cause in causes if cause.effect in carried for joint in cause.joints}
     found = [
         cause
         for cause in causes
-        if cause.effect != SPRING
+        if cause.effect not in carried
         and not set(cause.joints) <= known
-        and {cause.effect, *(rival.effect for rival in cause.equivalent)} & {SPRING, IMITATION}
+        and {cause.effect, *(rival.effect for rival in cause.equivalent)} & (carried | imitations)
     ]
     if not found:
         return ()
@@ -120,7 +119,7 @@ def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> 
     )
 
 
-def propose(
+def propose_motion(
     causes: Sequence[Cause], report: DataReport, model: NominalModel, start: Mapping[str, float]
 ) -> Mapping[str, object]:
     """Names the joints to move, the excitation that the catalogue asks for, and about which posture.
@@ -165,11 +164,11 @@ def _verdict(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> st
     return "explained" if remainder.explained else "partly_explained"
 
 
-def _near(lack: Lack, *, weak: bool) -> bool:
+def _near(lack: LackOfFit, *, weak: bool) -> bool:
     return bool(np.all(lack.ratio <= np.maximum(lack.limit, NEAR if weak else 0.0)))
 
 
-def _remainder(found: Lack, evidence: Evidence, model: NominalModel) -> Remainder:
+def _remainder(found: LackOfFit, evidence: Evidence, model: NominalModel) -> Remainder:
     worst = int(np.argmax(found.ratio / found.limit))
     residual, joint = evidence.design.groups[worst]
     ratio = float(found.ratio[worst])

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.model_selection.external_pushes import Push
+from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush
 from impedance_modules.diagnosis.model_selection.forward_selection import Refusal, Selector
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.design_matrix import Design
@@ -44,7 +44,7 @@ class Evidence:
     floor: Whitening
     plain: UnwhitenedFit
     refusal: Refusal | None
-    pushes: tuple[Push, ...] = ()
+    pushes: tuple[ExternalPush, ...] = ()
 
     @property
     def design(self) -> Design:
@@ -125,7 +125,7 @@ def negligible(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:
     return np.array([speed[joint] if residual == "velocity" else load[joint] for residual, joint in groups])
 
 
-def felt(model_fit: ModelFit, plain: UnwhitenedFit, least: Array) -> list[ModelTerm]:
+def above_negligible(model_fit: ModelFit, plain: UnwhitenedFit, least: Array) -> list[ModelTerm]:
     """Terms of a fitted model whose own part is more than negligible somewhere.
 
     Args:

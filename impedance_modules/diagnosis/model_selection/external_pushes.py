@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.regression.model_fit import ModelFit
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Estimate, Rival
-from impedance_modules.effects.external_contact import FORCE
+from impedance_modules.effects.external_contact import FORCE, ExternalContact
 from impedance_modules.effects.residual_kinds import uses_motion
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ SPACING = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
+class ExternalPush:
     """One push.
 
     Attributes:
@@ -89,7 +89,7 @@ class Push:
 
 def find_pushes(
     model_fit: ModelFit, prepared: Sequence[Prepared], coefficients: Array | None = None
-) -> tuple[Push, ...]:
+) -> tuple[ExternalPush, ...]:
     """Looks for pushes in what a model leaves of each recording.
 
     Args:
@@ -102,7 +102,7 @@ def find_pushes(
     if len(groups) < 2:
         return ()
     found: dict[int, Forces] = {}
-    out: list[Push] = []
+    out: list[ExternalPush] = []
     for r, item in enumerate(prepared):
         left = model_fit.residuals(known, r)
         if model_fit.design.whitening.weak:
@@ -115,7 +115,7 @@ def find_pushes(
     return tuple(push for push in out if not _repeated(push, prepared, found))
 
 
-def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[int, Mask]:
+def rows_without_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]) -> dict[int, Mask]:
     """Recording -> (M,) rows that no push touches, the filter's reach included."""
     out: dict[int, Mask] = {}
     for push in pushes:
@@ -126,7 +126,7 @@ def moments_clear(pushes: Sequence[Push], prepared: Sequence[Prepared]) -> dict[
     return out
 
 
-def contact_cause(pushes: Sequence[Push], prepared: Sequence[Prepared], share: float) -> Cause:
+def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared], share: float) -> Cause:
     """Describes the strongest push on every link that was pushed.
 
     Args:
@@ -144,7 +144,7 @@ def contact_cause(pushes: Sequence[Push], prepared: Sequence[Prepared], share: f
     names = [prepared[push.recording].log.name for push in pushes]
     told = ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
     return Cause(
-        effect="external_contact",
+        effect=ExternalContact.description.id,
         joints=(),
         port="contact",
         parameters=parameters,
@@ -171,10 +171,10 @@ def _usual(left: Array) -> float:
 
 def _intervals(
     model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces
-) -> list[Push]:
+) -> list[ExternalPush]:
     """Runs of strong hats that pass as pushes."""
     count = len(forces.force)
-    strength = np.array([strength_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
+    strength = np.array([chi_square_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
     runs = _runs(strength > STRONG)
     weak = model_fit.design.whitening.weak
     least, pattern = (UNCERTAIN * GAIN_MIN, _pattern_min(forces)) if weak else (GAIN_MIN, PATTERN_MIN)
@@ -184,11 +184,11 @@ def _intervals(
     second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
     if pattern >= 1.0 or second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
         return []  # any force would do, one joint alone would, or the gap is not local
-    tips, _ = hats_of(item, item.samples)
+    tips, _ = hat_functions(item, item.samples)
     out = []
     for first, last in runs:
         size = last - first
-        gain = strength_of(forces, slice(3 * first, 3 * last)) - 3.0 * size
+        gain = chi_square_of(forces, slice(3 * first, 3 * last)) - 3.0 * size
         if gain < least or gain < pattern * (float(np.sum(free[first:last])) - len(groups) * size):
             continue
         if float(np.max(each[:, first:last].sum(axis=1))) - size > ALONE_MAX * gain:
@@ -196,7 +196,7 @@ def _intervals(
         mean = np.repeat(np.eye(3)[None] / size, size, axis=0).transpose(1, 0, 2).reshape(3, -1)
         part = forces.covariance[3 * first : 3 * last, 3 * first : 3 * last]
         out.append(
-            Push(
+            ExternalPush(
                 recording=r,
                 body=forces.body,
                 start=float(tips[first] - SPACING),
@@ -228,13 +228,13 @@ def _runs(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _repeated(push: Push, prepared: Sequence[Prepared], found: dict[int, Forces]) -> bool:
+def _repeated(push: ExternalPush, prepared: Sequence[Prepared], found: dict[int, Forces]) -> bool:
     """Whether a recording of the same motion shows about the same force at the same time."""
     group = prepared[push.recording].log.group
     for other, forces in found.items():
         if other == push.recording or prepared[other].log.group != group or forces.body != push.body:
             continue
-        tips, _ = hats_of(prepared[other], prepared[other].samples)
+        tips, _ = hat_functions(prepared[other], prepared[other].samples)
         inside = (tips >= push.start) & (tips <= push.end)
         if inside.any():
             there = forces.force[inside].mean(axis=0)
@@ -257,7 +257,7 @@ class Forces:
 def fit_forces(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], body: str) -> Forces:
     """Fits one link's hats."""
     J = item.band.condense(item.signals.model.jacobian(body, item.signals.position)[:, :3])
-    _, hats = hats_of(item, item.samples)
+    _, hats = hat_functions(item, item.samples)
     count = hats.shape[1]
     gram, right = 1e-6 * np.eye(3 * count), np.zeros(3 * count)
     blocks = {}
@@ -277,7 +277,7 @@ def fit_forces(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array
     return Forces(body, force.reshape(-1, 3), np.asarray(covariance), joints, float(force @ right))
 
 
-def hats_of(item: Prepared, rows: int) -> tuple[Array, Array]:
+def hat_functions(item: Prepared, rows: int) -> tuple[Array, Array]:
     """Tips (k,) [s] and hats (rows, k) at the recording's last rows."""
     time = item.time[-rows:] - item.log.start
     tips = np.arange(time[0], time[-1] + SPACING, SPACING)
@@ -286,7 +286,7 @@ def hats_of(item: Prepared, rows: int) -> tuple[Array, Array]:
 
 def free_torques(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], g: int) -> Array:
     """Chi-square (k,) of a free torque of one joint at each hat."""
-    _, hats = hats_of(item, item.samples)
+    _, hats = hat_functions(item, item.samples)
     X = np.asarray(model_fit.design.whitening.apply(hats, r, g))
     gram = X.T @ X + 1e-6 * np.eye(X.shape[1])
     covariance = np.linalg.inv(gram)
@@ -294,7 +294,7 @@ def free_torques(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Arr
     return np.asarray(torque**2 / np.diag(covariance))
 
 
-def strength_of(forces: Forces, part: slice) -> float:
+def chi_square_of(forces: Forces, part: slice) -> float:
     """Chi-square of some hats together."""
     force = forces.force.reshape(-1)[part]
     return float(force @ np.linalg.solve(forces.covariance[part, part], force))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import Place, Series
+from impedance_modules.diagnosis.result import GapLocation, ResidualSeries
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,9 +42,9 @@ MOST_RECORDINGS = 4
 """Held-out recordings that are kept for report and viewer."""
 
 
-def locate(evidence: Evidence, model: NominalModel) -> tuple[Place, ...]:
+def locate_gap(evidence: Evidence, model: NominalModel) -> tuple[GapLocation, ...]:
     """Shares the excess residual power out among joints, ports and regimes, the largest first."""
-    places: list[tuple[float, Place]] = []
+    places: list[tuple[float, GapLocation]] = []
     prepared, floor, unit_power = evidence.prepared, evidence.floor, evidence.unit_power
     left = [evidence.plain.left(evidence.calibrated, r) for r in range(len(prepared))]
     for group, (residual, joint) in enumerate(evidence.design.groups):
@@ -60,10 +60,10 @@ def locate(evidence: Evidence, model: NominalModel) -> tuple[Place, ...]:
         for name, value in excess.items():
             if value > 0.0:
                 port = "contact" if name == "contact" else PORT_OF_RESIDUAL[residual]
-                places.append((value, Place(model.joints[joint], port, name, band, value)))
+                places.append((value, GapLocation(model.joints[joint], port, name, band, value)))
     total = sum(value for value, _ in places)
     found = [
-        Place(place.joint, place.port, place.regime, place.band, value / total)
+        GapLocation(place.joint, place.port, place.regime, place.band, value / total)
         for value, place in sorted(places, key=lambda pair: -pair[0])
         if value >= SHARE_MIN * total
     ]
@@ -95,7 +95,7 @@ def regimes(item: Prepared, model: NominalModel, joint: int) -> dict[str, Mask]:
     return out
 
 
-def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[Series, ...]:
+def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[ResidualSeries, ...]:
     """Collects every residual of the first held-out recordings, without the causes and with them."""
     units = model.tree.units()
     out = []
@@ -105,7 +105,7 @@ def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[Series, ..
         doing = [_doing(item, model, joint) for joint in range(model.n)]
         for group, (residual, joint) in enumerate(evidence.design.groups):
             out.append(
-                Series(
+                ResidualSeries(
                     joint=model.joints[joint],
                     residual=residual,
                     unit="rad/s" if residual == "velocity" else units[joint],

@@ -66,7 +66,7 @@ STAND_INS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Lack:
+class LackOfFit:
     """The test's outcome.
 
     Attributes:
@@ -85,12 +85,12 @@ class Lack:
         return bool(np.all(self.ratio <= self.limit)) and not self.structure
 
 
-def lack_of_fit(evidence: Evidence) -> Lack:
+def lack_of_fit(evidence: Evidence) -> LackOfFit:
     """Tests what the accepted model leaves, on unseen recordings and on all of them."""
     unseen = _ratios(evidence, evidence.heldout)
     fitted = _ratios(evidence, (*evidence.model_fit.fitted, *evidence.heldout))
     ratio, limit = (np.array(part) for part in zip(*map(_worse, unseen, fitted), strict=True))
-    return Lack(ratio, limit, structure(evidence))
+    return LackOfFit(ratio, limit, structure(evidence))
 
 
 def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
@@ -143,7 +143,7 @@ def structure(evidence: Evidence) -> str:
         found.append(
             (1.0, f"a function of the joint's motion without physics takes {part:.0f} % more on {name}")
         )
-    changing = uneven(evidence)
+    changing = position_dependence(evidence)
     if changing is not None:
         found.append((1.0 + changing[0], changing[1]))
     return max(found, default=(0.0, ""))[1]
@@ -188,7 +188,7 @@ def _smooth(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | No
     return max(good, key=lambda trial: trial.gain, default=None)
 
 
-def uneven(evidence: Evidence) -> tuple[float, str] | None:
+def position_dependence(evidence: Evidence) -> tuple[float, str] | None:
     """Finds the cause whose size changes most along its joint's way.
 
     Returns:

@@ -17,11 +17,11 @@ from impedance_modules.diagnosis.result import (
     Cause,
     CauseRollout,
     Diagnosis,
-    Drift,
+    RolloutError,
     JointGap,
     Rival,
     Rollout,
-    Series,
+    ResidualSeries,
 )
 
 Array = NDArray[np.float64]
@@ -125,7 +125,7 @@ def cause_rollout_object(cause: CauseRollout | None) -> dict[str, Any] | None:
     }
 
 
-def spectrum_object(series: Sequence[Series]) -> dict[str, Any]:
+def spectrum_object(series: Sequence[ResidualSeries]) -> dict[str, Any]:
     """Builds the JSON object of the first held-out recording's residuals."""
     if not series:
         return {"edges_hz": [], "per_port": []}
@@ -222,7 +222,7 @@ def _ranges(cause: Cause) -> dict[str, Mapping[str, list[float]]]:
     }
 
 
-def _drift(drift: Drift) -> dict[str, Any]:
+def _drift(drift: RolloutError) -> dict[str, Any]:
     return {
         "before": drift.before,
         "after": drift.after,

@@ -26,7 +26,7 @@ from impedance_modules.diagnosis.report.html_elements import (
     section,
     table,
 )
-from impedance_modules.diagnosis.result import Series, Trace
+from impedance_modules.diagnosis.result import ResidualSeries, RolloutTrace
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def bars(gaps: Sequence[dict[str, Any]]) -> str:
     return drawing(figure, "How large the gap is, held out: before and after, and the noise.")
 
 
-def over_time(series: Sequence[Series]) -> str:
+def over_time(series: Sequence[ResidualSeries]) -> str:
     """One figure per joint: its residuals before and after in the first held-out recording."""
     first = [item for item in series if item.episode == series[0].episode]
     figures = []
@@ -70,7 +70,7 @@ def over_time(series: Sequence[Series]) -> str:
     return gallery(figures)
 
 
-def _draw(axes: Axes, item: Series) -> None:
+def _draw(axes: Axes, item: ResidualSeries) -> None:
     for values, colour, label in ((item.before, BEFORE, "before"), (item.after, AFTER, "after")):
         time, drawn = thinned(item.time, values)
         axes.plot(time, drawn, color=colour, linewidth=0.8, label=label)
@@ -154,7 +154,7 @@ DRIVEN = {
 }
 
 
-def rollout_section(rollout: dict[str, Any], traces: Sequence[Trace]) -> str:
+def rollout_section(rollout: dict[str, Any], traces: Sequence[RolloutTrace]) -> str:
     """The whole section; it says so where nothing was rolled out."""
     left_out = bullets([f"{item['what']}: {item['why']}" for item in rollout["left_out"]])
     head = "Simulated again"
@@ -181,7 +181,7 @@ def _errors(rollout: dict[str, Any]) -> str:
     return table(("joint", "of", "before", "after", "noise", "unit", "shrink"), rows, numbers=(2, 3, 4, 6))
 
 
-def _figures(rollout: dict[str, Any], traces: Sequence[Trace]) -> list[str]:
+def _figures(rollout: dict[str, Any], traces: Sequence[RolloutTrace]) -> list[str]:
     growth, figures = rollout["growth"], []
     for trace in traces:
         figure = new_figure(5.5, 2.0)

@@ -29,13 +29,13 @@ MOST = 0.8
 """Part of all samples that contact may fill; beyond it hardly a motion of the links is left to compare."""
 
 
-def contact_aside(prepared: Sequence[Prepared]) -> dict[int, Mask]:
+def contact_free_rows(prepared: Sequence[Prepared]) -> dict[int, Mask]:
     """Recording -> (M,) rows that no contact touches; empty without contact, or with hardly anything else."""
-    out = _clear(prepared)
-    return {} if _mostly(out, prepared) else out
+    out = _contact_free(prepared)
+    return {} if _mostly_in_contact(out, prepared) else out
 
 
-def on_links(
+def rows_of_link_residuals(
     clear: Mapping[int, Mask], groups: Sequence[tuple[Residual, int]]
 ) -> dict[tuple[int, int], Mask]:
     """Recording and group -> (M,) rows that count: what touches the robot shows where its links' motion is compared."""
@@ -47,10 +47,10 @@ def on_links(
     }
 
 
-def without_touched_links(prepared: tuple[Prepared, ...]) -> tuple[Prepared, ...]:
+def without_links_in_contact(prepared: tuple[Prepared, ...]) -> tuple[Prepared, ...]:
     """Leaves the links' residuals out where contact fills nearly all, if the drives have residuals of their own."""
     rest = [name for name in prepared[0].residuals if not uses_motion(name) and name != "velocity"]
-    if not rest or not _mostly(_clear(prepared), prepared):
+    if not rest or not _mostly_in_contact(_contact_free(prepared), prepared):
         return prepared
     return tuple(
         replace(item, residuals={name: x for name, x in item.residuals.items() if not uses_motion(name)})
@@ -60,11 +60,11 @@ def without_touched_links(prepared: tuple[Prepared, ...]) -> tuple[Prepared, ...
 
 def contact_note(prepared: Sequence[Prepared]) -> tuple[str, ...]:
     """Says what the phases of contact mean for the answer; nothing without any."""
-    if all(item.log.touching is None for item in prepared):
+    if all(item.log.in_contact is None for item in prepared):
         return ()
-    aside = contact_aside(prepared)
+    aside = contact_free_rows(prepared)
     if not aside and any(uses_motion(name) for name in prepared[0].residuals):
-        if not _clear(prepared):
+        if not _contact_free(prepared):
             return ()
         return (
             "nearly everything is spent in contact, by the phases; nothing is left aside for it, and what the"
@@ -84,7 +84,7 @@ def contact_note(prepared: Sequence[Prepared]) -> tuple[str, ...]:
     )
 
 
-def both(first: Mapping[Place, Mask], second: Mapping[Place, Mask]) -> dict[Place, Mask]:
+def intersect_masks(first: Mapping[Place, Mask], second: Mapping[Place, Mask]) -> dict[Place, Mask]:
     """Rows that count for two reasons at once."""
     out = dict(first)
     for place, mask in second.items():
@@ -92,24 +92,24 @@ def both(first: Mapping[Place, Mask], second: Mapping[Place, Mask]) -> dict[Plac
     return out
 
 
-def _clear(prepared: Sequence[Prepared]) -> dict[int, Mask]:
+def _contact_free(prepared: Sequence[Prepared]) -> dict[int, Mask]:
     return {
-        r: ~_widened(item)
+        r: ~_near_contact(item)
         for r, item in enumerate(prepared)
-        if item.log.touching is not None and item.log.touching.any()
+        if item.log.in_contact is not None and item.log.in_contact.any()
     }
 
 
-def _mostly(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) -> bool:
+def _mostly_in_contact(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) -> bool:
     lost = sum(int((~mask).sum()) for mask in clear.values())
     return lost > MOST * sum(item.samples for item in prepared)
 
 
-def _widened(item: Prepared) -> Mask:
+def _near_contact(item: Prepared) -> Mask:
     """Rows (M,) within the margin of a contact."""
     log = item.log
-    if log.touching is None:
+    if log.in_contact is None:
         return np.zeros(item.samples, dtype=bool)
-    at = log.start + np.flatnonzero(log.touching) / log.rate
+    at = log.start + np.flatnonzero(log.in_contact) / log.rate
     after = np.searchsorted(at, item.time - MARGIN)
     return np.asarray((after < len(at)) & (at[np.minimum(after, len(at) - 1)] <= item.time + MARGIN))

@@ -24,7 +24,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import (
     inertial_regressor,
 )
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
-from impedance_modules.diagnosis.data.time_base import shifted
+from impedance_modules.diagnosis.data.time_base import delayed
 from impedance_modules.diagnosis.residuals.band import Band, thin, thin_mask
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
@@ -181,7 +181,7 @@ def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | 
     if log.command is None:
         return None
     time = np.arange(log.samples) / log.rate
-    late = shifted(log.command, time, model.command_delay)
+    late = delayed(log.command, time, model.command_delay)
     smooth = band.smooth(late)
     return smooth + weight if log.gravity_compensation == "robot" else smooth
 
@@ -208,6 +208,6 @@ def _thinned(log: Log) -> Log:
         effort_source=log.effort_source,
         gravity_compensation=log.gravity_compensation,
         start=log.start,
-        touching=None if log.touching is None else thin_mask(log.touching, log.rate),
+        in_contact=None if log.in_contact is None else thin_mask(log.in_contact, log.rate),
         grid=log.grid,
     )

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import CauseRollout, Drift, Growth, LeftOut, Rollout, Trace
-from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, Lived, Window
+from impedance_modules.diagnosis.result import CauseRollout, RolloutError, ErrorGrowth, LeftOut, Rollout, RolloutTrace
+from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, WindowErrors, RolloutWindow
 
 Array = NDArray[np.float64]
 Mobility = Callable[[Array], Array] | None
@@ -46,19 +46,19 @@ GROWTH_EVERY = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
+class BeforeAfter:
     """Errors before and after, and the floors (n,) of position and velocity."""
 
-    before: Lived
-    after: Lived
+    before: WindowErrors
+    after: WindowErrors
     floors: tuple[Array, Array]
 
 
 def summarise(  # noqa: PLR0917 - all of them are the outcome
     evidence: Evidence,
     drive: str,
-    windows: Sequence[Window],
-    sides: Sides,
+    windows: Sequence[RolloutWindow],
+    sides: BeforeAfter,
     floor: str,
     verdicts: Mapping[tuple[str, str], CauseRollout],
     left_out: tuple[LeftOut, ...],
@@ -69,7 +69,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
     bodies = evidence.prepared[0].tree.bodies
     drifts = [
         {
-            body.joint: Drift(
+            body.joint: RolloutError(
                 float(first[k][i]),
                 float(last[k][i]),
                 float(sides.floors[k][i]),
@@ -79,7 +79,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         }
         for k in range(2)
     ]
-    sticks = yardsticks(sides.after, sides.floors)
+    scales = error_scales(sides.after, sides.floors)
     every = range(len(bodies))
     names = dict.fromkeys(evidence.prepared[window.recording].log.name for window in windows)
     return Rollout(
@@ -92,7 +92,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         velocity=drifts[1],
         growth=_growth(sides, [body.joint for body in bodies]),
         shrink=total_shrink(first, last, sides.floors),
-        whole=judge(power(sides.before, sticks, every), power(sides.after, sticks, every)),
+        whole=judge(power(sides.before, scales, every), power(sides.after, scales, every)),
         causes=verdicts,
         left_out=left_out,
         traces=tuple(_trace(evidence, windows, sides, i) for i in range(len(bodies))),
@@ -125,8 +125,8 @@ def floor_of_seeds(prepared: Sequence[Prepared], time: Array, pushed: Mobility) 
         white = _white(item, item.log.position, item.signals.position, cutoff)
         drift = white * (2.0 * np.pi) ** 2 * cutoff**3 / (3.0 * nyquist)
         shaken = 0.0 * drift if pushed is None else _shaken(item, cutoff, pushed) / item.log.rate
-        spread = drift * float(np.mean(time**2)) + shaken * float(np.mean(time**3)) / 3.0
-        position.append(white * (1.0 + cutoff / nyquist) + spread)
+        place_windows = drift * float(np.mean(time**2)) + shaken * float(np.mean(time**3)) / 3.0
+        position.append(white * (1.0 + cutoff / nyquist) + place_windows)
         velocity.append(2.0 * drift + shaken * float(np.mean(time)))
     floors = [np.maximum(np.sqrt(np.mean(parts, axis=0)), FLOOR_MIN) for parts in (position, velocity)]
     return floors[0], floors[1]
@@ -144,11 +144,11 @@ def _shaken(item: Prepared, cutoff: float, pushed: Callable[[Array], Array]) -> 
     s, effort = item.signals, item.log.effort
     if effort is None or s.effort is None:
         return np.zeros(s.n)
-    lightness = np.mean([pushed(q) for q in s.position[::SPARSELY]], axis=0)
-    return np.asarray(lightness @ _white(item, effort, s.effort, cutoff))
+    squared_mobility = np.mean([pushed(q) for q in s.position[::SPARSELY]], axis=0)
+    return np.asarray(squared_mobility @ _white(item, effort, s.effort, cutoff))
 
 
-def yardsticks(after: Lived, floors: tuple[Array, Array]) -> tuple[Array, Array]:
+def error_scales(after: WindowErrors, floors: tuple[Array, Array]) -> tuple[Array, Array]:
     """What errors are measured by, (n,) each: the noise floor, or what all causes together leave, if that is more."""
     return (
         np.maximum(floors[0], rms(after.position)),
@@ -156,11 +156,11 @@ def yardsticks(after: Lived, floors: tuple[Array, Array]) -> tuple[Array, Array]
     )
 
 
-def power(lived: Lived, sticks: tuple[Array, Array], joints: Sequence[int]) -> Array:
-    """Error power of each window (W,) over the yardsticks', mean over some joints, position and velocity together."""
+def power(lived: WindowErrors, scales: tuple[Array, Array], joints: Sequence[int]) -> Array:
+    """Error power of each window (W,) over the error_scales', mean over some joints, position and velocity together."""
     parts = [
         np.mean(errors**2, axis=1) / stick**2
-        for errors, stick in zip((lived.position, lived.velocity), sticks, strict=True)
+        for errors, stick in zip((lived.position, lived.velocity), scales, strict=True)
     ]
     return np.asarray(0.5 * (parts[0] + parts[1])[:, list(joints)].mean(axis=1))
 
@@ -188,24 +188,24 @@ def total_shrink(before: Sequence[Array], after: Sequence[Array], floors: Sequen
     return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
 
 
-def _growth(sides: Sides, joints: Sequence[str]) -> Growth:
+def _growth(sides: BeforeAfter, joints: Sequence[str]) -> ErrorGrowth:
     picked = slice(GROWTH_EVERY - 1, None, GROWTH_EVERY)
 
-    def told(lived: Lived) -> dict[str, tuple[float, ...]]:
+    def told(lived: WindowErrors) -> dict[str, tuple[float, ...]]:
         over = np.sqrt(np.mean(lived.position**2, axis=0))[picked]
         return {joint: tuple(map(float, over[:, i])) for i, joint in enumerate(joints)}
 
-    return Growth(tuple(map(float, sides.before.time[picked])), told(sides.before), told(sides.after))
+    return ErrorGrowth(tuple(map(float, sides.before.time[picked])), told(sides.before), told(sides.after))
 
 
-def _trace(evidence: Evidence, windows: Sequence[Window], sides: Sides, joint: int) -> Trace:
+def _trace(evidence: Evidence, windows: Sequence[RolloutWindow], sides: BeforeAfter, joint: int) -> RolloutTrace:
     """The window of one joint that the nominal plant misses most, seen from its seed on."""
     worst = int(np.argmax(np.mean(sides.before.position[:, :, joint] ** 2, axis=1)))
     window = windows[worst]
     item = evidence.prepared[window.recording]
     time = item.signals.time[0] + window.start + sides.before.time
     measured = np.interp(time, item.signals.time, item.log.position[:, joint])
-    return Trace(
+    return RolloutTrace(
         joint=item.tree.joints[joint],
         episode=item.log.name,
         time=time,

@@ -15,32 +15,32 @@ from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.result import Cause, CauseRollout, Diagnosis, LeftOut, Rollout, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_error import (
-    Sides,
+    BeforeAfter,
     floor_of_repeats,
     floor_of_seeds,
     judge,
     power,
     summarise,
-    yardsticks,
+    error_scales,
 )
 from impedance_modules.diagnosis.rollout.simulated_robot import (
     FittedNuisance,
-    dress,
+    apply_causes,
     fitted_nuisance,
     no_nuisance,
     robot_of_model,
     spec_of_cause,
-    turning_freely,
-    wearable,
+    without_endless_joints,
+    effects_to_simulate,
 )
 from impedance_modules.diagnosis.rollout.simulated_windows import (
-    Lived,
-    Window,
+    WindowErrors,
+    RolloutWindow,
     choose_drive,
     common_windows,
     floor_windows,
     held_out_windows,
-    live,
+    simulate_windows,
 )
 from impedance_modules.errors import BadFile, ImpedanceError
 from impedance_modules.spec.patch_file import EffectSpec
@@ -59,36 +59,36 @@ class _Stage:
     evidence: Evidence
     robot: RobotSpec
     drive: str
-    windows: tuple[Window, ...]
+    windows: tuple[RolloutWindow, ...]
     pairs: tuple[tuple[int, int], ...]
 
-    def live(
-        self, effects: Sequence[EffectSpec], nuisance: FittedNuisance, windows: Sequence[Window]
-    ) -> Lived:
+    def simulate_windows(
+        self, effects: Sequence[EffectSpec], nuisance: FittedNuisance, windows: Sequence[RolloutWindow]
+    ) -> WindowErrors:
         prepared = self.evidence.prepared
-        return live(dress(self.robot, effects, nuisance, prepared[0].tree), self.drive, prepared, windows)
+        return simulate_windows(apply_causes(self.robot, effects, nuisance, prepared[0].tree), self.drive, prepared, windows)
 
     @cached_property
     def fitted(self) -> FittedNuisance:
         return fitted_nuisance(self.evidence)
 
-    def floors(self, after: Lived, effects: Sequence[EffectSpec]) -> tuple[str, tuple[Array, Array]]:
+    def floors(self, after: WindowErrors, effects: Sequence[EffectSpec]) -> tuple[str, tuple[Array, Array]]:
         """Position's and velocity's (n,), from held-out repeats, else from fitted ones, else from the seeds."""
         common = common_windows(self.windows, self.pairs)
         if common:
             return "repeats", self._repeated(after, common)
         windows = floor_windows(self.evidence.prepared, self.pairs)
         if windows:
-            apart = self.live(effects, self.fitted, windows)
+            apart = self.simulate_windows(effects, self.fitted, windows)
             return "repeats", self._repeated(apart, common_windows(windows, self.pairs))
         held = [self.evidence.prepared[index] for index in self.evidence.heldout]
-        dressed = dress(self.robot, (), self.fitted, held[0].tree)
+        perturbed = apply_causes(self.robot, (), self.fitted, held[0].tree)
         return "weak", floor_of_seeds(
-            held, after.time, None if self.drive == "command" else dressed.lightness
+            held, after.time, None if self.drive == "command" else perturbed.squared_mobility
         )
 
     @staticmethod
-    def _repeated(lived: Lived, common: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
+    def _repeated(lived: WindowErrors, common: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
         return floor_of_repeats(lived.position, common), floor_of_repeats(lived.velocity, common)
 
 
@@ -133,25 +133,25 @@ def roll_out(
     if not windows:
         return no_rollout(LeftOut("all recordings", "the held-out ones are too short for a window"))
     pairs = tuple(pair for pair in _pairs(evidence) if set(pair) <= set(alike))
-    with turning_freely(urdf) as links:
+    with without_endless_joints(urdf) as links:
         robot = robot_of_model(model, links, drive, held[0].log.gravity_compensation)
         return _compared(_Stage(evidence, robot, drive, windows, pairs), found.causes, worn)
 
 
 def _compared(stage: _Stage, causes: Sequence[Cause], worn: Sequence[EffectSpec]) -> Rollout:
-    base, left_out = wearable(worn, stage.drive)
-    # A push is bound to its recording's time: no window of another can live it again.
+    base, left_out = effects_to_simulate(worn, stage.drive)
+    # A push is bound to its recording's time: no window of another can simulate_windows it again.
     specs = {(c.effect, c.port): spec_of_cause(c) for c in causes if c.port != "contact"}
-    kept, dropped = wearable(tuple(specs.values()), stage.drive)
+    kept, dropped = effects_to_simulate(tuple(specs.values()), stage.drive)
     chosen = {key: spec for key, spec in specs.items() if spec in kept}
     try:
-        before = stage.live(base, no_nuisance(stage.evidence.prepared[0].tree), stage.windows)
+        before = stage.simulate_windows(base, no_nuisance(stage.evidence.prepared[0].tree), stage.windows)
         after, chosen, refused = _dressed(stage, base, chosen)
         floor, floors = stage.floors(after, (*base, *chosen.values()))
         verdicts = _verdicts(stage, base, chosen, after, floors)
     except ImpedanceError as error:
         return no_rollout(LeftOut("all recordings", _why(error)))
-    sides = Sides(before, after, floors)
+    sides = BeforeAfter(before, after, floors)
     return summarise(
         stage.evidence, stage.drive, stage.windows, sides, floor, verdicts, (*left_out, *dropped, *refused)
     )
@@ -159,41 +159,41 @@ def _compared(stage: _Stage, causes: Sequence[Cause], worn: Sequence[EffectSpec]
 
 def _dressed(
     stage: _Stage, base: Sequence[EffectSpec], chosen: dict[tuple[str, str], EffectSpec]
-) -> tuple[Lived, dict[tuple[str, str], EffectSpec], tuple[LeftOut, ...]]:
+) -> tuple[WindowErrors, dict[tuple[str, str], EffectSpec], tuple[LeftOut, ...]]:
     """Rolls out with all causes that the plant can wear together; whoever cannot join is left out, with the reason."""
     able: dict[tuple[str, str], EffectSpec] = {}
     refused: list[LeftOut] = []
     tree = stage.evidence.prepared[0].tree
     for key, spec in chosen.items():
         try:
-            dress(stage.robot, (*base, *able.values(), spec), stage.fitted, tree)
+            apply_causes(stage.robot, (*base, *able.values(), spec), stage.fitted, tree)
         except ImpedanceError as error:
             refused.append(LeftOut(f"{spec.effect} on {', '.join(spec.parameters)}", _why(error)))
         else:
             able[key] = spec
-    return stage.live((*base, *able.values()), stage.fitted, stage.windows), able, tuple(refused)
+    return stage.simulate_windows((*base, *able.values()), stage.fitted, stage.windows), able, tuple(refused)
 
 
 def _verdicts(
     stage: _Stage,
     base: Sequence[EffectSpec],
     chosen: dict[tuple[str, str], EffectSpec],
-    after: Lived,
+    after: WindowErrors,
     floors: tuple[Array, Array],
 ) -> dict[tuple[str, str], CauseRollout]:
     """Takes each cause away from all of them; the windows are the same."""
     every = min(max(1, len(chosen)), MOST_THINNED)
     some = stage.windows[::every]
-    sticks = yardsticks(after, floors)
-    thinned = Lived(after.time, after.position[::every], after.velocity[::every])
+    scales = error_scales(after, floors)
+    thinned = WindowErrors(after.time, after.position[::every], after.velocity[::every])
     names = stage.evidence.prepared[0].tree.joints
     out = {}
     for key, spec in chosen.items():
         others = [other for name, other in chosen.items() if name != key]
         # A cause shows where it acts; one of the whole robot on all joints.
         joints = [names.index(joint) for joint in spec.joints] or range(len(names))
-        without = stage.live((*base, *others), stage.fitted, some)
-        out[key] = judge(power(without, sticks, joints), power(thinned, sticks, joints))
+        without = stage.simulate_windows((*base, *others), stage.fitted, some)
+        out[key] = judge(power(without, scales, joints), power(thinned, scales, joints))
     return out
 
 

@@ -57,9 +57,6 @@ DOWNSTREAM: dict[str, tuple[Residual, ...]] = {
 STEPS = (1e-3, 0.5e-3, 0.25e-3, 0.125e-3)
 """Integration steps [s], the longest that is stable is taken."""
 
-BOUND_TO_A_RECORDING = ("external_contact",)
-"""Effects in the time of one recording: they say nothing about another."""
-
 HALVINGS = 6
 """How often a body's change is halved until what results is a physical body."""
 
@@ -71,7 +68,7 @@ RATE = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
-class Dressed:
+class PerturbedPlant:
     """A plant, with what it wears and the map of joints.
 
     Attributes:
@@ -86,16 +83,16 @@ class Dressed:
     order: tuple[int, ...]
     nuisance: FittedNuisance
 
-    def lightness(self, position: Array) -> Array:
+    def squared_mobility(self, position: Array) -> Array:
         """Squared entries (n, n) of the inverse mass matrix at a position, both in the diagnosis's joint order."""
         ours, theirs = np.array(self.order), np.argsort(self.order)
         inverse = np.linalg.inv(self.plant.model.mass_matrix(position[theirs]))
         return np.asarray(inverse[np.ix_(ours, ours)] ** 2)
 
 
-def dress(
+def apply_causes(
     robot: RobotSpec, effects: Sequence[EffectSpec], nuisance: FittedNuisance, tree: RigidTree
-) -> Dressed:
+) -> PerturbedPlant:
     """Builds the plant of a robot that wears effects, its links adjusted.
 
     Raises:
@@ -114,17 +111,17 @@ def dress(
                 raise
             continue
         break
-    return Dressed(plant, worn, tuple(model.joint_names.index(name) for name in tree.joints), nuisance)
+    return PerturbedPlant(plant, worn, tuple(model.joint_names.index(name) for name in tree.joints), nuisance)
 
 
-def wearable(effects: Sequence[EffectSpec], drive: str) -> tuple[tuple[EffectSpec, ...], tuple[LeftOut, ...]]:
+def effects_to_simulate(effects: Sequence[EffectSpec], drive: str) -> tuple[tuple[EffectSpec, ...], tuple[LeftOut, ...]]:
     """Separates the effects that a rollout by one kind of torque can show from the others."""
     kept, dropped = [], []
     for spec in effects:
         effect = CATALOGUE[spec.effect]
         port: Port = next(port for port in effect.description.ports if port == spec.port)
         name = f"{spec.effect} on {', '.join(spec.parameters)}"
-        if spec.effect in BOUND_TO_A_RECORDING:
+        if effect.bound_to_recording:
             dropped.append(LeftOut(name, "it belongs to the time of one recording"))
         elif not any(effect.shows(port, residual) for residual in DOWNSTREAM[drive]):
             dropped.append(LeftOut(name, f"it does not lie between the recorded {drive} and the motion"))
@@ -199,7 +196,7 @@ def robot_of_model(model: NominalModel, urdf: Path, drive: str, gravity_compensa
 
     Args:
         model: What the diagnosis believes.
-        urdf: Its links, from ``turning_freely``.
+        urdf: Its links, from ``without_endless_joints``.
         drive: ``command``: the whole joint; ``motor``: rotor and link, stiffly coupled; ``effort``: the link alone.
         gravity_compensation: Of the recording; only a command leaves it to the robot.
     """
@@ -223,7 +220,7 @@ def robot_of_model(model: NominalModel, urdf: Path, drive: str, gravity_compensa
 
 
 @contextmanager
-def turning_freely(urdf: Path) -> Iterator[Path]:
+def without_endless_joints(urdf: Path) -> Iterator[Path]:
     """Gives a URDF in which every joint is one number: an endless joint becomes one with limits far away."""
     tree = ET.parse(urdf)
     endless = [joint for joint in tree.getroot().findall("joint") if joint.attrib.get("type") == "continuous"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.rollout.simulated_robot import Dressed
+from impedance_modules.diagnosis.rollout.simulated_robot import PerturbedPlant
 from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.seeded import Seed
@@ -28,7 +28,7 @@ LOST = float(np.pi)
 """A joint that is half a turn (or metres) off is lost: errors count up to here, in speed up to LOST / WINDOW."""
 
 RUN_IN = 0.3
-"""How long worn effects live along the recording before a window begins [s]."""
+"""How long worn effects simulate_windows along the recording before a window begins [s]."""
 
 MARGIN = 0.4
 """Left out at both ends of a recording, where filters have seen only one side [s]."""
@@ -44,14 +44,14 @@ FLOOR_WINDOWS = 4
 
 
 @dataclass(frozen=True)
-class Window:
+class RolloutWindow:
     """A recording's index, and when the window begins after the recording's own first sample [s]."""
 
     recording: int
     start: float
 
 
-def held_out_windows(prepared: Sequence[Prepared], heldout: Sequence[int]) -> tuple[Window, ...]:
+def held_out_windows(prepared: Sequence[Prepared], heldout: Sequence[int]) -> tuple[RolloutWindow, ...]:
     """Spreads the windows over the held-out recordings; repeats are cut at the same times."""
     groups: dict[str, list[int]] = {}
     for index in heldout:
@@ -60,16 +60,16 @@ def held_out_windows(prepared: Sequence[Prepared], heldout: Sequence[int]) -> tu
     out = []
     for members in chosen:
         count = max(1, round(WINDOWS / (len(chosen) * len(members))))
-        out += spread(prepared, members, count)
+        out += place_windows(prepared, members, count)
     return tuple(out)
 
 
-def floor_windows(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> tuple[Window, ...]:
+def floor_windows(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> tuple[RolloutWindow, ...]:
     """Windows of the first pair of recordings that repeat each other; none without one."""
-    return tuple(spread(prepared, pairs[0], FLOOR_WINDOWS)) if pairs else ()
+    return tuple(place_windows(prepared, pairs[0], FLOOR_WINDOWS)) if pairs else ()
 
 
-def spread(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> list[Window]:
+def place_windows(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> list[RolloutWindow]:
     """Cuts windows of several recordings at the same, even times; none while one of them touches something.
 
     The plant that lives a window again knows no surroundings.
@@ -77,7 +77,7 @@ def spread(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> 
     last = min(prepared[index].log.duration for index in members) - MARGIN - WINDOW
     if last <= MARGIN:
         return []
-    if any(prepared[index].log.touching is not None for index in members):
+    if any(prepared[index].log.in_contact is not None for index in members):
         free = [
             start
             for start in np.arange(MARGIN, last, 0.25 * WINDOW)
@@ -87,10 +87,10 @@ def spread(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> 
         starts = np.unique([free[round(place)] for place in places if free])
     else:
         starts = np.linspace(MARGIN, last, count + 2)[1:-1]
-    return [Window(index, float(start)) for index in members for start in starts]
+    return [RolloutWindow(index, float(start)) for index in members for start in starts]
 
 
-def common_windows(windows: Sequence[Window], pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+def common_windows(windows: Sequence[RolloutWindow], pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     """Places of windows that show the same moment of two recordings that repeat each other."""
     place = {(window.recording, window.start): index for index, window in enumerate(windows)}
     return [
@@ -102,7 +102,7 @@ def common_windows(windows: Sequence[Window], pairs: Sequence[tuple[int, int]]) 
 
 
 @dataclass(frozen=True, eq=False)
-class Lived:
+class WindowErrors:
     """Errors of all windows in the diagnosis's joint order.
 
     Attributes:
@@ -115,33 +115,33 @@ class Lived:
     velocity: Array
 
 
-def live(dressed: Dressed, drive: str, prepared: Sequence[Prepared], windows: Sequence[Window]) -> Lived:
+def simulate_windows(perturbed: PerturbedPlant, drive: str, prepared: Sequence[Prepared], windows: Sequence[RolloutWindow]) -> WindowErrors:
     """Rolls every window out.
 
     Raises:
         BadInput: The plant's motion is not finite: the model has a body without inertia.
     """
-    step = dressed.plant.division.step
+    step = perturbed.plant.division.step
     steps = round(WINDOW / step)
     looks = np.unique(np.linspace(0, steps, LOOKS + 1).round().astype(int))[1:]
-    order = list(dressed.order)
-    drivers = {index: driver_of(prepared[index], drive, dressed) for index in {w.recording for w in windows}}
-    offset = dressed.worn.sensors.offset
+    order = list(perturbed.order)
+    drivers = {index: plant_input(prepared[index], drive, perturbed) for index in {w.recording for w in windows}}
+    offset = perturbed.worn.sensors.offset
     errors = []
     for driver in drivers.values():
-        _refuse_without_inertia(dressed, driver.position[0])
+        _refuse_without_inertia(perturbed, driver.position[0])
     for window in windows:
         driver = drivers[window.recording]
         begin = float(driver.time[0]) + window.start
-        dressed.plant.seed(seed_at(driver, begin, dressed))
+        perturbed.plant.seed(seed_at(driver, begin, perturbed))
         middle = np.asarray(begin + step * (np.arange(steps) + 0.5), dtype=float)
         # A light joint that lacks its friction may fly off beyond all numbers within a window.
         with np.errstate(over="ignore", invalid="ignore"):
-            q, v = dressed.plant.roll(driver.acting(middle), driver.aimed(middle))
+            q, v = perturbed.plant.roll(driver.acting(middle), driver.aimed(middle))
         reported = (q[looks - 1] + offset)[:, order], v[looks - 1][:, order]
         errors.append(_compare(prepared[window.recording], begin + step * looks, *reported))
     position, velocity = (np.array(part) for part in zip(*errors, strict=True))
-    return Lived(step * looks, _counted(position, LOST), _counted(velocity, LOST / WINDOW))
+    return WindowErrors(step * looks, _counted(position, LOST), _counted(velocity, LOST / WINDOW))
 
 
 def choose_drive(prepared: Prepared) -> str:
@@ -155,7 +155,7 @@ def choose_drive(prepared: Prepared) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Driver:
+class PlantInput:
     """One recording in the joint order of a plant, as functions of time.
 
     Attributes:
@@ -189,12 +189,12 @@ class Driver:
         return np.stack([_at(time, self.time, self.aims[:, k]) for k in range(2)], axis=1)
 
 
-def driver_of(prepared: Prepared, drive: str, dressed: Dressed) -> Driver:
+def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> PlantInput:
     """Turns a prepared recording into a driver of one plant."""
-    log, s, sensors = prepared.log, prepared.signals, dressed.worn.sensors
-    order = np.argsort(dressed.order)
+    log, s, sensors = prepared.log, prepared.signals, perturbed.worn.sensors
+    order = np.argsort(perturbed.order)
     position = s.position[:, order] - sensors.offset
-    effort = None if s.effort is None else _true_effort(s.effort[:, order], dressed)
+    effort = None if s.effort is None else _true_effort(s.effort[:, order], perturbed)
     if effort is not None and log.effort_source == "joint_sensor":
         sprung = effort
     else:
@@ -202,30 +202,30 @@ def driver_of(prepared: Prepared, drive: str, dressed: Dressed) -> Driver:
     torque = effort if drive != "command" else None if log.command is None else log.command[:, order]
     if torque is None:
         raise BadInput(f"{log.name}: does not hold the torque that is to drive the plant (valid: {drive})")
-    return Driver(
+    return PlantInput(
         time=s.time,
         position=position,
         velocity=s.velocity[:, order],
         load=sprung,
         load_rate=np.gradient(sprung, 1.0 / log.rate, axis=0),
         command=torque,
-        extra=_unknown_weight(prepared, drive, dressed)[:, order],
+        extra=_unknown_weight(prepared, drive, perturbed)[:, order],
         aims=_aims(log.position_command, log.rate, order),
-        delay=dressed.worn.command_delay + dressed.nuisance.delay if drive == "command" else 0.0,
+        delay=perturbed.worn.command_delay + perturbed.nuisance.delay if drive == "command" else 0.0,
     )
 
 
-def seed_at(driver: Driver, start: float, dressed: Dressed) -> Seed:
+def seed_at(driver: PlantInput, start: float, perturbed: PerturbedPlant) -> Seed:
     """The state at a time, and the motion that led there."""
-    step = dressed.plant.division.step
-    remembers = bool(dressed.plant.torques)
+    step = perturbed.plant.division.step
+    remembers = bool(perturbed.plant.torques)
     before = min(RUN_IN, start - float(driver.time[0])) if remembers else 0.0
     times = np.asarray(start - step * np.arange(round(before / step), -1, -1), dtype=float)
     q, v = _at(times, driver.time, driver.position), _at(times, driver.time, driver.velocity)
     load, load_rate = _at(times, driver.time, driver.load), _at(times, driver.time, driver.load_rate)
-    compliance = np.array(dressed.plant.model.spring_compliance())
+    compliance = np.array(perturbed.plant.model.spring_compliance())
     acting, aims = driver.acting(times), driver.aimed(times)
-    assist = dressed.plant.assistance(q[-1] + dressed.worn.sensors.offset)
+    assist = perturbed.plant.assistance(q[-1] + perturbed.worn.sensors.offset)
     past = [
         JointMotion(
             time=float(times[k]),
@@ -244,16 +244,16 @@ def seed_at(driver: Driver, start: float, dressed: Dressed) -> Seed:
     return Seed(start, q[-1], v[-1], load[-1], load_rate[-1], acting[-1], past)
 
 
-def _unknown_weight(prepared: Prepared, drive: str, dressed: Dressed) -> Array:
+def _unknown_weight(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Array:
     """What the robot's own compensation carries beyond the model's weight (N, n)."""
-    s, change = prepared.signals, dressed.nuisance.weights
+    s, change = prepared.signals, perturbed.nuisance.weights
     if drive != "command" or prepared.log.gravity_compensation != "robot" or not change.any():
         return np.zeros_like(s.position)
     return -np.asarray(gravity_regressor(prepared.tree, s.position) @ change)
 
 
-def _true_effort(reported: Array, dressed: Dressed) -> Array:
-    sensors = dressed.worn.sensors
+def _true_effort(reported: Array, perturbed: PerturbedPlant) -> Array:
+    sensors = perturbed.worn.sensors
     clean = (reported - sensors.bias) / sensors.gain
     return np.asarray(np.linalg.solve(np.eye(len(sensors.gain)) + sensors.crosstalk, clean.T).T)
 
@@ -275,14 +275,14 @@ def _at(time: Array, grid: Array, values: Array) -> Array:
 
 def _touches(item: Prepared, start: float) -> bool:
     """Whether a recording's phases say that a window is spent in contact, were it for a moment."""
-    touching, rate = item.log.touching, item.log.rate
-    if touching is None:
+    in_contact, rate = item.log.in_contact, item.log.rate
+    if in_contact is None:
         return False
-    return bool(touching[round((start - RUN_IN) * rate) : round((start + WINDOW) * rate) + 1].any())
+    return bool(in_contact[round((start - RUN_IN) * rate) : round((start + WINDOW) * rate) + 1].any())
 
 
-def _refuse_without_inertia(dressed: Dressed, position: Array) -> None:
-    model = dressed.plant.model
+def _refuse_without_inertia(perturbed: PerturbedPlant, position: Array) -> None:
+    model = perturbed.plant.model
     values, vectors = np.linalg.eigh(model.mass_matrix(position))
     if values[0] > SINGULAR * values[-1]:
         return
