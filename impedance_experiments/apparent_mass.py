@@ -27,6 +27,10 @@ TASK = "impact"
 """The thesis's planar arm comes down on a table at 0.1 m/s."""
 WITHOUT_ROTORS = Path("patches", "without-reflected-inertia.yaml")
 """Patch that makes every joint an ideal torque source, in the robot's folder."""
+RELATIVE = (3 * math.pi / 4, 3 * math.pi / 4, math.pi / 2)
+"""The stated angles, taken as angles of the joints [rad]."""
+ABSOLUTE = (3 * math.pi / 4, 0.0, -math.pi / 4)
+"""The stated angles, taken as angles of the links against the ground [rad], as the caption says."""
 
 
 @dataclass(frozen=True)
@@ -128,12 +132,6 @@ def first_contact(assembly: Assembly, seed: int) -> Impact:
         force=size[first - 1 : last + 1],
         mass=normal_mass(assembly, log[first][3], normal),
     )
-
-
-RELATIVE = (3 * math.pi / 4, 3 * math.pi / 4, math.pi / 2)
-"""The stated angles, taken as angles of the joints [rad]."""
-ABSOLUTE = (3 * math.pi / 4, 0.0, -math.pi / 4)
-"""The stated angles, taken as angles of the links against the ground [rad], as the caption says."""
 
 
 @dataclass(frozen=True)

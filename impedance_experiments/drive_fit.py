@@ -25,6 +25,9 @@ from impedance_modules.spec.task_reader import read_task
 
 Array = NDArray[np.float64]
 
+SETTLED = 0.12
+"""From the end of the blow until the joint's own spring has stopped ringing [s]."""
+
 
 @dataclass(frozen=True)
 class DriveFit:
@@ -119,10 +122,6 @@ def _columns(log: Prepared, joint: str, law: str) -> Array:
 
 def _kept(log: Prepared, values: Array, index: int) -> Array:
     return log.band.condense(values[:, [index]])[:, 0]
-
-
-SETTLED = 0.12
-"""From the end of the blow until the joint's own spring has stopped ringing [s]."""
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,21 @@ PRINTED = {"x": (329.59, 371.68), "y": (301.5, 292.82), "z": (79.8, 81.54)}
 """Table 5.3: slopes of both directions [N/m]."""
 PRESSES = ("soft-deep", "stiff-shallow")
 FRICTION = "dry-friction"
+_SUMMARY = (
+    "**Net stiffness.** The hand of the thesis's eq. 5.1 is pushed slowly by 4 cm along each axis and let back (task "
+    f"`{TASK}`), with the moments that keep it from turning; force over way is fitted by a line, as in Table 5.3, "
+    f"without and with dry friction in the joints (`--effects {FRICTION}.yaml`).\n\n"
+    "**Inertia by posture.** The same palm with the elbow out and up, and an arm stretched almost straight "
+    "(fig. 4-4).\n\n"
+    "**Soft and deep, stiff and shallow.** Two springs press with the same 20 N; then the support is gone (fig. 4-8). "
+    "The hand goes as the one-degree-of-freedom example of 4.1 says (page one-joint), as long as it has not gone far."
+)
+POSTURES = {"elbow-out": 0.04, "elbow-up": 0.04, "arm-stretched": 0.0004}
+"""Task -> length that stands for a kilogram in its picture [m/kg]."""
+PER_MOBILITY = 0.3
+"""Length that stands for 1/kg in all pictures [m.kg]."""
+VIEWS = {"from above": (0, 1), "from the right": (0, 2)}
+NAMES = "xyz"
 
 
 def reproduce(settings: Settings) -> Page:
@@ -78,15 +93,6 @@ def reproduce(settings: Settings) -> Page:
     )
 
 
-_SUMMARY = (
-    "**Net stiffness.** The hand of the thesis's eq. 5.1 is pushed slowly by 4 cm along each axis and let back (task "
-    f"`{TASK}`), with the moments that keep it from turning; force over way is fitted by a line, as in Table 5.3, "
-    f"without and with dry friction in the joints (`--effects {FRICTION}.yaml`).\n\n"
-    "**Inertia by posture.** The same palm with the elbow out and up, and an arm stretched almost straight "
-    "(fig. 4-4).\n\n"
-    "**Soft and deep, stiff and shallow.** Two springs press with the same 20 N; then the support is gone (fig. 4-8). "
-    "The hand goes as the one-degree-of-freedom example of 4.1 says (page one-joint), as long as it has not gone far."
-)
 _DIFFERENCES = (
     "**Net stiffness.** The thesis's 5.1 uses another wrench than the joint springs carry (docs/control-law.md); "
     "K_net here is with relaxed joint springs, which a displacement confirms. Its wrist stands at the stop of w0 in "
@@ -222,14 +228,6 @@ def _drawn_losses(lost: list[LostSupport]) -> Plot:
     return Plot(
         "press", "Force and energy of both springs (fig. 4-8), and the hand once its support is gone", figure
     )
-
-
-POSTURES = {"elbow-out": 0.04, "elbow-up": 0.04, "arm-stretched": 0.0004}
-"""Task -> length that stands for a kilogram in its picture [m/kg]."""
-PER_MOBILITY = 0.3
-"""Length that stands for 1/kg in all pictures [m.kg]."""
-VIEWS = {"from above": (0, 1), "from the right": (0, 2)}
-NAMES = "xyz"
 
 
 @dataclass(frozen=True)

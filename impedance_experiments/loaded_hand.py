@@ -23,6 +23,11 @@ Array = NDArray[np.float64]
 TASK = "net-stiffness"
 SHARE = (0.15, 0.98)
 """Part of the full push between which the lines are fitted; at the ends the hand turns round."""
+Z = 2
+BEFORE, LOST = 3.9, 4.0
+"""When the press is looked at, and when the support goes [s]; as the tasks' pushes say."""
+AMPLE = 50.0
+"""A tank that never says no [J]."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +101,6 @@ def _line(trace: PushTrace, part: NDArray[np.bool_], axis: int, sign: float, ful
     fitted = (force > SHARE[0] * full) & (force < SHARE[1] * full)
     slope, intercept = np.polyfit(way[fitted], force[fitted], 1)
     return FittedLine(float(slope), float(intercept))
-
-
-Z = 2
-BEFORE, LOST = 3.9, 4.0
-"""When the press is looked at, and when the support goes [s]; as the tasks' pushes say."""
-AMPLE = 50.0
-"""A tank that never says no [J]."""
 
 
 @dataclass(frozen=True)

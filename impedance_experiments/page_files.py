@@ -20,6 +20,14 @@ COMPARISONS = "## Thesis against ours"
 MADE_BY = "Made by"
 """Heading and words by which the index finds what it takes from a page."""
 FLAGS = {Size.SHORT: " --short", Size.NORMAL: "", Size.FULL: " --full"}
+INDEX = "README.md"
+_MADE = re.compile(rf"{MADE_BY} `(?P<command>[^`]+)`(?: in (?P<seconds>[0-9.]+) s)?")
+_INTRODUCTION = (
+    "Every experiment of the thesis, run in this project: `impedance reproduce all` makes these pages, `impedance "
+    "reproduce NAME --out docs/thesis` one of them, and this index with it. Why a number differs stands on its page.",
+)
+PAGE_COLUMNS = ("section", "page", "asks", "made by", "processor time [s]")
+ROW_COLUMNS = ("section", "quantity", "thesis", "ours", "spread", "unit", "page", "made by")
 
 
 def command_of(name: str, size: Size, seed: int) -> str:
@@ -81,10 +89,6 @@ def cell_text(cell: Cell) -> str:
     return str(cell).replace("|", "/")
 
 
-INDEX = "README.md"
-_MADE = re.compile(rf"{MADE_BY} `(?P<command>[^`]+)`(?: in (?P<seconds>[0-9.]+) s)?")
-
-
 @dataclass(frozen=True)
 class PageRows:
     """What the index takes from a page.
@@ -128,14 +132,6 @@ def write_index(folder: Path) -> Path:
     path = folder / INDEX
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
-
-
-_INTRODUCTION = (
-    "Every experiment of the thesis, run in this project: `impedance reproduce all` makes these pages, `impedance "
-    "reproduce NAME --out docs/thesis` one of them, and this index with it. Why a number differs stands on its page.",
-)
-PAGE_COLUMNS = ("section", "page", "asks", "made by", "processor time [s]")
-ROW_COLUMNS = ("section", "quantity", "thesis", "ours", "spread", "unit", "page", "made by")
 
 
 def _link(page: PageRows) -> str:

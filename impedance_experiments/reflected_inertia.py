@@ -30,6 +30,8 @@ from impedance_modules.effects.joint_motion import sign
 from impedance_modules.spec.task_reader import read_task
 from impedance_modules.spec.task_text import task_document
 
+Array = NDArray[np.float64]
+
 WRIST, ELBOW = "W1", "E1"
 """As the thesis calls the joints."""
 SPRINGS = (15.0, 10.0, 25.0)
@@ -41,6 +43,10 @@ BLOWS = (
 """Task, patch, and virtual springs [N.m/rad]."""
 SHORT_PHASES = 5
 """Two steps and the returns from them."""
+STEP_TASK, STEP_PATCH = "torque-steps", "torsion-spring"
+LAWS = ("reflected_inertia", "viscous_friction", "asymmetric_friction")
+SPRING = "effects.1.parameters.{}.k.value"
+"""Where the patch has the torsion spring's stiffness."""
 
 
 def reproduce(settings: Settings) -> Page:
@@ -141,6 +147,8 @@ _SUMMARY = (
     "struck (`blow-wrist`, `blow-elbow`). The frequency of the free swing gives the total inertia, the URDF the "
     "links' share."
 )
+
+
 _DIFFERENCES = (
     "**0.047 and 0.044.** On the robot the first method gave 7 % more than the second; the plant has one "
     "rotor, and here they agree. The thesis names no reason; its bench brought a friction of its own (6.2.1).\n\n"
@@ -257,14 +265,6 @@ def _drawn_blows(struck: dict[str, list[FreeSwing]]) -> Plot:
     return Plot(
         "blows", "Free swings after a blow on a virtual spring; dashed: fitted decaying sines", figure
     )
-
-
-Array = NDArray[np.float64]
-
-STEP_TASK, STEP_PATCH = "torque-steps", "torsion-spring"
-LAWS = ("reflected_inertia", "viscous_friction", "asymmetric_friction")
-SPRING = "effects.1.parameters.{}.k.value"
-"""Where the patch has the torsion spring's stiffness."""
 
 
 @dataclass(frozen=True)

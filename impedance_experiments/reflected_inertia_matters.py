@@ -27,12 +27,11 @@ PRINTED = {"with": (2.574, 1.31), "without": (1.628, 0.7683)}
 READINGS = {"joint angles": RELATIVE, "link angles against the ground": ABSOLUTE}
 CONTACT_TIME, SPEED = 0.07, 0.1
 """Of the thesis's estimate F = m v / T [s], [m/s]."""
-
 WITH_70_MS, WITHOUT_70_MS = 15000.0, 10500.0
 """Stiffness of the surface on which the hand stays for the thesis's 70 ms, with rotors and without [N/m]."""
 SURFACES = (5000.0, WITHOUT_70_MS, WITH_70_MS, 50000.0)
-
 Pair = tuple[Impact, Impact]
+MASS = "all seven joints, another posture, and masses, not their square roots"
 
 
 def reproduce(settings: Settings) -> Page:
@@ -203,9 +202,6 @@ def _impact_rows(strikes: dict[float, Pair]) -> tuple[ThesisValue, ...]:
             ThesisValue(f"{name}, with / without", printed.get(name), round(value, 3), "", reasons[name])
         )
     return tuple(rows)
-
-
-MASS = "all seven joints, another posture, and masses, not their square roots"
 
 
 def _mass_table(masses: dict[str, Masses]) -> ResultTable:

@@ -54,6 +54,17 @@ LOWERING = 3.0
 """Time before sanding begins, in all tasks [s]."""
 STROKES = 0.3
 """Strokes towards the robot in a second [Hz]; the equilibrium's frequency."""
+MEASURES = {"band": "spectrum, 15 to 25 Hz", "friction": "coefficient of friction"}
+BOTH = "both: the worse of the two"
+UNTIL_SMOOTH = "sand-until-smooth"
+TEXTURE = 12.0
+"""Above this the spectrum is the texture's, below it the arm's [Hz]."""
+_SEPARATIONS = {
+    "shallow": "ours tells by both: rough wood is given more friction and more texture, and both wear together",
+    "deep": "the first eight windows scatter because the wood wears under them; worn, only friction's mean is left",
+}
+FREE = 5.0
+"""From here on the deep hand is free of its first splinter [s]."""
 
 
 def reproduce(settings: Settings) -> Page:
@@ -160,19 +171,6 @@ def _facts(
         "area_both": judged.curves[BOTH].area,
         "finished_at": float(finished.time[-1]),
     }
-
-
-MEASURES = {"band": "spectrum, 15 to 25 Hz", "friction": "coefficient of friction"}
-BOTH = "both: the worse of the two"
-UNTIL_SMOOTH = "sand-until-smooth"
-TEXTURE = 12.0
-"""Above this the spectrum is the texture's, below it the arm's [Hz]."""
-_SEPARATIONS = {
-    "shallow": "ours tells by both: rough wood is given more friction and more texture, and both wear together",
-    "deep": "the first eight windows scatter because the wood wears under them; worn, only friction's mean is left",
-}
-FREE = 5.0
-"""From here on the deep hand is free of its first splinter [s]."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,16 @@ LEAST = 0.1
 """A rough piece that feels smoother than smooth ones on average counts as so far from them [deviations]."""
 SPREADS = (0.5, 0.3)
 """Least deviations of smooth pieces and of the logarithms of rough ones; a few pieces scatter less than many."""
+Range = tuple[float, float]
+BASE_FRICTION: Range = (0.35, 0.55)
+WAVELENGTH: Range = (0.008, 0.014)
+BACKING_STIFFNESS: Range = (4e3, 1e4)
+WEAR: Range = (4e3, 1.2e4)
+LEAST_FORCE: Range = (8.0, 12.0)
+MOST_FORCE: Range = (15.0, 25.0)
+ENDURANCE: Range = (0.1, 0.4)
+REACH = 0.004
+"""How near the tool must come to a splinter [m]."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +113,6 @@ def roc_curve(smooth: Array, rough: Array) -> RocCurve:
     return RocCurve(false, true, float(np.trapezoid(true, false)))
 
 
-Range = tuple[float, float]
-
-
 class WoodKind(Enum):
     """Which wood."""
 
@@ -132,15 +139,6 @@ KINDS: dict[WoodKind, Ranges] = {
     WoodKind.ROUGH: Ranges(height=(3e-4, 8e-4), rough_friction=(0.2, 0.5), density=(50.0, 300.0)),
     WoodKind.SMOOTH: Ranges(height=(1e-5, 8e-5), rough_friction=(0.0, 0.08), density=(0.0, 0.0)),
 }
-BASE_FRICTION: Range = (0.35, 0.55)
-WAVELENGTH: Range = (0.008, 0.014)
-BACKING_STIFFNESS: Range = (4e3, 1e4)
-WEAR: Range = (4e3, 1.2e4)
-LEAST_FORCE: Range = (8.0, 12.0)
-MOST_FORCE: Range = (15.0, 25.0)
-ENDURANCE: Range = (0.1, 0.4)
-REACH = 0.004
-"""How near the tool must come to a splinter [m]."""
 
 
 def draw_wood(board: SurfaceSpec, kind: WoodKind, seed: int) -> SurfaceSpec:

@@ -22,6 +22,10 @@ TASK = "soft-hold"
 """Its posture is where the joints are looked at: a palm in front of the chest."""
 ELBOW = 3
 """The joint that is drawn, counted from the shoulder: the thesis's example of such a drive (fig. 2-2)."""
+BLOW_FORCE, BLOW_TIME, BLOW_WIDTH = 56.52, 0.2, 0.01775
+"""The thesis's fit of a measured blow (3.11): peak [N], time of the peak [s] (26.35 s in its log), width [s]."""
+BLOW_END = 6.0
+"""When the link has come to rest again [s]."""
 
 
 def reproduce(settings: Settings) -> Page:
@@ -203,12 +207,6 @@ def _facts(joint: SeriesElasticJoint, limits: dict[str, float], blow: Blow) -> d
         "departure of the angle": float(blow.departure[0]),
         "departure of the velocity": float(blow.departure[1]),
     }
-
-
-BLOW_FORCE, BLOW_TIME, BLOW_WIDTH = 56.52, 0.2, 0.01775
-"""The thesis's fit of a measured blow (3.11): peak [N], time of the peak [s] (26.35 s in its log), width [s]."""
-BLOW_END = 6.0
-"""When the link has come to rest again [s]."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,11 @@ from impedance_modules.spec.task import PushSpec
 from impedance_modules.spec.task_reader import read_task
 from impedance_modules.spec.task_text import changed, find_steps, task_document
 
+Array = NDArray[np.float64]
+
 Look = Callable[[RobotState, Plant, Supervisor], None]
+EVERY = 5
+"""Control periods from one look to the next."""
 
 
 @dataclass(frozen=True)
@@ -82,12 +86,6 @@ def watch_task(assembly: Assembly, look: Look, *, seed: int = 0, noise: bool = T
         read_only=False,
     )
     return supervisor
-
-
-Array = NDArray[np.float64]
-
-EVERY = 5
-"""Control periods from one look to the next."""
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,18 @@ FLAT, OVER = "slide-flat", "slide-over"
 MODES = ("velocity", "position")
 ALL_PHASES, TO_THE_LEFT = 5, 3
 """Phases of the task: the whole slide to and fro, and the half of it that the short form makes."""
+SUMMARY = (
+    "A hand leans on a table and slides 32 cm to the left and back, over the flat table that its map shows, then "
+    "over a bar (1 inch) and a block (2 inches) under a flexible sheet that it does not show. It is led by the "
+    "springs of the thesis's tables 5.1 and 5.2, or by the robot's own velocity or position mode, which plays "
+    "back what the joints did on the flat table. The tasks are `slide-flat`, `slide-over`, `slide-over-velocity` "
+    "and `slide-over-position` in tasks/thesis. The springs keep contact and their way; velocity playback loses "
+    "contact at the bar and hangs there; position playback gives up at the bar, as in the thesis. What ends or "
+    "pauses a playback stands in robots/baxter/robot.yaml and was fixed before anything was played back; other "
+    "values are tried below."
+)
+MODE_COLOURS = {"impedance": "C0", "velocity": "C1", "position": "C3"}
+MILLIMETRES = 1000.0
 
 
 def reproduce(settings: Settings) -> Page:
@@ -192,17 +204,6 @@ def _comparisons(
     return tuple(rows)
 
 
-SUMMARY = (
-    "A hand leans on a table and slides 32 cm to the left and back, over the flat table that its map shows, then "
-    "over a bar (1 inch) and a block (2 inches) under a flexible sheet that it does not show. It is led by the "
-    "springs of the thesis's tables 5.1 and 5.2, or by the robot's own velocity or position mode, which plays "
-    "back what the joints did on the flat table. The tasks are `slide-flat`, `slide-over`, `slide-over-velocity` "
-    "and `slide-over-position` in tasks/thesis. The springs keep contact and their way; velocity playback loses "
-    "contact at the bar and hangs there; position playback gives up at the bar, as in the thesis. What ends or "
-    "pauses a playback stands in robots/baxter/robot.yaml and was fixed before anything was played back; other "
-    "values are tried below."
-)
-
 DIFFERENCES = """
 - **Force.** The thesis says 25 N. With K_z = 50 N/m, 24 cm deep, the end spring gives 12 N, the net stiffness of eq.
   5.1 (71.8 N/m) 17 N; on the plant the table feels about 11 N, the block 18 N. What was taken over is the stiffness.
@@ -221,10 +222,6 @@ DIFFERENCES = """
   over 500 maps and the playbacks over the first 200 of them, for the time that they take.
 - **One hand touches with one point**; the flange of the real arm can catch on an edge, which this one cannot.
 """
-
-
-MODE_COLOURS = {"impedance": "C0", "velocity": "C1", "position": "C3"}
-MILLIMETRES = 1000.0
 
 
 def picture_of_slides(found: Mapping[tuple[str, str], Slide]) -> Plot:

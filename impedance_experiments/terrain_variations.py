@@ -23,27 +23,32 @@ Array = NDArray[np.float64]
 
 HEIGHT, TILT = 0.03, np.radians(6.0)
 """Errors of the map are drawn evenly up to this, either way: height under the slide's middle [m], about x and y."""
-
 STIFFNESS = (1e3, 1e5)
 """Stiffness is drawn evenly in its logarithm [N/m]; the map says 2e4."""
-
 MIDDLE = np.array([0.634, -0.22])
 """Of the slide on the ground [m]."""
-
 KEPT = 0.99
 """A slide keeps contact that is in contact for at least this share."""
-
 PLAYED = 200
 """Maps of the full size that are played back; the springs slide over all 500. A playback takes as long as a slide."""
-
 LEFTWARDS = 3
 """Phases that are carried out: down, lean, to the left."""
-
 LASTING = 11.0
 """And how long they take [s]."""
-
 CLEARANCE = 0.001
 """A hand starts at least so high over the table [m]: no robot starts inside one."""
+FLAT, OVER = "slide-flat", "slide-over"
+COEFFICIENTS = (0.2, 0.4, 0.5, 0.6)
+"""Of the surface; the task's is the first."""
+AMPLE = 15.0
+"""A tank that pays for the harder way, too [J]; the task's own holds 5.4 J."""
+PATCH = Path("patches", "dry-friction.yaml")
+SENSITIVITIES = (0.5, 1.0, 2.0, math.inf)
+"""Collision thresholds over those of the robot file; with infinity nothing is a collision."""
+TOLERANCES = (0.05, 0.1, 0.2, 0.35, 0.7)
+"""Of position mode [rad]."""
+NO_TOLERANCE = 6.0
+"""Never reached [rad]."""
 
 
 @dataclass(frozen=True)
@@ -178,14 +183,6 @@ def _quantiles(values: object, form: str) -> str:
     return f"{form.format(middle)} ({form.format(low)} to {form.format(high)})"
 
 
-FLAT, OVER = "slide-flat", "slide-over"
-COEFFICIENTS = (0.2, 0.4, 0.5, 0.6)
-"""Of the surface; the task's is the first."""
-AMPLE = 15.0
-"""A tank that pays for the harder way, too [J]; the task's own holds 5.4 J."""
-PATCH = Path("patches", "dry-friction.yaml")
-
-
 def friction_table(settings: Settings) -> tuple[ResultTable, dict[float, float]]:
     """Slides with the springs over both surfaces, with rougher ones and with dry friction in the joints.
 
@@ -224,16 +221,6 @@ def _friction_job(task: str, friction: float, patch: Path | None, seed: int) -> 
 def _whole(over: Slide) -> tuple[float, float]:
     """Share in contact [%] and peak force [N]."""
     return round(100.0 * over.contact, 1), over.peak
-
-
-SENSITIVITIES = (0.5, 1.0, 2.0, math.inf)
-"""Collision thresholds over those of the robot file; with infinity nothing is a collision."""
-
-TOLERANCES = (0.05, 0.1, 0.2, 0.35, 0.7)
-"""Of position mode [rad]."""
-
-NO_TOLERANCE = 6.0
-"""Never reached [rad]."""
 
 
 def threshold_tables(flat: Slide, settings: Settings) -> list[ResultTable]:

@@ -23,6 +23,13 @@ from impedance_modules.superposition.inertia import carry_inertia
 Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+AT_REST, STEADY = 0.5, 0.3
+"""Last part of a push over which a place, or a speed, is averaged [s]."""
+PUSHES_PER_AXIS = 4
+"""Of ``two-arms-inertia``: it starts the object, stops it, sends it back and stops it."""
+LISTENED = 0.9
+"""How long the answer to the first of them is listened to [s]."""
+NOTHING_HELD = "nothing is held in this task: there is no object to push"
 
 
 @dataclass(frozen=True)
@@ -209,17 +216,6 @@ def _expected(found: _Found, trace: PushTrace) -> Array:
     if stiffness is None:
         raise ValueError("the springs' task has no springs")
     return np.asarray(np.linalg.solve(stiffness, trace.push.T).T)
-
-
-AT_REST, STEADY = 0.5, 0.3
-"""Last part of a push over which a place, or a speed, is averaged [s]."""
-PUSHES_PER_AXIS = 4
-"""Of ``two-arms-inertia``: it starts the object, stops it, sends it back and stops it."""
-LISTENED = 0.9
-"""How long the answer to the first of them is listened to [s]."""
-
-
-NOTHING_HELD = "nothing is held in this task: there is no object to push"
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs both arms on the double for half an hour over a ROS master of its own; prints memory, commands and stops.
+"""Runs both arms on the simulator for half an hour over a ROS master of its own; prints memory, commands and stops.
 
 Usage: python -m benchmarks.backends.baxter_endurance
            [--minutes 30] [--rate 500] [--port 11411] [--transport T] [--first]
@@ -88,20 +88,20 @@ def go_first(process: subprocess.Popen[bytes]) -> None:
 def run(
     options: argparse.Namespace, folder: Path, started: list[subprocess.Popen[bytes]], watch: PauseWatch
 ) -> None:
-    """Starts master, double and task; watches the two memories until the task is done."""
-    task, diary = drawn_out(60.0 * options.minutes, folder), folder / "diary.jsonl"
+    """Starts master, simulator and task; watches the two memories until the task is done."""
+    task, log = drawn_out(60.0 * options.minutes, folder), folder / "log.jsonl"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     started.append(subprocess.Popen(["rosmaster", "--core", "-p", str(options.port)], **quiet))
     time.sleep(2.0)
-    double = subprocess.Popen(
-        [*IMPEDANCE, "baxter", "fake", "--posture", "mirrored-arms", "--enabled", "--log", str(diary)],
+    simulator = subprocess.Popen(
+        [*IMPEDANCE, "baxter", "fake", "--posture", "mirrored-arms", "--enabled", "--log", str(log)],
         stdout=subprocess.PIPE,
         start_new_session=True,
     )
-    started.append(double)
+    started.append(simulator)
     if options.first:
-        go_first(double)
-    print(double.stdout.readline().decode().rstrip())
+        go_first(simulator)
+    print(simulator.stdout.readline().decode().rstrip())
     words = f"run {task} --backend baxter --rate {options.rate} --transport {options.transport}"
     controller = subprocess.Popen(
         [*IMPEDANCE, *words.split(), "--out", str(folder / "run")], start_new_session=True
@@ -114,10 +114,10 @@ def run(
         time.sleep(1.0)
         if time.monotonic() - shown > 60.0 and controller.poll() is None:
             shown = time.monotonic()
-            both = f"controller {memory(controller):.0f} MB, double {memory(double):.0f} MB"
+            both = f"controller {memory(controller):.0f} MB, simulator {memory(simulator):.0f} MB"
             print(f"{(shown - began) / 60:6.1f} min: {both}", flush=True)
     ended = time.monotonic()
-    lines = [json.loads(line) for line in diary.read_text().splitlines()]
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
     events = [f"{line['time']:.1f} s {line['event']}" for line in lines if line["event"]]
     print(f"exit {controller.returncode}; {lines[-1]['commands']} commands; events: {events or 'none'}")
     summary = json.loads((folder / "run" / "summary.json").read_text())

@@ -96,7 +96,7 @@ class StandingRobot:
         zero = messages.Vector3(0.0, 0.0, 0.0)
         message = messages.EndpointState(
             messages.Header(0, 0, "base"),
-            messages.Pose(messages.Point(*tip.tolist()), messages.Quaternion(0.0, 0.0, 0.0, 1.0)),
+            messages.PoseMessage(messages.Point(*tip.tolist()), messages.Quaternion(0.0, 0.0, 0.0, 1.0)),
             messages.Twist(zero, zero),
             messages.Wrench(zero, zero),
         )

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 ROBOT_FOLDER = REPOSITORY / "robots" / "baxter"
+GRAVITY = 9.81
+STEP = 0.0005
 
 
 @dataclass(frozen=True)
@@ -189,10 +191,6 @@ def _vector(element: ET.Element | None, key: str, absent: tuple[float, float, fl
     if element is None or key not in element.attrib:
         return np.array(absent)
     return np.array([float(number) for number in element.attrib[key].split()])
-
-
-GRAVITY = 9.81
-STEP = 0.0005
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,12 @@ COUNTS: dict[str, int] = {"A": 140, "B": 250, "C": 80, "D": 80, "E": 100, "F": 1
 
 Each of D is one poor and one rich set of logs of the same arm.
 """
-
 SEEDS: dict[str, int] = {"dev": 1, "report": 2}
 SIZES = (1.0, 3.0, 0.5)
 NOISES = (1.0, 0.5, 3.0)
 REDRAWN = 8
 """Times that a withheld effect is drawn again where another, at its size, would be as true in these logs."""
+CASES, SEALED, SEALS = "cases", "sealed", "seals.txt"
 
 
 @dataclass
@@ -215,9 +215,6 @@ def _write(
     }
     truth |= {"side": bench.arm.side, "withheld": without}
     return Made(name, {"robot": "baxter", **shown, "without": without}, truth)
-
-
-CASES, SEALED, SEALS = "cases", "sealed", "seals.txt"
 
 
 def generate(

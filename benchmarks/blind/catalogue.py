@@ -15,6 +15,16 @@ from benchmarks.blind.plant import Arm
 
 CATALOGUE: dict[str, Draw] = {**FRICTIONS, **DRIVES, **BODIES, **SENSING}
 """The 28 effects that the diagnosis promises to know."""
+SUPERSETS: dict[str, tuple[str, ...]] = {
+    "coulomb_friction": ("stribeck_friction", "asymmetric_friction", "hysteresis"),
+    "viscous_friction": ("friction_drift",),
+    "torque_offset": ("parallel_spring",),
+    "payload": ("link_inertia",),
+    "link_inertia": ("payload",),
+}
+"""Effects that contain another as a special case: with that one withheld, naming them is no mistake of physics."""
+SECONDS = 12.0
+
 
 CONFUSABLE: tuple[tuple[str, str], ...] = (
     ("coulomb_friction", "viscous_friction"),
@@ -30,14 +40,6 @@ CONFUSABLE: tuple[tuple[str, str], ...] = (
 )
 """Pairs that half of the two-cause cases are drawn from."""
 
-SUPERSETS: dict[str, tuple[str, ...]] = {
-    "coulomb_friction": ("stribeck_friction", "asymmetric_friction", "hysteresis"),
-    "viscous_friction": ("friction_drift",),
-    "torque_offset": ("parallel_spring",),
-    "payload": ("link_inertia",),
-    "link_inertia": ("payload",),
-}
-"""Effects that contain another as a special case: with that one withheld, naming them is no mistake of physics."""
 
 SIMPLER: dict[str, tuple[str, ...]] = {
     "stribeck_friction": ("coulomb_friction",),
@@ -57,9 +59,6 @@ SIMPLER: dict[str, tuple[str, ...]] = {
 def are_one(first: str, second: str) -> bool:
     """Tells whether two effects on the same joint may be one: either contains the other."""
     return second in SUPERSETS.get(first, ()) or first in SUPERSETS.get(second, ())
-
-
-SECONDS = 12.0
 
 
 def soft_stop(s: Situation) -> Injection:

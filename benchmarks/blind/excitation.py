@@ -17,6 +17,12 @@ Array = NDArray[np.float64]
 RATE = 1000
 FADE = 1.0
 """Time [s] in which a motion grows from rest."""
+Shape = Callable[[Array, Drive, np.random.Generator], Array]
+"""Time (samples,) -> deviation from the centre (samples, n) [rad], before scaling to the limits."""
+MARGIN = 0.1
+"""Distance [rad] kept from the joint limits."""
+PoorShape = Callable[[Array, np.random.Generator], Array]
+"""Time (samples,) -> deviation of the one joint from the centre (samples,) [rad]."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +37,6 @@ class Motion:
     feed_forward: Array
     peak: Array
     weight: Array
-
-
-Shape = Callable[[Array, Drive, np.random.Generator], Array]
-"""Time (samples,) -> deviation from the centre (samples, n) [rad], before scaling to the limits."""
 
 
 def multisine(time: Array, drive: Drive, rng: np.random.Generator) -> Array:
@@ -139,10 +141,6 @@ RICH: dict[str, Shape] = {
 }
 
 
-MARGIN = 0.1
-"""Distance [rad] kept from the joint limits."""
-
-
 def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Array:
     """Returns the joint torques (samples, n) [N.m] of a rigid arm."""
     data = mujoco.MjData(model)
@@ -227,10 +225,6 @@ def _with_feed_forward(q: Array, model: mujoco.MjModel, drive: Drive) -> Motion:
     ahead = np.stack([np.interp(every, coarse, moving[:, i]) for i in range(q.shape[1])], axis=1)
     peak, heaviest = (np.abs(one).max(axis=0) for one in (torque + rotor, weight))
     return Motion(q, v, ahead, peak, heaviest)
-
-
-PoorShape = Callable[[Array, np.random.Generator], Array]
-"""Time (samples,) -> deviation of the one joint from the centre (samples,) [rad]."""
 
 
 def one_speed(time: Array, rng: np.random.Generator) -> Array:

@@ -34,6 +34,10 @@ from benchmarks.blind.judged import (
     wrongly_named,
 )
 
+Z = 1.959964
+HAND = 0.1
+"""Size [m] against which the place of a payload is measured."""
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -145,6 +149,7 @@ _ROWS: tuple[tuple[str, str, Callable[[Cases], str]], ...] = (
     ("memory, largest", "1 GB", _memory),
 )
 
+
 FIGURES: tuple[Figure, ...] = tuple(Figure(*row) for row in _ROWS)
 
 
@@ -177,9 +182,6 @@ def by_block(cases: Cases) -> list[str]:
     return rows
 
 
-Z = 1.959964
-
-
 @dataclass(frozen=True)
 class Rate:
     """So many of so many."""
@@ -208,10 +210,6 @@ class Rate:
             return "no cases"
         low, high = self.interval
         return f"{100 * self.hits / self.total:.1f} % ({self.hits}/{self.total}, {100 * low:.0f}-{100 * high:.0f})"
-
-
-HAND = 0.1
-"""Size [m] against which the place of a payload is measured."""
 
 
 @dataclass(frozen=True)

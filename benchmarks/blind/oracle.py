@@ -31,8 +31,11 @@ from benchmarks.blind.wearing import wear_answer
 from benchmarks.blind.yardstick import Yardstick
 
 Array = NDArray[np.float64]
+
 STEP = 0.05
 """Relative step of the derivative by the amplitude."""
+NOT_MEASURED = ("external_contact", "clock_drift")
+"""No answer holds what it would need: pushes of another run, and which of the clocks it is that drifts."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +116,6 @@ def _rms(signature: Array) -> float:
 def write_gap(path: Path, gap: Gap) -> None:
     """Writes one measured gap beside the answer."""
     path.write_text(json.dumps(gap.__dict__) + "\n")
-
-
-NOT_MEASURED = ("external_contact", "clock_drift")
-"""No answer holds what it would need: pushes of another run, and which of the clocks it is that drifts."""
 
 
 def measure_gaps(out: Path, answers: Path, tool: str, jobs: int, tell: Callable[[str], None]) -> None:

@@ -29,6 +29,10 @@ SIZES = tuple(float(size) for size in np.linspace(1.6, 1.1, 12))
 """Sizes that are wanted of one arm after another: what is large is easily told, what is small is easily lost."""
 ROUNDS = 6
 """Times that the sizes are gone through before a pair is given up."""
+BOTH_TORQUES = ("actuator", "link")
+UPRIGHT = (0,)
+"""The joint that carries no weight: elsewhere a lag of the motor holds back the robot's own compensation of the weight
+too, which a late command does not."""
 
 
 @dataclass(frozen=True)
@@ -102,12 +106,6 @@ def _at_port(pair: Pair) -> Draw:
         return draw_at(CATALOGUE[pair.truth], pair.ports, s)
 
     return draw
-
-
-BOTH_TORQUES = ("actuator", "link")
-UPRIGHT = (0,)
-"""The joint that carries no weight: elsewhere a lag of the motor holds back the robot's own compensation of the weight
-too, which a late command does not."""
 
 
 @dataclass(frozen=True)

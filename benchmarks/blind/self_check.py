@@ -34,10 +34,29 @@ from benchmarks.blind.wearing import wear_answer
 from benchmarks.blind.yardstick import Yardstick
 
 Array = NDArray[np.float64]
-Result = tuple[bool, str]
 
+Result = tuple[bool, str]
 PARTLY_STATED = ("external_contact", "torque_ripple", "link_inertia", "clock_drift")
 """Effects whose truth leaves out what would be needed to wear it: pushes, phase, moments, which of the clocks."""
+TRUE: dict[str, Any] = {
+    "effect": "viscous_friction",
+    "joints": ["left_e1"],
+    "port": "actuator",
+    "parameters": {"left_e1": {"fv": 2.0}},
+    "also": [],
+    "size": 3.0,
+    "size_with_inertias": 3.0,
+}
+CAUSE = {
+    "effect": "viscous_friction",
+    "joints": ["left_e1"],
+    "parameters": {"left_e1": {"fv": {"value": 2.02, "std": 0.05, "unit": "N.m.s/rad"}}},
+    "equivalent": [],
+}
+WRONG = {"effect": "backlash", "joints": ["left_w2"], "parameters": {}, "equivalent": []}
+SECOND = {**TRUE, "effect": "torque_offset", "parameters": {"left_e1": {"c": 1.0}}}
+BENCH = {"noise_level": 1.0, "inertia_error": 0.01, "side": "left"}
+Case = tuple[dict[str, Any], str, list[dict[str, Any]]]
 
 
 def same_dynamics() -> Result:
@@ -231,29 +250,6 @@ def main() -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
-
-
-TRUE: dict[str, Any] = {
-    "effect": "viscous_friction",
-    "joints": ["left_e1"],
-    "port": "actuator",
-    "parameters": {"left_e1": {"fv": 2.0}},
-    "also": [],
-    "size": 3.0,
-    "size_with_inertias": 3.0,
-}
-CAUSE = {
-    "effect": "viscous_friction",
-    "joints": ["left_e1"],
-    "parameters": {"left_e1": {"fv": {"value": 2.02, "std": 0.05, "unit": "N.m.s/rad"}}},
-    "equivalent": [],
-}
-WRONG = {"effect": "backlash", "joints": ["left_w2"], "parameters": {}, "equivalent": []}
-SECOND = {**TRUE, "effect": "torque_offset", "parameters": {"left_e1": {"c": 1.0}}}
-
-BENCH = {"noise_level": 1.0, "inertia_error": 0.01, "side": "left"}
-
-Case = tuple[dict[str, Any], str, list[dict[str, Any]]]
 
 
 def pretend(out: Path) -> None:

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 
 ATTRIBUTED = 5
 """One in so many of the cycles that the filter changed is attributed to rows and modules."""
+Indices = NDArray[np.intp]
+BLOCK = 128
+"""Rows that are gathered before they are looked at."""
 
 
 class Summary:
@@ -128,12 +131,6 @@ class Summary:
         }
         write_summary(directory, summary)
         return summary
-
-
-Indices = NDArray[np.intp]
-
-BLOCK = 128
-"""Rows that are gathered before they are looked at."""
 
 
 class HandTally:

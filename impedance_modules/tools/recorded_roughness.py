@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 
 FELT = 1.0
 """A hand that never feels this much along the normal touched nothing [N]."""
-
 SLOWEST = 0.9 * SAMPLE_RATE
 """Least rate of a recording [Hz]."""
+_KINDS = ("position", "velocity", "effort")
 
 
 @dataclass(frozen=True)
@@ -201,9 +201,6 @@ def _from_effort(episode: Episode, hand: str | None, picks: NDArray[np.intp]) ->
     rows = [sensor.of(q, v, tau) for q, v, tau in zip(position, velocity, effort, strict=True)]
     places, forces = (np.array(column) for column in zip(*rows, strict=True))
     return Touched(frame, "effort", episode.time[picks], places, forces)
-
-
-_KINDS = ("position", "velocity", "effort")
 
 
 def _joints(episode: Episode, model: RobotModel, kind: str) -> Array:

@@ -32,9 +32,21 @@ Array = NDArray[np.float64]
 
 MARGIN = 1.02
 """Times the stiffness at which the arm just folds: what is handed out."""
-
 STIFFEST = 10000.0
 """Of a joint spring in a task file [N.m/rad]."""
+CUTTING_ROUNDS = 400
+"""Most cutting planes' rounds; a seven-joint arm takes about thirty."""
+CUT_TOLERANCE = 1e-5
+"""By how much, as a share of the largest stiffness, the bound may be missed."""
+SELF_MOTION_STEP = 0.02
+"""Joint-space length of a step [rad]."""
+FARTHEST = 4.0
+"""Joint-space length at which a self-motion is given up [rad]."""
+LIMIT_DISTANCE = 0.05
+"""Distance kept from the joints' limits [rad]."""
+CORRECTIONS = 4
+HAND_TOLERANCE = 1e-8
+"""Of the hand, m and rad, after the corrections."""
 
 
 @dataclass(frozen=True)
@@ -216,13 +228,6 @@ def named(values: Array, names: Sequence[str], digits: int) -> dict[str, float]:
     return {name: round(float(value), digits) for name, value in zip(names, values, strict=True)}
 
 
-CUTTING_ROUNDS = 400
-"""Most cutting planes' rounds; a seven-joint arm takes about thirty."""
-
-CUT_TOLERANCE = 1e-5
-"""By how much, as a share of the largest stiffness, the bound may be missed."""
-
-
 def unloading(jacobian: Array, others: Array, wrenches: Sequence[Array]) -> list[Array]:
     r"""Gives sym(\Gamma(F_b)) - S (k, k) for each wrench (6,): what diag(K) must outweigh [N.m/rad].
 
@@ -285,20 +290,6 @@ def _on_the_bound(stiffness: Array, loads: Sequence[Array], least: Array) -> Arr
     """Removes what the cuts' tolerance leaves: K just folds, or stands on its lower bounds."""
     share = folding_share(np.maximum(stiffness, 1e-9), loads)
     return np.maximum(stiffness * max(share, 1.0), least)
-
-
-SELF_MOTION_STEP = 0.02
-"""Joint-space length of a step [rad]."""
-
-FARTHEST = 4.0
-"""Joint-space length at which a self-motion is given up [rad]."""
-
-LIMIT_DISTANCE = 0.05
-"""Distance kept from the joints' limits [rad]."""
-
-CORRECTIONS = 4
-HAND_TOLERANCE = 1e-8
-"""Of the hand, m and rad, after the corrections."""
 
 
 @dataclass(frozen=True)

@@ -25,15 +25,16 @@ Array = NDArray[np.float64]
 
 FORCE_RANGE = 3.0
 """A cell whose force varied by less says nothing about stiffness [N]."""
-
 FEWEST_IN_CELL = 6
 """Blocks without which a cell is left out of the fit: it has three unknowns."""
-
 TELLING = 2.0
 """A compliance is told from none when it is so many standard errors above it."""
-
 LEAST_STROKE = 3
 """Cells that a stroke must cover."""
+BLOCK = 0.05
+"""Samples are averaged over so long, to quieten the force estimate [s]."""
+FEWEST = 20
+"""Blocks in contact without which there is nothing to map: a second."""
 
 
 @dataclass(frozen=True)
@@ -169,13 +170,6 @@ def _least_squares(s: Array, z: Array, lift: Array) -> list[float]:
         float(solution[2]),
         float(np.sqrt(covariance[2, 2])),
     ]
-
-
-BLOCK = 0.05
-"""Samples are averaged over so long, to quieten the force estimate [s]."""
-
-FEWEST = 20
-"""Blocks in contact without which there is nothing to map: a second."""
 
 
 @dataclass(frozen=True)

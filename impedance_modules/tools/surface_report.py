@@ -20,6 +20,12 @@ from impedance_modules.errors import BadInput
 from impedance_modules.tools.surface_fit import SurfaceMap, Touches
 from impedance_modules.tools.surface_truth import MapErrors, TrueSurface
 
+FILES = ("map.csv", "map.json", "map.png")
+RESOLUTION = 120
+MILLIMETRES = 1000.0
+TWO_SIGMA = 2.0
+
+
 COLUMNS = (
     "along",
     "x",
@@ -35,9 +41,6 @@ COLUMNS = (
     "blocks",
 )
 """Of ``map.csv``: m, m, m, m, m, m, m/N, m/N, N/m, N, N, 1; empty where a cell does not tell."""
-
-FILES = ("map.csv", "map.json", "map.png")
-RESOLUTION = 120
 
 
 def write_map(
@@ -117,10 +120,6 @@ def _summary(
         errors = {key: None if math.isnan(value) else value for key, value in asdict(compared[1]).items()}
         said["errors_against_the_plant"] = errors
     return said
-
-
-MILLIMETRES = 1000.0
-TWO_SIGMA = 2.0
 
 
 def draw_map(found: SurfaceMap, truth: TrueSurface | None) -> Figure:

@@ -25,6 +25,8 @@ from impedance_modules.tools.sweep_plan import SweepJob
 
 REFUSED = "refused"
 """Ending of a run that ``check`` does not allow."""
+CONNECTING = 10.0
+"""For how long a cluster may take to answer [s]."""
 
 
 @dataclass(frozen=True)
@@ -110,10 +112,6 @@ def _results(found: Mapping[str, Any]) -> dict[str, float]:
         results[f"{hand} tracking peak [m]"] = float(numbers["tracking_peak"])
         results[f"{hand} peak force [N]"] = float(numbers["peak_force"])
     return results
-
-
-CONNECTING = 10.0
-"""For how long a cluster may take to answer [s]."""
 
 
 def run_here(jobs: Sequence[SweepJob], cores: int) -> Iterator[SweepRow]:
