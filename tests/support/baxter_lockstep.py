@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The double without a network and without a wall clock: a backend whose states are the double's own messages.
+"""The simulator without a network and without a wall clock: a backend whose states are the simulator's own messages.
 
-Every ``read`` lets the double live for one control period and merges what it says, as the real backend does. So
+Every ``read`` lets the simulator live for one control period and merges what it says, as the real backend does. So
 a run is the same every time, as fast as the machine allows; what it cannot show is everything about time.
 """
 
@@ -26,8 +26,8 @@ from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
 from impedance_modules.spec.patch_file import read_patch
 
 
-class LockstepDouble:
-    """One double, and a backend that drives it."""
+class LockstepSimulator:
+    """One simulator, and a backend that drives it."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class LockstepDouble:
         self._plans: list[tuple[float, Callable[[], None]]] = []
 
     def when(self, seconds: float, act: Callable[[], None]) -> None:
-        """Lets something happen at a time of the double's."""
+        """Lets something happen at a time of the simulator's."""
         self._plans.append((seconds, act))
 
     def warm_up_with(self, cycle: Callable[[], None]) -> None:
@@ -104,18 +104,18 @@ class LockstepDouble:
         return RobotState(state.time - self._zero, state.position, state.velocity, state.effort)
 
 
-def run_on_the_double(
+def run_in_lockstep(
     assembly: Assembly,
     out: Path,
     *,
     effects: Path | None = None,
     seed: int = 0,
     springs: Mapping[str, tuple[float, float]] = SPRINGS,
-    prepare: Callable[[LockstepDouble], None] = lambda double: None,
-) -> tuple[RunResult, LockstepDouble]:
-    """Carries a task out on a double that wears a patch of which neither task nor model know."""
-    double = LockstepDouble(str(assembly.task.path), assembly.rate, effects, seed, springs)
-    prepare(double)
-    # "sim": time is the double's, nobody waits for it.
+    prepare: Callable[[LockstepSimulator], None] = lambda simulator: None,
+) -> tuple[RunResult, LockstepSimulator]:
+    """Carries a task out on a simulator that wears a patch of which neither task nor model know."""
+    simulator = LockstepSimulator(str(assembly.task.path), assembly.rate, effects, seed, springs)
+    prepare(simulator)
+    # "sim": time is the simulator's, nobody waits for it.
     options = RunOptions(out=out, seed=seed, duration=None, live=False, read_only=False, backend="sim")
-    return carry_out(assembly, double, options, lambda time, phase: None), double
+    return carry_out(assembly, simulator, options, lambda time, phase: None), simulator

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs the double as a process of its own, sends it faults and reads its diary; runs ``impedance`` like a user."""
+"""Runs the simulator as a process of its own, sends it faults and reads its log; runs ``impedance`` like a user."""
 
 from __future__ import annotations
 
@@ -117,11 +117,11 @@ def impedance(*arguments: str, seconds: float = 60.0) -> subprocess.CompletedPro
     return subprocess.CompletedProcess(arguments, process.returncode, out, err)
 
 
-class Double:
+class SimulatorProcess:
     """One ``impedance baxter fake``."""
 
-    def __init__(self, process: subprocess.Popen[str], diary: Path, node: SocketTransport) -> None:
-        self.process, self._diary, self._node = process, diary, node
+    def __init__(self, process: subprocess.Popen[str], log: Path, node: SocketTransport) -> None:
+        self.process, self._log, self._node = process, log, node
         self._faults = node.advertise(FAULT_TOPIC, String)
         self.said: list[str] = []
         threading.Thread(target=self._read, daemon=True).start()
@@ -132,8 +132,8 @@ class Double:
         self._faults.send(String(words))
 
     def lines(self) -> list[dict[str, Any]]:
-        """Everything in the diary so far; its last line may still be being written."""
-        text = self._diary.read_text()
+        """Everything in the log so far; its last line may still be being written."""
+        text = self._log.read_text()
         return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
     def wait_for(self, event: str, seconds: float = 10.0) -> dict[str, Any]:
@@ -146,7 +146,7 @@ class Double:
         return found
 
     def last(self) -> dict[str, Any]:
-        """The diary's line of the last second, waited for: what happened before is in it."""
+        """The log's line of the last second, waited for: what happened before is in it."""
         count = len(self.lines())
         assert _until(lambda: len(self.lines()) > count + 1, 10.0), self.said
         return self.lines()[-1]
@@ -161,15 +161,15 @@ class Double:
 
 
 @contextmanager
-def double(folder: Path, master: str, *options: str) -> Iterator[Double]:
-    """Starts a double and ends it."""
-    diary = folder / "diary.jsonl"
-    process = start("baxter", "fake", "--log", str(diary), *options, most=True)
+def simulator(folder: Path, master: str, *options: str) -> Iterator[SimulatorProcess]:
+    """Starts a simulator and ends it."""
+    log = folder / "log.jsonl"
+    process = start("baxter", "fake", "--log", str(log), *options, most=True)
     node = SocketTransport(f"/test_{os.getpid()}_{time.monotonic_ns()}", master)
     try:
-        found = Double(process, diary, node)
+        found = SimulatorProcess(process, log, node)
         assert _until(lambda: any("Ctrl-C ends it" in line for line in found.said), START), found.said
-        assert _until(lambda: diary.exists() and found.lines() != [], 10.0), found.said
+        assert _until(lambda: log.exists() and found.lines() != [], 10.0), found.said
         yield found
     finally:
         node.close()

@@ -2,7 +2,7 @@
 """A robot of strings and wires for unit tests: says what it is told to say, keeps what it is told to do.
 
 No physics: position mode goes where it is told, at once; torque moves nothing unless ``drift`` is set. The
-double with physics is ``impedance baxter fake``.
+simulator with physics is ``impedance baxter fake``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, Driv
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.ros.messages import JointCommand
 from impedance_modules.backends.baxter.session import Session
-from impedance_modules.backends.baxter.stops import StopRules, Stops
+from impedance_modules.backends.baxter.stops import Stops, StopThresholds
 from impedance_modules.errors import RobotStopped
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec
@@ -36,7 +36,7 @@ GRIPPERS = ("l_gripper_l_finger_joint", "l_gripper_r_finger_joint")
 TIP = 0.025
 
 
-class StandIn:
+class StubBaxter:
     """All topics of a robot on one in-process master.
 
     Attributes:
@@ -129,7 +129,7 @@ class StandIn:
             self.hub.parameters["/robot_description"] = text
 
     def another_robot(self) -> None:
-        InProcessTransport(self.hub, "/double").advertise(topics.ROBOT_STATE, messages.AssemblyState)
+        InProcessTransport(self.hub, "/simulator").advertise(topics.ROBOT_STATE, messages.AssemblyState)
 
     def another_controller(self, limb: str) -> None:
         InProcessTransport(self.hub, "/somebody").advertise(topics.joint_command(limb), messages.JointCommand)
@@ -161,7 +161,7 @@ class StandIn:
             self._limb(limb, header)
 
     @contextmanager
-    def live(self) -> Iterator[StandIn]:
+    def live(self) -> Iterator[StubBaxter]:
         """Ticks at ``rate`` in a thread, as long as it is entered."""
         stop = threading.Event()
 
@@ -194,7 +194,7 @@ class StandIn:
         hand = model.pose(self._q, part.hand)
         tip = hand.translation + hand.rotation @ np.array([0.0, 0.0, TIP + self._tip[limb]])
         zero = messages.Vector3(0.0, 0.0, 0.0)
-        pose = messages.Pose(messages.Point(*map(float, tip)), messages.Quaternion(0.0, 0.0, 0.0, 1.0))
+        pose = messages.PoseMessage(messages.Point(*map(float, tip)), messages.Quaternion(0.0, 0.0, 0.0, 1.0))
         kind = topics.endpoint_state(limb)
         if kind in self._wrong:
             self._say(kind, messages.Float64(1.0))
@@ -241,7 +241,7 @@ class StandIn:
 
 
 @contextmanager
-def open_session(robot: StandIn) -> Iterator[Session]:
+def open_session(robot: StubBaxter) -> Iterator[Session]:
     """A session that has heard a few messages and does not wait for more."""
     with mock.patch.object(session, "LISTENING", 0.0), mock.patch.object(gates, "LOWEST_RATE", 1.0):
         found = Session(InProcessTransport(robot.hub, "/us"), robot.spec)
@@ -263,7 +263,7 @@ TOLERANCE = 0.7
 
 @dataclass
 class Drive:
-    robot: StandIn
+    robot: StubBaxter
     backend: BaxterBackend
     started: float = field(default_factory=time.monotonic)
 
@@ -284,11 +284,13 @@ class Drive:
 
 
 @contextmanager
-def driving(robot: StandIn, *, start=None, check=lambda: None, rate=100.0, **options) -> Iterator[Drive]:
+def driving(robot: StubBaxter, *, start=None, check=lambda: None, rate=100.0, **options) -> Iterator[Drive]:
     generous = mock.patch.object(backend, "RATE_TOLERANCE", TOLERANCE)
     with open_session(robot) as session, robot.live(), generous:
         model = session.model
-        rules = StopRules(STALE, 0.1, STALE + 0.2, 1.0, model.column("effort_max"), np.eye(model.n) * 5.0)
+        rules = StopThresholds(
+            STALE, 0.1, STALE + 0.2, 1.0, model.column("effort_max"), np.eye(model.n) * 5.0
+        )
         limbs = {"left": model.limbs["left"]}
         stops = Stops(rules, {"left": model.limbs["left"].joints})
         start = np.full(model.n, 0.3) if start is None else start

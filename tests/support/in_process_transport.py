@@ -11,8 +11,8 @@ from typing import Any, Generic, TypeVar
 from impedance_modules.backends.baxter.ros.messages import Message
 from impedance_modules.backends.baxter.ros.transport import (
     Callback,
-    Offer,
     ParameterValue,
+    PublisherInfo,
     Transport,
     TransportClosedError,
 )
@@ -87,7 +87,7 @@ class InProcessTransport:
         """Names the publishers of a topic, sorted."""
         return tuple(sorted({offer.node for offer in self._offers(topic)}))
 
-    def offers_of(self, topic: str) -> tuple[Offer, ...]:
+    def publisher_info(self, topic: str) -> tuple[PublisherInfo, ...]:
         """Says what every other publisher of a topic sends."""
         return tuple(offer for offer in self._offers(topic) if offer.node != self._node_name)
 
@@ -102,14 +102,14 @@ class InProcessTransport:
         for subscription in heard:
             subscription.close()
 
-    def _offers(self, topic: str) -> list[Offer]:
+    def _offers(self, topic: str) -> list[PublisherInfo]:
         self._check()
         with self._master.lock:
             alive = [p for p in self._master.publishers if p.topic == topic]
             dead = [node for node, where in self._master.dead if where == topic]
-        offers = [Offer(p.node, p.kind.ros_type, checksum_of(p.kind), None) for p in alive]
+        offers = [PublisherInfo(p.node, p.kind.ros_type, checksum_of(p.kind), None) for p in alive]
         return sorted(
-            offers + [Offer(node, None, None, "connection refused", gone=True) for node in dead],
+            offers + [PublisherInfo(node, None, None, "connection refused", gone=True) for node in dead],
             key=lambda offer: offer.node,
         )
 
@@ -128,7 +128,7 @@ class InProcessNetwork:
         """Brings a node up."""
         return InProcessTransport(self._master, node_name)
 
-    def haunt(self, topic: str, ros_type: str, on: bool) -> None:
+    def register_dead(self, topic: str, ros_type: str, on: bool) -> None:
         """Registers a publisher that no longer exists, or has it forgotten."""
         entry = (GONE_NODE, topic)
         if on and entry not in self._master.dead:

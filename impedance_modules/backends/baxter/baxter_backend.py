@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.driver import Driver
-from impedance_modules.backends.baxter.joint_states import Sample
+from impedance_modules.backends.baxter.driver import BaxterDriver
+from impedance_modules.backends.baxter.joint_states import StateSample
 from impedance_modules.backends.baxter.position_mode import Approach
 from impedance_modules.backends.baxter.robot_link import RobotLink, SeaColumns
-from impedance_modules.backends.baxter.stops import Mode, Stops
+from impedance_modules.backends.baxter.stops import DriveMode, Stops
 from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.errors import NotConnected, RobotRefused
 from impedance_modules.robot.model import Limb
@@ -52,14 +52,14 @@ RATE_TOLERANCE = 0.1
 COLD_AFTER = 0.005
 """Between states this far apart, others empty the processor's caches [s]."""
 
-REHEARSAL_PART = 0.15
+WARM_UP_PART = 0.15
 """A cycle is rehearsed during this last part of the period before its state is due: the first time it is slow, as the
 state's own would have been; the last time it ends just before."""
 
-MOST_REHEARSALS = 5
+MOST_WARM_UPS = 5
 """As many fit into that time."""
 
-REHEARSAL_REST = 0.0001
+WARM_UP_MARGIN = 0.0001
 """So long before the state is due no rehearsal is under way [s]; it may come a little early."""
 
 SWITCH_INTERVAL = 1e-4
@@ -109,18 +109,18 @@ class BaxterBackend:
             options: Of the run.
             check: Raises RobotRefused when the robot must not be moved; asked when the run begins.
         """
-        self.driver = Driver(link, limbs, stops, options.rate)
+        self.driver = BaxterDriver(link, limbs, stops, options.rate)
         self._stops, self._check = stops, check
         self._link, self._limbs, self._options = link, limbs, options
         self._period = 1.0 / options.rate
         self._extra = SeaColumns(link.sea)
-        self._last: Sample | None = None
+        self._last: StateSample | None = None
         self._zero_time = 0.0
         self._misses = 0
-        self._rehearse: Callable[[], None] | None = None
+        self._warm_up: Callable[[], None] | None = None
         self._effort: Array = np.zeros(len(options.start))
         self._usual_interval = sys.getswitchinterval()
-        self._awake = CpuIdleInhibitor()
+        self._idle_inhibitor = CpuIdleInhibitor()
 
     def start(self) -> FirstState:
         """Prepares the robot: rate, start pose, a try at zero torque, time-out; leaves it held where it stands.
@@ -133,9 +133,9 @@ class BaxterBackend:
         with ExitStack() as undo:
             undo.callback(self._leave)
             self._check()
-            self._link.forget_hands()
+            self._link.unsubscribe_endpoints()
             sys.setswitchinterval(SWITCH_INTERVAL)
-            self._awake.begin()
+            self._idle_inhibitor.begin()
             self.driver.listen()
             if not self._options.read_only:
                 self.driver.attach()
@@ -161,10 +161,10 @@ class BaxterBackend:
         last = self._last
         if last is None:
             raise NotConnected("the robot is not connected: call start() first")
-        self._rehearse_before(last)
+        self._warm_up_before(last)
         deadline = last.received + (PATIENCE + self._misses) * self._period
         while True:
-            self.driver.raise_fault()
+            self.driver.raise_if_stopped()
             sample = self._link.wait(last.number, max(deadline - time.monotonic(), GRACE))
             if sample is not None:
                 self._last, self._misses = sample, 0
@@ -179,7 +179,7 @@ class BaxterBackend:
         Raises:
             RobotStopped: Torque mode cannot begin.
         """
-        if self._stops.mode in (Mode.IDLE, Mode.HOLD) and self._stops.fault is None:
+        if self._stops.mode in (DriveMode.IDLE, DriveMode.HOLD) and self._stops.reason is None:
             # At once, on the state that the torque was computed for: the next one is this torque's first answer.
             self.driver.begin()
         np.copyto(self._effort, effort)
@@ -188,7 +188,7 @@ class BaxterBackend:
     def warm_up_with(self, cycle: Callable[[], None]) -> None:
         """Calls ``cycle`` shortly before each state is due, unless states come too fast for the caches to go cold."""
         if self._period >= COLD_AFTER:
-            self._rehearse = cycle
+            self._warm_up = cycle
 
     def extra_columns(self) -> tuple[str, ...]:
         """Names what the robot says it adds by itself."""
@@ -200,27 +200,27 @@ class BaxterBackend:
 
     def finish(self, how: Finish) -> None:
         """Ends torque control: torque to zero, then position mode where the robot is; or nothing, for ``release``."""
-        if not self._options.read_only and self._stops.mode is not Mode.OFF and how == "hold":
+        if not self._options.read_only and self._stops.mode is not DriveMode.OFF and how == "hold":
             self._ramp_down()
             self.driver.end()
-            self.driver.part()
+            self.driver.restore_settings()
         self._leave()
 
-    def _rehearse_before(self, last: Sample) -> None:
+    def _warm_up_before(self, last: StateSample) -> None:
         """Goes through a cycle for nothing, again and again until the next state is due or here."""
-        if self._rehearse is None or self._misses > 0:
+        if self._warm_up is None or self._misses > 0:
             return
         due = last.received + self._period
-        moment, lasted = due - REHEARSAL_PART * self._period, 0.0
-        for _ in range(MOST_REHEARSALS):
+        moment, lasted = due - WARM_UP_PART * self._period, 0.0
+        for _ in range(MOST_WARM_UPS):
             if self._link.wait(last.number, max(moment - time.monotonic(), 0.0)) is not None:
                 return
             moment = time.monotonic()
-            if moment + lasted > due - REHEARSAL_REST:
+            if moment + lasted > due - WARM_UP_MARGIN:
                 return
-            self._rehearse()
-            self._link.rehearse()
-            self.driver.rehearse(self._effort)
+            self._warm_up()
+            self._link.warm_up()
+            self.driver.warm_up(self._effort)
             lasted = time.monotonic() - moment
 
     def _prepare(self) -> None:
@@ -252,7 +252,7 @@ class BaxterBackend:
         while time.monotonic() < end:
             self.driver.torque(nothing)
             sample = self._link.wait(sample.number, self._period) or sample
-            self.driver.raise_fault()
+            self.driver.raise_if_stopped()
             moved = float(np.abs(sample.state.position - start.state.position)[joints].max())
             if moved > DRIFT:
                 raise RobotRefused(
@@ -264,17 +264,17 @@ class BaxterBackend:
     def _ramp_down(self) -> None:
         """Takes the last torque to zero, unless something else has ended torque control already."""
         began = time.monotonic()
-        while self._stops.mode is Mode.TORQUE and time.monotonic() - began < RAMP:
+        while self._stops.mode is DriveMode.TORQUE and time.monotonic() - began < RAMP:
             left = 1.0 - (time.monotonic() - began) / RAMP
             self.driver.torque(left * self._effort)
             time.sleep(self._period)
 
     def _leave(self) -> None:
         sys.setswitchinterval(self._usual_interval)
-        self._awake.end()
+        self._idle_inhibitor.end()
         self.driver.leave()
 
-    def _fresh_sample(self) -> Sample:
+    def _fresh_sample(self) -> StateSample:
         """Waits for a state newer than the last one."""
         before = 0 if self._link.sample is None else self._link.sample.number
         sample = self._link.wait(before, 1.0)
@@ -305,7 +305,7 @@ class CpuIdleInhibitor:
         self._file: int | None = None
 
     @property
-    def granted(self) -> bool:
+    def active(self) -> bool:
         """Whether the processor stays awake now."""
         return self._file is not None
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.joint_states import Sample
-from impedance_modules.backends.baxter.robot_link import Listener, RobotLink
+from impedance_modules.backends.baxter.joint_states import StateSample
+from impedance_modules.backends.baxter.robot_link import RobotCallbacks, RobotLink
 from impedance_modules.backends.baxter.ros.messages import AssemblyState, Float64, JointCommand, UInt16
 from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.backends.baxter.ros.wire import encode
-from impedance_modules.backends.baxter.stops import Mode, Order, Stops
+from impedance_modules.backends.baxter.stops import DriveMode, Outgoing, Stops
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
 from impedance_modules.safety.stop_events import Event
@@ -36,7 +36,7 @@ REQUEST_PERIOD = 1.0
 """The rate of the states is asked for again this often [s]; the robot may have restarted its loop."""
 
 
-class Driver:
+class BaxterDriver:
     """Commands some limbs of a robot, as far as ``Stops`` lets it, with a watchdog beside it.
 
     Attributes:
@@ -54,7 +54,9 @@ class Driver:
 
     def listen(self) -> None:
         """Lets ``Stops`` hear everything from now on."""
-        self._link.tell(Listener(self._on_state, self._on_robot, self._on_collision, self._on_cuff))
+        self._link.set_callbacks(
+            RobotCallbacks(self._on_state, self._on_robot, self._on_collision, self._on_cuff)
+        )
 
     def attach(self) -> None:
         """Advertises the commands, starts the watchdog and makes sure that the robot listens.
@@ -63,13 +65,13 @@ class Driver:
             RobotRefused: It does not.
         """
         self._commander = Commander(self._link.transport, self._limbs)
-        self._watchdog = Watchdog(self._look)
+        self._watchdog = Watchdog(self._check)
         self._watchdog.start()
         time.sleep(ATTACH_TIME)
-        deaf = self._commander.deaf()
-        if deaf:
+        without_subscriber = self._commander.without_subscriber()
+        if without_subscriber:
             raise RobotRefused(
-                f"nobody listens to the commands of {', '.join(deaf)}: the robot's software has another"
+                f"nobody listens to the commands of {', '.join(without_subscriber)}: the robot's software has another"
                 " JointCommand message, or cannot reach this machine (valid: ROS_IP=the address of this"
                 " machine in the robot's network)"
             )
@@ -106,10 +108,10 @@ class Driver:
         with self._lock:
             self._send(self.stops.torque(time.monotonic(), effort))
 
-    def rehearse(self, effort: Array) -> None:
+    def warm_up(self, effort: Array) -> None:
         """Goes through the motions of sending a torque; sends nothing."""
         if self._commander is not None:
-            self._commander.rehearse(effort)
+            self._commander.warm_up(effort)
 
     def end(self) -> None:
         """Ends torque mode as planned: the hold leaves at once, from now on the watchdog repeats it."""
@@ -119,16 +121,16 @@ class Driver:
             self._send(self.stops.watch(now))
             self._next_hold = now + HOLD_PERIOD
 
-    def raise_fault(self) -> None:
+    def raise_if_stopped(self) -> None:
         """Raises RobotStopped once something has ended torque control."""
-        fault = self.stops.fault
+        fault = self.stops.reason
         if fault is not None:
             raise RobotStopped(fault.event, fault.detail)
 
-    def part(self) -> None:
+    def restore_settings(self) -> None:
         """Lets the hold be repeated for a while, then gives the robot its own time-out and rate back."""
         end = max(time.monotonic() + PARTING_HOLD, self.stops.pause_end)
-        while self.stops.mode is Mode.HOLD and time.monotonic() < end:
+        while self.stops.mode is DriveMode.HOLD and time.monotonic() < end:
             time.sleep(0.01)
         if self._commander is not None:
             self._commander.set_timeout(topics.DEFAULT_TIMEOUT)
@@ -140,13 +142,13 @@ class Driver:
             self.stops.leave()
         if self._watchdog is not None:
             self._watchdog.stop()
-        self._link.tell(None)
+        self._link.set_callbacks(None)
         if self._commander is not None:
             self._commander.close()
         self._link.close()
         self._link.transport.close()
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         """The watchdog's: sends what must be sent though nobody asked."""
         now = time.monotonic()
         with self._lock:
@@ -154,36 +156,40 @@ class Driver:
             if order.position is None or now >= self._next_hold:
                 self._send(order)
                 self._next_hold = now + HOLD_PERIOD
-            if self._commander is not None and now >= self._next_request and self.stops.mode is not Mode.OFF:
+            if (
+                self._commander is not None
+                and now >= self._next_request
+                and self.stops.mode is not DriveMode.OFF
+            ):
                 self._commander.ask_rate(round(self._rate))
                 self._next_request = now + REQUEST_PERIOD
-        if self.stops.fault is not None:
+        if self.stops.reason is not None:
             self._link.wake()
 
-    def _on_state(self, sample: Sample) -> None:
+    def _on_state(self, sample: StateSample) -> None:
         with self._lock:
             self.stops.on_state(sample.taken, sample.state.position, sample.state.velocity)
 
     def _on_robot(self, robot: AssemblyState, received: float) -> None:
         with self._lock:
             self.stops.on_robot(received, robot)
-        self._hurry()
+        self._check_if_stopped()
 
     def _on_collision(self, limb: str, felt: bool, received: float) -> None:
         with self._lock:
             self.stops.on_collision(received, limb, felt)
-        self._hurry()
+        self._check_if_stopped()
 
     def _on_cuff(self, limb: str, squeezed: bool) -> None:
         with self._lock:
             self.stops.on_cuff(limb, squeezed)
-        self._hurry()
+        self._check_if_stopped()
 
-    def _hurry(self) -> None:
-        if self.stops.fault is not None and self._watchdog is not None:
-            self._watchdog.hurry()
+    def _check_if_stopped(self) -> None:
+        if self.stops.reason is not None and self._watchdog is not None:
+            self._watchdog.check_now()
 
-    def _send(self, order: Order) -> None:
+    def _send(self, order: Outgoing) -> None:
         if self._commander is not None:
             self._commander.send(order)
 
@@ -202,11 +208,11 @@ class Commander:
         }
         self._rate = transport.advertise(topics.STATE_RATE_REQUEST, UInt16, latch=True)
 
-    def deaf(self) -> tuple[str, ...]:
+    def without_subscriber(self) -> tuple[str, ...]:
         """Names the limbs to whose commands nobody listens."""
         return tuple(name for name, publisher in self._commands.items() if publisher.connections() == 0)
 
-    def send(self, order: Order) -> None:
+    def send(self, order: Outgoing) -> None:
         """Sends what an order says to each of its limbs."""
         if order.effort is not None:
             mode, values = JointCommand.TORQUE_MODE, order.effort
@@ -219,7 +225,7 @@ class Commander:
             command = tuple(values[limb.joints].tolist())
             self._commands[name].send(JointCommand(mode, command, limb.joint_names))
 
-    def rehearse(self, effort: Array) -> None:
+    def warm_up(self, effort: Array) -> None:
         """Lays out the torques (n,) [N.m] of all limbs as ``send`` does, and sends nothing."""
         for limb in self._limbs.values():
             encode(
@@ -246,8 +252,8 @@ class Commander:
             publisher.close()
 
 
-LOOK = 0.005
-"""How often it looks [s]; less than the shortest of ``StopRules``'s times."""
+CHECK_PERIOD = 0.005
+"""How often it looks [s]; less than the shortest of ``StopThresholds``'s times."""
 
 HELD_UP = 0.02
 """A look that comes this much after the last one [s]: not only the robot was silent, this whole process stood still."""
@@ -257,12 +263,12 @@ class Watchdog:
     """Calls one function until it is stopped.
 
     Attributes:
-        looks: How often it has looked.
+        checks: How often it has looked.
     """
 
     def __init__(self, look: Callable[[], None]) -> None:
-        self.looks = 0
-        self._look = look
+        self.checks = 0
+        self._check = look
         self._wake = threading.Event()
         self._stopped = False
         self._thread = threading.Thread(target=self._watch, daemon=True, name="watchdog")
@@ -271,7 +277,7 @@ class Watchdog:
         """Begins to watch."""
         self._thread.start()
 
-    def hurry(self) -> None:
+    def check_now(self) -> None:
         """Has it look now."""
         self._wake.set()
 
@@ -287,9 +293,9 @@ class Watchdog:
         while not self._stopped:
             if time.monotonic() - looked > HELD_UP:
                 # What the robot said meanwhile is in the sockets: who reads them comes first, then silence is judged.
-                time.sleep(LOOK)
-            self._look()
-            self.looks += 1
+                time.sleep(CHECK_PERIOD)
+            self._check()
+            self.checks += 1
             looked = time.monotonic()
-            self._wake.wait(LOOK)
+            self._wake.wait(CHECK_PERIOD)
             self._wake.clear()

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Sample:
+class StateSample:
     """One complete state.
 
     Attributes:
@@ -59,7 +59,7 @@ class JointStateMerger:
         """Joints of the model that nobody has ever reported in full."""
         return tuple(name for name in self._names if name not in self.seen)
 
-    def take(self, message: JointState, received: float) -> Sample | None:
+    def take(self, message: JointState, received: float) -> StateSample | None:
         """Takes a message; returns the sample that it completes, or None.
 
         Args:
@@ -88,7 +88,7 @@ class JointStateMerger:
         self._number += 1
         found.flags.writeable = False
         state = RobotState(moment.time, *found)
-        return Sample(state, self._number, received, received - moment.lag)
+        return StateSample(state, self._number, received, received - moment.lag)
 
     def _find_places(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Returns where a message's joints belong in the model's vectors, and where they stand in it."""

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.driver import Commander
-from impedance_modules.backends.baxter.joint_states import Sample
-from impedance_modules.backends.baxter.robot_link import Listener, RobotLink
+from impedance_modules.backends.baxter.joint_states import StateSample
+from impedance_modules.backends.baxter.robot_link import RobotCallbacks, RobotLink
 from impedance_modules.backends.baxter.ros.messages import AssemblyState, Empty
-from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_rules
+from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_thresholds
 from impedance_modules.errors import BadInput, RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
 from impedance_modules.safety.stop_events import Event
@@ -47,7 +47,7 @@ class Interrupted(Exception):  # noqa: N818 - nobody's error
     """A person asked for the end."""
 
 
-class Mover:
+class PostureMover:
     """Brings all arms of a robot to one posture."""
 
     def __init__(self, session: Session, tucked: bool, asked_to_end: Callable[[], bool]) -> None:
@@ -60,7 +60,9 @@ class Mover:
         """
         self._session, self._tucked, self._asked = session, tucked, asked_to_end
         model = session.model
-        rules = stop_rules(STALE, model.column("effort_max"), model.column("velocity_max"), BRAKING_SHARE)
+        rules = stop_thresholds(
+            STALE, model.column("effort_max"), model.column("velocity_max"), BRAKING_SHARE
+        )
         self._stops = Stops(rules, {name: limb.joints for name, limb in model.limbs.items()})
         self._suppressed_at = -np.inf
 
@@ -75,13 +77,15 @@ class Mover:
         limbs = session.model.limbs
         commander = Commander(transport, limbs)
         fields = [transport.advertise(topics.suppress_avoidance(name), Empty) for name in limbs]
-        session.link.tell(Listener(self._on_state, self._on_robot, self._on_collision, self._on_cuff))
+        session.link.set_callbacks(
+            RobotCallbacks(self._on_state, self._on_robot, self._on_collision, self._on_cuff)
+        )
         try:
             time.sleep(ATTACH_TIME)
-            deaf = commander.deaf()
-            if deaf:
+            without_subscriber = commander.without_subscriber()
+            if without_subscriber:
                 raise RobotRefused(
-                    f"nobody listens to the commands of {', '.join(deaf)} (valid: 'baxter check')"
+                    f"nobody listens to the commands of {', '.join(without_subscriber)} (valid: 'baxter check')"
                 )
 
             def step(position: Array) -> None:
@@ -93,7 +97,7 @@ class Mover:
 
             return self._travel(commander, step, target)
         finally:
-            session.link.tell(None)
+            session.link.set_callbacks(None)
             for field in fields:
                 field.close()
             commander.close()
@@ -128,14 +132,14 @@ class Mover:
         sample = self._session.link.sample
         if sample is None or time.monotonic() - sample.received > STALE:
             raise RobotStopped(Event.STATE_LOST, f"no state of the arms for {STALE:g} s: held where they are")
-        fault = self._stops.fault
+        fault = self._stops.reason
         why = self._stops.move(position) if fault is None else fault.detail
         if why is not None:
             event = Event.BACKEND_LOST if fault is None else fault.event
             raise RobotStopped(event, f"the arms stop on their way: {why}")
         commander.send(self._stops.watch(time.monotonic()))
 
-    def _on_state(self, sample: Sample) -> None:
+    def _on_state(self, sample: StateSample) -> None:
         self._stops.on_state(sample.taken, sample.state.position, sample.state.velocity)
 
     def _on_robot(self, robot: AssemblyState, received: float) -> None:

@@ -70,10 +70,10 @@ class Power:
                 f"no {STATE} for {STATE_TIME:g} s; registered to publish it: {named}"
                 " (valid: a robot that is on, at ROS_MASTER_URI; ROS_IP = this machine in its network)"
             )
-        alive = [offer.node for offer in self._transport.offers_of(STATE) if not offer.gone]
+        alive = [offer.node for offer in self._transport.publisher_info(STATE) if not offer.gone]
         if len(alive) > 1:
             raise PowerRefusedError(
-                f"{len(alive)} nodes publish {STATE}: {', '.join(alive)}; is a double still running?"
+                f"{len(alive)} nodes publish {STATE}: {', '.join(alive)}; is a simulator still running?"
                 " (valid: exactly one; end the others)"
             )
         return self._newest()

@@ -19,9 +19,9 @@ from impedance_modules.backends.baxter.ros.messages import (
     Message,
     SEAJointState,
 )
-from impedance_modules.backends.baxter.ros.transport import Offer, Transport
+from impedance_modules.backends.baxter.ros.transport import PublisherInfo, Transport
 from impedance_modules.backends.baxter.ros.wire import checksum_of
-from impedance_modules.backends.baxter.served_description import Comparison
+from impedance_modules.backends.baxter.served_description import DescriptionComparison
 from impedance_modules.backends.baxter.stops import why_off
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel
@@ -35,8 +35,8 @@ NEED_POWER = ("power", "collision", "cuff", "weight", "effort")
 
 
 @dataclass(frozen=True)
-class Subject:
-    """What the gates look at.
+class CheckedRobot:
+    """What the results look at.
 
     Attributes:
         link: Listening for a second or more.
@@ -47,11 +47,11 @@ class Subject:
 
     link: RobotLink
     model: RobotModel
-    comparison: Comparison
+    comparison: DescriptionComparison
     limbs: Sequence[str]
 
 
-def judge(subject: Subject, now: float) -> tuple[PreflightResult, ...]:
+def run_checks(subject: CheckedRobot, now: float) -> tuple[PreflightResult, ...]:
     """Asks every question, without sending anything.
 
     Args:
@@ -60,74 +60,78 @@ def judge(subject: Subject, now: float) -> tuple[PreflightResult, ...]:
     """
     transport = subject.link.transport
     return (
-        software_gate(transport),
-        one_robot_gate(transport),
-        messages_gate(transport, subject.limbs),
-        _joints(subject.link),
-        _rate(subject.link, now),
-        _description(subject.comparison),
-        alone_gate(transport, subject.limbs),
-        _power(subject.link.robot),
-        _collision(subject),
-        _cuff(subject),
-        range_gate(subject.link, subject.model, subject.limbs),
-        *(hand_gate(subject.link, subject.model, limb) for limb in subject.limbs),
-        *(gravity_gate(subject.link, subject.model, limb) for limb in subject.limbs),
-        *(effort_gate(subject.link, subject.model, limb) for limb in subject.limbs),
+        check_software(transport),
+        check_one_robot(transport),
+        check_messages(transport, subject.limbs),
+        _check_joints(subject.link),
+        _check_rate(subject.link, now),
+        _check_description(subject.comparison),
+        check_nobody_else(transport, subject.limbs),
+        _check_power(subject.link.robot),
+        _check_collision(subject),
+        _check_cuff(subject),
+        check_range(subject.link, subject.model, subject.limbs),
+        *(check_hand(subject.link, subject.model, limb) for limb in subject.limbs),
+        *(check_weight(subject.link, subject.model, limb) for limb in subject.limbs),
+        *(check_effort(subject.link, subject.model, limb) for limb in subject.limbs),
     )
 
 
-def refuse_closed(gates: Iterable[PreflightResult], *, commanding: bool) -> None:
-    """Refuses a robot of which a gate is closed.
+def refuse_failed(results: Iterable[PreflightResult], *, commanding: bool) -> None:
+    """Refuses a robot of which a result is closed.
 
     Args:
-        gates: From ``judge``.
-        commanding: False where only listening is wanted; gates that matter for motion alone are then passed by.
+        results: From ``run_checks``.
+        commanding: False where only listening is wanted; results that matter for motion alone are then passed by.
 
     Raises:
-        RobotRefused: Every closed gate with its reason and remedy.
+        RobotRefused: Every closed result with its reason and remedy.
     """
-    closed = [gate for gate in gates if gate.passed is False and (commanding or not gate.for_motion)]
+    closed = [
+        result for result in results if result.passed is False and (commanding or not result.for_motion)
+    ]
     if closed:
-        lines = [f"{gate.name}: {gate.found} (valid: {gate.remedy})" for gate in closed]
+        lines = [f"{result.name}: {result.found} (valid: {result.remedy})" for result in closed]
         raise RobotRefused("the robot must not be moved now; nothing was sent\n  " + "\n  ".join(lines))
 
 
-def before_power(gates: Iterable[PreflightResult], *, tucked: bool) -> list[PreflightResult]:
+def checks_before_power(results: Iterable[PreflightResult], *, tucked: bool) -> list[PreflightResult]:
     """Leaves out what only a robot with power can tell, and the range of arms that are said to be tucked."""
     return [
-        gate
-        for gate in gates
-        if gate.name.split()[0] not in NEED_POWER and not (tucked and gate.name == "range")
+        result
+        for result in results
+        if result.name.split()[0] not in NEED_POWER and not (tucked and result.name == "range")
     ]
 
 
-def _joints(link: RobotLink) -> PreflightResult:
+def _check_joints(link: RobotLink) -> PreflightResult:
     remedy = "a robot whose /robot/joint_states names them all"
     missing = link.merge.missing
     if missing:
-        return PreflightResult("joints", False, f"never reported: {', '.join(missing)}", remedy, for_motion=False)
+        return PreflightResult(
+            "joints", False, f"never reported: {', '.join(missing)}", remedy, for_motion=False
+        )
     if link.sample is None:
         return PreflightResult("joints", False, "no complete state yet", remedy, for_motion=False)
     state = link.sample.state
     if not np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all():
         found = "an angle, rate or torque is not finite"
         return PreflightResult("joints", False, found, "a robot whose sensors work", for_motion=False)
-    nodes = {offer.node for offer in link.transport.offers_of(topics.JOINT_STATES) if not offer.gone}
+    nodes = {offer.node for offer in link.transport.publisher_info(topics.JOINT_STATES) if not offer.gone}
     if topics.REALTIME_NODE not in nodes:
         found = f"{' and '.join(sorted(nodes))} publish the joint states, not {topics.REALTIME_NODE}"
         return PreflightResult("joints", False, found, "a robot's own real-time loop", for_motion=True)
     return PreflightResult("joints", True, f"{len(state.position)} joints of the model reported", "")
 
 
-def _rate(link: RobotLink, now: float) -> PreflightResult:
+def _check_rate(link: RobotLink, now: float) -> PreflightResult:
     rate = link.rate(now)
     found = f"states come at {rate:.0f} Hz"
     remedy = "a wired, quiet network" if rate > 0.0 else "a robot that has booted and names all its joints"
     return PreflightResult("rate", rate >= LOWEST_RATE, found, remedy, for_motion=False)
 
 
-def _description(comparison: Comparison) -> PreflightResult:
+def _check_description(comparison: DescriptionComparison) -> PreflightResult:
     remedy = "the robot folder of this very robot, or a robot as it left the factory"
     if comparison.problems:
         return PreflightResult("description", False, "; ".join(comparison.problems), remedy)
@@ -135,7 +139,7 @@ def _description(comparison: Comparison) -> PreflightResult:
     return PreflightResult("description", True, found, "")
 
 
-def _power(robot: AssemblyState | None) -> PreflightResult:
+def _check_power(robot: AssemblyState | None) -> PreflightResult:
     if robot is None:
         return PreflightResult("power", False, "/robot/state says nothing", "a robot that has booted")
     why = why_off(robot)
@@ -145,13 +149,13 @@ def _power(robot: AssemblyState | None) -> PreflightResult:
     return PreflightResult("power", why is None, "enabled" if why is None else why, remedy)
 
 
-def _collision(subject: Subject) -> PreflightResult:
+def _check_collision(subject: CheckedRobot) -> PreflightResult:
     felt = [limb for limb in subject.limbs if subject.link.collision.get(limb, False)]
     found = f"felt by {' and '.join(felt)}" if felt else "none felt"
     return PreflightResult("collision", not felt, found, "arms that touch nothing; wait two seconds")
 
 
-def _cuff(subject: Subject) -> PreflightResult:
+def _check_cuff(subject: CheckedRobot) -> PreflightResult:
     squeezed = [limb for limb in subject.limbs if subject.link.squeezed.get(limb, False)]
     found = f"squeezed at {' and '.join(squeezed)}" if squeezed else "free"
     return PreflightResult("cuff", not squeezed, found, "let go of the cuff")
@@ -180,7 +184,7 @@ CLEANUP = "'rosnode cleanup' has the master forget one that is gone for good"
 """Of a node that the master knows and that does not answer: it counts as living until somebody says otherwise."""
 
 
-def software_gate(transport: Transport) -> PreflightResult:
+def check_software(transport: Transport) -> PreflightResult:
     """Is it the master of a robot with the software that is known here?"""
     version = transport.get_parameter(topics.SOFTWARE_VERSION)
     remedy = f"the master of a Baxter with software {topics.SUPPORTED_SOFTWARE}x in ROS_MASTER_URI"
@@ -191,11 +195,11 @@ def software_gate(transport: Transport) -> PreflightResult:
     return PreflightResult("software", fits, f"version {version}", remedy, for_motion=False)
 
 
-def one_robot_gate(transport: Transport) -> PreflightResult:
+def check_one_robot(transport: Transport) -> PreflightResult:
     """Does exactly one living node say what state the robot is in?"""
-    offers = transport.offers_of(topics.ROBOT_STATE)
-    present = [_named(offer) for offer in offers if not offer.gone]
-    aside = _aside(offers)
+    offers = transport.publisher_info(topics.ROBOT_STATE)
+    present = [_name_of(offer) for offer in offers if not offer.gone]
+    aside = _ignored_text(offers)
     if len(present) == 1:
         return PreflightResult("one robot", True, f"{present[0]} alone publishes /robot/state{aside}", "")
     if not present:
@@ -206,7 +210,7 @@ def one_robot_gate(transport: Transport) -> PreflightResult:
     return PreflightResult("one robot", False, found, remedy, for_motion=False)
 
 
-def messages_gate(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
+def check_messages(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
     """Do those we listen to send what we expect?"""
     heard: list[tuple[str, type[Message]]] = [
         (topics.ROBOT_STATE, AssemblyState),
@@ -221,33 +225,35 @@ def messages_gate(transport: Transport, limbs: Sequence[str]) -> PreflightResult
         ]
     wrong, asked = [], 0
     for topic, kind in heard:
-        for offer in transport.offers_of(topic):
+        for offer in transport.publisher_info(topic):
             asked += 1
-            if offer.problem is None and not _means(offer, kind):
+            if offer.problem is None and not _matches(offer, kind):
                 wrong.append(f"{offer.node} sends {topic} as {offer.ros_type} {offer.checksum}")
             elif offer.problem is not None and not offer.gone:
                 wrong.append(f"{offer.node} does not answer for {topic}: {offer.problem}")
     if wrong:
         remedy = f"a robot with software {topics.SUPPORTED_SOFTWARE}x, whose messages are the ones known here"
         return PreflightResult("messages", False, "; ".join(wrong), remedy, for_motion=False)
-    return PreflightResult("messages", True, f"{asked} publishers send what is expected", "", for_motion=False)
+    return PreflightResult(
+        "messages", True, f"{asked} publishers send what is expected", "", for_motion=False
+    )
 
 
-def _means(offer: Offer, kind: type[Message]) -> bool:
+def _matches(offer: PublisherInfo, kind: type[Message]) -> bool:
     return offer.ros_type == kind.ros_type and offer.checksum == checksum_of(kind)
 
 
-def alone_gate(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
+def check_nobody_else(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
     """Does nobody else command the limbs?"""
     others: dict[str, list[str]] = {}
-    asides: dict[str, Offer] = {}
+    asides: dict[str, PublisherInfo] = {}
     for limb in limbs:
-        for offer in transport.offers_of(topics.joint_command(limb)):
+        for offer in transport.publisher_info(topics.joint_command(limb)):
             if offer.gone:
                 asides[offer.node] = offer
             else:
-                others.setdefault(_named(offer), []).append(limb)
-    aside = _aside(asides.values())
+                others.setdefault(_name_of(offer), []).append(limb)
+    aside = _ignored_text(asides.values())
     if others:
         named = (f"{node} ({' and '.join(commanded)})" for node, commanded in others.items())
         remedy = f"end the other controllers first; {CLEANUP}"
@@ -255,11 +261,11 @@ def alone_gate(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
     return PreflightResult("nobody else", True, f"nobody else commands {' and '.join(limbs)}{aside}", "")
 
 
-def _named(offer: Offer) -> str:
+def _name_of(offer: PublisherInfo) -> str:
     return offer.node if offer.problem is None else f"{offer.node}, which {offer.problem},"
 
 
-def _aside(offers: Iterable[Offer]) -> str:
+def _ignored_text(offers: Iterable[PublisherInfo]) -> str:
     """Names the registrations that the dead have left behind, after a semicolon; nothing where there are none."""
     dead = [offer.node for offer in offers if offer.gone]
     if not dead:
@@ -288,7 +294,7 @@ SAME_EFFORT = 6.0
 """At rest a joint's measured torque may differ from our model's by this much [N.m]."""
 
 
-def range_gate(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> PreflightResult:
+def check_range(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> PreflightResult:
     """Asks whether the arms are within their ranges."""
     if link.sample is None:
         return PreflightResult("range", False, "no state of the arms", "a robot that has booted")
@@ -306,7 +312,7 @@ def range_gate(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> Pref
     return PreflightResult("range", True, "all joints inside their ranges", "")
 
 
-def hand_gate(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
+def check_hand(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
     """Asks whether the robot's forward kinematics and ours agree: wrong model, wrong tip, wrong robot."""
     name = f"hand {limb}"
     message = link.endpoint.get(limb)
@@ -317,10 +323,12 @@ def hand_gate(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
     place = message.pose.position
     off = float(np.linalg.norm(tip - np.array([place.x, place.y, place.z])))
     found = f"{1e3 * off:.1f} mm from where the robot has it"
-    return PreflightResult(name, off < SAME_HAND, found, f"below {1e3 * SAME_HAND:g} mm: arms at rest, our model's hand")
+    return PreflightResult(
+        name, off < SAME_HAND, found, f"below {1e3 * SAME_HAND:g} mm: arms at rest, our model's hand"
+    )
 
 
-def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
+def check_weight(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
     """Asks whether the robot's gravity torque and ours agree; a robot that carries a tool knows, we do not.
 
     ``gravity_only`` is the weight alone: springs beside the joints that a patch lets the model wear are not in it.
@@ -342,7 +350,7 @@ def gravity_gate(link: RobotLink, model: RobotModel, limb: str) -> PreflightResu
     return PreflightResult(name, bool(off[worst] < SAME_WEIGHT), found, remedy)
 
 
-def effort_gate(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
+def check_effort(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
     """Asks whether the measured torques at rest are what our model expects; never closed (``contact_gate`` is).
 
     A Baxter's shoulders have springs beside the drive, which carry part of the arm's weight; our model has

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter import topics
-from impedance_modules.backends.baxter.joint_states import JointStateMerger, Sample
+from impedance_modules.backends.baxter.joint_states import JointStateMerger, StateSample
 from impedance_modules.backends.baxter.ros.messages import (
     AssemblyState,
     CollisionDetectionState,
@@ -34,7 +34,7 @@ RATE_WINDOW = 1.0
 
 
 @dataclass(frozen=True)
-class Listener:
+class RobotCallbacks:
     """Whom a link tells at once, in the thread in which the message came.
 
     Attributes:
@@ -44,7 +44,7 @@ class Listener:
         on_cuff: A limb and whether its cuff is squeezed.
     """
 
-    on_state: Callable[[Sample], None]
+    on_state: Callable[[StateSample], None]
     on_robot: Callable[[AssemblyState, float], None]
     on_collision: Callable[[str, bool, float], None]
     on_cuff: Callable[[str, bool], None]
@@ -66,13 +66,13 @@ class RobotLink:
         """Begins to listen, to these joints and all these limbs of the robot."""
         self.transport = transport
         self.merge = JointStateMerger(joint_names)
-        self.sample: Sample | None = None
+        self.sample: StateSample | None = None
         self.robot: AssemblyState | None = None
         self.sea: dict[str, SEAJointState] = {}
         self.endpoint: dict[str, EndpointState] = {}
         self.collision: dict[str, bool] = {}
         self.squeezed: dict[str, bool] = {}
-        self._listener: Listener | None = None
+        self._callbacks: RobotCallbacks | None = None
         self._spare = JointStateMerger(joint_names)
         self._heard: JointState | None = None
         self._news = threading.Condition()
@@ -85,11 +85,11 @@ class RobotLink:
         for limb in limbs:
             self._listen_to_limb(limb)
 
-    def tell(self, listener: Listener | None) -> None:
+    def set_callbacks(self, callbacks: RobotCallbacks | None) -> None:
         """From now on passes every message on to ``listener`` too."""
-        self._listener = listener
+        self._callbacks = callbacks
 
-    def wait(self, after: int, seconds: float) -> Sample | None:
+    def wait(self, after: int, seconds: float) -> StateSample | None:
         """Waits for a sample with a number above ``after``; None when none comes in time, or on ``wake``."""
         with self._news:
             if self.sample is None or self.sample.number <= after:
@@ -97,12 +97,12 @@ class RobotLink:
             sample = self.sample
             return sample if sample is not None and sample.number > after else None
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Reads and merges the last message once more, aside."""
         if self._heard is not None:
             self._spare.take(decode(JointState, encode(self._heard)), 0.0)
 
-    def forget_hands(self) -> None:
+    def unsubscribe_endpoints(self) -> None:
         """Stops listening to where the robot has its hands; the control loop needs the time."""
         for subscription in self._hands:
             subscription.close()
@@ -144,8 +144,8 @@ class RobotLink:
                 return
         # Outside the lock: the listener has its own, and may be waiting for this one. And first: whoever is woken
         # below needs the interpreter that this thread gives up by listening on.
-        if self._listener is not None:
-            self._listener.on_state(sample)
+        if self._callbacks is not None:
+            self._callbacks.on_state(sample)
         with self._news:
             if self.sample is None or sample.number > self.sample.number:
                 self.sample = sample
@@ -154,18 +154,18 @@ class RobotLink:
 
     def _robot_state(self, message: AssemblyState, received: float) -> None:
         self.robot = message
-        if self._listener is not None:
-            self._listener.on_robot(message, received)
+        if self._callbacks is not None:
+            self._callbacks.on_robot(message, received)
 
     def _collision_state(self, limb: str, message: CollisionDetectionState, received: float) -> None:
         self.collision[limb] = message.collision_state
-        if self._listener is not None:
-            self._listener.on_collision(limb, message.collision_state, received)
+        if self._callbacks is not None:
+            self._callbacks.on_collision(limb, message.collision_state, received)
 
     def _cuff_state(self, limb: str, message: DigitalIOState, received: float) -> None:  # noqa: ARG002
         self.squeezed[limb] = message.state == message.PRESSED
-        if self._listener is not None:
-            self._listener.on_cuff(limb, self.squeezed[limb])
+        if self._callbacks is not None:
+            self._callbacks.on_cuff(limb, self.squeezed[limb])
 
 
 def _keep(newest: dict[str, M], limb: str, message: M, received: float) -> None:  # noqa: ARG001

@@ -39,7 +39,7 @@ SAME_ANGLE = 1e-3
 
 
 @dataclass(frozen=True)
-class Comparison:
+class DescriptionComparison:
     """What the served description says about our model.
 
     Attributes:
@@ -62,7 +62,7 @@ class _Found:
     notes: list[str]
 
 
-def compare_description(text: str, spec: RobotSpec) -> Comparison:
+def compare_description(text: str, spec: RobotSpec) -> DescriptionComparison:
     """Compares a served description with a robot folder.
 
     Args:
@@ -72,7 +72,7 @@ def compare_description(text: str, spec: RobotSpec) -> Comparison:
     try:
         served = UrdfJoints(text)
     except (ElementTree.ParseError, ValueError) as error:
-        return Comparison({}, (f"the served description cannot be read: {error}",), ())
+        return DescriptionComparison({}, (f"the served description cannot be read: {error}",), ())
     ours = UrdfJoints(spec.urdf.read_text())
     found = _Found({}, [], [])
     for limb in spec.limbs.values():
@@ -86,7 +86,7 @@ def compare_description(text: str, spec: RobotSpec) -> Comparison:
         except ValueError as error:
             found.problems.append(f"the served description of the {limb.name} arm cannot be read: {error}")
         found.problems.extend(_limit_problems(served, limb, spec))
-    return Comparison(found.origins, tuple(found.problems), tuple(found.notes))
+    return DescriptionComparison(found.origins, tuple(found.problems), tuple(found.notes))
 
 
 def _compare_mount(ours: UrdfJoints, served: UrdfJoints, limb: LimbSpec, found: _Found) -> None:

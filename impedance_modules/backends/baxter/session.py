@@ -9,11 +9,16 @@ from dataclasses import replace
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
-from impedance_modules.backends.baxter.preflight_checks import PreflightResult, Subject, judge, refuse_closed
+from impedance_modules.backends.baxter.preflight_checks import (
+    CheckedRobot,
+    PreflightResult,
+    refuse_failed,
+    run_checks,
+)
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.ros.transport import Transport
-from impedance_modules.backends.baxter.served_description import Comparison, compare_description
-from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_rules
+from impedance_modules.backends.baxter.served_description import DescriptionComparison, compare_description
+from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_thresholds
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec
@@ -55,14 +60,14 @@ class Session:
         self.model = RobotModel(self.spec)
         self.link = RobotLink(transport, self.model.joint_names, tuple(spec.limbs))
 
-    def gates(self, limbs: Sequence[str], model: RobotModel | None = None) -> tuple[PreflightResult, ...]:
+    def preflight(self, limbs: Sequence[str], model: RobotModel | None = None) -> tuple[PreflightResult, ...]:
         """Listens long enough and asks every question about some limbs; sends nothing.
 
         ``model`` wears what a run's patch says of the robot; None is the robot folder's.
         """
         time.sleep(LISTENING)
-        subject = Subject(self.link, self.model if model is None else model, self.comparison, limbs)
-        return judge(subject, time.monotonic())
+        subject = CheckedRobot(self.link, self.model if model is None else model, self.comparison, limbs)
+        return run_checks(subject, time.monotonic())
 
     def backend(
         self,
@@ -84,11 +89,11 @@ class Session:
         """
 
         def check() -> None:
-            gates = (*self.gates(tuple(limbs), model), *of_task(self.link))
-            refuse_closed(gates, commanding=not options.read_only)
+            gates = (*self.preflight(tuple(limbs), model), *of_task(self.link))
+            refuse_failed(gates, commanding=not options.read_only)
 
         check()
-        rules = stop_rules(
+        rules = stop_thresholds(
             1.0 / options.rate,
             self.model.column("effort_max"),
             self.model.column("velocity_max"),
@@ -128,10 +133,10 @@ class DeferredSession:
         return self._session.spec
 
 
-def served_comparison(transport: Transport, spec: RobotSpec) -> Comparison:
+def served_comparison(transport: Transport, spec: RobotSpec) -> DescriptionComparison:
     """Compares the description that the robot serves with a robot folder."""
     for name in topics.DESCRIPTIONS:
         text = transport.get_parameter(name)
         if isinstance(text, str):
             return compare_description(text, spec)
-    return Comparison({}, (f"the robot serves no {' or '.join(topics.DESCRIPTIONS)}",), ())
+    return DescriptionComparison({}, (f"the robot serves no {' or '.join(topics.DESCRIPTIONS)}",), ())

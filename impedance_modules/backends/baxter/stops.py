@@ -43,13 +43,13 @@ class Stops:
 
     Attributes:
         mode: Now.
-        fault: The first reason why torque ended; None while it has not, or ended as it should.
+        reason: The first reason why torque ended; None while it has not, or ended as it should.
     """
 
-    def __init__(self, rules: StopRules, limbs: Mapping[str, NDArray[np.intp]]) -> None:
+    def __init__(self, rules: StopThresholds, limbs: Mapping[str, NDArray[np.intp]]) -> None:
         """Takes the thresholds and each commanded limb's place in the vectors."""
-        self.mode = Mode.IDLE
-        self.fault: Fault | None = None
+        self.mode = DriveMode.IDLE
+        self.reason: StopReason | None = None
         self._rules = rules
         self._limbs = limbs
         self._position: Array | None = None
@@ -83,13 +83,13 @@ class Stops:
         """/robot/state: enabled, stopped, e-stop."""
         self._robot_seen, self._off = now, why_off(robot)
         why = self._off
-        if why is not None and self.mode in (Mode.TORQUE, Mode.HOLD):
-            self._blame(Event.ROBOT_DISABLED, why)
-            self.mode = Mode.OFF
+        if why is not None and self.mode in (DriveMode.TORQUE, DriveMode.HOLD):
+            self._note_reason(Event.ROBOT_DISABLED, why)
+            self.mode = DriveMode.OFF
 
     def on_collision(self, now: float, limb: str, felt: bool) -> None:
         """The robot's own collision detection."""
-        if felt and self.mode in (Mode.TORQUE, Mode.HOLD):
+        if felt and self.mode in (DriveMode.TORQUE, DriveMode.HOLD):
             self._pause_end = now + COLLISION_PAUSE
             self._hold_for(Event.COLLISION, f"the robot felt a collision of its {limb} arm")
 
@@ -99,25 +99,25 @@ class Stops:
             self._squeezed.discard(limb)
             return
         self._squeezed.add(limb)
-        if self.mode in (Mode.TORQUE, Mode.HOLD) and limb in self._limbs:
+        if self.mode in (DriveMode.TORQUE, DriveMode.HOLD) and limb in self._limbs:
             self._hold_for(Event.CUFF, f"the cuff of the {limb} arm is squeezed")
 
     def begin(self, now: float) -> str | None:
         """Starts torque mode; returns why that is impossible, or None."""
-        if self.fault is not None or self.mode is Mode.OFF:
-            return "nothing is sent any more" if self.fault is None else self.fault.detail
+        if self.reason is not None or self.mode is DriveMode.OFF:
+            return "nothing is sent any more" if self.reason is None else self.reason.detail
         if self._position is None or now - self._taken > self._rules.stale:
             return "no fresh state of the arms"
         if now - self._robot_seen > self._rules.silent:
             return f"nothing heard of the robot's state for {now - self._robot_seen:.2f} s"
         if self._obstacle() is not None:
             return self._obstacle()
-        self.mode, self._torque_at, self._hold = Mode.TORQUE, now, None
+        self.mode, self._torque_at, self._hold = DriveMode.TORQUE, now, None
         return None
 
-    def torque(self, now: float, effort: Array) -> Order:
+    def torque(self, now: float, effort: Array) -> Outgoing:
         """What leaves in place of the law's torque (n,) [N.m]: that, or braking, or nothing."""
-        if self.mode is not Mode.TORQUE:
+        if self.mode is not DriveMode.TORQUE:
             return NOTHING
         self._torque_at = now
         if now - self._taken > self._rules.stale:
@@ -126,34 +126,34 @@ class Stops:
         if wrong is not None:
             self._hold_for(Event.TORQUE_REFUSED, wrong)
             return self._braking()
-        return Order(effort, None, tuple(self._limbs))
+        return Outgoing(effort, None, tuple(self._limbs))
 
-    def watch(self, now: float) -> Order:
+    def watch(self, now: float) -> Outgoing:
         """What must be sent though nobody asked: braking, a hold, or nothing. Call it every few milliseconds."""
-        if self.mode is Mode.TORQUE:
+        if self.mode is DriveMode.TORQUE:
             return self._watch_torque(now)
-        if self.mode is Mode.HOLD and self._hold is not None:
+        if self.mode is DriveMode.HOLD and self._hold is not None:
             limbs = tuple(limb for limb in self._limbs if limb not in self._squeezed)
-            return Order(None, self._hold, limbs) if limbs else NOTHING
+            return Outgoing(None, self._hold, limbs) if limbs else NOTHING
         return NOTHING
 
     def move(self, position: Array) -> str | None:
         """Sets the target (n,) [rad] of position mode before torque begins; returns why that is impossible."""
-        if self.fault is not None or self.mode not in (Mode.IDLE, Mode.HOLD):
-            return "torque mode is on" if self.fault is None else self.fault.detail
+        if self.reason is not None or self.mode not in (DriveMode.IDLE, DriveMode.HOLD):
+            return "torque mode is on" if self.reason is None else self.reason.detail
         if self._obstacle() is not None:
             return self._obstacle()
-        self.mode, self._hold = Mode.HOLD, position.copy()
+        self.mode, self._hold = DriveMode.HOLD, position.copy()
         return None
 
     def end(self) -> None:
         """Ends torque control as planned: from now on, hold."""
-        if self.mode is Mode.TORQUE:
+        if self.mode is DriveMode.TORQUE:
             self._enter_hold()
 
     def leave(self) -> None:
         """Sends nothing any more."""
-        self.mode = Mode.OFF
+        self.mode = DriveMode.OFF
 
     def _obstacle(self) -> str | None:
         """Says why a robot that is known to be there may not be moved now."""
@@ -161,7 +161,7 @@ class Stops:
             return self._off
         return f"a cuff is squeezed: {', '.join(sorted(self._squeezed))}" if self._squeezed else None
 
-    def _watch_torque(self, now: float) -> Order:
+    def _watch_torque(self, now: float) -> Outgoing:
         rules = self._rules
         age, silence = now - self._taken, now - self._torque_at
         if now - self._robot_seen > rules.silent:
@@ -186,32 +186,32 @@ class Stops:
             return f"torque {effort[joint]:.3f} N.m of joint {joint} is beyond its limit of {limit:g} N.m"
         return None
 
-    def _braking(self) -> Order:
+    def _braking(self) -> Outgoing:
         if self._velocity is None:
             return NOTHING
         effort = damping_effort(self._rules.damping, self._velocity, self._rules.effort_max)
-        return Order(effort, None, tuple(self._limbs))
+        return Outgoing(effort, None, tuple(self._limbs))
 
     def _hold_for(self, event: Event, detail: str) -> None:
-        first = self.fault is None
-        self._blame(event, detail)
+        first = self.reason is None
+        self._note_reason(event, detail)
         if first:
             self._enter_hold()
 
     def _enter_hold(self) -> None:
-        self.mode = Mode.HOLD
+        self.mode = DriveMode.HOLD
         self._hold = None if self._position is None else self._position.copy()
 
-    def _blame(self, event: Event, detail: str) -> None:
-        if self.fault is None:
-            self.fault = Fault(event, detail)
+    def _note_reason(self, event: Event, detail: str) -> None:
+        if self.reason is None:
+            self.reason = StopReason(event, detail)
 
 
 BRAKING_SHARE = 0.5
 """The watchdog brakes with this share of a joint's torque limit at its declared top speed, as the supervisor does."""
 
 
-class Mode(Enum):
+class DriveMode(Enum):
     """What leaves for the arms."""
 
     IDLE = "idle"
@@ -221,7 +221,7 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True)
-class StopRules:
+class StopThresholds:
     """Thresholds, and what braking needs.
 
     Attributes:
@@ -240,7 +240,7 @@ class StopRules:
 
 
 @dataclass(frozen=True)
-class Order:
+class Outgoing:
     """What is sent now, to each limb at most one thing.
 
     Attributes:
@@ -254,18 +254,20 @@ class Order:
     limbs: tuple[str, ...]
 
 
-NOTHING = Order(None, None, ())
+NOTHING = Outgoing(None, None, ())
 
 
 @dataclass(frozen=True)
-class Fault:
+class StopReason:
     """Why torque control ended by itself; ``event`` as in the stop ladder's table."""
 
     event: Event
     detail: str
 
 
-def stop_rules(period: float, effort_max: Array, velocity_max: Array, braking_share: float) -> StopRules:
+def stop_thresholds(
+    period: float, effort_max: Array, velocity_max: Array, braking_share: float
+) -> StopThresholds:
     """Makes the thresholds of a control period.
 
     Three periods without a state, but no less than 30 ms, which is three of the slowest rate: at 500 Hz an
@@ -277,7 +279,7 @@ def stop_rules(period: float, effort_max: Array, velocity_max: Array, braking_sh
         velocity_max: (n,) of the joints [rad/s].
         braking_share: Part of its torque limit with which a joint at its top speed is braked.
     """
-    return StopRules(
+    return StopThresholds(
         stale=max(3.0 * period, 0.03),
         blind=max(2.0 * period, 0.02),
         lost=max(0.1, 6.0 * period),

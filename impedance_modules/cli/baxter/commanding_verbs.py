@@ -21,7 +21,7 @@ def enable(robot: str, reset: bool, tucked: bool, transport: str) -> int:
     Exit: 0 enabled, 2 no robot, another one, or it refuses; with the reason.
     """
     from impedance_modules.backends.baxter.power import Power, describe
-    from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
+    from impedance_modules.backends.baxter.preflight_checks import checks_before_power, refuse_failed
     from impedance_modules.backends.baxter.session import Session
     from impedance_modules.spec.robot_reader import read_robot
 
@@ -30,7 +30,9 @@ def enable(robot: str, reset: bool, tucked: bool, transport: str) -> int:
     with node(transport, "enable") as found:
         power = Power(found)
         power.wait()
-        refuse_closed(before_power(Session(found, spec).gates(limbs), tucked=tucked), commanding=True)
+        refuse_failed(
+            checks_before_power(Session(found, spec).preflight(limbs), tucked=tucked), commanding=True
+        )
         if reset:
             power.reset()
         power.enable(limbs if tucked else ())
@@ -76,25 +78,25 @@ def untuck(robot: str, posture: str, enable: bool, transport: str) -> int:
 
     Exit: 0 arrived, 2 refused with the reason, 3 stopped on the way, 130 after Ctrl-C.
     """
-    from impedance_modules.backends.baxter.position_mode import Mover, named_posture
+    from impedance_modules.backends.baxter.position_mode import PostureMover, named_posture
     from impedance_modules.backends.baxter.power import Power
-    from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
+    from impedance_modules.backends.baxter.preflight_checks import checks_before_power, refuse_failed
     from impedance_modules.backends.baxter.session import Session
-    from impedance_modules.cli.baxter.connection import Ending
+    from impedance_modules.cli.baxter.connection import StopRequest
     from impedance_modules.spec.robot_reader import read_robot
 
     spec = read_robot(robot)
     goal = named_posture(spec, posture)
-    with node(transport, "untuck") as found, Ending() as ending:
+    with node(transport, "untuck") as found, StopRequest() as stop_request:
         session = Session(found, spec)
-        gates = {gate.name: gate for gate in session.gates(tuple(spec.limbs))}
+        gates = {gate.name: gate for gate in session.preflight(tuple(spec.limbs))}
         tucked = gates["range"].passed is False
         if enable:
-            refuse_closed(before_power(gates.values(), tucked=tucked), commanding=True)
+            refuse_failed(checks_before_power(gates.values(), tucked=tucked), commanding=True)
             Power(found).enable(tuple(spec.limbs) if tucked else ())
-            gates = {gate.name: gate for gate in session.gates(tuple(spec.limbs))}
+            gates = {gate.name: gate for gate in session.preflight(tuple(spec.limbs))}
         # Outside their ranges is where tucked arms are; this verb is the way out.
-        refuse_closed([gate for name, gate in gates.items() if name != "range"], commanding=True)
-        arrived = Mover(session, tucked, ending.asked).go(session.model.position(goal))
+        refuse_failed([gate for name, gate in gates.items() if name != "range"], commanding=True)
+        arrived = PostureMover(session, tucked, stop_request.asked).go(session.model.position(goal))
     click.echo(f"the arms are {posture}" if arrived else "stopped by Ctrl-C; the arms are held")
     return 0 if arrived else 130

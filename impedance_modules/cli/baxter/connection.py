@@ -46,7 +46,7 @@ def node(kind: str, purpose: str) -> Iterator[Transport]:
                 transport.close()
 
 
-class Ending:
+class StopRequest:
     """Remembers that somebody asked for the end while it is entered."""
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class Ending:
         """Says whether somebody did."""
         return self._asked
 
-    def __enter__(self) -> Ending:
+    def __enter__(self) -> StopRequest:
         """Starts to listen."""
         self._listening.__enter__()
         return self

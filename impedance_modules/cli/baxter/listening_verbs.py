@@ -39,7 +39,7 @@ def check(robot: str, transport: str) -> int:
     from impedance_modules.spec.robot_reader import read_robot
 
     with node(transport, "check") as found:
-        gates = Session(found, read_robot(robot)).gates(tuple(read_robot(robot).limbs))
+        gates = Session(found, read_robot(robot)).preflight(tuple(read_robot(robot).limbs))
     console = Console()
     console.print(gate_table(gates))
     closed = [gate for gate in gates if gate.passed is False]
@@ -159,23 +159,23 @@ def record(
     from rich.console import Console
 
     from impedance_modules.backends.baxter.baxter_recorder import RecordOptions, record
-    from impedance_modules.backends.baxter.preflight_checks import refuse_closed
+    from impedance_modules.backends.baxter.preflight_checks import refuse_failed
     from impedance_modules.backends.baxter.session import Session
-    from impedance_modules.cli.baxter.connection import Ending
+    from impedance_modules.cli.baxter.connection import StopRequest
     from impedance_modules.spec.robot_reader import read_robot
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a recording needs some time (valid: above 0 s)")
     directory = out if out is not None else Path("out") / f"baxter-{time.strftime('%Y%m%d-%H%M%S')}"
-    with node(transport, "record") as found, Ending() as ending:
+    with node(transport, "record") as found, StopRequest() as stop_request:
         session = Session(found, read_robot(robot))
-        refuse_closed(session.gates(tuple(session.model.limbs)), commanding=False)
+        refuse_failed(session.preflight(tuple(session.model.limbs)), commanding=False)
         with Console().status("recording; Ctrl-C ends it") as status:
             episode = record(
                 session,
                 RecordOptions(directory, duration, rate, repeat_of),
                 lambda t: status.update(f"recording, {t:.1f} s; Ctrl-C ends it"),
-                ending.asked,
+                stop_request.asked,
             )
     click.echo(f"recorded: {episode}")
     return 0

@@ -55,7 +55,10 @@ from impedance_modules.errors import BadInput
 )
 @click.option("--faults", "list_faults", is_flag=True, help="List every fault and end.")
 @click.option(
-    "--log", type=click.Path(path_type=Path), metavar="FILE", help="Write a diary, one JSON line per event."
+    "--log",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write an event log, one JSON line per event.",
 )
 @click.option("--duration", type=float, metavar="S", help="End after this time  [default: on Ctrl-C].")
 def fake(
@@ -92,9 +95,9 @@ def fake(
         over_torque_of,
         time_out_result_of,
     )
-    from impedance_modules.backends.baxter.simulator.real_time import EventLog, live
-    from impedance_modules.backends.baxter.simulator.simulator_node import SimulatorNode, RosNetwork
-    from impedance_modules.cli.baxter.connection import Ending
+    from impedance_modules.backends.baxter.simulator.real_time import EventLog, run_in_real_time
+    from impedance_modules.backends.baxter.simulator.simulator_node import RosNetwork, SimulatorNode
+    from impedance_modules.cli.baxter.connection import StopRequest
     from impedance_modules.spec.patch_file import read_patch
 
     if list_faults:
@@ -117,18 +120,20 @@ def fake(
     built = build_simulator(robot, posture, None if effects is None else read_patch(effects), options)
     script = [parse_fault(text, tuple(built.robot.limbs)) for text in faults]
     with ExitStack() as stack:
-        diary = None if log is None else stack.enter_context(_diary(log))
-        ending = stack.enter_context(Ending())
+        log_file = None if log is None else stack.enter_context(_open_log(log))
+        stop_request = stack.enter_context(StopRequest())
         node = SimulatorNode(built.robot, RosNetwork(master), built.description)
         node.open()
         node.plan(script)
         click.echo(f"a {built.robot.model.spec.name} stands {posture} at {master}; Ctrl-C ends it")
-        slipped = live(node, EventLog(built.robot, diary), click.echo, ending.asked, duration)
+        slipped = run_in_real_time(
+            node, EventLog(built.robot, log_file), click.echo, stop_request.asked, duration
+        )
     click.echo(f"ended after {built.robot.now:.1f} s; its clock fell behind by {slipped:.3f} s")
     return 0
 
 
-def _diary(path: Path) -> TextIO:
+def _open_log(path: Path) -> TextIO:
     try:
         return path.open("w")
     except OSError as error:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What must happen when something goes wrong while a task runs: the whole way, over a real ROS master.
 
-The double plays the robot in a process of its own; its diary, on its own clock, is the witness.
+The simulator plays the robot in a process of its own; its log, on its own clock, is the witness.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from impedance_modules.cli.main import impedance as command_line
 from impedance_modules.errors import BadInput
 from tests.support.baxter_process import (
     ATTEMPTS,
-    Double,
     MachineBusyError,
+    SimulatorProcess,
     again_when_busy,
-    double,
     end,
     ended,
     impedance,
+    simulator,
     start,
 )
 from tests.support.ros_master import forget
@@ -44,9 +44,9 @@ TIME_OUT = 0.05
 @contextmanager
 def running(
     tmp_path: Path, master: str, *options: str, transport: str = "sockets"
-) -> Iterator[tuple[Double, subprocess.Popen[str]]]:
-    """A double that a task has been commanding for half a second."""
-    with double(tmp_path, master, "--posture", "soft-hold", "--enabled", *options) as robot:
+) -> Iterator[tuple[SimulatorProcess, subprocess.Popen[str]]]:
+    """A simulator that a task has been commanding for half a second."""
+    with simulator(tmp_path, master, "--posture", "soft-hold", "--enabled", *options) as robot:
         process = start_run(robot, transport, tmp_path)
         try:
             yield robot, process
@@ -55,7 +55,7 @@ def running(
             forget(master, f"/impedance_run_{process.pid}")
 
 
-def start_run(robot: Double, transport: str, folder: Path) -> subprocess.Popen[str]:
+def start_run(robot: SimulatorProcess, transport: str, folder: Path) -> subprocess.Popen[str]:
     """Starts a task and waits until it is under way; tries again where a busy machine has made it give up."""
     for attempt in range(ATTEMPTS):
         process = start(
@@ -179,7 +179,7 @@ REFUSED = [
 def test_an_unfit_robot_is_refused_before_anything_is_sent(
     tmp_path: Path, master: str, options: list[str], reason: str
 ) -> None:
-    with double(tmp_path, master, *options) as robot:
+    with simulator(tmp_path, master, *options) as robot:
         run = impedance(
             *("run", "soft-hold", "--backend", "baxter", "--rate", str(RATE), "--out", str(tmp_path / "run"))
         )
@@ -192,7 +192,7 @@ def test_an_unfit_robot_is_refused_before_anything_is_sent(
 def test_limits_that_disagree_are_refused_before_anything_is_sent(
     tmp_path: Path, master: str, transport: str
 ) -> None:
-    with double(tmp_path, master, "--posture", "soft-hold", "--enabled") as robot:
+    with simulator(tmp_path, master, "--posture", "soft-hold", "--enabled") as robot:
         client = MasterClient(master, "/somebody")
         served = str(client.get_parameter("/robot_description"))
         client.set_parameter("/robot_description", served.replace('lower="-2.147"', 'lower="-1.147"'))
@@ -202,13 +202,13 @@ def test_limits_that_disagree_are_refused_before_anything_is_sent(
 
 
 def test_a_dead_registration_is_no_second_robot(tmp_path: Path, master: str) -> None:
-    with double(tmp_path, master, "--posture", "neutral", "--enabled", "--fault", "dead"):
+    with simulator(tmp_path, master, "--posture", "neutral", "--enabled", "--fault", "dead"):
         check = impedance("baxter", "check")
         assert check.returncode == 0 and "realtime_loop_of_yesterday" in re.sub(r"[\s│]+", "", check.stdout)
 
 
 def test_zero_torque_holds_the_pose(tmp_path: Path, master: str) -> None:
-    with double(tmp_path, master, "--posture", "neutral", "--enabled") as robot:
+    with simulator(tmp_path, master, "--posture", "neutral", "--enabled") as robot:
         node = SocketTransport("/zero_torque", master)
         seen: list[JointState] = []
         node.subscribe("/robot/joint_states", JointState, lambda m, _: seen.append(m))
@@ -224,7 +224,7 @@ def test_zero_torque_holds_the_pose(tmp_path: Path, master: str) -> None:
 
 
 def test_power_goes_on_and_off_only_as_told(master: str, tmp_path: Path) -> None:
-    with double(tmp_path, master) as robot:
+    with simulator(tmp_path, master) as robot:
         refused = impedance("baxter", "enable")
         assert refused.returncode == 2 and "--tucked" in refused.stderr
         assert "right_s1 at -2.1" in refused.stderr and not robot.last()["enabled"]
@@ -249,7 +249,7 @@ def test_power_goes_on_and_off_only_as_told(master: str, tmp_path: Path) -> None
     [(["--software-version", "1.1.1"], "1.1.1"), (["--mount-offset", "left=0,0,0.09"], "mount")],
 )
 def test_another_robot_gets_no_power(master: str, tmp_path: Path, options: list[str], reason: str) -> None:
-    with double(tmp_path, master, "--posture", "tucked", *options) as robot:
+    with simulator(tmp_path, master, "--posture", "tucked", *options) as robot:
         for verb in (("enable", "--tucked"), ("untuck", "--enable")):
             refused = impedance("baxter", *verb)
             assert refused.returncode == 2 and reason in refused.stderr and "(valid: " in refused.stderr
@@ -258,7 +258,7 @@ def test_another_robot_gets_no_power(master: str, tmp_path: Path, options: list[
 
 
 def test_two_robots_are_none(master: str, tmp_path: Path) -> None:
-    with double(tmp_path, master, "--posture", "neutral", "--fault", "duplicate"):
+    with simulator(tmp_path, master, "--posture", "neutral", "--fault", "duplicate"):
         refused = impedance("baxter", "enable")
         assert refused.returncode == 2 and "/another_robot" in refused.stderr
 

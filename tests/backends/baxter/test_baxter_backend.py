@@ -14,16 +14,16 @@ import pytest
 from impedance_modules.backends.baxter import baxter_backend as backend
 from impedance_modules.backends.baxter import driver as watchdog
 from impedance_modules.backends.baxter.baxter_backend import CpuIdleInhibitor
-from impedance_modules.backends.baxter.driver import HELD_UP, LOOK, Watchdog
+from impedance_modules.backends.baxter.driver import CHECK_PERIOD, HELD_UP, Watchdog
 from impedance_modules.backends.baxter.position_mode import ARRIVED
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_events import Event
-from tests.support.baxter_stub import POSITION, SPEC, STALE, TORQUE, Drive, StandIn, driving, started
+from tests.support.baxter_stub import POSITION, SPEC, STALE, TORQUE, Drive, StubBaxter, driving, started
 
 
 def test_torque_mode_begins_at_zero_after_time_out_and_rate_are_set() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         tried = [values for _, _, mode, values in robot.commands if mode == TORQUE]
@@ -43,7 +43,7 @@ def test_torque_mode_begins_at_zero_after_time_out_and_rate_are_set() -> None:
 
 
 def test_the_first_torque_leaves_for_the_first_state_and_waits_for_no_other() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.backend.newest()
@@ -55,7 +55,7 @@ def test_the_first_torque_leaves_for_the_first_state_and_waits_for_no_other() ->
 
 
 def test_the_loop_ticks_on_the_robots_states_and_catches_nothing_up() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         times = []
@@ -72,19 +72,19 @@ def test_the_loop_ticks_on_the_robots_states_and_catches_nothing_up() -> None:
 
 
 def test_a_cycle_is_rehearsed_before_its_state_and_sends_nothing() -> None:
-    robot, sent = StandIn(SPEC), []
+    robot, sent = StubBaxter(SPEC), []
     with driving(robot) as drive:
         started(drive)
         drive.backend.warm_up_with(lambda: sent.append(len(robot.commands)))
         drive.cycle(20)
         # A few times per state at most, and not for one that is here already.
-        assert 1 <= len(sent) <= 20 * backend.MOST_REHEARSALS
+        assert 1 <= len(sent) <= 20 * backend.MOST_WARM_UPS
         drive.backend.write(np.zeros(robot.model.n))
         assert sent == sorted(sent) and len(robot.commands) > sent[-1]
 
 
 def test_states_that_come_quickly_need_no_rehearsal() -> None:
-    robot, rehearsed = StandIn(SPEC), []
+    robot, rehearsed = StubBaxter(SPEC), []
     with driving(robot) as drive, mock.patch.object(backend, "COLD_AFTER", 0.02):
         drive.backend.warm_up_with(lambda: rehearsed.append(1))
         started(drive)
@@ -93,7 +93,7 @@ def test_states_that_come_quickly_need_no_rehearsal() -> None:
 
 
 def test_no_state_is_none_in_time_and_not_forever() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.cycle(3)
@@ -109,7 +109,7 @@ def test_no_state_is_none_in_time_and_not_forever() -> None:
 
 
 def test_a_frozen_robot_is_braked_then_held_and_no_torque_is_repeated() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.cycle(5)
@@ -133,7 +133,7 @@ def test_a_frozen_robot_is_braked_then_held_and_no_torque_is_repeated() -> None:
     ids=["e-stop", "disabled", "fault"],
 )
 def test_after_power_off_not_one_command_leaves(fields) -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.cycle(5)
@@ -148,7 +148,7 @@ def test_after_power_off_not_one_command_leaves(fields) -> None:
 
 
 def test_a_collision_is_held_for_as_long_as_the_robot_pauses() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.cycle(5)
@@ -164,7 +164,7 @@ def test_a_collision_is_held_for_as_long_as_the_robot_pauses() -> None:
 
 
 def test_a_squeezed_cuff_gets_nothing_until_it_is_let_go() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.cycle(5)
@@ -182,7 +182,7 @@ def test_a_squeezed_cuff_gets_nothing_until_it_is_let_go() -> None:
 
 
 def test_a_torque_that_is_not_finite_never_leaves() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.cycle(5)
@@ -192,17 +192,17 @@ def test_a_torque_that_is_not_finite_never_leaves() -> None:
 
 
 def test_the_watchdog_holds_while_the_controller_is_stuck() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.cycle(5)
-        time.sleep(STALE + 0.1 + 20 * LOOK)  # the controller's thread does nothing
+        time.sleep(STALE + 0.1 + 20 * CHECK_PERIOD)  # the controller's thread does nothing
         assert robot.commands[-1][2] == POSITION
         assert drive.until_stopped().event == Event.CONTROLLER_SILENT
 
 
 def test_a_run_ends_with_a_ramp_a_hold_and_the_robots_own_settings() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         drive.cycle(10, effort=4.0)
@@ -223,7 +223,7 @@ def test_a_run_ends_with_a_ramp_a_hold_and_the_robots_own_settings() -> None:
 
 
 def test_arms_elsewhere_are_refused_or_brought_there_slowly() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     far = np.full(robot.model.n, 0.3)
     far[robot.model.limbs["left"].joints[0]] = 0.5
     with (
@@ -232,7 +232,7 @@ def test_arms_elsewhere_are_refused_or_brought_there_slowly() -> None:
     ):
         drive.backend.start()
     assert robot.commands == []
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot, start=far, approach=True) as drive:
         started(drive)
         way = np.array([c[3][0] for c in robot.commands if c[2] == POSITION])
@@ -242,7 +242,7 @@ def test_arms_elsewhere_are_refused_or_brought_there_slowly() -> None:
 
 
 def test_an_arm_that_drifts_at_zero_torque_is_not_driven() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         robot.drift = 0.01
         with pytest.raises((RobotRefused, RobotStopped)) as refusal:
@@ -252,7 +252,7 @@ def test_an_arm_that_drifts_at_zero_torque_is_not_driven() -> None:
 
 
 def test_a_robot_that_does_not_keep_the_rate_is_refused() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     robot.obeys_rate = False
     with (
         driving(robot, rate=500.0) as drive,
@@ -263,7 +263,7 @@ def test_a_robot_that_does_not_keep_the_rate_is_refused() -> None:
 
 
 def test_read_only_sends_nothing_at_all() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot, read_only=True) as drive:
         started(drive)
         states = [drive.backend.read() for _ in range(10)]
@@ -275,7 +275,7 @@ def test_read_only_sends_nothing_at_all() -> None:
 
 
 def test_what_the_robot_adds_by_itself_is_recorded() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         started(drive)
         names = drive.backend.extra_columns()
@@ -295,17 +295,17 @@ def test_the_processor_is_kept_awake_during_a_run_and_only_then(tmp_path: Path) 
         processor.end()
         processor.begin()
         processor.begin()
-    assert awake.granted and not refused.granted
+    assert awake.active and not refused.active
     assert device.read_bytes() == bytes(4)
     awake.end()
-    assert not awake.granted
-    robot = StandIn(SPEC)
+    assert not awake.active
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
-        drive.backend._awake = CpuIdleInhibitor(device)
+        drive.backend._idle_inhibitor = CpuIdleInhibitor(device)
         started(drive)
-        assert drive.backend._awake.granted
+        assert drive.backend._idle_inhibitor.active
         drive.backend.finish("hold")
-        assert not drive.backend._awake.granted
+        assert not drive.backend._idle_inhibitor.active
 
 
 @pytest.mark.parametrize(("pause", "waits"), [(2.0 * HELD_UP, True), (0.0, False)])
@@ -321,7 +321,7 @@ def test_after_a_pause_of_the_whole_process_ears_come_before_the_watchdog(pause:
     ):
         dog._watch()
     assert seen == ([1, 2, 3] if waits else [0, 0, 0])
-    assert naps == [LOOK] * (3 if waits else 0)
+    assert naps == [CHECK_PERIOD] * (3 if waits else 0)
 
 
 class Law:
@@ -366,7 +366,7 @@ def live_through(drive: Drive, law: Law, interrupt: Interrupt) -> None:
 
 
 def test_an_exception_in_the_controller_holds_the_robot() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         with pytest.raises(ZeroDivisionError):
             live_through(drive, Law(robot.model.n, ZeroDivisionError(), 20), Interrupt())
@@ -374,7 +374,7 @@ def test_an_exception_in_the_controller_holds_the_robot() -> None:
 
 
 def test_touch_and_phases_wait_until_the_torque_has_left() -> None:
-    robot, before, after = StandIn(SPEC), [], []
+    robot, before, after = StubBaxter(SPEC), [], []
     with driving(robot) as drive:
         law = Law(robot.model.n, ZeroDivisionError(), 20)
         step = law.step
@@ -393,7 +393,7 @@ def test_touch_and_phases_wait_until_the_torque_has_left() -> None:
 
 
 def test_a_wish_to_stop_holds_the_robot() -> None:
-    robot, interrupt = StandIn(SPEC), Interrupt()
+    robot, interrupt = StubBaxter(SPEC), Interrupt()
     with driving(robot) as drive:
         law = Law(robot.model.n, None, 0)
         step = law.step
@@ -409,7 +409,7 @@ def test_a_wish_to_stop_holds_the_robot() -> None:
 
 
 def test_the_supervisor_hears_why_the_robot_stopped_and_releases_it() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         law = Law(robot.model.n, None, 0)
         step, count = law.step, [0]

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from impedance_modules.backends.baxter.ros.messages import AssemblyState
-from impedance_modules.backends.baxter.stops import Mode, Stops, stop_rules, why_off
+from impedance_modules.backends.baxter.stops import DriveMode, Stops, stop_thresholds, why_off
 from impedance_modules.safety.stop_events import RUNG_OF, Event, Rung
 
 N = 4
 LIMBS = {"one": np.array([0, 1]), "two": np.array([2, 3])}
 ON = AssemblyState(True, True, False, False, 0, 0)
-RULES = stop_rules(0.01, np.array([50.0, 50.0, 15.0, 15.0]), np.array([1.5, 1.5, 4.0, 4.0]), 0.5)
+RULES = stop_thresholds(0.01, np.array([50.0, 50.0, 15.0, 15.0]), np.array([1.5, 1.5, 4.0, 4.0]), 0.5)
 Q, V, TAU = np.array([0.1, -0.2, 0.3, -0.4]), np.array([0.5, -0.5, 1.0, 0.0]), np.full(N, 2.0)
 
 OFF_STATES = {
@@ -63,7 +63,7 @@ def test_torque_leaves_as_long_as_everything_is_well() -> None:
         alive(stops, 0.01 * k)
         assert is_torque(stops.torque(0.01 * k + 0.002, TAU), TAU)
         assert is_nothing(stops.watch(0.01 * k + 0.005))
-    assert stops.fault is None
+    assert stops.reason is None
 
 
 def test_nothing_leaves_before_torque_mode_begins() -> None:
@@ -94,12 +94,12 @@ def test_a_stale_state_brakes_briefly_then_holds() -> None:
         assert is_torque(stops.watch(now), order.effort)
     assert is_hold(stops.torque(0.0501, TAU))
     assert is_hold(stops.watch(0.06))
-    assert stops.fault is not None
-    assert stops.fault.event is Event.STATE_LOST
+    assert stops.reason is not None
+    assert stops.reason.event is Event.STATE_LOST
 
 
 def test_a_state_that_is_lost_ends_torque_whatever_the_rate() -> None:
-    slow = stop_rules(0.05, RULES.effort_max, np.ones(N), 0.5)
+    slow = stop_thresholds(0.05, RULES.effort_max, np.ones(N), 0.5)
     stops = Stops(slow, LIMBS)
     alive(stops, 0.0)
     assert stops.begin(0.0) is None
@@ -117,8 +117,8 @@ def test_a_silent_controller_is_braked_and_held() -> None:
     assert is_torque(stops.watch(0.04))
     alive(stops, 0.055)
     assert is_hold(stops.watch(0.055))
-    assert stops.fault is not None
-    assert stops.fault.event is Event.CONTROLLER_SILENT
+    assert stops.reason is not None
+    assert stops.reason.event is Event.CONTROLLER_SILENT
     assert is_nothing(stops.torque(0.056, TAU))
 
 
@@ -132,8 +132,8 @@ def test_a_torque_that_must_not_leave_brakes_once_and_holds(bad: float) -> None:
     alive(stops, 0.01)
     assert is_nothing(stops.torque(0.01, TAU))
     assert is_hold(stops.watch(0.01))
-    assert stops.fault is not None
-    assert stops.fault.event is Event.TORQUE_REFUSED
+    assert stops.reason is not None
+    assert stops.reason.event is Event.TORQUE_REFUSED
 
 
 @pytest.mark.parametrize("name", OFF_STATES)
@@ -142,9 +142,9 @@ def test_power_off_silences_everything_for_good(name: str) -> None:
         stops.torque(0.001, TAU)
         if stops is not None:
             stops.on_robot(0.002, OFF_STATES[name])
-        assert stops.mode is Mode.OFF
-        assert stops.fault is not None
-        assert RUNG_OF[stops.fault.event] is Rung.RELEASE
+        assert stops.mode is DriveMode.OFF
+        assert stops.reason is not None
+        assert RUNG_OF[stops.reason.event] is Rung.RELEASE
         # Somebody enables the robot again: nothing resumes by itself.
         alive(stops, 0.01)
         assert is_nothing(stops.torque(0.011, TAU))
@@ -185,8 +185,8 @@ def test_a_squeezed_cuff_lets_the_arm_follow_and_holds_it_where_it_was_left() ->
     assert order.limbs == ("one", "two")
     assert np.array_equal(order.position, led)
     assert is_nothing(stops.torque(0.52, TAU))
-    assert stops.fault is not None
-    assert stops.fault.event is Event.CUFF
+    assert stops.reason is not None
+    assert stops.reason.event is Event.CUFF
 
 
 def test_a_robot_that_stops_saying_how_it_is_is_held() -> None:
@@ -195,7 +195,7 @@ def test_a_robot_that_stops_saying_how_it_is_is_held() -> None:
         stops.on_state(0.01 * k, Q, V)
         stops.torque(0.01 * k, TAU)
     assert is_hold(stops.watch(0.6))
-    assert "/robot/state silent" in str(stops.fault)
+    assert "/robot/state silent" in str(stops.reason)
 
 
 def test_a_planned_end_holds_the_measured_pose_without_blame() -> None:
@@ -203,7 +203,7 @@ def test_a_planned_end_holds_the_measured_pose_without_blame() -> None:
     stops.on_state(0.01, Q + 0.05, V)
     stops.end()
     assert is_hold(stops.watch(0.02), Q + 0.05)
-    assert stops.fault is None
+    assert stops.reason is None
     stops.leave()
     assert is_nothing(stops.watch(0.03))
 
@@ -254,13 +254,13 @@ def test_whatever_happens_torque_never_returns_and_every_torque_is_within_limits
         else:
             effort = np.full(N, np.inf) if event == "bad" else TAU
             order = stops.watch(now) if event == "watch" else stops.torque(now, effort)
-        off = off or stops.mode is Mode.OFF
+        off = off or stops.mode is DriveMode.OFF
         if order is not None:
             assert order.effort is None or (np.abs(order.effort) <= RULES.effort_max).all()
             assert not (ended and order.effort is not None)
             assert not (off and not is_nothing(order))
-        ended = ended or stops.mode is not Mode.TORQUE
-        assert not (ended and stops.mode is Mode.TORQUE)
+        ended = ended or stops.mode is not DriveMode.TORQUE
+        assert not (ended and stops.mode is DriveMode.TORQUE)
 
 
 def test_every_reason_leads_to_a_hold_or_a_release() -> None:

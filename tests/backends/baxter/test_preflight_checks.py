@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.preflight_checks import before_power, refuse_closed
+from impedance_modules.backends.baxter.preflight_checks import checks_before_power, refuse_failed
 from impedance_modules.backends.baxter.ros.messages import Float64, JointCommand
-from impedance_modules.backends.baxter.ros.transport import Offer
+from impedance_modules.backends.baxter.ros.transport import PublisherInfo
 from impedance_modules.backends.baxter.served_description import compare_description
-from impedance_modules.backends.baxter.simulator.collision_safety import Push
+from impedance_modules.backends.baxter.simulator.collision_safety import HandPush
 from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.contact_gate import contact_checks
@@ -29,8 +29,8 @@ from impedance_modules.runs.execution import RunResult
 from impedance_modules.spec.locate import find_task
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.task_reader import read_task
-from tests.support.baxter_lockstep import LockstepDouble, run_on_the_double
-from tests.support.baxter_stub import StandIn, open_session
+from tests.support.baxter_lockstep import LockstepSimulator, run_in_lockstep
+from tests.support.baxter_stub import StubBaxter, open_session
 from tests.support.in_process_transport import InProcessTransport
 
 SPEC = read_task("joint-springs")[1]
@@ -121,11 +121,11 @@ def test_what_is_no_description_is_refused(text: str) -> None:
 
 
 def test_a_robot_that_is_what_it_should_be_passes_every_gate() -> None:
-    with open_session(StandIn(SPEC)) as session:
-        gates = session.gates(("left", "right"))
+    with open_session(StubBaxter(SPEC)) as session:
+        gates = session.preflight(("left", "right"))
         assert [gate.name for gate in gates if gate.passed is not True] == []
         assert len(gates) == 17
-        refuse_closed(gates, commanding=True)
+        refuse_failed(gates, commanding=True)
 
 
 CLOSED = {
@@ -154,10 +154,10 @@ CLOSED = {
 @pytest.mark.parametrize("name", CLOSED)
 def test_every_gate_closes_with_a_reason_and_a_remedy(name: str) -> None:
     change, said = CLOSED[name]
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     change(robot)
     with open_session(robot) as session, pytest.raises(RobotRefused) as refusal:
-        refuse_closed(session.gates(("left", "right")), commanding=True)
+        refuse_failed(session.preflight(("left", "right")), commanding=True)
     assert said in str(refusal.value)
     assert "(valid: " in str(refusal.value)
     assert robot.commands == []
@@ -167,22 +167,22 @@ def test_a_model_that_wears_the_springs_beside_s1_passes_every_gate() -> None:
     patch = read_patch(Path("robots/baxter/patches/counterbalance-springs.yaml"))
     worn = apply_patch(SPEC, patch)
     assert np.abs(RobotModel(worn).winding(np.zeros(14))).max() > 30.0
-    with open_session(StandIn(worn)) as session:
-        gates = {gate.name: gate for gate in session.gates(("left", "right"))}
-        refuse_closed(tuple(gates.values()), commanding=True)
+    with open_session(StubBaxter(worn)) as session:
+        gates = {gate.name: gate for gate in session.preflight(("left", "right"))}
+        refuse_failed(tuple(gates.values()), commanding=True)
     assert gates["weight left"].passed is True
     assert gates["effort left"].passed is True
 
 
 def test_listening_alone_asks_for_less() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     robot.power(enabled=False)
     robot.place({"left_s1": -2.175})
     with open_session(robot) as session:
-        refuse_closed(session.gates(("left",)), commanding=False)
+        refuse_failed(session.preflight(("left",)), commanding=False)
         robot.another_robot()
         with pytest.raises(RobotRefused, match="which robot is meant"):
-            refuse_closed(session.gates(("left",)), commanding=False)
+            refuse_failed(session.preflight(("left",)), commanding=False)
 
 
 NO_POWER = ["software", "two robots", "wrong message", "missing joint", "limits", "somebody else", "tucked"]
@@ -190,46 +190,48 @@ NO_POWER = ["software", "two robots", "wrong message", "missing joint", "limits"
 
 @pytest.mark.parametrize("name", NO_POWER)
 def test_what_is_wrong_with_a_robot_is_found_before_it_gets_power(name: str) -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     robot.power(enabled=False)
     with open_session(robot) as session:
-        refuse_closed(before_power(session.gates(("left", "right")), tucked=False), commanding=True)
+        refuse_failed(
+            checks_before_power(session.preflight(("left", "right")), tucked=False), commanding=True
+        )
     change, said = CLOSED[name]
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     robot.power(enabled=False)
     change(robot)
     with open_session(robot) as session:
-        gates = before_power(session.gates(("left", "right")), tucked=False)
+        gates = checks_before_power(session.preflight(("left", "right")), tucked=False)
         with pytest.raises(RobotRefused) as refusal:
-            refuse_closed(gates, commanding=True)
+            refuse_failed(gates, commanding=True)
         if name == "tucked":
-            gates = before_power(session.gates(("left", "right")), tucked=True)
-            refuse_closed(gates, commanding=True)
+            gates = checks_before_power(session.preflight(("left", "right")), tucked=True)
+            refuse_failed(gates, commanding=True)
     assert said in str(refusal.value)
 
 
 def test_a_spring_beside_a_joint_is_noticed_and_no_obstacle() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     robot.set_effort("left_s1", 20.0)
     with open_session(robot) as session:
-        gates = {gate.name: gate for gate in session.gates(("left", "right"))}
+        gates = {gate.name: gate for gate in session.preflight(("left", "right"))}
         assert gates["effort right"].passed
         assert gates["effort left"].passed is None
         assert "20.0 N.m (left_s1): a spring beside the joint" in gates["effort left"].found
-        refuse_closed(gates.values(), commanding=True)
+        refuse_failed(gates.values(), commanding=True)
 
 
 def gates_by_name(session, limbs=("left", "right")):
-    return {gate.name: gate for gate in session.gates(limbs)}
+    return {gate.name: gate for gate in session.preflight(limbs)}
 
 
 def test_dead_nodes_are_named_and_no_obstacle() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     robot.hub.dead += [("/old_double", "/robot/state")]
     robot.hub.dead += [("/old_run", f"/robot/limb/{limb}/joint_command") for limb in ("left", "right")]
     with open_session(robot) as session:
         gates = gates_by_name(session)
-        refuse_closed(gates.values(), commanding=True)
+        refuse_failed(gates.values(), commanding=True)
     for name, node in (("one robot", "/old_double"), ("nobody else", "/old_run")):
         said = f"a registration of {node}, which no longer answers, is ignored; 'rosnode cleanup' removes it"
         assert gates[name].passed and gates[name].found.endswith(said), gates[name].found
@@ -239,25 +241,25 @@ def test_dead_nodes_are_named_and_no_obstacle() -> None:
     ("topic", "name"), [("/robot/state", "one robot"), ("/robot/limb/left/joint_command", "nobody else")]
 )
 def test_a_node_that_cannot_be_told_dead_counts_as_living(topic: str, name: str) -> None:
-    silent = Offer("/silent", None, None, "cannot be reached: timed out")
-    with open_session(StandIn(SPEC)) as session:
-        ask = session.transport.offers_of
+    silent = PublisherInfo("/silent", None, None, "cannot be reached: timed out")
+    with open_session(StubBaxter(SPEC)) as session:
+        ask = session.transport.publisher_info
 
-        def asked(where: str) -> tuple[Offer, ...]:
+        def asked(where: str) -> tuple[PublisherInfo, ...]:
             return (*ask(where), silent) if where == topic else ask(where)
 
-        with mock.patch.object(session.transport, "offers_of", asked):
+        with mock.patch.object(session.transport, "publisher_info", asked):
             gate = gates_by_name(session)[name]
     assert gate.passed is False
     assert "/silent, which cannot be reached: timed out" in gate.found and "rosnode cleanup" in gate.remedy
 
 
 def test_the_other_arm_may_be_commanded_by_somebody_else() -> None:
-    robot = StandIn(SPEC)
+    robot = StubBaxter(SPEC)
     InProcessTransport(robot.hub, "/somebody").advertise("/robot/limb/right/joint_command", JointCommand)
     InProcessTransport(robot.hub, "/somebody").advertise("/robot/limb/right/other", Float64)
     with open_session(robot) as session:
-        refuse_closed(session.gates(("left",)), commanding=True)
+        refuse_failed(session.preflight(("left",)), commanding=True)
 
 
 RATE = 200.0
@@ -274,22 +276,22 @@ def feeling(folder: Path, *, springs_known: bool) -> Assembly:
     return assemble(str(task), effects=effects, rate=RATE, scale=1.0, arm=None)
 
 
-def at_rest(assembly: Assembly, effects: Path | None = None, springs=SPRINGS) -> LockstepDouble:
-    double = LockstepDouble(str(assembly.task.path), RATE, effects, 3, springs)
+def at_rest(assembly: Assembly, effects: Path | None = None, springs=SPRINGS) -> LockstepSimulator:
+    simulator = LockstepSimulator(str(assembly.task.path), RATE, effects, 3, springs)
     for _ in range(50):
-        double.read()
-    return double
+        simulator.read()
+    return simulator
 
 
 def test_a_robot_whose_springs_the_model_lacks_is_refused_with_the_remedy(tmp_path: Path) -> None:
     assembly = feeling(tmp_path, springs_known=False)
     gates = contact_checks(assembly, at_rest(assembly).read())
     with pytest.raises(RobotRefused, match=r"right_s1 measures .* --effects .*counterbalance-springs.yaml"):
-        refuse_closed(gates, commanding=True)
+        refuse_failed(gates, commanding=True)
     # Springs of other numbers than the patch's, and exactly the patch's.
     known = feeling(tmp_path, springs_known=True)
-    for double in (at_rest(known), at_rest(known, effects=PATCH, springs={})):
-        (gate,) = contact_checks(known, double.read())
+    for simulator in (at_rest(known), at_rest(known, effects=PATCH, springs={})):
+        (gate,) = contact_checks(known, simulator.read())
         assert gate.passed, gate
 
 
@@ -299,13 +301,15 @@ def test_a_task_that_waits_for_no_contact_is_not_asked() -> None:
 
 
 def feel(assembly: Assembly, out: Path, push: float = 0.0) -> RunResult:
-    def meet(double: LockstepDouble) -> None:
+    def meet(simulator: LockstepSimulator) -> None:
         # Somebody lays a hand under the palm half a second from now; the robot takes it for no collision.
-        double.robot.suppressions["right"].ask("suppress_contact_safety", 60.0)
+        simulator.robot.suppressions["right"].ask("suppress_contact_safety", 60.0)
         if push:
-            double.when(0.5, lambda: double.robot.pushes.update(right=Push(np.array([0.0, 0.0, push]), 60.0)))
+            simulator.when(
+                0.5, lambda: simulator.robot.pushes.update(right=HandPush(np.array([0.0, 0.0, push]), 60.0))
+            )
 
-    return run_on_the_double(assembly, out, prepare=meet)[0]
+    return run_in_lockstep(assembly, out, prepare=meet)[0]
 
 
 def test_contact_is_felt_where_it_is_and_not_in_the_springs(tmp_path: Path) -> None:

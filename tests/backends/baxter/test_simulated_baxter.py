@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The double behaves as the facts about the real robot say: modes, time-outs, power, collisions, topics."""
+"""The simulator behaves as the facts about the real robot say: modes, time-outs, power, collisions, topics."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from impedance_modules.backends.baxter.position_mode import named_posture
 from impedance_modules.backends.baxter.ros import messages
-from impedance_modules.backends.baxter.simulator.assembly_state import AssemblyMachine, Button, Source
+from impedance_modules.backends.baxter.simulator.assembly_state import EstopButton, EstopSource, PowerMachine
 from impedance_modules.backends.baxter.simulator.build_simulator import build_simulator
 from impedance_modules.backends.baxter.simulator.fault_injection import parse_fault
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, LimbActivity
@@ -87,11 +87,11 @@ def test_a_silent_commander_is_given_up_within_its_time_out(result: str) -> None
     live(robot, 1.0)
     speed = np.abs(robot.state.velocity).max()
     if result == "hold":
-        assert robot.limbs["left"].doing is LimbActivity.HOLDS and speed < 0.05
+        assert robot.limbs["left"].activity is LimbActivity.HOLDS and speed < 0.05
     elif result == "disable":
-        assert not robot.machine.standing.enabled
+        assert not robot.machine.power.enabled
     else:
-        assert robot.limbs["left"].doing is LimbActivity.FLOATS and robot.machine.standing.enabled
+        assert robot.limbs["left"].activity is LimbActivity.FLOATS and robot.machine.power.enabled
         # Only the motor's own friction brakes it.
         assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) > 0.05
 
@@ -116,7 +116,7 @@ def test_time_out_is_cut_to_what_the_robot_accepts() -> None:
 def test_commands_without_sense_are_ignored(wish: tuple) -> None:
     robot = fake()
     robot.command("left", *wish)
-    assert robot.limbs["left"].ignored == 1 and robot.limbs["left"].doing is LimbActivity.HOLDS
+    assert robot.limbs["left"].ignored == 1 and robot.limbs["left"].activity is LimbActivity.HOLDS
 
 
 def test_torque_beyond_the_boards_is_clamped_or_faults() -> None:
@@ -125,8 +125,8 @@ def test_torque_beyond_the_boards_is_clamped_or_faults() -> None:
     assert sorted(robot.limbs["left"].command)[0] == -50.0 and max(robot.limbs["left"].command) == 15.0
     robot = fake(replace(ON, over_torque="fault"))
     robot.command("left", CommandMode.TORQUE, ["left_w2"], [15.1])
-    standing = robot.machine.standing
-    assert standing.stopped and standing.source is Source.FAULT and not standing.enabled
+    standing = robot.machine.power
+    assert standing.stopped and standing.source is EstopSource.FAULT and not standing.enabled
 
 
 @pytest.mark.parametrize("mode", [CommandMode.POSITION, CommandMode.RAW_POSITION])
@@ -167,19 +167,19 @@ def test_velocity_mode_runs_at_the_speed_and_stops_at_the_limit() -> None:
 
 
 def test_power_follows_the_sdk() -> None:
-    machine = AssemblyMachine(enabled=True)
+    machine = PowerMachine(enabled=True)
     machine.press()
-    assert (machine.standing.button, machine.standing.source) == (Button.PRESSED, Source.USER)
+    assert (machine.power.button, machine.power.source) == (EstopButton.PRESSED, EstopSource.USER)
     machine.reset()
-    assert machine.standing.stopped and "pressed" in machine.refusal
+    assert machine.power.stopped and "pressed" in machine.refusal
     machine.release()
-    assert machine.standing.button is Button.RELEASED and machine.standing.stopped
+    assert machine.power.button is EstopButton.RELEASED and machine.power.stopped
     machine.enable(blocked="")
-    assert not machine.standing.enabled and "reset" in machine.refusal
+    assert not machine.power.enabled and "reset" in machine.refusal
     machine.reset()
-    assert not machine.standing.stopped and not machine.standing.enabled
+    assert not machine.power.stopped and not machine.power.enabled
     machine.enable(blocked="")
-    assert machine.standing.enabled
+    assert machine.power.enabled
 
 
 def test_without_power_the_arm_sinks_slowly_and_ignores_commands() -> None:
@@ -194,33 +194,33 @@ def test_tucked_arms_can_only_be_powered_while_their_force_field_is_suppressed()
     robot = fake(replace(ON, enabled=False), "tucked")
     assert robot.field.near["left"] and robot.field.near["right"]
     robot.enable(True)
-    assert not robot.machine.standing.enabled and "force field" in robot.machine.refusal
+    assert not robot.machine.power.enabled and "force field" in robot.machine.refusal
     for limb in robot.suppressions.values():
         limb.ask("suppress_collision_avoidance", robot.now)
     robot.enable(True)
-    assert robot.machine.standing.enabled
+    assert robot.machine.power.enabled
 
 
 @pytest.mark.parametrize(("force", "kind"), [((0.0, 0.0, -60.0), "impact"), ((0.0, 0.0, -1.0), "")])
 def test_a_push_is_a_collision_if_it_is_hard(force: tuple, kind: str) -> None:
     robot = fake()
     node = SimulatorNode(robot, InProcessNetwork(InProcessMaster()), "")
-    node.suffer(parse_fault(f"push left {force[0]} {force[1]} {force[2]} 0.2", ("left", "right")))
+    node.inject(parse_fault(f"push left {force[0]} {force[1]} {force[2]} 0.2", ("left", "right")))
     live(robot, 0.1)
     assert robot.colliding["left"] == kind
     if kind:
         torque(robot, {}, 0.5)
-        assert robot.limbs["left"].doing is LimbActivity.HOLDS and robot.limbs["left"].ignored == 500
+        assert robot.limbs["left"].activity is LimbActivity.HOLDS and robot.limbs["left"].ignored == 500
         live(robot, 1.5)
         torque(robot, {}, 0.01)
-        assert robot.limbs["left"].doing is LimbActivity.OBEYS and not robot.colliding["left"]
+        assert robot.limbs["left"].activity is LimbActivity.OBEYS and not robot.colliding["left"]
 
 
 def test_a_squeezed_cuff_makes_the_arm_yield() -> None:
     robot = fake()
     robot.cuffs["left"] = True
     torque(robot, {"left_s0": 20.0}, 0.2)
-    assert robot.limbs["left"].doing is LimbActivity.FLOATS
+    assert robot.limbs["left"].activity is LimbActivity.FLOATS
     assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) < 0.1
 
 
@@ -269,7 +269,9 @@ def test_a_torque_acts_after_the_transport_delay_and_not_before() -> None:
 
 
 def test_calibrated_mounts_are_served_and_obeyed() -> None:
-    built = build_simulator("baxter", "neutral", None, replace(ON, mount_offset={"left": (0.0, 0.001, -0.0095)}))
+    built = build_simulator(
+        "baxter", "neutral", None, replace(ON, mount_offset={"left": (0.0, 0.001, -0.0095)})
+    )
     moved = built.robot.kinematics.pose("left_hand").translation
     plain = fake().kinematics.pose("left_hand").translation
     np.testing.assert_allclose(moved - plain, [0.0, 0.001, -0.0095], atol=2e-3)
@@ -411,7 +413,7 @@ def test_faults_of_nodes() -> None:
     def offers(words: str) -> list:
         fault.send(messages.String(words))
         net.live(0.01)
-        return [(o.node, o.ros_type, o.problem is None) for o in net.user.offers_of("/robot/state")]
+        return [(o.node, o.ros_type, o.problem is None) for o in net.user.publisher_info("/robot/state")]
 
     plain = ("/realtime_loop", "baxter_core_msgs/AssemblyState", True)
     assert offers("duplicate") == [("/another_robot", plain[1], True), plain]
@@ -422,4 +424,4 @@ def test_faults_of_nodes() -> None:
     assert offers("wrong-md5 off") == [plain]
     assert offers("restart 0.1") == []
     net.live(0.2)
-    assert offers("duplicate off") == [plain] and not net.robot.machine.standing.enabled
+    assert offers("duplicate off") == [plain] and not net.robot.machine.power.enabled

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The same YAML on the simulated robot and, over ROS, on the double: the same motion, the same phases.
+"""The same YAML on the simulated robot and, over ROS, on the simulator: the same motion, the same phases.
 
 Three tasks here; ``EVERY_TASK=1 pytest -s`` on this file compares and prints all that need nothing but the robot.
 The tanks are made ample: what lost samples cost is the matter of tests/control, and of this machine.
@@ -22,8 +22,8 @@ from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.spec.locate import find_task, list_tasks
 from impedance_modules.spec.task_reader import read_task
-from tests.support.baxter_lockstep import run_on_the_double
-from tests.support.baxter_process import ATTEMPTS, BUSY, double, impedance
+from tests.support.baxter_lockstep import run_in_lockstep
+from tests.support.baxter_process import ATTEMPTS, BUSY, impedance, simulator
 from tests.support.paths import TESTS
 
 pytestmark = pytest.mark.ros
@@ -97,7 +97,7 @@ def test_a_task_moves_the_double_as_it_moves_the_simulation(task: str, master: s
     for attempt in range(ATTEMPTS):
         real = tmp_path / f"real-{attempt}"
         real.mkdir()
-        with double(real, master, "--posture", file, "--enabled") as robot:
+        with simulator(real, master, "--posture", file, "--enabled") as robot:
             run = impedance(
                 "run", file, "--rate", str(RATE), "--backend", "baxter", "--out", str(real / "run")
             )
@@ -167,7 +167,7 @@ def test_withheld_friction_and_springs_are_named_from_recordings_of_the_double(
     for k, motion in enumerate(MOTIONS):
         assembly = assemble(motion, effects=None, rate=RATE, scale=1.0, arm=None)
         out = tmp_path / f"recording-{k}"
-        run_on_the_double(assembly, out, effects=patch, seed=k, springs=SPRINGS)
+        run_in_lockstep(assembly, out, effects=patch, seed=k, springs=SPRINGS)
         recordings.append(str(out))
     causes, said = diagnosed(recordings, tmp_path)
     named = {(cause["effect"], joint): cause for cause in causes for joint in cause["joints"]}
@@ -180,7 +180,7 @@ def test_withheld_friction_and_springs_are_named_from_recordings_of_the_double(
 
 
 def record(motion: str, out: Path) -> str:
-    """Runs a motion on the double; again where a busy machine has made it give up."""
+    """Runs a motion on the simulator; again where a busy machine has made it give up."""
     for attempt in range(ATTEMPTS):
         out = out.with_name(f"{out.name}-try-{attempt}") if attempt else out
         options = ("--backend", "baxter", "--rate", str(RATE), "--approach", "--out", str(out))
@@ -195,6 +195,6 @@ def record(motion: str, out: Path) -> str:
 @pytest.mark.ros
 def test_the_same_over_ros(master: str, tmp_path: Path, patch: Path) -> None:
     stands = ("--posture", MOTIONS[0], "--enabled", "--no-spring", "--effects", str(patch))
-    with double(tmp_path, master, *stands):
+    with simulator(tmp_path, master, *stands):
         recordings = [record(motion, tmp_path / f"recording-{k}") for k, motion in enumerate(MOTIONS)]
     check_the_answer(recordings, tmp_path)

@@ -187,7 +187,7 @@ def test_offers_name_others_types_and_checksums(world: World) -> None:
     other = world.other()
     other.advertise(world.topic, Float64)
     assert world.own.publishers_of(world.topic) == tuple(sorted((other.node_name, world.own.node_name)))
-    (offer,) = world.own.offers_of(world.topic)
+    (offer,) = world.own.publisher_info(world.topic)
     assert (offer.node, offer.ros_type, offer.checksum, offer.problem) == (
         other.node_name,
         "std_msgs/Float64",
@@ -228,7 +228,7 @@ def test_a_dead_publisher_is_survived_and_named(kind: str, master: str, request)
     assert until(lambda: publisher.connections() == 1)
     publisher.send(Bool(False))
     assert until(lambda: heard.messages == [Bool(False)])
-    offers = {offer.node: offer for offer in own.offers_of(topic)}
+    offers = {offer.node: offer for offer in own.publisher_info(topic)}
     assert offers["/alive"].problem is None
     assert offers[f"/dead_{kind}"].gone
     assert not offers["/alive"].gone
@@ -261,7 +261,7 @@ def test_a_dead_nodes_port_taken_by_somebody_else_makes_nobody_alive(kind: str, 
         }
         for node, uri in answering.items():
             MasterClient(master, node).ask("registerPublisher", topic, "std_msgs/Bool", uri)
-        offers = {offer.node: offer for offer in own.offers_of(topic)}
+        offers = {offer.node: offer for offer in own.publisher_info(topic)}
         web.shutdown()
     assert {node for node, offer in offers.items() if not offer.gone} == {"/heir"}, offers
     for node in answering:
@@ -280,7 +280,7 @@ def test_a_node_that_keeps_silent_counts_as_living(master: str) -> None:
         MasterClient(master, "/nowhere").ask(
             "registerPublisher", topic, "std_msgs/Bool", "http://no-such-robot.invalid:4000/"
         )
-        offers = own.offers_of(topic)
+        offers = own.publisher_info(topic)
     assert [(offer.node, offer.gone) for offer in offers] == [("/nowhere", False), ("/silent", False)]
     assert all("cannot be reached" in str(offer.problem) for offer in offers)
     for node in ("/silent", "/nowhere"):
@@ -335,7 +335,7 @@ def test_asking_what_somebody_sends_disturbs_nobody(master: str, rospy_node) -> 
     own.subscribe(topic, UInt16, heard)
     for number in range(5):
         assert until(lambda: publisher.connections() == 1)
-        assert own.offers_of(topic)[0].problem is None
+        assert own.publisher_info(topic)[0].problem is None
         assert until(lambda: publisher.connections() == 1)
         publisher.send(UInt16(number))
         assert until(lambda number=number: heard.messages[-1:] == [UInt16(number)])

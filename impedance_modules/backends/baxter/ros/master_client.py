@@ -17,19 +17,19 @@ from impedance_modules.backends.baxter.ros.tcp_connection import (
     ANYTHING,
     CONNECT_TIME,
     LENGTH,
-    LONGEST_GREETING,
-    GreetingError,
+    LONGEST_HEADER,
+    HeaderError,
     NoNodeError,
     NotPublishedError,
-    greet,
-    pack_greeting,
+    open_connection,
+    pack_header,
     remote,
     topic_address,
 )
 from impedance_modules.backends.baxter.ros.transport import (
     NoMasterError,
-    Offer,
     ParameterValue,
+    PublisherInfo,
     TransportClosedError,
 )
 
@@ -202,7 +202,7 @@ def _unreachable(uri: str, error: OSError) -> str:
 ASKING = {"type": ANYTHING, "md5sum": ANYTHING}
 
 
-def offers_of(master: MasterClient, caller: str, topic: str) -> tuple[Offer, ...]:
+def publisher_info(master: MasterClient, caller: str, topic: str) -> tuple[PublisherInfo, ...]:
     """Asks every publisher of a topic except this node what it sends.
 
     Raises:
@@ -220,7 +220,7 @@ class _Inquiry:
     caller: str
     topic: str
 
-    def ask(self, node: str) -> Offer:
+    def ask(self, node: str) -> PublisherInfo:
         """Asks one registered publisher."""
         uri = self.master.address_of(node)
         if uri is None:
@@ -232,30 +232,30 @@ class _Inquiry:
         except (NotPublishedError, NoNodeError) as error:
             return _gone(node, str(error))
         except OSError as error:
-            if self._is_topic_door(uri):
+            if self._is_topic_port(uri):
                 return _gone(node, f"{uri} is where another node's topics leave")
             return _silent(node, error)
-        return self._greeted(node, uri, address)
+        return self._ask_publisher(node, uri, address)
 
-    def _greeted(self, node: str, uri: str, address: tuple[str, int]) -> Offer:
+    def _ask_publisher(self, node: str, uri: str, address: tuple[str, int]) -> PublisherInfo:
         """Judges the node at ``uri`` by the greeting that it sends from where the topic leaves it."""
         try:
             # Under another name: rospy hangs up on a listener when a second one of its name comes.
-            connection, greeting = greet(address, f"{self.caller}_asks", self.topic, ASKING)
+            connection, greeting = open_connection(address, f"{self.caller}_asks", self.topic, ASKING)
         except OSError as error:
             return _silent(node, error)
-        except GreetingError as error:
-            return Offer(node, None, None, str(error))
+        except HeaderError as error:
+            return PublisherInfo(node, None, None, str(error))
         connection.close()
         name = greeting.get("callerid", node)
         if name != node and self.master.address_of(name) == uri:
             return _gone(node, f"{uri} is {name} now")
         kind, checksum = greeting.get("type"), greeting.get("md5sum")
         if kind is None or checksum is None:
-            return Offer(node, kind, checksum, "does not say what it sends")
-        return Offer(node, kind, checksum, None)
+            return PublisherInfo(node, kind, checksum, "does not say what it sends")
+        return PublisherInfo(node, kind, checksum, None)
 
-    def _is_topic_door(self, uri: str) -> bool:
+    def _is_topic_port(self, uri: str) -> bool:
         """Says whether TCPROS is spoken at an address: no node's XML-RPC is then, since a port is one or the other."""
         parts = urlsplit(uri)
         if parts.hostname is None or parts.port is None:
@@ -264,20 +264,20 @@ class _Inquiry:
         try:
             with socket.create_connection((parts.hostname, parts.port), CONNECT_TIME) as connection:
                 connection.settimeout(CONNECT_TIME)
-                connection.sendall(pack_greeting(asking))
+                connection.sendall(pack_header(asking))
                 head = connection.recv(LENGTH.size, socket.MSG_WAITALL)
         except OSError:
             return False
         # Words, as a web server's, would read as a length of a gigabyte.
-        return len(head) == LENGTH.size and int(LENGTH.unpack(head)[0]) <= LONGEST_GREETING
+        return len(head) == LENGTH.size and int(LENGTH.unpack(head)[0]) <= LONGEST_HEADER
 
 
-def _gone(node: str, why: str) -> Offer:
-    return Offer(node, None, None, why, gone=True)
+def _gone(node: str, why: str) -> PublisherInfo:
+    return PublisherInfo(node, None, None, why, gone=True)
 
 
-def _silent(node: str, error: OSError) -> Offer:
-    return Offer(node, None, None, f"cannot be reached: {error.strerror or error}")
+def _silent(node: str, error: OSError) -> PublisherInfo:
+    return PublisherInfo(node, None, None, f"cannot be reached: {error.strerror or error}")
 
 
 class MasterTransport:
@@ -309,10 +309,10 @@ class MasterTransport:
         self._check()
         return self._master.publishers_of(topic)
 
-    def offers_of(self, topic: str) -> tuple[Offer, ...]:
+    def publisher_info(self, topic: str) -> tuple[PublisherInfo, ...]:
         """Asks every other publisher of a topic what it sends."""
         self._check()
-        return offers_of(self._master, self._node_name, topic)
+        return publisher_info(self._master, self._node_name, topic)
 
     def _sweep(self, uri: str) -> None:
         """Has the master forget whatever it still knows of this node at an address.

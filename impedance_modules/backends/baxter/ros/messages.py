@@ -99,7 +99,7 @@ class Quaternion(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class Pose(Message):
+class PoseMessage(Message):
     """Where a frame is and how it is turned."""
 
     ros_type: ClassVar[str] = "geometry_msgs/Pose"
@@ -200,7 +200,7 @@ class EndpointState(Message):
 
     ros_type: ClassVar[str] = "baxter_core_msgs/EndpointState"
     header: Header
-    pose: Pose
+    pose: PoseMessage
     twist: Twist
     wrench: Wrench
 
@@ -292,7 +292,7 @@ MESSAGE_TYPES: Mapping[str, type[Message]] = {
         Point,
         Vector3,
         Quaternion,
-        Pose,
+        PoseMessage,
         Twist,
         Wrench,
         JointState,

@@ -22,7 +22,7 @@ from impedance_modules.backends.baxter.ros.master_client import (
 from impedance_modules.backends.baxter.ros.message_definitions import full_text
 from impedance_modules.backends.baxter.ros.messages import MESSAGE_TYPES, Message
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
-from impedance_modules.backends.baxter.ros.tcp_connection import LENGTH, Listener
+from impedance_modules.backends.baxter.ros.tcp_connection import LENGTH, SubscriberConnection
 from impedance_modules.backends.baxter.ros.transport import (
     Callback,
     Transport,
@@ -41,7 +41,7 @@ HOW_TO_INSTALL = (
     "Without any ROS, --transport sockets does the same by Python's standard library."
 )
 
-GREETING = threading.Lock()
+TAKE_OVER_LOCK = threading.Lock()
 """Two threads may be the first to send on a connection; one takes it over."""
 
 
@@ -78,7 +78,7 @@ class RospyTransport(MasterTransport):
         )
         super().__init__(str(rospy.get_name()), master_uri)
         self._parts: list[_Publisher[Any] | _Subscription[Any]] = []
-        self._listeners: dict[str, dict[Any, Listener]] = {}
+        self._listeners: dict[str, dict[Any, SubscriberConnection]] = {}
 
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> _Publisher[M]:
         """Becomes a publisher of a topic."""
@@ -121,7 +121,9 @@ class _Publisher(Generic[M]):
     time and goes by rospy.
     """
 
-    def __init__(self, topic: str, kind: type[M], handle: Any, listeners: dict[Any, Listener] | None) -> None:
+    def __init__(
+        self, topic: str, kind: type[M], handle: Any, listeners: dict[Any, SubscriberConnection] | None
+    ) -> None:
         """Takes rospy's handle, and whom this node sends the topic to by now; None for a topic that is latched."""
         self._topic, self._wrap, self._handle = topic, _ros_class(kind.ros_type), handle
         self._listeners, self._closed = listeners, False
@@ -138,7 +140,7 @@ class _Publisher(Generic[M]):
         # rospy takes both away when somebody else closes the publisher meanwhile.
         impl = self._handle.impl
         for connection in (None if impl is None else impl.connections) or ():
-            listener = self._listeners.get(connection) or self._greet(self._listeners, connection)
+            listener = self._listeners.get(connection) or self._take_over(self._listeners, connection)
             if listener is not None:
                 listener.send(frame)
 
@@ -152,20 +154,24 @@ class _Publisher(Generic[M]):
             self._closed = True
             self._handle.unregister()
 
-    def _greet(self, listeners: dict[Any, Listener], connection: Any) -> Listener | None:
+    def _take_over(
+        self, listeners: dict[Any, SubscriberConnection], connection: Any
+    ) -> SubscriberConnection | None:
         """Takes over the sending on one of rospy's connections; None for one that has just ended."""
-        with GREETING:
+        with TAKE_OVER_LOCK:
             known, own = listeners.get(connection), connection.socket
             if known is not None or own is None:
                 return known
             try:
                 # A second handle on the same connection: rospy closes its own when it likes.
-                listeners[connection] = Listener(own.dup(), lambda _: self._part(listeners, connection))
+                listeners[connection] = SubscriberConnection(
+                    own.dup(), lambda _: self._part(listeners, connection)
+                )
             except OSError:
                 return None
             return listeners[connection]
 
-    def _part(self, listeners: dict[Any, Listener], connection: Any) -> None:
+    def _part(self, listeners: dict[Any, SubscriberConnection], connection: Any) -> None:
         """Has rospy forget a connection that is over."""
         listeners.pop(connection, None)
         if self._closed:

@@ -14,11 +14,11 @@ from impedance_modules.backends.baxter.ros.messages import Message
 from impedance_modules.backends.baxter.ros.tcp_connection import (
     ANYTHING,
     LENGTH,
-    GreetingError,
-    Listener,
+    HeaderError,
+    SubscriberConnection,
     connect_to_topic,
     cut_frames,
-    pack_greeting,
+    pack_header,
 )
 from impedance_modules.backends.baxter.ros.transport import Callback, TransportClosedError
 from impedance_modules.backends.baxter.ros.wire import MessageError, checksum_of, decode, encode
@@ -26,7 +26,7 @@ from impedance_modules.backends.baxter.ros.wire import MessageError, checksum_of
 M = TypeVar("M", bound=Message)
 
 
-class Outlet:
+class PublishedTopic:
     """One topic of this node, with its listeners; shared by all its publishers.
 
     Attributes:
@@ -40,7 +40,7 @@ class Outlet:
         self._latched: bytes | None = None
         self._keeps = False
         self._lock = threading.Lock()
-        self._listeners: list[Listener] = []
+        self._listeners: list[SubscriberConnection] = []
 
     def keep_last(self) -> None:
         """From now on, who connects later gets the last message."""
@@ -78,9 +78,9 @@ class Outlet:
             "message_definition": full_text(self.kind.ros_type),
             "latching": "1" if self._keeps else "0",
         }
-        connection.sendall(pack_greeting(fields))
+        connection.sendall(pack_header(fields))
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        listener = Listener(connection, self._forget)
+        listener = SubscriberConnection(connection, self._forget)
         with self._lock:
             self._listeners.append(listener)
             latched = self._latched
@@ -94,7 +94,7 @@ class Outlet:
         for listener in listeners:
             listener.stop()
 
-    def _forget(self, listener: Listener) -> None:
+    def _forget(self, listener: SubscriberConnection) -> None:
         with self._lock:
             if listener in self._listeners:
                 self._listeners.remove(listener)
@@ -103,7 +103,7 @@ class Outlet:
 class SocketPublisher(Generic[M]):
     """A handle to write to a topic."""
 
-    def __init__(self, outlet: Outlet, on_close: Callable[[], None]) -> None:
+    def __init__(self, outlet: PublishedTopic, on_close: Callable[[], None]) -> None:
         self._outlet, self._on_close = outlet, on_close
         self._closed = False
 
@@ -187,7 +187,7 @@ class SocketSubscription(Generic[M]):
                 with connection:
                     if link.holds(connection):
                         self._read(connection, link)
-            except (OSError, GreetingError, MessageError):
+            except (OSError, HeaderError, MessageError):
                 # Gone, not there yet, or meaning another message: only asking again can tell.
                 failures += 1
             link.stopped.wait(PAUSES[min(failures, len(PAUSES) - 1)])

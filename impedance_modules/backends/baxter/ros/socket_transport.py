@@ -14,12 +14,16 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 from impedance_modules.backends.baxter.ros.master_client import MasterTransport, check_own_host, own_host
 from impedance_modules.backends.baxter.ros.messages import Message
-from impedance_modules.backends.baxter.ros.socket_topics import Outlet, SocketPublisher, SocketSubscription
+from impedance_modules.backends.baxter.ros.socket_topics import (
+    PublishedTopic,
+    SocketPublisher,
+    SocketSubscription,
+)
 from impedance_modules.backends.baxter.ros.tcp_connection import (
     CONNECT_TIME,
-    GreetingError,
-    pack_greeting,
-    read_greeting,
+    HeaderError,
+    pack_header,
+    read_header,
 )
 from impedance_modules.backends.baxter.ros.transport import (
     Callback,
@@ -45,7 +49,7 @@ class SocketTransport(MasterTransport):
         super().__init__(node_name, master_uri)
         self._master.check()
         self._lock = threading.RLock()
-        self._outlets: dict[str, Outlet] = {}
+        self._outlets: dict[str, PublishedTopic] = {}
         self._subscriptions: list[SocketSubscription[Any]] = []
         host = own_host(os.environ, master_uri)
         events = NodeEvents(self._follow, self._outlets.get, self._listened, self._published, self.close)
@@ -58,7 +62,7 @@ class SocketTransport(MasterTransport):
         with self._lock:
             outlet = self._outlets.get(topic)
             if outlet is None:
-                outlet = Outlet(self._node_name, topic, message_type)
+                outlet = PublishedTopic(self._node_name, topic, message_type)
                 self._outlets[topic] = outlet
                 self._master.ask("registerPublisher", topic, message_type.ros_type, self._server.uri)
             outlet.users += 1
@@ -157,7 +161,7 @@ class NodeEvents:
     """
 
     publishers_changed: Callable[[str, list[str]], None]
-    outlet: Callable[[str], Outlet | None]
+    outlet: Callable[[str], PublishedTopic | None]
     listened: Callable[[], list[tuple[str, str]]]
     published: Callable[[], list[tuple[str, str]]]
     asked_to_stop: Callable[[], None]
@@ -206,21 +210,23 @@ class NodeServer:
             except OSError:
                 # The door was closed.
                 return
-            threading.Thread(target=self._greet, args=(connection,), daemon=True, name="greet").start()
+            threading.Thread(
+                target=self._take_over, args=(connection,), daemon=True, name="handshake"
+            ).start()
 
-    def _greet(self, connection: socket.socket) -> None:
+    def _take_over(self, connection: socket.socket) -> None:
         """Hands a new listener to its topic, or says why not."""
         connection.settimeout(CONNECT_TIME)
         try:
-            greeting = read_greeting(connection)
+            greeting = read_header(connection)
             topic = greeting.get("topic", "")
             outlet = self._events.outlet(topic)
             refusal = f"{topic} is not published here" if outlet is None else outlet.refusal(greeting)
             if outlet is not None and refusal is None:
                 outlet.accept(connection)
                 return
-            connection.sendall(pack_greeting({"error": str(refusal)}))
-        except (OSError, GreetingError):
+            connection.sendall(pack_header({"error": str(refusal)}))
+        except (OSError, HeaderError):
             # Whoever knocked has gone or does not speak TCPROS; nobody is left to tell.
             connection.close()
             return
@@ -272,7 +278,7 @@ _METHODS = {
 """Name in ROS's slave API -> method of ``NodeServer``."""
 
 
-class _Quiet(SimpleXMLRPCRequestHandler):
+class _SilentHandler(SimpleXMLRPCRequestHandler):
     rpc_paths = ()
 
     def log_message(self, *arguments: Any) -> None:
@@ -283,4 +289,4 @@ class _Server(ThreadingMixIn, SimpleXMLRPCServer):
     daemon_threads = True
 
     def __init__(self, address: tuple[str, int]) -> None:
-        super().__init__(address, requestHandler=_Quiet, logRequests=False, allow_none=True)
+        super().__init__(address, requestHandler=_SilentHandler, logRequests=False, allow_none=True)

@@ -17,18 +17,18 @@ from impedance_modules.errors import ImpedanceError
 
 LENGTH = struct.Struct("<I")
 
-LONGEST_GREETING = 1 << 20
+LONGEST_HEADER = 1 << 20
 """A greeting above this many bytes is not one."""
 
 LONGEST_MESSAGE = 1 << 24
 """No message here is above 16 MB; a length beyond that is not one."""
 
 
-class GreetingError(ImpedanceError):
+class HeaderError(ImpedanceError):
     """The other side of a connection greeted wrongly, refused, or hung up."""
 
 
-def pack_greeting(fields: Mapping[str, str]) -> bytes:
+def pack_header(fields: Mapping[str, str]) -> bytes:
     """Lays out the fields that open a connection."""
     parts = []
     for key, value in fields.items():
@@ -38,30 +38,30 @@ def pack_greeting(fields: Mapping[str, str]) -> bytes:
     return LENGTH.pack(len(body)) + body
 
 
-def read_greeting(connection: socket.socket) -> dict[str, str]:
+def read_header(connection: socket.socket) -> dict[str, str]:
     """Reads the fields that open a connection.
 
     Raises:
-        GreetingError: They are none, or the other side says ``error``.
+        HeaderError: They are none, or the other side says ``error``.
         OSError: The connection fails or its time-out passes.
     """
     (length,) = LENGTH.unpack(_exactly(connection, LENGTH.size))
-    if length > LONGEST_GREETING:
-        raise GreetingError(f"a greeting of {length} bytes is not TCPROS")
+    if length > LONGEST_HEADER:
+        raise HeaderError(f"a greeting of {length} bytes is not TCPROS")
     body = _exactly(connection, length)
     fields: dict[str, str] = {}
     at = 0
     while at < length:
         if at + LENGTH.size > length:
-            raise GreetingError("the greeting breaks off")
+            raise HeaderError("the greeting breaks off")
         (size,) = LENGTH.unpack_from(body, at)
         key, equals, value = body[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
         if not equals or at + 4 + size > length:
-            raise GreetingError("the greeting is not TCPROS")
+            raise HeaderError("the greeting is not TCPROS")
         fields[key] = value
         at += 4 + size
     if "error" in fields:
-        raise GreetingError(fields["error"])
+        raise HeaderError(fields["error"])
     return fields
 
 
@@ -69,13 +69,13 @@ def cut_frames(buffer: bytearray) -> bytes | None:
     """Takes all whole messages off the front of a buffer and returns the newest one.
 
     Raises:
-        GreetingError: A length that no message has; the stream is out of step.
+        HeaderError: A length that no message has; the stream is out of step.
     """
     newest, at = None, 0
     while len(buffer) - at >= LENGTH.size:
         (size,) = LENGTH.unpack_from(buffer, at)
         if size > LONGEST_MESSAGE:
-            raise GreetingError(f"a message of {size} bytes is not one")
+            raise HeaderError(f"a message of {size} bytes is not one")
         if len(buffer) - at - LENGTH.size < size:
             break
         newest = (at + LENGTH.size, at + LENGTH.size + size)
@@ -90,7 +90,7 @@ def _exactly(connection: socket.socket, count: int) -> bytes:
     while len(parts) < count:
         more = connection.recv(count - len(parts))
         if not more:
-            raise GreetingError("the other side hung up")
+            raise HeaderError("the other side hung up")
         parts += more
     return bytes(parts)
 
@@ -121,11 +121,11 @@ ANYTHING = "*"
 """Type and checksum of a listener that takes whatever comes."""
 
 
-class NoNodeError(GreetingError):
+class NoNodeError(HeaderError):
     """What answers at an address is no ROS node."""
 
 
-class NotPublishedError(GreetingError):
+class NotPublishedError(HeaderError):
     """The node at an address says that it does not publish a topic."""
 
 
@@ -144,13 +144,13 @@ def connect_to_topic(
         The connected socket, without a time-out, and the publisher's greeting.
 
     Raises:
-        GreetingError: The node does not publish the topic (any more), or means another message.
+        HeaderError: The node does not publish the topic (any more), or means another message.
         OSError: It cannot be reached.
     """
-    return greet(topic_address(node_uri, caller, topic), caller, topic, fields)
+    return open_connection(topic_address(node_uri, caller, topic), caller, topic, fields)
 
 
-def greet(
+def open_connection(
     address: tuple[str, int], caller: str, topic: str, fields: Mapping[str, str]
 ) -> tuple[socket.socket, dict[str, str]]:
     """Opens a connection to where a topic leaves a node; arguments and errors as in ``connect_to_topic``."""
@@ -158,9 +158,9 @@ def greet(
     try:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         greeting = {"callerid": caller, "topic": topic, "tcp_nodelay": "1", **fields}
-        connection.sendall(pack_greeting(greeting))
-        answer = read_greeting(connection)
-    except (OSError, GreetingError):
+        connection.sendall(pack_header(greeting))
+        answer = read_header(connection)
+    except (OSError, HeaderError):
         connection.close()
         raise
     connection.settimeout(None)
@@ -187,14 +187,14 @@ def topic_address(node_uri: str, caller: str, topic: str) -> tuple[str, int]:
     return str(answer[2][1]), int(answer[2][2])
 
 
-class Listener:
+class SubscriberConnection:
     """One open connection, over which a publisher sends.
 
     A message leaves in the sender's thread; only if the listener's buffer is full does a thread take over, and
     then only the newest of what came meanwhile follows.
     """
 
-    def __init__(self, connection: socket.socket, on_end: Callable[[Listener], None]) -> None:
+    def __init__(self, connection: socket.socket, on_end: Callable[[SubscriberConnection], None]) -> None:
         """Takes a connection that has been greeted, and closes it in the end.
 
         Args:
@@ -207,8 +207,8 @@ class Listener:
         self._rest = b""
         self._next: bytes | None = None
         self._stopped = False
-        self._bell, self._ear = socket.socketpair()
-        self._bell.setblocking(False)
+        self._wake_sender, self._wake_receiver = socket.socketpair()
+        self._wake_sender.setblocking(False)
         threading.Thread(target=self._watch, daemon=True, name="listener").start()
 
     def send(self, data: bytes) -> None:
@@ -219,7 +219,7 @@ class Listener:
                 return
             self._rest = self._push(data)
             if self._rest:
-                self._bell.send(b"!")
+                self._wake_sender.send(b"!")
 
     def stop(self) -> None:
         """Hangs up."""
@@ -227,7 +227,7 @@ class Listener:
             if self._stopped:
                 return
             self._stopped = True
-            self._bell.send(b"!")
+            self._wake_sender.send(b"!")
 
     def _push(self, data: bytes) -> bytes:
         """Writes what fits and returns the rest; a broken connection swallows it."""
@@ -243,9 +243,9 @@ class Listener:
         """Body of the thread: waits for the end of the connection, and writes what is left over."""
         while not self._stopped:
             wants = [self._connection] if self._rest else []
-            readable, writable, _ = select.select([self._connection, self._ear], wants, [])
-            if self._ear in readable:
-                self._ear.recv(64)
+            readable, writable, _ = select.select([self._connection, self._wake_receiver], wants, [])
+            if self._wake_receiver in readable:
+                self._wake_receiver.recv(64)
             if self._connection in readable and self._hung_up():
                 break
             if writable:
@@ -256,7 +256,7 @@ class Listener:
         self._on_end(self)
         with self._lock:
             self._stopped = True
-            for part in (self._connection, self._bell, self._ear):
+            for part in (self._connection, self._wake_sender, self._wake_receiver):
                 part.close()
 
     def _hung_up(self) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the adapter and the double need of ROS: topics, parameters, and who publishes what.
+"""What the adapter and the simulator need of ROS: topics, parameters, and who publishes what.
 
 Rules that every transport keeps (``tests/test_baxter_transport.py`` runs them over all of them):
 
@@ -8,7 +8,7 @@ Rules that every transport keeps (``tests/test_baxter_transport.py`` runs them o
 - ``receive_time`` is ``time.monotonic()`` on this machine, so a step of anybody's clock does not matter.
 - ``send`` never waits for a listener.
 - A node that died without saying so, and another one that means another message by the same name, do no harm;
-  ``offers_of`` names them.
+  ``publisher_info`` names them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class TransportClosedError(ImpedanceError):
 
 
 @dataclass(frozen=True)
-class Offer:
+class PublisherInfo:
     """What one publisher of a topic says when asked.
 
     Attributes:
@@ -105,7 +105,7 @@ class Transport(Protocol):
     def publishers_of(self, topic: str) -> tuple[str, ...]:
         """Names the nodes registered as publishers of a topic, dead ones too, sorted."""
 
-    def offers_of(self, topic: str) -> tuple[Offer, ...]:
+    def publisher_info(self, topic: str) -> tuple[PublisherInfo, ...]:
         """Asks every publisher of a topic, but not this node, what it sends; takes up to a second."""
 
     def close(self) -> None:

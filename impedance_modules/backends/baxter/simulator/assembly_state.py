@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 
-class Button(IntEnum):
+class EstopButton(IntEnum):
     """``estop_button`` of an AssemblyState."""
 
     UNPRESSED = 0
@@ -23,7 +23,7 @@ class Button(IntEnum):
     RELEASED = 3
 
 
-class Source(IntEnum):
+class EstopSource(IntEnum):
     """``estop_source`` of an AssemblyState."""
 
     NONE = 0
@@ -40,8 +40,8 @@ class PowerState:
     enabled: bool
     stopped: bool
     error: bool
-    button: Button
-    source: Source
+    button: EstopButton
+    source: EstopSource
 
     @property
     def ready(self) -> bool:
@@ -49,11 +49,15 @@ class PowerState:
         return self.enabled
 
 
-OFF = PowerState(enabled=False, stopped=False, error=False, button=Button.UNPRESSED, source=Source.NONE)
-ON = PowerState(enabled=True, stopped=False, error=False, button=Button.UNPRESSED, source=Source.NONE)
+OFF = PowerState(
+    enabled=False, stopped=False, error=False, button=EstopButton.UNPRESSED, source=EstopSource.NONE
+)
+ON = PowerState(
+    enabled=True, stopped=False, error=False, button=EstopButton.UNPRESSED, source=EstopSource.NONE
+)
 
 
-class AssemblyMachine:
+class PowerMachine:
     """Who may move the arms.
 
     Attributes:
@@ -62,7 +66,7 @@ class AssemblyMachine:
     """
 
     def __init__(self, *, enabled: bool) -> None:
-        self.standing = ON if enabled else OFF
+        self.power = ON if enabled else OFF
         self.refusal = ""
 
     def enable(self, *, blocked: str) -> None:
@@ -71,43 +75,43 @@ class AssemblyMachine:
         Args:
             blocked: Why the arms must not be powered as they stand (a collision flag); empty if they may.
         """
-        if self.standing.stopped:
+        if self.power.stopped:
             self.refusal = "stopped: reset first"
-        elif blocked and not self.standing.enabled:
+        elif blocked and not self.power.enabled:
             self.refusal = blocked
         else:
-            self.standing, self.refusal = ON, ""
+            self.power, self.refusal = ON, ""
 
     def disable(self) -> None:
         """Switches power off; a stop stays a stop."""
         self.refusal = ""
-        if not self.standing.stopped:
-            self.standing = OFF
+        if not self.power.stopped:
+            self.power = OFF
 
     def reset(self) -> None:
         """Clears faults and stops, and disables."""
-        if self.standing.button is Button.PRESSED:
+        if self.power.button is EstopButton.PRESSED:
             self.refusal = "the e-stop button is pressed: release it first"
         else:
-            self.standing, self.refusal = OFF, ""
+            self.power, self.refusal = OFF, ""
 
     def stop(self) -> None:
         """Stops by software."""
-        self._stop(Button.UNKNOWN, Source.UNKNOWN, error=False)
+        self._stop(EstopButton.UNKNOWN, EstopSource.UNKNOWN, error=False)
 
     def press(self) -> None:
         """Somebody presses the e-stop button."""
-        self._stop(Button.PRESSED, Source.USER, error=False)
+        self._stop(EstopButton.PRESSED, EstopSource.USER, error=False)
 
     def release(self) -> None:
         """Somebody releases it; the robot stays stopped."""
-        if self.standing.button is Button.PRESSED:
-            self._stop(Button.RELEASED, Source.USER, error=False)
+        if self.power.button is EstopButton.PRESSED:
+            self._stop(EstopButton.RELEASED, EstopSource.USER, error=False)
 
     def fault(self) -> None:
         """A joint board reports a fault."""
-        self._stop(Button.UNKNOWN, Source.FAULT, error=True)
+        self._stop(EstopButton.UNKNOWN, EstopSource.FAULT, error=True)
 
-    def _stop(self, button: Button, source: Source, *, error: bool) -> None:
+    def _stop(self, button: EstopButton, source: EstopSource, *, error: bool) -> None:
         self.refusal = ""
-        self.standing = PowerState(enabled=False, stopped=True, error=error, button=button, source=source)
+        self.power = PowerState(enabled=False, stopped=True, error=error, button=button, source=source)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Puts a double together from a robot folder, a posture, a patch and options."""
+"""Puts a simulator together from a robot folder, a posture, a patch and options."""
 
 from __future__ import annotations
 
@@ -22,14 +22,16 @@ from impedance_modules.spec.robot_spec import RobotSpec
 
 @dataclass(frozen=True)
 class BuiltSimulator:
-    """A double, and the description that it serves."""
+    """A simulator, and the description that it serves."""
 
     robot: SimulatedBaxter
     description: str
 
 
-def build_simulator(robot: str, posture: str, patch: PatchSpec | None, options: SimulatorOptions) -> BuiltSimulator:
-    """Builds a double; takes some seconds, for the compiler.
+def build_simulator(
+    robot: str, posture: str, patch: PatchSpec | None, options: SimulatorOptions
+) -> BuiltSimulator:
+    """Builds a simulator; takes some seconds, for the compiler.
 
     Args:
         robot: Robot folder.

@@ -24,7 +24,7 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     IMPACT_TIME,
     SQUISH_THRESHOLDS,
     SQUISH_TIME,
-    SUPPRESSION_LAPSE,
+    SUPPRESSION_TIME_OUT,
     TICK,
 )
 from impedance_modules.errors import BadInput
@@ -89,7 +89,7 @@ def _owner(model: RobotModel, link: str) -> str | None:
 
 
 @dataclass
-class Push:
+class HandPush:
     """A force on a hand (3,) [N], base axes, until a time [s]."""
 
     force: Array
@@ -131,4 +131,4 @@ class Suppressions:
 
     def active(self, name: str, now: float) -> bool:
         """Says whether it still holds."""
-        return now - self._asked[name] < SUPPRESSION_LAPSE
+        return now - self._asked[name] < SUPPRESSION_TIME_OUT

@@ -56,7 +56,7 @@ OFF = "off"
 
 
 @dataclass(frozen=True)
-class Fault:
+class InjectedFault:
     """One word of a script.
 
     Attributes:
@@ -84,7 +84,7 @@ def describe() -> str:
     return "\n".join(f"{written:<{width}}  {text}" for written, text in rows)
 
 
-def parse_fault(text: str, limbs: tuple[str, ...]) -> Fault:
+def parse_fault(text: str, limbs: tuple[str, ...]) -> InjectedFault:
     """Reads one fault.
 
     Raises:
@@ -100,26 +100,28 @@ def parse_fault(text: str, limbs: tuple[str, ...]) -> Fault:
         raise BadInput(f"fault '{text}': no fault '{name}'{nearest(name, known)} (valid: {', '.join(known)})")
     name, rest = words[0], words[1:]
     if rest == [OFF] and name not in ACTS and name not in ("clock-step", "restart", "push"):
-        return Fault(at, name, False, None, ())
+        return InjectedFault(at, name, False, None, ())
     if name in SWITCHES or name in ACTS:
         if rest:
             raise BadInput(f"fault '{text}': '{rest[0]}' is too much (valid: {name}, {name} off)")
-        return Fault(at, name, True, None, ())
+        return InjectedFault(at, name, True, None, ())
     if name in NUMBERS:
         what, low, high = NUMBERS[name]
         if len(rest) != 1:
             raise BadInput(f"fault '{text}': {name} needs one number (valid: {what})")
-        return Fault(at, name, True, None, (_number(rest[0], text, low, high),))
+        return InjectedFault(at, name, True, None, (_number(rest[0], text, low, high),))
     return _on_limb(at, name, rest, text, limbs)
 
 
-def _on_limb(at: float | None, name: str, rest: list[str], text: str, limbs: tuple[str, ...]) -> Fault:
+def _on_limb(
+    at: float | None, name: str, rest: list[str], text: str, limbs: tuple[str, ...]
+) -> InjectedFault:
     counts = (1,) if name == "cuff" else (4, 5)
     if len(rest) not in counts or rest[0] not in limbs:
         words, what = ON_LIMB[name]
         raise BadInput(f"fault '{text}': {what} (valid: {name} {words}, limbs {', '.join(limbs)})")
     numbers = tuple(_number(word, text, -1000.0, 1000.0) for word in rest[1:])
-    return Fault(at, name, True, rest[0], numbers)
+    return InjectedFault(at, name, True, rest[0], numbers)
 
 
 def _number(word: str, text: str, low: float, high: float) -> float:
@@ -162,11 +164,11 @@ class MessageFaults:
     def __post_init__(self) -> None:
         self._random = np.random.default_rng(self.seed)
 
-    def pass_on(
+    def send_through(
         self, place: tuple[str, str], message: Message, now: float, send: Callable[[Message], None]
     ) -> None:
         """Sends a message of one node's topic, as far as the faults let it through."""
-        message = self._bent(place, message)
+        message = self._distorted(place, message)
         if self.silence or (self.drop > 0.0 and self._random.random() < self.drop):
             return
         if self.delay > 0.0 or self._line:
@@ -179,7 +181,7 @@ class MessageFaults:
         while self._line and self._line[0][0] <= now:
             self._line.popleft()[1]()
 
-    def _bent(self, place: tuple[str, str], message: Message) -> Message:
+    def _distorted(self, place: tuple[str, str], message: Message) -> Message:
         if self.freeze:
             return self._frozen.setdefault(place, message)
         self._frozen.clear()

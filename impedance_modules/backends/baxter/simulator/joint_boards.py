@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One arm of the double: what it was commanded, how long ago, and what that makes of its joint boards."""
+"""One arm of the simulator: what it was commanded, how long ago, and what that makes of its joint boards."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class LimbDrive:
         tuning = Tuning(TICK, POSITION_LAG, INTEGRAL_RATE, INTEGRAL_LIMIT)
         self.reference = Reference(Reach(low, high, speed), tuning)
         self._k = len(specs)
-        self.doing = LimbActivity.HOLDS
+        self.activity = LimbActivity.HOLDS
         self.mode: CommandMode | None = None
         self.command: Array = np.zeros(self._k)
         self.fault = ""
@@ -104,8 +104,8 @@ class LimbDrive:
     @property
     def served(self) -> bool:
         """Says whether the limb's servo acts, not a torque command or nothing."""
-        return self.doing is LimbActivity.HOLDS or (
-            self.doing is LimbActivity.OBEYS and self.mode is not CommandMode.TORQUE
+        return self.activity is LimbActivity.HOLDS or (
+            self.activity is LimbActivity.OBEYS and self.mode is not CommandMode.TORQUE
         )
 
     def paused(self, now: float) -> bool:
@@ -124,13 +124,13 @@ class LimbDrive:
 
     def settle(self, position: Array) -> None:
         """Leaves every mode and holds at measured positions (k,) [rad]."""
-        self.doing, self.mode = LimbActivity.HOLDS, None
+        self.activity, self.mode = LimbActivity.HOLDS, None
         self.command = np.zeros(self._k)
         self.reference.settle(position)
 
     def float_free(self) -> None:
         """Leaves every mode; only the robot's own help with the weight remains."""
-        self.doing, self.mode = LimbActivity.FLOATS, None
+        self.activity, self.mode = LimbActivity.FLOATS, None
         self.command = np.zeros(self._k)
 
     def pause(self, now: float, seconds: float, position: Array) -> None:
@@ -172,12 +172,12 @@ class LimbDrive:
         """Changes the mode: a servo starts where it holds already, or else where the arm is."""
         moves = mode in (CommandMode.POSITION, CommandMode.RAW_POSITION)
         if mode is not self.mode:
-            if self.doing is LimbActivity.FLOATS or self.mode is CommandMode.TORQUE:
+            if self.activity is LimbActivity.FLOATS or self.mode is CommandMode.TORQUE:
                 self.reference.settle(position)
             self.command = self.reference.position.copy() if moves else np.zeros(self._k)
         elif not moves:
             self.command = np.zeros(self._k)
-        self.mode, self.doing = mode, LimbActivity.OBEYS
+        self.mode, self.activity = mode, LimbActivity.OBEYS
 
     def _bounded(self, places: Sequence[int], torque: Array) -> Array:
         """Keeps a torque within what the boards give, or faults."""
@@ -190,13 +190,13 @@ class LimbDrive:
 
     def check_time(self, now: float) -> None:
         """Leaves a mode whose commands have stopped coming; ``expired`` tells."""
-        self.expired = self.doing is LimbActivity.OBEYS and now - self._heard > self.time_out
+        self.expired = self.activity is LimbActivity.OBEYS and now - self._heard > self.time_out
 
     def orders(self, sensed: Sensed, servo: Servo) -> LimbOrders:
         """Moves on by one tick, with what the joints report and how their servo is set."""
         if not self.served:
             return LimbOrders(self.command, sensed.position, servo=False)
-        if self.doing is LimbActivity.HOLDS:
+        if self.activity is LimbActivity.HOLDS:
             self.reference.stay()
         elif self.mode is CommandMode.POSITION:
             self.reference.approach(self.command, self.speed_ratio)
@@ -241,7 +241,7 @@ class JointBoards:
         self._ease: Array = np.zeros(model.n)
         self._brake = model.column("effort_max") / BRAKE_SPEED
 
-    def weigh(self, q: Array) -> None:
+    def update_inertia(self, q: Array) -> None:
         """Tells the servos the arms' inertia at positions (n,) [rad]: how gently each may begin to move."""
         inertia = np.diag(self._model.mass_matrix(q)) - self._model.reflected_inertia
         self._ease = EASE * np.sqrt(inertia / self.stiffness)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The double's constants. [param] parameter server of a real robot; [wiki], [sdk] Rethink's; [assumed] by us."""
+"""The simulator's constants. [param] parameter server of a real robot; [wiki], [sdk] Rethink's; [assumed] by us."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DEFAULT_TIME_OUT = 0.2
 LONGEST_TIME_OUT = 1.0
 """Silence after which a control mode is left [s] [wiki]; longer ones are cut."""
 
-SUPPRESSION_LAPSE = 0.2
+SUPPRESSION_TIME_OUT = 0.2
 """A suppression is forgotten unless it is repeated within this time [s] [wiki]."""
 
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 100.0, 1.0, 1000.0
@@ -117,7 +117,7 @@ def over_torque_of(word: str) -> OverTorque:
 
 @dataclass(frozen=True)
 class SimulatorOptions:
-    """How the double is built. Sources disagree about, or are silent on, what the first two say.
+    """How the simulator is built. Sources disagree about, or are silent on, what the first two say.
 
     Attributes:
         time_out_result: What follows when torque or velocity commands stop coming: hold in position mode,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the double tells the world: its state as the robot's own messages."""
+"""What the simulator tells the world: its state as the robot's own messages."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class MessageBuilder:
 
     def assembly(self) -> messages.AssemblyState:
         """Power and stops."""
-        return assembly_message(self._robot.machine.standing)
+        return assembly_message(self._robot.machine.power)
 
     def sea_joints(self, limb: Limb, stamp: int) -> messages.SEAJointState:
         """One arm's joints in full, from the shoulder outwards.
@@ -113,10 +113,10 @@ class MessageBuilder:
         robot, joints = self._robot, limb.joints
         drive = robot.limbs[limb.name]
         weight, springs = robot.plant.compensation(robot.state.position)
-        powered = float(robot.machine.standing.enabled)
+        powered = float(robot.machine.power.enabled)
         acting = powered * (not robot.suppressed(limb.name, "suppress_gravity_compensation"))
         reference = drive.reference
-        torque = drive.doing is LimbActivity.OBEYS and drive.mode is CommandMode.TORQUE
+        torque = drive.activity is LimbActivity.OBEYS and drive.mode is CommandMode.TORQUE
         measured = robot.state.position[joints]
         still = np.zeros(joints.size)
         return messages.SEAJointState(
@@ -184,14 +184,14 @@ def assembly_message(standing: PowerState) -> messages.AssemblyState:
     )
 
 
-def pose_message(translation: Array, rotation: Array) -> messages.Pose:
+def pose_message(translation: Array, rotation: Array) -> messages.PoseMessage:
     """Puts a pose into a message."""
     vector = log3(rotation)
     angle = float(np.linalg.norm(vector))
     axis = vector / angle if angle > 0.0 else vector
     x, y, z = (np.sin(0.5 * angle) * axis).tolist()
     turn = messages.Quaternion(x, y, z, float(np.cos(0.5 * angle)))
-    return messages.Pose(messages.Point(*translation.tolist()), turn)
+    return messages.PoseMessage(messages.Point(*translation.tolist()), turn)
 
 
 def _vector(numbers: NDArray[np.floating[Any]]) -> messages.Vector3:
@@ -209,14 +209,14 @@ JOINT_STATES = "/robot/joint_states"
 
 
 @dataclass
-class Outlet:
+class TopicPublisher:
     """One topic of one node.
 
     Attributes:
         node, topic, kind: Who sends what where.
         rate: How often [Hz].
         make: Builds the message.
-        mishap: Whether faults of the state topics concern it.
+        faulty: Whether faults of the state topics concern it.
         on_change: A message unlike the last one is sent at once.
     """
 
@@ -225,7 +225,7 @@ class Outlet:
     kind: type[Message]
     rate: float
     make: Make
-    mishap: bool = True
+    faulty: bool = True
     on_change: bool = False
     _phase: float = 1.0
 
@@ -243,21 +243,23 @@ def bounded_rate(wish: float) -> float:
     return min(max(wish, SLOWEST_RATE), FASTEST_RATE) if wish else DEFAULT_RATE
 
 
-def outlets(readout: MessageBuilder, limbs: tuple[Limb, ...]) -> list[Outlet]:
+def topic_publishers(readout: MessageBuilder, limbs: tuple[Limb, ...]) -> list[TopicPublisher]:
     """Lists every topic, the most urgent first."""
     found = [
-        Outlet(REALTIME_NODE, JOINT_STATES, messages.JointState, DEFAULT_RATE, readout.joint_states),
-        Outlet(REALTIME_NODE, STATE, messages.AssemblyState, STATE_RATE, lambda _: readout.assembly()),
+        TopicPublisher(REALTIME_NODE, JOINT_STATES, messages.JointState, DEFAULT_RATE, readout.joint_states),
+        TopicPublisher(
+            REALTIME_NODE, STATE, messages.AssemblyState, STATE_RATE, lambda _: readout.assembly()
+        ),
         # Another node: whatever befalls the first, the gripper goes on.
-        Outlet(
+        TopicPublisher(
             GRIPPER_NODE,
             JOINT_STATES,
             messages.JointState,
             GRIPPER_RATE,
             readout.gripper_states,
-            mishap=False,
+            faulty=False,
         ),
-        Outlet(
+        TopicPublisher(
             REALTIME_NODE,
             "/robot/ref_joint_states",
             messages.JointState,
@@ -270,7 +272,7 @@ def outlets(readout: MessageBuilder, limbs: tuple[Limb, ...]) -> list[Outlet]:
     return found
 
 
-def _of_limb(readout: MessageBuilder, limb: Limb) -> list[Outlet]:
+def _of_limb(readout: MessageBuilder, limb: Limb) -> list[TopicPublisher]:
     place = f"/robot/limb/{limb.name}"
     fast: list[tuple[str, type[Message], Make]] = [
         ("gravity_compensation_torques", messages.SEAJointState, partial(readout.sea_joints, limb)),
@@ -294,9 +296,11 @@ def _of_limb(readout: MessageBuilder, limb: Limb) -> list[Outlet]:
             lambda _: readout.cuff(limb),
         ),
     ]
-    found = [Outlet(REALTIME_NODE, f"{place}/{name}", kind, STATE_RATE, make) for name, kind, make in fast]
+    found = [
+        TopicPublisher(REALTIME_NODE, f"{place}/{name}", kind, STATE_RATE, make) for name, kind, make in fast
+    ]
     found += [
-        Outlet(REALTIME_NODE, topic, kind, SLOW_RATE, make, mishap=False, on_change=True)
+        TopicPublisher(REALTIME_NODE, topic, kind, SLOW_RATE, make, faulty=False, on_change=True)
         for topic, kind, make in slow
     ]
     return found

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lets a double live in real time."""
+"""Lets a simulator live in real time."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ COMPLAINT_PAUSE = 5.0
 """Slow machines are told about at most this often [s]."""
 
 
-def live(
+def run_in_real_time(
     node: SimulatorNode,
-    journal: EventLog,
+    event_log: EventLog,
     tell: Callable[[str], None],
     asked_to_end: Callable[[], bool],
     duration: float | None,
@@ -32,10 +32,10 @@ def live(
 
     Args:
         node: Open.
-        journal: Takes notes.
+        event_log: Takes notes.
         tell: Is told every event.
         asked_to_end: Asked every millisecond.
-        duration: On the double's clock; None for no end.
+        duration: On the simulator's clock; None for no end.
 
     Returns:
         By how much its clock fell behind the wall's [s].
@@ -51,7 +51,7 @@ def live(
             pacer.wait()
             node.slipped = pacer.slipped
             node.tick()
-            for text in journal.update():
+            for text in event_log.update():
                 tell(f"{robot.now:9.3f} s  {text}")
             if pacer.slipped - told > 0.0 and robot.now - complained >= COMPLAINT_PAUSE:
                 tell(f"{robot.now:9.3f} s  this machine is too slow: {pacer.slipped:.2f} s behind in all")
@@ -92,14 +92,14 @@ class EventLog:
         line = {
             "time": round(at, 6),
             "event": text,
-            "enabled": robot.machine.standing.enabled,
-            "stopped": robot.machine.standing.stopped,
+            "enabled": robot.machine.power.enabled,
+            "stopped": robot.machine.power.stopped,
             "commands": {name: drive.received for name, drive in robot.limbs.items()},
             "ignored": {name: drive.ignored for name, drive in robot.limbs.items()},
             "last_command": {name: round(drive.last_received, 6) for name, drive in robot.limbs.items()},
             "last_torque": {name: round(drive.last_torque, 6) for name, drive in robot.limbs.items()},
             "modes": {
-                name: drive.mode.name if drive.mode else drive.doing.value
+                name: drive.mode.name if drive.mode else drive.activity.value
                 for name, drive in robot.limbs.items()
             },
         }
@@ -115,7 +115,7 @@ class Pacer:
     """Says when the next tick is due.
 
     Attributes:
-        slipped: By how much the double's clock is behind the wall's in all [s].
+        slipped: By how much the simulator's clock is behind the wall's in all [s].
     """
 
     def __init__(

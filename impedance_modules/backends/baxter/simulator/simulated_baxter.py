@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The double's mind: one tick of the robot's own loop after another, without any network.
+"""The simulator's mind: one tick of the robot's own loop after another, without any network.
 
     requests -> power and stops -> modes, time-outs, cuffs, collisions -> joint boards -> plant -> sensors
 
@@ -14,18 +14,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.baxter.simulator.assembly_state import AssemblyMachine
+from impedance_modules.backends.baxter.simulator.assembly_state import PowerMachine
 from impedance_modules.backends.baxter.simulator.collision_safety import (
     ForceField,
-    Push,
+    HandPush,
     Suppressions,
     contact_sense,
 )
 from impedance_modules.backends.baxter.simulator.joint_boards import (
     INERTIA_TICKS,
-    JointBoards,
     BoardRequest,
     CommandMode,
+    JointBoards,
     LimbActivity,
     LimbDrive,
 )
@@ -84,12 +84,12 @@ class SimulatedBaxter:
         self.plant.widen_stops(STOP_MARGIN)
         self.plant.warm(posture)
         self._boards = JointBoards(model, self.plant)
-        self.machine = AssemblyMachine(enabled=options.enabled)
+        self.machine = PowerMachine(enabled=options.enabled)
         limbs = model.limbs
         self.limbs = {name: LimbDrive(model, limb, options) for name, limb in limbs.items()}
         self.suppressions = {name: Suppressions() for name in limbs}
         self.cuffs = dict.fromkeys(limbs, False)
-        self.pushes: dict[str, Push | None] = dict.fromkeys(limbs)
+        self.pushes: dict[str, HandPush | None] = dict.fromkeys(limbs)
         self.colliding = dict.fromkeys(limbs, "")
         self._senses = {name: contact_sense(limb.short_names) for name, limb in limbs.items()}
         self.kinematics = Kinematics(model, tuple(limb.hand for limb in limbs.values()))
@@ -98,13 +98,13 @@ class SimulatedBaxter:
         self.now = 0.0
         self.events: list[tuple[float, str]] = []
         self._ticks = 0
-        self._inbox: deque[Request] = deque()
+        self._requests: deque[Request] = deque()
         self._powered = False
-        self._look_around()
+        self._update_safety()
 
     def post(self, request: Request) -> None:
         """Hands a request to the next tick; safe from any thread."""
-        self._inbox.append(request)
+        self._requests.append(request)
 
     def command(self, limb: str, mode: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Takes a JointCommand; without power it is ignored."""
@@ -113,36 +113,36 @@ class SimulatedBaxter:
         drive.last_received = self.now
         if mode == CommandMode.TORQUE:
             drive.last_torque = self.now
-        if not self.machine.standing.enabled:
+        if not self.machine.power.enabled:
             drive.ignored += 1
             return
         drive.take(self.now, mode, names, values, self.position(drive))
         if drive.fault:
-            self.say(drive.fault)
+            self.log_event(drive.fault)
             self.machine.fault()
             drive.fault = ""
 
     def enable(self, wish: bool) -> None:
         """Takes a request to switch power on or off."""
-        before = self.machine.standing
+        before = self.machine.power
         if wish:
             self.machine.enable(blocked=self._blocked())
         else:
             self.machine.disable()
-        if self.machine.standing != before:
-            self.say("enabled" if wish else "disabled")
+        if self.machine.power != before:
+            self.log_event("enabled" if wish else "disabled")
         elif self.machine.refusal:
-            self.say(f"not enabled: {self.machine.refusal}")
+            self.log_event(f"not enabled: {self.machine.refusal}")
 
     def reset(self) -> None:
         """Takes a request to clear faults and stops."""
         self.machine.reset()
-        self.say(f"not reset: {self.machine.refusal}" if self.machine.refusal else "reset")
+        self.log_event(f"not reset: {self.machine.refusal}" if self.machine.refusal else "reset")
 
     def stop(self) -> None:
         """Takes a request to stop by software."""
         self.machine.stop()
-        self.say("stopped by software")
+        self.log_event("stopped by software")
 
     def _blocked(self) -> str:
         """Says which arm must not be powered because its collision flag cannot clear."""
@@ -151,7 +151,7 @@ class SimulatedBaxter:
                 return f"{name} is inside the force field of {', '.join(near)}"
         return ""
 
-    def say(self, text: str) -> None:
+    def log_event(self, text: str) -> None:
         """Notes what happened; what is said again and again is noted once."""
         if not self.events or self.events[-1][1] != text:
             self.events.append((self.now, text))
@@ -166,8 +166,8 @@ class SimulatedBaxter:
 
     def tick(self) -> None:
         """Lives through one millisecond."""
-        while self._inbox:
-            self._inbox.popleft()()
+        while self._requests:
+            self._requests.popleft()()
         self._watch_power()
         for name, drive in self.limbs.items():
             self._watch_limb(name, drive)
@@ -176,17 +176,17 @@ class SimulatedBaxter:
         self._ticks += 1
         self.now = self._ticks * TICK
         if self._ticks % FIELD_TICKS == 0:
-            self._look_around()
+            self._update_safety()
 
-    def _look_around(self) -> None:
+    def _update_safety(self) -> None:
         self.kinematics.update(self.state.position, self.state.velocity)
         self.field.update(self.state.position, self.state.velocity)
         if self._ticks % INERTIA_TICKS == 0:
-            self._boards.weigh(self.state.position)
+            self._boards.update_inertia(self.state.position)
 
     def _watch_power(self) -> None:
         """Without power every mode is forgotten; with it the arms hold where they are."""
-        powered = self.machine.standing.enabled
+        powered = self.machine.power.enabled
         if powered != self._powered:
             for drive in self.limbs.values():
                 drive.settle(self.position(drive))
@@ -194,15 +194,15 @@ class SimulatedBaxter:
 
     def _watch_limb(self, name: str, drive: LimbDrive) -> None:
         """Time-out, cuff and collisions of one limb."""
-        self._feel(name, drive)
+        self._detect_collision(name, drive)
         if not self._powered:
             return
         squeezed = self.cuffs[name] and not self.suppressed(name, "suppress_cuff_interaction")
-        if squeezed and drive.doing is not LimbActivity.FLOATS:
-            self.say(f"{name}: cuff squeezed, the arm yields")
+        if squeezed and drive.activity is not LimbActivity.FLOATS:
+            self.log_event(f"{name}: cuff squeezed, the arm yields")
         if squeezed:
             drive.float_free()
-        elif drive.doing is LimbActivity.FLOATS and self.options.time_out_result != "float":
+        elif drive.activity is LimbActivity.FLOATS and self.options.time_out_result != "float":
             drive.settle(self.position(drive))
         drive.check_time(self.now)
         if drive.expired:
@@ -212,7 +212,7 @@ class SimulatedBaxter:
         """What silence leads to: sources disagree, so the options say."""
         moving = drive.mode in (CommandMode.TORQUE, CommandMode.VELOCITY)
         result = self.options.time_out_result if moving else "hold"
-        self.say(f"{name}: no command for {drive.time_out:g} s: {result}")
+        self.log_event(f"{name}: no command for {drive.time_out:g} s: {result}")
         if result == "float":
             drive.float_free()
         else:
@@ -221,7 +221,7 @@ class SimulatedBaxter:
             self.machine.disable()
             self._watch_power()
 
-    def _feel(self, name: str, drive: LimbDrive) -> None:
+    def _detect_collision(self, name: str, drive: LimbDrive) -> None:
         """Lets a push act, and pauses the limb if it is a collision."""
         push, joints = self.pushes[name], drive.limb.joints
         if push is None and self._senses[name].calm and not self.colliding[name]:
@@ -237,7 +237,7 @@ class SimulatedBaxter:
             self.colliding[name] = ""
         if felt and self._powered and not self.suppressed(name, "suppress_contact_safety"):
             if not self.colliding[name]:
-                self.say(f"{name}: {felt}, the arm pauses")
+                self.log_event(f"{name}: {felt}, the arm pauses")
                 drive.pause(self.now, COLLISION_PAUSE, self.position(drive))
             self.colliding[name] = felt
 

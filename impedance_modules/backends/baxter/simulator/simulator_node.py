@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The double on the network: its topics, parameters, and the faults that are put on them."""
+"""The simulator on the network: its topics, parameters, and the faults that are put on them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,22 @@ from impedance_modules.backends.baxter.ros.messages import Message
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
 from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.backends.baxter.simulator.assembly_state import ON
-from impedance_modules.backends.baxter.simulator.collision_safety import SUPPRESSIBLE, Push
-from impedance_modules.backends.baxter.simulator.fault_injection import Fault, MessageFaults, parse_fault
+from impedance_modules.backends.baxter.simulator.collision_safety import SUPPRESSIBLE, HandPush
+from impedance_modules.backends.baxter.simulator.fault_injection import (
+    InjectedFault,
+    MessageFaults,
+    parse_fault,
+)
 from impedance_modules.backends.baxter.simulator.parameters import STATE_RATE
 from impedance_modules.backends.baxter.simulator.publishers import (
     JOINT_STATES,
     REALTIME_NODE,
     STATE,
-    Outlet,
     MessageBuilder,
+    TopicPublisher,
     assembly_message,
     bounded_rate,
-    outlets,
+    topic_publishers,
 )
 from impedance_modules.backends.baxter.simulator.simulated_baxter import SimulatedBaxter
 from impedance_modules.errors import BadInput
@@ -45,11 +49,11 @@ PUSH_TIME = 1.0
 
 
 class SimulatorNode:
-    """One double with its nodes on a network.
+    """One simulator with its nodes on a network.
 
     Attributes:
-        robot: The double.
-        mishaps: Faults of its messages.
+        robot: The simulator.
+        message_faults: Faults of its messages.
         opened: Whether its nodes are up.
         slipped: By how much the robot's life is behind the wall's clock, which its stamps follow [s].
     """
@@ -61,29 +65,29 @@ class SimulatorNode:
         self._limbs = tuple(robot.model.limbs.values())
         self._readout = MessageBuilder(robot)
         last = self._limbs[-1].joint_names[-1]
-        self.mishaps = MessageFaults(joint=last, seed=robot.options.seed)
+        self.message_faults = MessageFaults(joint=last, seed=robot.options.seed)
         self._start = time.time_ns()
-        self._outlets = outlets(self._readout, self._limbs)
-        self._second = Outlet(
+        self._topic_publishers = topic_publishers(self._readout, self._limbs)
+        self._second = TopicPublisher(
             SECOND_NODE, STATE, messages.AssemblyState, STATE_RATE, lambda _: assembly_message(ON)
         )
         self._nodes: dict[str, Transport] = {}
         self._publishers: dict[tuple[str, str], Publisher[Message]] = {}
         self._last: dict[tuple[str, str], Message] = {}
         self._return_at: float | None = None
-        self._script: list[Fault] = []
+        self._script: list[InjectedFault] = []
         self._ticks = 0
         self.slipped = 0.0
         self.opened = False
 
     def open(self) -> None:
         """Brings the nodes up and sets the parameters."""
-        for outlet in self._outlets:
-            self._advertise(outlet)
+        for topic_publisher in self._topic_publishers:
+            self._advertise(topic_publisher)
         realtime = self._nodes[REALTIME_NODE]
         realtime.set_parameter(DESCRIPTION, self._description)
         realtime.set_parameter(VERSION, self.robot.options.software_version)
-        listen(realtime, self.robot, self._set_rate, self._obey)
+        listen(realtime, self.robot, self._set_rate, self._inject_text)
         self.opened = True
 
     def close(self) -> None:
@@ -94,18 +98,18 @@ class SimulatorNode:
         self._nodes.clear()
         self._publishers.clear()
 
-    def plan(self, faults: list[Fault]) -> None:
+    def plan(self, faults: list[InjectedFault]) -> None:
         """Takes faults that happen at their time; those without one happen now."""
         for fault in faults:
             if fault.at is None:
-                self.suffer(fault)
+                self.inject(fault)
         self._script = sorted((f for f in faults if f.at is not None), key=lambda f: f.at or 0.0)
 
     def tick(self) -> None:
         """Lives through one millisecond and sends what is due."""
         robot = self.robot
         while self._script and (self._script[0].at or 0.0) <= robot.now:
-            self.suffer(self._script.pop(0))
+            self.inject(self._script.pop(0))
         robot.tick()
         self._ticks += 1
         if self._return_at is not None and robot.now >= self._return_at:
@@ -113,26 +117,26 @@ class SimulatorNode:
             self.open()
         if not self.opened:
             return
-        self.mishaps.release(robot.now)
+        self.message_faults.release(robot.now)
         # A machine that is too slow makes the robot's life slower, not its clock.
-        stamp = self._start + round((robot.now + self.slipped + self.mishaps.clock_step) * 1e9)
-        for outlet in self._outlets:
-            self._serve(outlet, stamp)
+        stamp = self._start + round((robot.now + self.slipped + self.message_faults.clock_step) * 1e9)
+        for topic_publisher in self._topic_publishers:
+            self._serve(topic_publisher, stamp)
 
-    def _serve(self, outlet: Outlet, stamp: int) -> None:
-        due = outlet.due()
-        if not (due or (outlet.on_change and self._ticks % LOOK_TICKS == 0)):
+    def _serve(self, topic_publisher: TopicPublisher, stamp: int) -> None:
+        due = topic_publisher.due()
+        if not (due or (topic_publisher.on_change and self._ticks % LOOK_TICKS == 0)):
             return
-        place = (outlet.node, outlet.topic)
+        place = (topic_publisher.node, topic_publisher.topic)
         publisher = self._publishers[place]
         if publisher.connections() == 0:
             return
-        message = outlet.make(stamp)
+        message = topic_publisher.make(stamp)
         if not due and _content(message) == _content(self._last.get(place)):
             return
         self._last[place] = message
-        if outlet.mishap:
-            self.mishaps.pass_on(place, message, self.robot.now, partial(self._send, place))
+        if topic_publisher.faulty:
+            self.message_faults.send_through(place, message, self.robot.now, partial(self._send, place))
         else:
             publisher.send(message)
 
@@ -142,40 +146,40 @@ class SimulatorNode:
         if publisher is not None:
             publisher.send(message)
 
-    def _advertise(self, outlet: Outlet) -> None:
-        if outlet.node not in self._nodes:
-            self._nodes[outlet.node] = self._network.connect(outlet.node)
-        publisher = self._nodes[outlet.node].advertise(outlet.topic, outlet.kind)
-        self._publishers[outlet.node, outlet.topic] = publisher
+    def _advertise(self, topic_publisher: TopicPublisher) -> None:
+        if topic_publisher.node not in self._nodes:
+            self._nodes[topic_publisher.node] = self._network.connect(topic_publisher.node)
+        publisher = self._nodes[topic_publisher.node].advertise(topic_publisher.topic, topic_publisher.kind)
+        self._publishers[topic_publisher.node, topic_publisher.topic] = publisher
 
     def _set_rate(self, rate: int) -> None:
-        for outlet in self._outlets:
-            if (outlet.node, outlet.topic) == (REALTIME_NODE, JOINT_STATES):
-                outlet.rate = bounded_rate(rate)
+        for topic_publisher in self._topic_publishers:
+            if (topic_publisher.node, topic_publisher.topic) == (REALTIME_NODE, JOINT_STATES):
+                topic_publisher.rate = bounded_rate(rate)
 
-    def _obey(self, text: str) -> None:
+    def _inject_text(self, text: str) -> None:
         """Carries out a fault that came by topic; nonsense is told, not obeyed."""
         try:
-            self.suffer(parse_fault(text, tuple(self.robot.limbs)))
+            self.inject(parse_fault(text, tuple(self.robot.limbs)))
         except BadInput as error:
-            self.robot.say(str(error))
+            self.robot.log_event(str(error))
 
-    def suffer(self, fault: Fault) -> None:
+    def inject(self, fault: InjectedFault) -> None:
         """Lets a fault happen."""
         robot = self.robot
         value = fault.numbers[0] if fault.numbers and fault.on else 0.0
         words = [fault.name, *([fault.limb] if fault.limb else []), *(f"{x:g}" for x in fault.numbers)]
-        robot.say(f"fault: {' '.join(words)}{'' if fault.on else ' off'}")
+        robot.log_event(f"fault: {' '.join(words)}{'' if fault.on else ' off'}")
         if fault.name in ("silence", "freeze", "partial", "nan"):
-            setattr(self.mishaps, fault.name, fault.on)
+            setattr(self.message_faults, fault.name, fault.on)
         elif fault.name in ("drop", "delay"):
-            setattr(self.mishaps, fault.name, value)
+            setattr(self.message_faults, fault.name, value)
         elif fault.name == "clock-step":
-            self.mishaps.clock_step += value
+            self.message_faults.clock_step += value
         elif fault.name in ("duplicate", "dead", "wrong-md5", "restart"):
-            self._upset_network(fault, value)
+            self._inject_node_fault(fault, value)
         elif fault.name in ("cuff", "push"):
-            self._touch(fault)
+            self._inject_on_limb(fault)
         else:
             acts = {
                 "estop": robot.machine.press,
@@ -184,7 +188,7 @@ class SimulatorNode:
             }
             acts[fault.name]()
 
-    def _touch(self, fault: Fault) -> None:
+    def _inject_on_limb(self, fault: InjectedFault) -> None:
         robot = self.robot
         if not fault.on:
             robot.cuffs.update(dict.fromkeys(robot.cuffs, False))
@@ -192,21 +196,21 @@ class SimulatorNode:
             robot.cuffs[fault.limb] = True
         elif fault.limb is not None:
             lasts = fault.numbers[3] if len(fault.numbers) > 3 else PUSH_TIME
-            robot.pushes[fault.limb] = Push(np.array(fault.numbers[:3]), robot.now + lasts)
+            robot.pushes[fault.limb] = HandPush(np.array(fault.numbers[:3]), robot.now + lasts)
 
-    def _upset_network(self, fault: Fault, value: float) -> None:
+    def _inject_node_fault(self, fault: InjectedFault, value: float) -> None:
         """Faults of nodes and registrations."""
         if fault.name == "dead":
-            self._network.haunt(STATE, messages.AssemblyState.ros_type, fault.on)
+            self._network.register_dead(STATE, messages.AssemblyState.ros_type, fault.on)
         elif fault.name == "restart":
             self.close()
             self.robot.machine.disable()
             self._return_at = self.robot.now + value
-        elif fault.name == "duplicate" and fault.on and self._second not in self._outlets:
-            self._outlets.append(self._second)
+        elif fault.name == "duplicate" and fault.on and self._second not in self._topic_publishers:
+            self._topic_publishers.append(self._second)
             self._advertise(self._second)
-        elif fault.name == "duplicate" and not fault.on and self._second in self._outlets:
-            self._outlets.remove(self._second)
+        elif fault.name == "duplicate" and not fault.on and self._second in self._topic_publishers:
+            self._topic_publishers.remove(self._second)
             del self._publishers[SECOND_NODE, STATE]
             self._nodes.pop(SECOND_NODE).close()
         elif fault.name == "wrong-md5":
@@ -217,12 +221,12 @@ class SimulatorNode:
 
     def _send_as(self, kind: type[Message]) -> None:
         """Sends the robot's state as another type."""
-        for outlet in self._outlets:
-            if (outlet.node, outlet.topic) == (REALTIME_NODE, STATE):
-                outlet.kind = kind
-                outlet.make = self._right_state if kind is messages.AssemblyState else _wrong_state
+        for topic_publisher in self._topic_publishers:
+            if (topic_publisher.node, topic_publisher.topic) == (REALTIME_NODE, STATE):
+                topic_publisher.kind = kind
+                topic_publisher.make = self._right_state if kind is messages.AssemblyState else _wrong_state
                 self._publishers[REALTIME_NODE, STATE].close()
-                self._advertise(outlet)
+                self._advertise(topic_publisher)
 
 
 def _wrong_state(stamp: int) -> messages.Bool:  # noqa: ARG001 - as every maker of messages
@@ -248,7 +252,7 @@ class Network(Protocol):
     def connect(self, node_name: str) -> Transport:
         """Brings a node up."""
 
-    def haunt(self, topic: str, ros_type: str, on: bool) -> None:
+    def register_dead(self, topic: str, ros_type: str, on: bool) -> None:
         """Registers a publisher that no longer exists, or has it forgotten."""
 
 
@@ -263,7 +267,7 @@ class RosNetwork:
         """Brings a node up."""
         return SocketTransport(node_name, self._address)
 
-    def haunt(self, topic: str, ros_type: str, on: bool) -> None:
+    def register_dead(self, topic: str, ros_type: str, on: bool) -> None:
         """Registers a publisher that no longer exists, or has it forgotten."""
         master = xmlrpc.client.ServerProxy(self._address)
         if on:
@@ -277,7 +281,10 @@ FAULT_TOPIC = "/fake_baxter/fault"
 
 
 def listen(
-    node: Transport, robot: SimulatedBaxter, set_rate: Callable[[int], None], obey: Callable[[str], None]
+    node: Transport,
+    robot: SimulatedBaxter,
+    set_rate: Callable[[int], None],
+    inject_text: Callable[[str], None],
 ) -> None:
     """Subscribes to everything that the robot listens to.
 
@@ -285,7 +292,7 @@ def listen(
         node: Of the robot.
         robot: Whose limbs and power are commanded.
         set_rate: Takes a wished rate of the joint states [Hz].
-        obey: Takes a fault in words.
+        inject_text: Takes a fault in words.
     """
     post = robot.post
     node.subscribe("/robot/set_super_enable", messages.Bool, lambda m, _: post(partial(robot.enable, m.data)))
@@ -294,7 +301,7 @@ def listen(
     node.subscribe(
         "/robot/joint_state_publish_rate", messages.UInt16, lambda m, _: post(partial(set_rate, m.data))
     )
-    node.subscribe(FAULT_TOPIC, messages.String, lambda m, _: post(partial(obey, m.data)))
+    node.subscribe(FAULT_TOPIC, messages.String, lambda m, _: post(partial(inject_text, m.data)))
     for limb in robot.limbs:
         _listen_for(node, robot, limb)
 
