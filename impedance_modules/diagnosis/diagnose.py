@@ -12,7 +12,11 @@ from impedance_modules.diagnosis.data.folds import DataSplit, assign_folds
 from impedance_modules.diagnosis.data.nominal_model import NominalModel, with_known_effects
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.model_selection.cause_search import Progress, search_causes
-from impedance_modules.diagnosis.model_selection.conclusion import compensation_note, conclude, causes_of_model
+from impedance_modules.diagnosis.model_selection.conclusion import (
+    causes_of_model,
+    compensation_note,
+    conclude,
+)
 from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
@@ -79,9 +83,7 @@ def diagnose(
     return with_rollouts(found, evidence, model, urdf, worn)
 
 
-def _long_enough(
-    split: DataSplit, prepared: tuple[Prepared, ...]
-) -> tuple[DataSplit, tuple[Prepared, ...]]:
+def _long_enough(split: DataSplit, prepared: tuple[Prepared, ...]) -> tuple[DataSplit, tuple[Prepared, ...]]:
     """Leaves recordings out, or stretches of one, of which hardly anything is left behind the band's filter."""
     short = [i for i, item in enumerate(prepared) if item.samples < ROWS_MIN]
     if not short:

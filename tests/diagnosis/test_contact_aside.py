@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from impedance_modules.diagnosis.data.admission import in_contact
-from impedance_modules.diagnosis.residuals.contact_mask import rows_of_link_residuals, without_links_in_contact
+from impedance_modules.diagnosis.residuals.contact_mask import (
+    rows_of_link_residuals,
+    without_links_in_contact,
+)
 from impedance_modules.diagnosis.rollout.simulated_windows import RUN_IN, WINDOW, place_windows
 from impedance_modules.effects.residual_kinds import RESIDUALS, uses_motion
 from impedance_modules.spec.task_text import contact_phases

@@ -17,8 +17,8 @@ from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import read_tree
 from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, total_shrink
 from impedance_modules.diagnosis.rollout.simulated_robot import (
-    body_changes,
     apply_causes,
+    body_changes,
     no_nuisance,
     robot_of_model,
 )

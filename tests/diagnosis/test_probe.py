@@ -10,21 +10,33 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from impedance_modules.cli.probe_verb import _write, probe_command as command
+from impedance_modules.cli.probe_verb import _write
+from impedance_modules.cli.probe_verb import probe_command as command
 from impedance_modules.control.assembly import assemble
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.experiment_design.motion_library import ProbeMotion, Stroke, motions
-from impedance_modules.diagnosis.experiment_design.motion_limits import Clearance, choose_start, limits_of_robot
+from impedance_modules.diagnosis.experiment_design.motion_limits import (
+    Clearance,
+    choose_start,
+    limits_of_robot,
+)
 from impedance_modules.diagnosis.experiment_design.probe_choice import (
     CHI_SQUARE,
     SHARE_PERHAPS,
-    ProbeSearch,
     Probe,
+    ProbeSearch,
     propose_probe,
 )
-from impedance_modules.diagnosis.experiment_design.probe_questions import request_of_diagnosis, general_request
-from impedance_modules.diagnosis.experiment_design.separation import MotionPredictor, SeparationPredictor, spring_stiffness
+from impedance_modules.diagnosis.experiment_design.probe_questions import (
+    general_request,
+    request_of_diagnosis,
+)
+from impedance_modules.diagnosis.experiment_design.separation import (
+    MotionPredictor,
+    SeparationPredictor,
+    spring_stiffness,
+)
 from impedance_modules.errors import BadInput
 from impedance_modules.prediction.check import refuse_unfit
 from impedance_modules.spec.robot_reader import read_robot
@@ -86,38 +98,38 @@ def test_the_proposal_answers_and_is_safe(pair: int) -> None:
     assert expected.separation.share >= SHARE_PERHAPS
     assert probe.proposal.motion.duration < 80.0
     spec = read_robot(ROBOT)
-    joints = probe.follower.model.joints
-    signals = probe.follower.record(probe.proposal.motion)
+    joints = probe.predictor.model.joints
+    signals = probe.predictor.record(probe.proposal.motion)
     drives = [spec.joints[name] for name in joints]
     assert np.all(signals.position < [drive.position_max for drive in drives])
     assert np.all(signals.position > [drive.position_min for drive in drives])
     assert np.all(np.abs(signals.velocity) < [drive.velocity_max for drive in drives])
     assert np.all(np.abs(signals.drive) < [drive.effort_max for drive in drives])
     assert Clearance(spec, joints).nearest(signals.position[::5])[0] > spec.collision.margin
-    assert np.allclose(signals.position[-1], probe.follower.start, atol=0.02)
+    assert np.allclose(signals.position[-1], probe.predictor.start, atol=0.02)
 
 
 def test_one_pose_cannot_tell_an_offset_from_a_spring() -> None:
     spec = read_robot(ROBOT)
     model = model_of_spec(spec, list(spec.joints))
-    brief = request_of_diagnosis(answer(*PAIRS[1]), model.tree)
+    request = request_of_diagnosis(answer(*PAIRS[1]), model.tree)
     room = limits_of_robot(spec, model.joints)
     start = 0.5 * (room.lower + room.upper)
     rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
-    follower = MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
+    predictor = MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
     index, shares = model.joints.index(JOINT), []
     for way in (0.01, 0.5):
         there, back = start[index] + way, start[index] - way
         strokes = tuple(Stroke({index: float(place)}, 1.5) for place in (there, back, there, back))
-        found = SeparationPredictor(brief, model).separate(follower.record(ProbeMotion(start, strokes, ())), brief.questions)
+        found = SeparationPredictor(request, model).separate(predictor.record(ProbeMotion(start, strokes, ())), request.questions)
         shares.append(found[0].chi_square)
     assert shares[0] < CHI_SQUARE < shares[1]
 
 
 def test_the_joints_follow_as_predicted_by_their_own_equation() -> None:
     probe = proposed(0)
-    follower, motion = probe.follower, probe.proposal.motion
-    time, q = follower.position(motion)
+    predictor, motion = probe.predictor, probe.proposal.motion
+    time, q = predictor.position(motion)
     v = np.gradient(q, time, axis=0)
     a = np.gradient(v, time, axis=0)
     # At rest at the end of long waits, and pushed towards the rest posture in between.
@@ -151,13 +163,13 @@ def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
     room, clearance = limits_of_robot(spec, model.joints), Clearance(spec, model.joints)
     rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
     start = choose_start(room, {}, clearance, rigid.weight)
-    follower = MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
-    chooser = ProbeSearch(general_request(model.joints, {}), follower, room, clearance)
+    predictor = MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
+    search = ProbeSearch(general_request(model.joints, {}), predictor, room, clearance)
     heaviest = int(np.argmax(np.abs(rigid.weight(start[None])[0]) / room.effort))
     safe = [
         motion.kinds[0].split()[0]
         for motion in motions(room, start, heaviest, 0.5, rigid.weight)
-        if chooser.objection(follower.record(motion)) is None
+        if search.objection(predictor.record(motion)) is None
     ]
     assert {"ladder", "reversals", "chirp"} <= set(safe)
 

@@ -10,18 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.channel_checks import refuse_faulty_channels, unwrapped
-from impedance_modules.diagnosis.data.dataset_consistency import group_repeats, refuse_mixed_recordings, refuse_copies
+from impedance_modules.diagnosis.data.dataset_consistency import (
+    group_repeats,
+    refuse_copies,
+    refuse_mixed_recordings,
+)
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import stretch_note, stretch_origin
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.time_base import (
     common_delay,
-    uniform_time,
-    quantisation_step,
-    unify_rates,
-    resampled,
     delayed,
+    quantisation_step,
+    resampled,
     sampling_times,
+    uniform_time,
+    unify_rates,
 )
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput

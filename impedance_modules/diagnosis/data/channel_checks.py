@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_tree import Body
-from impedance_modules.diagnosis.data.torque_sign import refuse_flipped_torque, compare_coarsely, without
+from impedance_modules.diagnosis.data.torque_sign import compare_coarsely, refuse_flipped_torque, without
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]

@@ -145,11 +145,9 @@ def with_known_effects(
 
 def _with(model: NominalModel, numbers: Mapping[str, Mapping[str, float]]) -> NominalModel:
     """Replaces joints' numbers in a model; joints that were not recorded count for nothing."""
-    changed = {
-        name: getattr(model, name).copy() for name in ("reflected_inertia", "compliance", "spring_damping")
-    }
+    changed: dict[str, Array] = {}
     for joint, own in numbers.items():
         if joint in model.joints:
             for name, value in own.items():
-                changed[name][model.joints.index(joint)] = value
+                changed.setdefault(name, getattr(model, name).copy())[model.joints.index(joint)] = value
     return replace(model, **changed)

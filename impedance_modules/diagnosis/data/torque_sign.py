@@ -117,7 +117,9 @@ def compare_coarsely(log: Log, model: NominalModel, scale: float = 1.0) -> Coars
         return CoarseComparison(q, v, a, effort, torque - weight, None)
     if log.command is None or not compensated:
         return CoarseComparison(q, v, a, effort, torque, None)
-    return CoarseComparison(q, v, a, effort, torque, sosfiltfilt(sections, log.command, axis=0)[rows] + weight)
+    return CoarseComparison(
+        q, v, a, effort, torque, sosfiltfilt(sections, log.command, axis=0)[rows] + weight
+    )
 
 
 def without(values: Array, basis: Array) -> Array:

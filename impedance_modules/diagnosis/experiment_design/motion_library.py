@@ -126,7 +126,9 @@ class ProbeMotion:
         return out
 
 
-def motions(limits: MotionLimits, start: Array, joint: int, size: float, weight: Weight) -> Iterator[ProbeMotion]:
+def motions(
+    limits: MotionLimits, start: Array, joint: int, size: float, weight: Weight
+) -> Iterator[ProbeMotion]:
     """Gives every kind of motion of a joint at a size; kinds for which there is no limits are left out.
 
     Args:
@@ -224,7 +226,9 @@ def _chirp(reach: _Reach) -> list[Stroke]:
     return [*out, *_home(reach)]
 
 
-def _two_loads(reach: _Reach, limits: MotionLimits, start: Array, weight: Weight, size: float) -> list[Stroke]:
+def _two_loads(
+    reach: _Reach, limits: MotionLimits, start: Array, weight: Weight, size: float
+) -> list[Stroke]:
     """Strokes both ways in the posture near the start that loads the joint least, and in the one that does most."""
     way = min(LOADED, (reach.high - reach.low) / 2.0)
     chain: list[Stroke] = []

@@ -123,9 +123,13 @@ def limits_of_model(model: NominalModel) -> MotionLimits:
     return _with_margins(model.joints, np.array(lower), np.array(upper), np.array(speed), model.effort_max)
 
 
-def _with_margins(joints: tuple[str, ...], lower: Array, upper: Array, velocity: Array, effort: Array) -> MotionLimits:
+def _with_margins(
+    joints: tuple[str, ...], lower: Array, upper: Array, velocity: Array, effort: Array
+) -> MotionLimits:
     margin = np.minimum(POSITION_MARGIN * (upper - lower), POSITION_MARGIN_MAX)
-    return MotionLimits(joints, lower + margin, upper - margin, VELOCITY_SHARE * velocity, EFFORT_SHARE * effort)
+    return MotionLimits(
+        joints, lower + margin, upper - margin, VELOCITY_SHARE * velocity, EFFORT_SHARE * effort
+    )
 
 
 class Clearance:

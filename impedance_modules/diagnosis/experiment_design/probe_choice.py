@@ -24,16 +24,16 @@ from impedance_modules.diagnosis.experiment_design.motion_limits import (
     limits_of_robot,
 )
 from impedance_modules.diagnosis.experiment_design.probe_questions import (
-    ProbeRequest,
     ProbeQuestion,
-    request_of_diagnosis,
+    ProbeRequest,
     general_request,
+    request_of_diagnosis,
 )
 from impedance_modules.diagnosis.experiment_design.separation import (
     RATE,
     MotionPredictor,
-    SeparationPredictor,
     Separation,
+    SeparationPredictor,
     spring_stiffness,
 )
 from impedance_modules.effects.recorded_signals import Signals
@@ -91,7 +91,11 @@ def propose_probe(
         BadInput: The diagnosis and the model do not fit, or no motion is safe.
     """
     limits = limits_of_model(model) if spec is None else limits_of_robot(spec, model.joints)
-    request = general_request(model.joints, _assumed(limits)) if answer is None else request_of_diagnosis(answer, model.tree)
+    request = (
+        general_request(model.joints, _assumed(limits))
+        if answer is None
+        else request_of_diagnosis(answer, model.tree)
+    )
     clearance = None if spec is None else Clearance(spec, model.joints)
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
     start = choose_start(limits, request.start, clearance, rigid.weight)
@@ -162,7 +166,12 @@ class ProbeSearch:
         clearance: Clearance | None,
         progress: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._request, self._motion_predictor, self._limits, self._clearance = request, predictor, limits, clearance
+        self._request, self._motion_predictor, self._limits, self._clearance = (
+            request,
+            predictor,
+            limits,
+            clearance,
+        )
         self._predictor = SeparationPredictor(request, predictor.model)
         self._progress = progress
 
@@ -214,7 +223,9 @@ class ProbeSearch:
         self._progress(f"trying motions of {self._limits.joints[joint]}")
         done: set[str] = set()
         for size in SIZES:
-            for motion in motions(self._limits, self._motion_predictor.start, joint, size, self._motion_predictor.rigid.weight):
+            for motion in motions(
+                self._limits, self._motion_predictor.start, joint, size, self._motion_predictor.rigid.weight
+            ):
                 if motion.kinds[0] in done:
                     continue
                 signals = self._motion_predictor.record(motion)
@@ -225,7 +236,8 @@ class ProbeSearch:
                 found = {id(e.question): e for e in self._asked(signals, asked)}
                 nothing = Separation(0.0, 0.0)
                 yield _Tried(
-                    motion, tuple(found.get(id(q), ExpectedAnswer(q, nothing)) for q in self._request.questions)
+                    motion,
+                    tuple(found.get(id(q), ExpectedAnswer(q, nothing)) for q in self._request.questions),
                 )
 
     def objection(self, signals: Signals) -> str | None:

@@ -156,7 +156,9 @@ def _open(causes: Sequence[Mapping[str, Any]], tree: RigidTree) -> Iterator[Prob
                 if _of_bodies(rival["effect"]) or not theirs or not mine or set(theirs) & set(mine):
                     for other in _keys(rival["effect"], theirs or (key,), tree):
                         second = _hypothesis(rival["effect"], other, None, None)
-                        yield ProbeQuestion(first, second, tuple(dict.fromkeys([*mine, *theirs])) or tree.joints)
+                        yield ProbeQuestion(
+                            first, second, tuple(dict.fromkeys([*mine, *theirs])) or tree.joints
+                        )
 
 
 def _of_bodies(effect: str) -> bool:

@@ -26,7 +26,11 @@ from scipy.signal import bilinear, lfilter
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_dynamics import inertial_regressor, mass_matrix
 from impedance_modules.diagnosis.experiment_design.motion_library import ProbeMotion
-from impedance_modules.diagnosis.experiment_design.probe_questions import ProbeRequest, ProbeQuestion, Hypothesis
+from impedance_modules.diagnosis.experiment_design.probe_questions import (
+    Hypothesis,
+    ProbeQuestion,
+    ProbeRequest,
+)
 from impedance_modules.diagnosis.regression.candidates import Candidate, columns_of
 from impedance_modules.diagnosis.regression.nuisance_columns import inertia_prior
 from impedance_modules.effects.catalogue import CATALOGUE
@@ -196,7 +200,12 @@ class _Rows:
     """Whitened rows of one predicted recording: groups one below the other."""
 
     def __init__(
-        self, request: ProbeRequest, model: NominalModel, prior: Array, signals: Signals, joints: Sequence[str]
+        self,
+        request: ProbeRequest,
+        model: NominalModel,
+        prior: Array,
+        signals: Signals,
+        joints: Sequence[str],
     ) -> None:
         period = float(signals.time[1] - signals.time[0])
         self._signals, self._step = signals, max(1, round(1.0 / (ROWS * period)))
@@ -227,7 +236,12 @@ class _Rows:
                 blocks: dict[tuple[Residual, int], Array] = {}
                 for residual in self._residuals:
                     torque = predicted(
-                        effect, self._signals, hypothesis.key, port, residual=residual, values=hypothesis.values
+                        effect,
+                        self._signals,
+                        hypothesis.key,
+                        port,
+                        residual=residual,
+                        values=hypothesis.values,
                     )
                     picked = torque[:: self._step]
                     blocks |= {g: picked[:, [g[1]]] for g in self._groups if g[0] == residual}

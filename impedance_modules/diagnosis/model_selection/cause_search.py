@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.folds import DataSplit
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
-from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush, find_pushes, rows_without_pushes
+from impedance_modules.diagnosis.model_selection.external_pushes import (
+    ExternalPush,
+    find_pushes,
+    rows_without_pushes,
+)
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
@@ -36,8 +40,8 @@ from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColu
 from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner, UnwhitenedFit, estimates
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import (
-    intersect_masks,
     contact_free_rows,
+    intersect_masks,
     rows_of_link_residuals,
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared

@@ -17,11 +17,11 @@ from impedance_modules.diagnosis.result import (
     Cause,
     CauseRollout,
     Diagnosis,
-    RolloutError,
     JointGap,
+    ResidualSeries,
     Rival,
     Rollout,
-    ResidualSeries,
+    RolloutError,
 )
 
 Array = NDArray[np.float64]

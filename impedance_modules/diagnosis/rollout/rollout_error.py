@@ -23,8 +23,15 @@ from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import CauseRollout, RolloutError, ErrorGrowth, LeftOut, Rollout, RolloutTrace
-from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, WindowErrors, RolloutWindow
+from impedance_modules.diagnosis.result import (
+    CauseRollout,
+    ErrorGrowth,
+    LeftOut,
+    Rollout,
+    RolloutError,
+    RolloutTrace,
+)
+from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, RolloutWindow, WindowErrors
 
 Array = NDArray[np.float64]
 Mobility = Callable[[Array], Array] | None
@@ -198,7 +205,9 @@ def _growth(sides: BeforeAfter, joints: Sequence[str]) -> ErrorGrowth:
     return ErrorGrowth(tuple(map(float, sides.before.time[picked])), told(sides.before), told(sides.after))
 
 
-def _trace(evidence: Evidence, windows: Sequence[RolloutWindow], sides: BeforeAfter, joint: int) -> RolloutTrace:
+def _trace(
+    evidence: Evidence, windows: Sequence[RolloutWindow], sides: BeforeAfter, joint: int
+) -> RolloutTrace:
     """The window of one joint that the nominal plant misses most, seen from its seed on."""
     worst = int(np.argmax(np.mean(sides.before.position[:, :, joint] ** 2, axis=1)))
     window = windows[worst]

@@ -16,26 +16,26 @@ from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.result import Cause, CauseRollout, Diagnosis, LeftOut, Rollout, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_error import (
     BeforeAfter,
+    error_scales,
     floor_of_repeats,
     floor_of_seeds,
     judge,
     power,
     summarise,
-    error_scales,
 )
 from impedance_modules.diagnosis.rollout.simulated_robot import (
     FittedNuisance,
     apply_causes,
+    effects_to_simulate,
     fitted_nuisance,
     no_nuisance,
     robot_of_model,
     spec_of_cause,
     without_endless_joints,
-    effects_to_simulate,
 )
 from impedance_modules.diagnosis.rollout.simulated_windows import (
-    WindowErrors,
     RolloutWindow,
+    WindowErrors,
     choose_drive,
     common_windows,
     floor_windows,
@@ -66,7 +66,9 @@ class _Stage:
         self, effects: Sequence[EffectSpec], nuisance: FittedNuisance, windows: Sequence[RolloutWindow]
     ) -> WindowErrors:
         prepared = self.evidence.prepared
-        return simulate_windows(apply_causes(self.robot, effects, nuisance, prepared[0].tree), self.drive, prepared, windows)
+        return simulate_windows(
+            apply_causes(self.robot, effects, nuisance, prepared[0].tree), self.drive, prepared, windows
+        )
 
     @cached_property
     def fitted(self) -> FittedNuisance:

@@ -114,7 +114,9 @@ def apply_causes(
     return PerturbedPlant(plant, worn, tuple(model.joint_names.index(name) for name in tree.joints), nuisance)
 
 
-def effects_to_simulate(effects: Sequence[EffectSpec], drive: str) -> tuple[tuple[EffectSpec, ...], tuple[LeftOut, ...]]:
+def effects_to_simulate(
+    effects: Sequence[EffectSpec], drive: str
+) -> tuple[tuple[EffectSpec, ...], tuple[LeftOut, ...]]:
     """Separates the effects that a rollout by one kind of torque can show from the others."""
     kept, dropped = [], []
     for spec in effects:

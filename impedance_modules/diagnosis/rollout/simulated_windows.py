@@ -64,7 +64,9 @@ def held_out_windows(prepared: Sequence[Prepared], heldout: Sequence[int]) -> tu
     return tuple(out)
 
 
-def floor_windows(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> tuple[RolloutWindow, ...]:
+def floor_windows(
+    prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]
+) -> tuple[RolloutWindow, ...]:
     """Windows of the first pair of recordings that repeat each other; none without one."""
     return tuple(place_windows(prepared, pairs[0], FLOOR_WINDOWS)) if pairs else ()
 
@@ -90,7 +92,9 @@ def place_windows(prepared: Sequence[Prepared], members: Sequence[int], count: i
     return [RolloutWindow(index, float(start)) for index in members for start in starts]
 
 
-def common_windows(windows: Sequence[RolloutWindow], pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+def common_windows(
+    windows: Sequence[RolloutWindow], pairs: Sequence[tuple[int, int]]
+) -> list[tuple[int, int]]:
     """Places of windows that show the same moment of two recordings that repeat each other."""
     place = {(window.recording, window.start): index for index, window in enumerate(windows)}
     return [
@@ -115,7 +119,9 @@ class WindowErrors:
     velocity: Array
 
 
-def simulate_windows(perturbed: PerturbedPlant, drive: str, prepared: Sequence[Prepared], windows: Sequence[RolloutWindow]) -> WindowErrors:
+def simulate_windows(
+    perturbed: PerturbedPlant, drive: str, prepared: Sequence[Prepared], windows: Sequence[RolloutWindow]
+) -> WindowErrors:
     """Rolls every window out.
 
     Raises:
@@ -125,7 +131,9 @@ def simulate_windows(perturbed: PerturbedPlant, drive: str, prepared: Sequence[P
     steps = round(WINDOW / step)
     looks = np.unique(np.linspace(0, steps, LOOKS + 1).round().astype(int))[1:]
     order = list(perturbed.order)
-    drivers = {index: plant_input(prepared[index], drive, perturbed) for index in {w.recording for w in windows}}
+    drivers = {
+        index: plant_input(prepared[index], drive, perturbed) for index in {w.recording for w in windows}
+    }
     offset = perturbed.worn.sensors.offset
     errors = []
     for driver in drivers.values():
