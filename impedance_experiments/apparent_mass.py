@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A hand meets a surface on the plant, and what the surface feels (thesis 3.3.1)."""
+r"""Apparent mass of a hand: computed for the thesis's planar arm, and felt by a surface that the hand hits (3.3).
+
+    \Lambda^-1 = J (M + I_r)^-1 J^T        along a normal n: m = 1 / (n^T \Lambda^-1 n)
+
+The surface feels the impulse over the change of the hand's speed.
+"""
 
 from __future__ import annotations
 

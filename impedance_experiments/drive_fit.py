@@ -1,5 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One joint's drive fitted with the diagnosis' residuals and the catalogue's laws (thesis 3.2, 6.2.1)."""
+r"""One joint's drive identified: friction and inertia by least squares, inertia by a free swing (thesis 3.2).
+
+**Least squares** (3.2, 6.2.1): the diagnosis' residual between commanded torque and joint sensor is fitted by laws of
+the effects' catalogue, u - e = I_r \ddot\theta + D \dot\theta + friction.
+
+**Free swing** (3.2.1): a joint on a virtual torsion spring K is hit, and p is the pole of the swing that follows.
+Links M and rotor move as one (second order, as the thesis reads it):
+
+    I_r = K / |p|^2 - M
+
+or the rotor turns behind the joint's own spring K_s, and the virtual spring is late by T (eq. 3.1 to 3.3):
+
+    (I_r p^2 + D p) + K_s (1 - g) + K g e^{-pT} = 0,    g = K_s / (M p^2 + K_s)
+
+whose real and imaginary parts give I_r and D.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +32,9 @@ from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.residuals.band import choose_cutoff
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
-from impedance_modules.effects.catalogue import BENCH, CATALOGUE
+from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.rigid_model import RigidModel
+from impedance_modules.effects.springs import BenchSpring
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task_reader import read_task
@@ -62,7 +78,11 @@ def without_drive(robot: RobotSpec, joint: str) -> RobotSpec:
 def bench_of(run: TaskRun) -> tuple[EffectSpec, ...]:
     """Lists what the run's patch fixed to the arm: clamps and springs, which whoever built the bench knows."""
     patch = run.assembly.patch
-    return () if patch is None else tuple(spec for spec in patch.effects if spec.effect in BENCH)
+    return (
+        ()
+        if patch is None
+        else tuple(spec for spec in patch.effects if isinstance(CATALOGUE[spec.effect], BenchSpring))
+    )
 
 
 def fit_drive(runs: Sequence[TaskRun], joint: str, laws: Sequence[str]) -> DriveFit:

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pages of results as Markdown with their plots beside them."""
+"""Pages of results as Markdown with their plots beside them, and the index of a folder of pages.
+
+The index is read back from the pages, which are the only record: made after one page, it keeps the rows of all
+others, whenever they were made.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Many runs side by side, each kept in a folder: what was done already by the same program is not done again."""
+"""Many runs on several processors, each result kept in a folder: what the same program has done is not done again."""
 
 from __future__ import annotations
 

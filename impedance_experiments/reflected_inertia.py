@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reflected inertia identified: torque steps on a real spring, blows on a virtual one (thesis 3.2)."""
+"""Reflected inertia identified: torque steps against a real torsion spring, blows on a virtual one (thesis 3.2.1).
+
+The torque steps also give damping and the dry friction of either direction.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sanding splintered wood (thesis 5.2): stuck and free again, work done, roughness felt, and when to stop."""
+"""Sanding splintered wood (thesis 5.2): stuck and free again, work done, roughness measured, and when to stop."""
 
 from __future__ import annotations
 

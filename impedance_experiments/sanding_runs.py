@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sanding carried out on the plant: what the hand measured, and what really became of the wood."""
+"""Sanding on the plant: what the hand measured, what became of the wood, and the thesis's three cases at two depths.
+
+The cases are rough wood at the start of sanding, rough wood at its end, and a smooth piece (fig. 5-11 and 5-13).
+"""
 
 from __future__ import annotations
 

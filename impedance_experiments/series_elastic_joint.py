@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the springs in Baxter's joints do: Bode, poles and zeros, and a blow (thesis 3.1)."""
+"""What the springs in the joints do: Bode plots, poles and zeros, and a blow (thesis 3.1, fig. 3-2 to 3-5)."""
 
 from __future__ import annotations
 

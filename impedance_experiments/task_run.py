@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A task carried out for an experiment: the same assembly, safety and plant as ``impedance run``."""
+"""A shipped task carried out for an experiment: recorded, observed in every cycle, changed, or with pushes traced.
+
+Assembly, safety and plant are those of ``impedance run``.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Task 1 of the thesis (5.1): one slide over a surface that the map does not know, led in three ways."""
+"""Task 1 of the thesis (5.1): one slide over a surface that the map does not know, controlled in three ways.
+
+The springs control the hand, or the robot's own velocity or position mode plays a taught path back.
+"""
 
 from __future__ import annotations
 

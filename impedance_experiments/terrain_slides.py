@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One slide over a surface, led by springs or by the robot's own playback, and what really happened in it."""
+"""One slide over a surface, by springs or by the robot's own playback, and what really happened in it."""
 
 from __future__ import annotations
 

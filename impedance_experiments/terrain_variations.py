@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The same slide over tables that are not where, how and as stiff as the map says, drawn at random."""
+"""The same slide with something changed: wrong maps drawn at random, other frictions, other playback thresholds.
+
+Friction asks how far y trails its equilibrium for that reason alone (the thesis's 0.024 m); the thresholds ask what a
+playback would have come to with others than those that were fixed.
+"""
 
 from __future__ import annotations
 

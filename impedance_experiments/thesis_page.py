@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an experiment found, as frozen data: numbers beside the thesis's, tables, plots, and words."""
+"""What an experiment is given (size, seed, folder), and what it returns: a page of numbers, tables, plots and text."""
 
 from __future__ import annotations
 

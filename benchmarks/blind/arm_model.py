@@ -1,7 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The numbers of one arm, read from a URDF: a plain list of links, nothing else.
+"""One arm, read from a URDF as a plain list of links, and written as a MuJoCo model.
 
-Own reader, on purpose: the benchmark shares no physical code with the package it judges.
+Own reader, on purpose: the benchmark shares no physical code with the package that it tests. In the MJCF links hang on
+hinges, rotors stand beside them, and a spring tendon joins each pair:
+
+    M(q) v' + C + g = tau_s,    I_r w' + D w = tau_m - tau_s,    tau_s = K (theta - q) + B (w - v)
+
+The rotors are fixed to the world, so that they only store energy about their own axis; `springlength` of a tendon
+may be an interval, which is a backlash.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The seven blocks of the benchmark: how many cases each has and what is planted in which."""
+"""The blocks of the benchmark: how many cases each has and what is planted in which; made in parallel, truth sealed."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What can be wrong with the links, the base and the surroundings."""
+"""What can be wrong with the links, the base and the surroundings; and inertias 0 to 3 % off those of the URDF."""
 
 from __future__ import annotations
 

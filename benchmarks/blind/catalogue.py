@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every effect that the generator can put into an arm, and which of them are easily mistaken for each other."""
+"""Every effect that the generator can put into an arm, which of them are easily confused, and ten unknown ones.
+
+The ten (`OPEN_SET`) go wrong with robots and are in no catalogue here: the right answer is "unexplained".
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What can be wrong on the way from a command to the torque of a joint."""
+"""What can be wrong on the way from a command to the torque of a joint, and with its sensors and their clock."""
 
 from __future__ import annotations
 

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Desired motions of one arm: what an experimenter would run, and what a careless one would."""
+"""Desired motions of one arm: what an experimenter would run, and what a careless one would.
+
+Rich motions are scaled to the arm's limits and get the feed-forward of the nominal model. Poor ones cannot separate two
+causes at one joint: one speed, one direction, one tone, no motion. There the other joints do just enough to be in the
+log, and every shape is exact: nothing is scaled or faded afterwards.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From the inner 1 kHz to what a user records: 100 Hz columns of one episode."""
+"""From the inner 1 kHz to what a user records: 100 Hz columns of one episode; and its reader for the baselines."""
 
 from __future__ import annotations
 

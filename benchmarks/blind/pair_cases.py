@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Block D: one arm with one cause, seen by a motion that cannot tell it from another and by one that can."""
+"""Block D: one arm with one cause, seen by a motion that cannot tell it from another and by one that can.
+
+After the poor motion the right answer is to name both causes and to refuse the choice.
+"""
 
 from __future__ import annotations
 

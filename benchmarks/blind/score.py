@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Opens the seals, lays every answer beside its truth, and writes the tables."""
+"""Opens the seals, compares every answer with its truth, and writes the tables and the list of wrong answers."""
 
 from __future__ import annotations
 

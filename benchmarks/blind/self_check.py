@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks the generator itself: `python -m benchmarks.blind.self_check`; every check can fail."""
+"""Checks the generator itself: `python -m benchmarks.blind.self_check`; every check can fail.
+
+The scoring is checked on made-up truth, one case per block, with a tool that is always right and one that is always
+wrong.
+"""
 
 from __future__ import annotations
 

@@ -12,7 +12,14 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.live_view import RecordingView
-from impedance_modules.episode.view_scene import SceneBody, BodyShape, EllipsoidStyle, Pose7, Scene, ViewSample
+from impedance_modules.episode.view_scene import (
+    BodyShape,
+    EllipsoidStyle,
+    Pose7,
+    Scene,
+    SceneBody,
+    ViewSample,
+)
 from impedance_modules.modules.mobility import mobility
 from impedance_modules.plant.contact.sheet import Sheet
 from impedance_modules.robot.pose import Pose

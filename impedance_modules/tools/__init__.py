@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tools around runs and recordings: sweep, tune, surface map, roughness."""
+"""Tools on top of single runs: sweeps, spring tuning, surface maps, roughness of what was sanded."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The roughness of what a hand rubbed in a recording, window by window; or what is missing to say it."""
+"""Roughness of the surface that a hand rubbed in a recording, window by window; or what is missing to compute it."""
 
 from __future__ import annotations
 

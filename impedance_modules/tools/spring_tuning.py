@@ -1,9 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Chooses posture and joint springs for an arm whose joints carry a force at the hand.
 
-The hand exerts a force f d by its joint springs, f anywhere in a range; whatever resists puts F_b = -f d on it. The
-springs then pull the joints with tau = J^T f d, so their rest lies K^-1 tau beyond the posture. Among the postures
-that the hand's place leaves open the best one needs the smallest sum of joint stiffness (``folding``).
+The hand exerts a force f d by its joint springs, f anywhere in a range, d a direction; whatever resists puts F_b = -f d
+on the hand. The springs then exert the joint torque tau = J^T f d, so their equilibrium lies K^-1 tau beyond the
+posture.
+
+**Least stiffness.** The moment arms of F_b turn with the joints: the arm returns to its posture only if
+
+    H = diag(K) + S - sym(\Gamma(F_b))   is positive definite       (Rancourt & Hogan 2001; docs/tune.md)
+
+S is what other springs contribute in joint space. \Gamma is linear in F_b, so that a range of forces is safe if its
+two ends are. Among all K that reach this bound the one with the smallest sum is taken: joint springs that do no more
+than keep the links from folding leave the hand to its own springs, as the thesis wanted (5.1.2).
+
+**Posture.** Among the postures of the self-motion (the hand stays, the elbow moves) the best one needs the smallest sum
+of joint stiffness.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""From touches to a map: how high a surface is, and how much it gives, cell by cell along the hand's stroke.
+"""From a recording to a map: how high a surface is, and how much it yields, cell by cell along the hand's stroke.
 
 A surface that yields elastically upwards by c(s) per newton lets a hand that it carries with f_z be at
 
     z = h(s) - c(s) f_z,        f_z = N n_z,  N = f . n
 
-n is the normal of the touched path, so that friction, which is tangential, falls out of f_z. In a cell around
+n is the normal of the touched path, so that friction, which is tangential, drops out of f_z. In a cell around
 s_i, least squares over all blocks of all strokes, z = h_i + a_i (s - s_i) - c_i f_z, gives the shape at rest h_i and
 the compliance c_i with their standard errors, k_i = 1 / c_i. The force must have varied there: one stroke at one force
-shows the pressed shape alone.
+shows the pressed shape alone. Blocks are short averages of the samples in contact.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes a map: a table of its cells, what it is, and a picture; all of them or none."""
+"""Writes a surface map: a table of its cells, a summary as JSON, and a picture; all of them or none."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the built-in plant really had where a map was made, and how far the map is from it."""
+"""What the built-in plant really had where a map was made, and the errors of the map against it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is varied, and the runs that follow from it: a grid, or random draws, each with several noise seeds."""
+"""What a sweep varies, and the runs that follow: a grid or random draws, each with several noise seeds."""
 
 from __future__ import annotations
 
@@ -169,7 +169,9 @@ class _SourceTexts:
         return changed(self.task, in_task), None if self.patch is None else changed(self.patch, in_patch)
 
 
-def _job(plan: SweepPlan, files: _SourceTexts, number: int, point: Mapping[str, float], seed: int) -> SweepJob:
+def _job(
+    plan: SweepPlan, files: _SourceTexts, number: int, point: Mapping[str, float], seed: int
+) -> SweepJob:
     task, patch = files.texts(point)
     return SweepJob(
         number=number,

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One run of a sweep: the same checks, control and plant as ``impedance run``, without pictures."""
+"""The runs of a sweep, on this process, local cores or an existing Dask cluster.
+
+Each run has the checks, control and plant of ``impedance run``, without pictures.
+"""
 
 from __future__ import annotations
 

@@ -31,7 +31,9 @@ WINDING, HOLDING = 3.0, 12.0
 """Phases of a trial [s]."""
 
 
-def tuned_task(name: str, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float) -> str:
+def tuned_task(
+    name: str, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float
+) -> str:
     """Writes the task with the tuned posture and joint springs; the rest is the task's own.
 
     Args:
@@ -48,7 +50,9 @@ def tuned_task(name: str, model: RobotModel, question: TuningRequest, tuned: Tun
     return _with_tank(document, _arm_changes(document, model, question, tuned, share), question, "")
 
 
-def trial_task(name: str, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float) -> str:
+def trial_task(
+    name: str, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float
+) -> str:
     """Writes a task that winds the joint springs while somebody resists with the same force.
 
     Both follow the same minimum-jerk course, so that the posture is an equilibrium at every moment: what the arm does
