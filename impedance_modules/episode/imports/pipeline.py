@@ -193,19 +193,19 @@ class _Tables:
         self.rows = 0
         self._schema = schema
 
-    def of(self, first: Block, rest: Iterator[Block]) -> Iterator[pa.LogTable]:
+    def of(self, first: Block, rest: Iterator[Block]) -> Iterator[pa.Table]:
         yield self._table(first)
         for block in rest:
             yield self._table(block)
 
-    def _table(self, block: Block) -> pa.LogTable:
+    def _table(self, block: Block) -> pa.Table:
         self.rows += len(block.time)
         values = {TIME: block.time, **block.columns}
         arrays = [
             pa.array(np.ascontiguousarray(values[name]), from_pandas=not is_required(name))
             for name in self._schema.names
         ]
-        return pa.LogTable.from_arrays(arrays, schema=self._schema)
+        return pa.Table.from_arrays(arrays, schema=self._schema)
 
 
 def _stated_rate(parts: Sequence[MappedTable], what: ImportMap, rate: float | None) -> float | None:
