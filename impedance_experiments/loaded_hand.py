@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A hand under load: displaced slowly (thesis Table 5.3), or pressing until its support goes (fig. 4-8).
 
-The displacement along every axis gives slope and intercept of force over displacement. After the loss of its support the hand is the
-thesis's example of one degree of freedom (4.8) along the spring, as long as it has not gone far:
+The displacement along every axis gives slope and intercept of force over displacement. After the loss of its support
+the hand is the thesis's example of one degree of freedom (4.8) along the spring, as long as it has not gone far:
 
     m x'' = -(B_d + b) x' + K (x_d - x)
 """

@@ -252,10 +252,6 @@ def main() -> int:
     return int(failed > 0)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
 def pretend(out: Path) -> None:
     """Writes truths, seals and the answers of both tools below ``out``."""
     for block, cases in _cases().items():
@@ -297,3 +293,7 @@ def _answer(folder: Path, name: str, verdict: str, causes: list[dict[str, Any]])
     )
     run = {"exit": 0, "seconds": 1.0, "processor_seconds": 1.0, "memory_mb": 200.0, "errors": ""}
     (folder / f"{name}.run.json").write_text(json.dumps(run))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
