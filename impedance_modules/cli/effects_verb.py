@@ -26,7 +26,7 @@ KEY_WORDS = {
 @click.command("effects")
 @click.argument("effect", metavar="[ID]", required=False)
 def effects_command(effect: str | None) -> int:
-    """Show all effects that plant and model can wear and the diagnosis looks for, or one of them in full.
+    """Show all effects that plant and model can have and the diagnosis looks for, or one of them in full.
 
     Exit: 0 fine, 2 no such effect.
     """
@@ -75,7 +75,7 @@ def _print_card(described: Description, console: Console) -> None:
         "signature": described.signature,
         "looks like": ", ".join(described.confusable_with),
         "told apart by": described.excitation,
-        "worn by": described.worn,
+        "applied to": described.applied,
         "reference": described.reference,
     }
     for name, text in rows.items():

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, unbounded
+from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, all_rows, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
@@ -33,11 +33,6 @@ def point_mass(mass: float, centre: Array) -> Array:
     return np.concatenate([[mass], mass * centre, mass * around])
 
 
-def all_rows(signals: Signals, columns: Array, lower: Array, upper: Array) -> Regressor:
-    """Makes a regressor of all joints from columns (N, n, p)."""
-    return Regressor(tuple(range(signals.n)), columns, np.zeros(columns.shape[:2]), lower, upper)
-
-
 class Payload(Effect):
     """A small heavy thing fixed to a link."""
 
@@ -55,7 +50,7 @@ class Payload(Effect):
         confusable_with=("link_inertia", "torque_gain", "base_tilt", "encoder_offset"),
         excitation="static poses and rich motion of several joints",
         reference="Gautier & Khalil 1990; Swevers et al. 2002",
-        worn="Plant and model: the link's inertia. The robot's own gravity compensation does not know it.",
+        applied="Plant and model: the link's inertia. The robot's own gravity compensation does not know it.",
     )
     shape = CENTRE
 
@@ -151,7 +146,7 @@ class LinkInertia(Effect):
         confusable_with=("payload", "torque_gain", "reflected_inertia"),
         excitation="static poses and rich motion; only base combinations can be found",
         reference="Gautier & Khalil 1990; Wensing, Kim & Slotine 2018",
-        worn="Plant and model: the link's inertia, refused if what results is no physical body.",
+        applied="Plant and model: the link's inertia, refused if what results is no physical body.",
     )
 
     def regressor(
@@ -233,7 +228,7 @@ class BaseTilt(Stepped):
         confusable_with=("torque_offset", "encoder_offset", "payload"),
         excitation="poses all around, the first joint included",
         reference="Newton's law of weight, in turned axes",
-        worn="Plant and model: gravity. The robot's own gravity compensation does not know it.",
+        applied="Plant and model: gravity. The robot's own gravity compensation does not know it.",
     )
     shape = ("rx", "ry")
 

@@ -1,94 +1,73 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The effects this version knows, by id."""
+"""The effects this version knows, by id: a new effect is one line here."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from impedance_modules.effects.bodies import BaseTilt, LinkInertia, Payload
-from impedance_modules.effects.drive_effects import (
-    ActuatorLag,
-    CommandDelay,
-    ControllerGain,
-    TorqueSaturation,
+from impedance_modules.effects import (
+    bodies,
+    drive_effects,
+    external_contact,
+    hysteresis,
+    joint_friction,
+    joint_transmission,
+    sensor_effects,
+    springs,
+    surface_effects,
+    water,
 )
 from impedance_modules.effects.effect import Effect
-from impedance_modules.effects.external_contact import ExternalContact
-from impedance_modules.effects.hysteresis import Hysteresis
-from impedance_modules.effects.joint_friction import (
-    AsymmetricFriction,
-    CoulombFriction,
-    FrictionDrift,
-    LoadDependentFriction,
-    QuadraticDrag,
-    StribeckFriction,
-    ViscousFriction,
-)
-from impedance_modules.effects.joint_transmission import (
-    Backlash,
-    JointElasticity,
-    ReflectedInertia,
-    TransmissionCoupling,
-)
-from impedance_modules.effects.sensor_effects import (
-    ClockDrift,
-    Crosstalk,
-    EncoderOffset,
-    TorqueGain,
-    TorqueOffset,
-    VelocityFilterLag,
-)
-from impedance_modules.effects.springs import BenchSpring, ParallelSpring, TorqueRipple
-from impedance_modules.effects.surface_effects import SurfaceFriction, SurfaceHeight, SurfaceStiffness
-from impedance_modules.effects.water import AddedMass, Buoyancy, FluidDrag
 
 _EFFECTS: tuple[Effect, ...] = (
-    CoulombFriction(),
-    ViscousFriction(),
-    StribeckFriction(),
-    QuadraticDrag(),
-    AsymmetricFriction(),
-    LoadDependentFriction(),
-    FrictionDrift(),
-    TorqueOffset(),
-    ReflectedInertia(),
-    TorqueGain(),
-    EncoderOffset(),
-    Backlash(),
-    Hysteresis(),
-    JointElasticity(),
-    Payload(),
-    LinkInertia(),
-    BaseTilt(),
-    ParallelSpring(),
-    TorqueRipple(),
-    CommandDelay(),
-    ActuatorLag(),
-    TorqueSaturation(),
-    Crosstalk(),
-    VelocityFilterLag(),
-    ClockDrift(),
-    ExternalContact(),
-    ControllerGain(),
-    TransmissionCoupling(),
-    SurfaceHeight(),
-    SurfaceStiffness(),
-    SurfaceFriction(),
-    Buoyancy(),
-    AddedMass(),
-    FluidDrag(),
-    BenchSpring(),
+    joint_friction.CoulombFriction(),
+    joint_friction.ViscousFriction(),
+    joint_friction.StribeckFriction(),
+    joint_friction.QuadraticDrag(),
+    joint_friction.AsymmetricFriction(),
+    joint_friction.LoadDependentFriction(),
+    joint_friction.FrictionDrift(),
+    sensor_effects.TorqueOffset(),
+    joint_transmission.ReflectedInertia(),
+    sensor_effects.TorqueGain(),
+    sensor_effects.EncoderOffset(),
+    joint_transmission.Backlash(),
+    hysteresis.Hysteresis(),
+    joint_transmission.JointElasticity(),
+    bodies.Payload(),
+    bodies.LinkInertia(),
+    bodies.BaseTilt(),
+    springs.ParallelSpring(),
+    springs.TorqueRipple(),
+    drive_effects.CommandDelay(),
+    drive_effects.ActuatorLag(),
+    drive_effects.TorqueSaturation(),
+    sensor_effects.Crosstalk(),
+    sensor_effects.VelocityFilterLag(),
+    sensor_effects.ClockDrift(),
+    external_contact.ExternalContact(),
+    drive_effects.ControllerGain(),
+    joint_transmission.TransmissionCoupling(),
+    surface_effects.SurfaceHeight(),
+    surface_effects.SurfaceStiffness(),
+    surface_effects.SurfaceFriction(),
+    water.Buoyancy(),
+    water.AddedMass(),
+    water.FluidDrag(),
+    springs.BenchSpring(),
 )
 
 CATALOGUE: Mapping[str, Effect] = {effect.id: effect for effect in _EFFECTS}
-"""Effect id -> effect, in the contract's order (design 3.3)."""
+"""Effect id -> effect, in the order in which they are tried and printed."""
 
-WATER = frozenset({"buoyancy", "added_mass", "fluid_drag"})
-"""What water does: not looked for in a recording unless told that the robot was under water."""
 
-SURFACES = frozenset({"surface_height", "surface_stiffness", "surface_friction"})
-"""Errors of a task's map: worn by the plant; looked for only where a recording says what it pressed on."""
+def not_searched(*, under_water: bool) -> frozenset[str]:
+    """Ids that the diagnosis does not look for by itself; what water does only where the robot is said to be in it."""
+    wanted = {"always", "under_water"} if under_water else {"always"}
+    return frozenset(effect.id for effect in CATALOGUE.values() if effect.searched not in wanted)
 
-BENCH = frozenset({"bench_spring"})
-"""What somebody fixed to the robot: told to the diagnosis by a patch (``--effects``), not looked for; unknown, a
-spring is named ``parallel_spring``, whose law at the links is the same."""
+
+def first_excitation() -> tuple[str, ...]:
+    """Ids that a first recording, without any suspicion, should tell apart on every joint that it moves."""
+    ranks = {effect.id: effect.first_excitation for effect in CATALOGUE.values()}
+    return tuple(sorted((name for name, rank in ranks.items() if rank), key=lambda name: ranks[name] or 0))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, one_row, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import JointMotion, Shape
+from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual, Stage
@@ -79,9 +79,15 @@ class CommandDelay(DriveLaw):
         confusable_with=("actuator_lag", "viscous_friction", "joint_elasticity", "clock_drift"),
         excitation="several tones over two or more octaves",
         reference="PACE 2025; Isaac Sim system identification (common and per-joint delay)",
-        worn="The plant: each joint's command; what the robot adds by itself is not late. The model's delay"
+        applied="The plant: each joint's command; what the robot adds by itself is not late. The model's delay"
         " grows by the largest T.",
     )
+    delays_torque = True
+    shared_by_joints = True
+
+    def computed_from_command(self, port: Port) -> bool:
+        """Made of the torque asked for."""
+        return True
 
     def asked(self, signals: Signals, drive: Array) -> Array:
         """Leaves out what the robot adds by itself."""
@@ -123,8 +129,13 @@ class ActuatorLag(DriveLaw):
         confusable_with=("command_delay", "viscous_friction", "reflected_inertia"),
         excitation="a chirp up to 3 / T",
         reference="Franklin, Powell & Emami-Naeini, first-order lag",
-        worn="The plant: all torque of the joint's motor.",
+        applied="The plant: all torque of the joint's motor.",
     )
+    delays_torque = True
+
+    def computed_from_command(self, port: Port) -> bool:
+        """Made of the torque asked for."""
+        return True
 
     def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
         """Follows straight pieces between samples, exactly; the slope by a small change of T."""
@@ -159,7 +170,7 @@ class TorqueSaturation(DriveLaw):
         confusable_with=("torque_gain",),
         excitation="moves that reach the limit",
         reference="PACE 2025 (motor envelope)",
-        worn="The plant: all torque of the joint's motor.",
+        applied="The plant: all torque of the joint's motor.",
     )
 
     def given(self, asked: Array, time: Array, value: float) -> tuple[Array, Array]:
@@ -227,8 +238,16 @@ class ControllerGain(Effect):
         confusable_with=("viscous_friction", "reflected_inertia", "parallel_spring"),
         excitation="two sets of gains, with the position command recorded",
         reference="Isaac Sim system identification (stiffness and damping gains)",
-        worn="The plant: at the motor, from the joint motion that its driver aims at (Plant.aim).",
+        applied="The plant: at the motor, from the joint motion that its driver aims at (Plant.aim).",
     )
+
+    def computed_from_command(self, port: Port) -> bool:
+        """Made of the motion asked for."""
+        return True
+
+    def proportional_to_command(self, port: Port) -> bool:
+        """In proportion to the tracking error."""
+        return True
 
     def stage(self, port: Port) -> Stage | None:
         """The drive."""
@@ -255,26 +274,17 @@ class ControllerGain(Effect):
         builder.torques.append(TrackingTorque(stiffness, damping))
 
 
-class TrackingTorque:
+class TrackingTorque(EffectTorque):
     """Torque from the plant's own tracking error."""
+
+    port: Literal["motor", "link"] = "motor"
 
     def __init__(self, stiffness: Array, damping: Array) -> None:
         """Takes (n,) each [N.m/rad], [N.m.s/rad]."""
         self._stiffness, self._damping = stiffness, damping
-
-    @property
-    def port(self) -> Literal["motor", "link"]:
-        """The motor's."""
-        return "motor"
 
     def torque(self, motion: JointMotion) -> Array:
         """Gives dkp (q_cmd - q) + dkd (v_cmd - v), (n,) [N.m]."""
         error = motion.position_command - motion.position
         rate = motion.velocity_command - motion.velocity
         return np.asarray(self._stiffness * error + self._damping * rate)
-
-    def settle(self, motion: JointMotion) -> None:
-        """Remembers nothing."""
-
-    def start(self, motion: JointMotion, step: float) -> None:
-        """Has nothing to forget."""

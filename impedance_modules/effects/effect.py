@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""An effect with its two faces: worn by plant and model, searched for in a recording.
+r"""The base classes of effects. An effect is used in two ways: applied to plant and model, and searched for.
 
 A searched effect is a regression. For given values of the parameters that enter nonlinearly (its *shape*),
 the torque that the real joint consumes beyond the nominal model is
@@ -7,7 +7,10 @@ the torque that the real joint consumes beyond the nominal model is
     r = fixed + columns @ coefficients
 
 and ``values`` turns coefficients into the effect's own parameters. Where those differ from the shape they
-came from (a delay, a payload's centre), the regression is repeated with the new shape: Gauss-Newton.
+came from (a delay, a payload's centre), the regression is repeated with the new shape (Gauss-Newton).
+
+Everything that another package wants to know about an effect is an attribute or a method of `Effect`: nobody
+asks for an effect by its id. A new effect is a subclass and a line in `catalogue`.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,19 +67,45 @@ class Effect(ABC):
         description: In words.
         shape: Names of what enters nonlinearly; empty for a linear effect.
         replaces: It replaces a number of the robot file instead of adding to it.
-        nearly_linear: Linearised where its shape starts it is good enough to be found by; it moves once it is accepted.
+        searched: When the diagnosis looks for it: ``always``; only where it is told that the robot was
+            ``under_water``; ``never``, because no recording by itself can show whose it is.
+        nearly_linear: The linearisation at its first shape is good enough to find it; the shape is refined once
+            the effect is accepted.
         brief: It may show in a few moments only, by its nature.
         symmetric: On a pair of joints it is the same effect either way round.
-        contrasts: Sums of coefficients that differ from zero if it is this effect and not a simpler one.
+        contrasts: Linear combinations of the coefficients that are zero if a simpler effect would do (Wald test).
+        bound_to_recording: It happened at a certain time of one recording: no other recording can confirm it, and it
+            says nothing about the robot.
+        in_every_drive: One of the laws of one number that every gear and motor has: a model of bare links lacks all
+            of them at once.
+        delays_torque: It delays the joint's torque; two such effects differ in the second order of their time only.
+        shared_by_joints: One physical reason can give it to many joints at once: a late bus delays all commands.
+        constant_part: Symbol of the parameter that is a constant torque wherever the joint moves [N.m]; None where
+            it has none. Two effects with one on the same joint can take each other back.
+        carried_by_robot: The maker may have told the robot of it: then the robot adds the torque that it takes to
+            every command, and it shows at the link and once more in the drive.
+        imitates_carried: A share of another joint's torque, which imitates something that the robot carries by
+            numbers other than the real ones.
+        first_excitation: Place in the list of effects that a first recording, without any suspicion, should tell
+            apart on every joint; None for those that need a suspicion first.
     """
 
     description: Description
     shape: tuple[str, ...] = ()
     replaces: bool = False
+    searched: Literal["always", "under_water", "never"] = "always"
     nearly_linear: bool = False
     brief: bool = False
     symmetric: bool = False
     contrasts: tuple[tuple[float, ...], ...] = ()
+    bound_to_recording: bool = False
+    in_every_drive: bool = False
+    delays_torque: bool = False
+    shared_by_joints: bool = False
+    constant_part: str | None = None
+    carried_by_robot: bool = False
+    imitates_carried: bool = False
+    first_excitation: int | None = None
 
     @property
     def id(self) -> str:
@@ -89,6 +119,34 @@ class Effect(ABC):
     def shows(self, port: Port, residual: Residual) -> bool:
         """Says whether the effect at this port can be seen in a residual."""
         return self.stage(port) in COVERS[residual]
+
+    def proportional_to_command(self, port: Port) -> bool:
+        """Says whether its torque is in proportion to the torque or the motion that was asked for.
+
+        A command knows the motion without the noise of its derivatives: such a column, beside an inertia's, can imitate
+        that noise.
+        """
+        return False
+
+    def computed_from_command(self, port: Port) -> bool:
+        """Says whether its columns are made of what was asked for, which is known exactly as it was sent."""
+        return False
+
+    def periods(self, shape: Shape, travel: float) -> float:
+        """Counts the periods of a periodic effect over a joint's travel [rad]; infinite for any other effect."""
+        return float("inf")
+
+    def joint_numbers(self, values: Values, *, link_effort: bool) -> dict[str, float]:
+        """Gives the numbers of the nominal joint that it replaces; empty for an effect that adds to the model.
+
+        Args:
+            values: Its parameters.
+            link_effort: The torque between gear and link is measured, so that a spring of the model counts.
+
+        Returns:
+            Some of ``reflected_inertia`` [kg.m^2], ``compliance`` [rad/(N.m)] and ``spring_damping`` [N.m.s/rad].
+        """
+        return {}
 
     def relations(self, values: Values) -> list[str]:
         """Lists violated relations between an effect's own numbers, in words."""
@@ -145,21 +203,21 @@ class Effect(ABC):
         return {name: values.get(name, old) for name, old in shape.items()}
 
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
-        """Returns the robot as the effect changes its numbers: what both plant and model know."""
+        """Returns the robot with the effect in its numbers: what both plant and model know."""
         return robot
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:  # noqa: B027
         """Tells the plant what reality does and the model does not know."""
 
 
-PRESLIDING = "way"
-"""Shape: displacement over which dry friction turns over [rad]; zero where it turns over a speed."""
+PRESLIDING = "presliding"
+"""Shape: presliding displacement [rad], over which dry friction changes its sign; zero where a speed decides."""
 
 PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
-"""Displacements tried, in multiples of the distance that the regularisation's speed goes in a second."""
+"""Displacements tried, in multiples of the way that a joint goes in a second at the regularisation velocity."""
 
-REGULARISATION = "turn"
-"""Shape: how much wider than usual the speed is over which dry friction turns over; missing where it is not."""
+REGULARISATION = "regularisation"
+"""Shape: multiple of the usual regularisation velocity of dry friction; missing where it is the usual one."""
 
 WIDER_REGULARISATIONS = (3.0, 7.0)
 """Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
@@ -168,11 +226,12 @@ WIDER_REGULARISATIONS = (3.0, 7.0)
 class JointLaw(Effect):
     """A torque that one joint consumes by a law of its own motion.
 
-    The law is written once, as ``basis``: plant and diagnosis both evaluate it. How dry friction turns over at a
-    reversal is no part of a law that is ``dry``: the diagnosis tries it over a speed and over a short way.
+    The law is written once, as ``basis``: plant and diagnosis both evaluate it. How the sign of dry friction
+    changes at a reversal is no part of a ``dry`` law: the diagnosis tries a regularisation velocity and a short
+    presliding displacement.
 
     Attributes:
-        dry: Whether it asks for the sign of the speed.
+        dry: Whether it needs the sign of the speed.
     """
 
     dry: bool = False
@@ -194,35 +253,57 @@ class JointLaw(Effect):
             return None
         joint = signals.joint(key)
         sample = signals.sample(joint, motor_side=port == "actuator")
-        way = float(shape.get(PRESLIDING, 0.0))
-        if way > 0.0:
-            sample = replace(sample, bristles=signals.bristles(joint, way, motor_side=port == "actuator"))
-        turn = float(shape.get(REGULARISATION, 0.0))
-        if turn > 0.0:
-            sample = replace(sample, regularisation=turn * sample.regularisation)
+        presliding = float(shape.get(PRESLIDING, 0.0))
+        if presliding > 0.0:
+            sample = replace(
+                sample, bristles=signals.bristles(joint, presliding, motor_side=port == "actuator")
+            )
+        wider = float(shape.get(REGULARISATION, 0.0))
+        if wider > 0.0:
+            sample = replace(sample, regularisation=wider * sample.regularisation)
         return one_row(joint, self.basis(sample, shape), None, *self.bounds())
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """One empty shape, or both with_reversal_shapes in which dry friction may turn over."""
+        """One empty shape; for a dry law all ways in which its sign may change."""
         return self.with_reversal_shapes(signals, key, ({},))
 
     def with_reversal_shapes(
         self, signals: Signals, key: str, shapes: tuple[dict[str, float], ...]
     ) -> tuple[dict[str, float], ...]:
-        """Lets every shape of a dry law turn over a speed, and over a way; a law of one number over wider speeds."""
+        """Adds to the shapes of a dry law presliding displacements and, for a law of one number, wider speeds."""
         if not self.dry:
             return shapes
         second = float(regularisation_velocity(signals.model.sliding)[signals.joint(key)])
-        over_ways = [{**shape, PRESLIDING: way * second} for way in PRESLIDING_DISPLACEMENTS for shape in shapes]
+        wider = WIDER_REGULARISATIONS if len(self.description.symbols) == 1 else ()
         return (
             *shapes,
-            *over_ways,
-            *({REGULARISATION: turn} for turn in WIDER_REGULARISATIONS if len(self.description.symbols) == 1),
+            *({**shape, PRESLIDING: part * second} for part in PRESLIDING_DISPLACEMENTS for shape in shapes),
+            *({REGULARISATION: multiple} for multiple in wider),
         )
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Puts the same law on the plant's joints, as a torque against the motion."""
-        builder.add_law(self, port, parameters)
+        pieces = [self.linear(values) for values in parameters.values()]
+        shape = {name: np.array([own[name] for _, own in pieces]) for name in self.shape}
+        coefficients = np.array([coefficient for coefficient, _ in pieces])
+        builder.add_law(self.basis, port, tuple(parameters), coefficients=coefficients, shape=shape)
+
+
+class Stepped(Effect):
+    r"""An effect all of whose numbers enter nonlinearly: the regression finds the step from a guess.
+
+    p = p_0 + \delta p,      r = fixed(p_0) + columns(p_0) \delta p
+    """
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """The shape says it all."""
+        return np.zeros(len(self.shape)), {name: values[name] for name in self.shape}
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
+    ) -> dict[str, float]:
+        """The shape plus the step."""
+        return {name: float(shape[name] + step) for name, step in zip(self.shape, coefficients, strict=True)}
 
 
 def predicted(
@@ -248,15 +329,12 @@ def one_row(joint: int, columns: Array, fixed: Array | None, lower: Array, upper
     return Regressor((joint,), columns[:, None, :], steady[:, None], lower, upper)
 
 
-class Stepped(Effect):
-    """An effect whose shape is all of its numbers; its coefficients are steps from them."""
+def all_rows(signals: Signals, columns: Array, lower: Array, upper: Array) -> Regressor:
+    """Makes a regressor of all joints from columns (N, n, p)."""
+    return Regressor(tuple(range(signals.n)), columns, np.zeros(columns.shape[:2]), lower, upper)
 
-    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
-        """The shape says it all."""
-        return np.zeros(len(self.shape)), {name: values[name] for name in self.shape}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """The shape plus the step."""
-        return {name: float(shape[name] + step) for name, step in zip(self.shape, coefficients, strict=True)}
+def ends(key: str) -> tuple[str, str]:
+    """Splits the key ``JOINT<-OTHER`` of a pair."""
+    joint, _, other = key.partition(PAIR)
+    return joint, other

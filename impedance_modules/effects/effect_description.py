@@ -26,6 +26,7 @@ class Parameter:
         positive: The lower bound itself is excluded.
         left_out: What its absence means; None if it must be given.
         linear_unit: For a prismatic joint; empty where the unit is the same.
+        neutral: Value at which it changes nothing.
     """
 
     symbol: str
@@ -36,6 +37,7 @@ class Parameter:
     positive: bool = False
     left_out: str | None = None
     linear_unit: str = ""
+    neutral: float = 0.0
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -70,7 +72,7 @@ class Description:
         confusable_with: Ids that look alike.
         excitation: The motion that tells it apart.
         reference: Where the law comes from.
-        worn: How the plant and the model wear it.
+        applied: What of it the plant does, and what the model knows.
     """
 
     id: str
@@ -83,7 +85,7 @@ class Description:
     confusable_with: tuple[str, ...]
     excitation: str
     reference: str
-    worn: str
+    applied: str
 
     def parameter(self, symbol: str) -> Parameter:
         """Finds a parameter by its symbol; ``KeyError`` if there is none."""

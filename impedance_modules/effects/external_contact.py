@@ -11,10 +11,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from impedance_modules.effects.bodies import all_rows
-from impedance_modules.effects.effect import Effect, Regressor, Values, unbounded
+from impedance_modules.effects.effect import Effect, Regressor, Values, all_rows, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import JointMotion, Shape
+from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
@@ -46,8 +45,9 @@ class ExternalContact(Effect):
         confusable_with=("payload", "torque_saturation"),
         excitation="repeats of the same motion",
         reference="De Luca & Mattone 2005; Haddadin, De Luca & Albu-Schaeffer 2017",
-        worn="The plant: a force on the link.",
+        applied="The plant: a force on the link.",
     )
+    bound_to_recording = True
     shape = ("start", "end")
 
     def regressor(
@@ -79,8 +79,10 @@ class ExternalContact(Effect):
             builder.torques.append(LinkPush(builder.model, link, force, (values["start"], values["end"])))
 
 
-class LinkPush:
+class LinkPush(EffectTorque):
     """A force on a link of the plant."""
+
+    port: Literal["motor", "link"] = "link"
 
     def __init__(self, model: RobotModel, link: str, force: Array, window: tuple[float, float]) -> None:
         """Takes the force (3,) in base axes [N] and when it acts [s]."""
@@ -89,11 +91,6 @@ class LinkPush:
         self._frame = model.frame_id(link)
         self._force, self._window = force, window
 
-    @property
-    def port(self) -> Literal["motor", "link"]:
-        """The link's."""
-        return "link"
-
     def torque(self, motion: JointMotion) -> Array:
         """Gives J^T f within the window (n,) [N.m]."""
         start, end = self._window
@@ -101,9 +98,3 @@ class LinkPush:
             return np.zeros(motion.position.size)
         J = pin.computeFrameJacobian(self._model, self._data, motion.position, self._frame, WORLD_AXES)
         return np.asarray(J[:3].T @ self._force)
-
-    def settle(self, motion: JointMotion) -> None:
-        """Remembers nothing."""
-
-    def start(self, motion: JointMotion, step: float) -> None:
-        """Has nothing to forget."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_friction import BOTH_SIDES, WORN
+from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
 from impedance_modules.effects.joint_motion import JointMotion, Shape, bent, follow
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
@@ -57,7 +57,7 @@ class Hysteresis(Effect):
         confusable_with=("coulomb_friction", "stribeck_friction", "backlash"),
         excitation="tiny reversals of several amplitudes",
         reference="Dahl 1968; Canudas de Wit et al. 1995",
-        worn=WORN,
+        applied=APPLIED,
     )
     shape = (STRETCH,)
 

@@ -10,13 +10,20 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.effect import JointLaw, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import REGULARISATION_VELOCITY, JointSample, Shape, regularisation_velocity
+from impedance_modules.effects.joint_motion import (
+    REGULARISATION_VELOCITY,
+    JointSample,
+    Shape,
+    regularisation_velocity,
+)
 from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
 
 BOTH_SIDES: tuple[Port, ...] = ("actuator", "link")
-WORN = "The plant, as a torque at the motor (port actuator) or at the link; the controller does not know it."
+APPLIED = (
+    "The plant, as a torque at the motor (port actuator) or at the link; the controller does not know it."
+)
 COULOMB = Parameter("fc", "N.m", "Coulomb friction", lower=0.0, linear_unit="N")
 VISCOUS = Parameter("fv", "N.m.s/rad", "viscous friction", lower=0.0, linear_unit="N.s/m")
 
@@ -39,8 +46,10 @@ class CoulombFriction(JointLaw):
         confusable_with=("viscous_friction", "asymmetric_friction", "hysteresis", "command_delay"),
         excitation="reversals at three or more speeds",
         reference="Armstrong-Helouvry, Dupont & Canudas de Wit 1994",
-        worn=WORN,
+        applied=APPLIED,
     )
+    in_every_drive = True
+    first_excitation = 1
 
     dry = True
 
@@ -69,8 +78,10 @@ class ViscousFriction(JointLaw):
         ),
         excitation="three or more constant speeds",
         reference="Swevers et al. 1997",
-        worn=WORN,
+        applied=APPLIED,
     )
+    in_every_drive = True
+    first_excitation = 2
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes v."""
@@ -97,7 +108,7 @@ class StribeckFriction(JointLaw):
         confusable_with=("coulomb_friction", "backlash", "hysteresis"),
         excitation="slow ramps, 0.005 to 0.2 rad/s",
         reference="Bo & Pavelescu 1982; Armstrong-Helouvry 1994",
-        worn=WORN,
+        applied=APPLIED,
     )
     shape = ("vs",)
 
@@ -157,7 +168,7 @@ class QuadraticDrag(JointLaw):
         confusable_with=("viscous_friction",),
         excitation="a ladder of speeds up to 80 % of the limit",
         reference="Morison et al. 1950; thesis 6.2.5",
-        worn=WORN,
+        applied=APPLIED,
     )
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
@@ -193,8 +204,9 @@ class AsymmetricFriction(JointLaw):
         confusable_with=("torque_offset", "coulomb_friction"),
         excitation="moves and holds, both directions at several speeds",
         reference="Janot, Gautier & Brunot 2019 (EMPS)",
-        worn=WORN,
+        applied=APPLIED,
     )
+    constant_part = "da"
 
     dry = True
     contrasts = ((1.0, -1.0, 0.0), (0.0, 0.0, 1.0))
@@ -243,7 +255,7 @@ class LoadDependentFriction(JointLaw):
         confusable_with=("coulomb_friction", "torque_gain"),
         excitation="the same motion in two or more poses or with two payloads",
         reference="Hamon, Gautier & Garrec 2010; Rhoban BAM 2025, models M3 to M6",
-        worn=WORN,
+        applied=APPLIED,
     )
 
     dry = True
@@ -275,7 +287,7 @@ class FrictionDrift(JointLaw):
         confusable_with=("viscous_friction",),
         excitation="the same motion cold and warm, over minutes",
         reference="Bittencourt et al. 2010",
-        worn=WORN,
+        applied=APPLIED,
     )
     contrasts = ((1.0, -1.0),)
     shape = ("T",)

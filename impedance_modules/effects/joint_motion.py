@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motion of joints at one side of their gears: what an effect's law is a function of.
+r"""Motion of joints: what an effect's law is a function of, and what the plant passes to an effect's torque.
 
-The same law reads it twice: the plant hands over the joints of one instant, the diagnosis one joint over a
-whole recording. All arrays have one shape, (k,) joints or (N,) samples.
+A `JointSample` is read by the same law twice: the plant hands over the joints of one instant, the diagnosis one
+joint over a whole recording. All its arrays have one shape, (k,) joints or (N,) samples.
+
+Dry friction can change its sign over a speed, or over a displacement, as bristles that bend (Dahl 1968): over a
+displacement dq in one direction their bend moves towards sgn(dq) by the share 1 - exp(-|dq| / stretch), which is
+exact and independent of the speed.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ Shape = Mapping[str, Array | float]
 """Values of the parameters that enter a law nonlinearly, by symbol; numbers or one per joint."""
 
 REGULARISATION_VELOCITY, SLIDING_REGULARISATION_VELOCITY = 0.01, 0.001
-"""Speed v_0 over which dry friction turns over, sgn(v) ~ tanh(v / v_0) [rad/s], and of a sliding joint [m/s].
+"""Regularisation velocity v_0 of dry friction, sgn(v) ~ tanh(v / v_0) [rad/s], and of a sliding joint [m/s].
 
 The diagnosis always uses this one, the plant a larger one where a light link would demand a shorter step.
 """
@@ -34,8 +38,8 @@ class JointSample:
         position, velocity, acceleration: Of the side at which the effect acts [rad], [rad/s], [rad/s^2];
             the plant, which is still to find the acceleration, gives zeros.
         load: Torque between gear and link [N.m].
-        regularisation: Speed v_0 over which dry friction turns over.
-        bristles: Bend in [-1, 1] of what rubs, where dry friction turns over a way and not a speed; or None.
+        regularisation: Regularisation velocity v_0 of dry friction [rad/s].
+        bristles: Bend in [-1, 1] of the bristles, where a displacement and not a speed decides; or None.
     """
 
     time: Array
@@ -55,7 +59,7 @@ class JointSample:
 
 
 def regularisation_velocity(sliding: NDArray[np.bool_]) -> Array:
-    """Gives each joint's v_0 (n,) from whether it slides."""
+    """Gives each joint's regularisation velocity v_0 (n,) from whether it is prismatic."""
     return np.where(sliding, SLIDING_REGULARISATION_VELOCITY, REGULARISATION_VELOCITY)
 
 
@@ -108,11 +112,13 @@ class JointTorque(Protocol):
 
 
 class EffectTorque(JointTorque, Protocol):
-    """A joint torque of the catalogue: it can start over."""
+    """A joint torque of the catalogue: it can start again. Without more said it has no memory."""
 
     def start(self, motion: JointMotion, step: float) -> None:
-        """Forgets the past: the joints stand as given, and steps of a length [s] follow."""
-        ...
+        """Forgets the past: the joints are as given, and steps of a length [s] follow."""
+
+    def settle(self, motion: JointMotion) -> None:
+        """Is told the motion at the end of each step."""
 
 
 def bent(bristle: Array, moved: Array, stretch: Array | float) -> Array:

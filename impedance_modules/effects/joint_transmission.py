@@ -15,13 +15,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
+from impedance_modules.effects.effect import Effect, Regressor, Values, ends, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import JointMotion, Shape, sign
+from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, sign
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
-from impedance_modules.effects.sensor_effects import ends
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.model import with_reflected_inertia
 from impedance_modules.spec.robot_spec import RobotSpec
@@ -65,8 +64,10 @@ class ReflectedInertia(Effect):
         confusable_with=("parallel_spring", "payload", "link_inertia", "controller_gain"),
         excitation="two or more frequencies; a single tone cannot tell it from a spring",
         reference="thesis eq. 3.2, 3.12; Gautier & Khalil 1990",
-        worn="Plant and model: the robot's I_r. Zero makes an ideal torque source (thesis 3.3).",
+        applied="Plant and model: the robot's I_r. Zero makes an ideal torque source (thesis 3.3).",
     )
+    in_every_drive = True
+    first_excitation = 3
     replaces = True
 
     def regressor(
@@ -90,6 +91,10 @@ class ReflectedInertia(Effect):
     ) -> dict[str, float]:
         """Ia = I_r + coefficient."""
         return {"Ia": float(signals.reflected_inertia[signals.joint(key)] + coefficients[0])}
+
+    def joint_numbers(self, values: Values, *, link_effort: bool) -> dict[str, float]:
+        """Replaces I_r."""
+        return {"reflected_inertia": values["Ia"]}
 
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Replaces I_r."""
@@ -120,7 +125,7 @@ class JointElasticity(Effect):
         confusable_with=("command_delay", "actuator_lag", "backlash", "reflected_inertia"),
         excitation="a chirp through the resonance, or steps",
         reference="Spong 1987; thesis eq. 3.1 to 3.3",
-        worn="Plant and model: the robot's series spring. A rigid joint gets one.",
+        applied="Plant and model: the robot's series spring. A rigid joint gets one.",
     )
     replaces = True
 
@@ -147,6 +152,13 @@ class JointElasticity(Effect):
         compliance = float(signals.spring_compliance[signals.joint(key)] + coefficients[0])
         return {"K": 1.0 / compliance if compliance > 0.0 else float("inf")}
 
+    def joint_numbers(self, values: Values, *, link_effort: bool) -> dict[str, float]:
+        """Replaces the series spring where the torque behind it is measured; elsewhere it adds to the model."""
+        if not link_effort:
+            return {}
+        damping = {"spring_damping": values["D"]} if "D" in values else {}
+        return {"compliance": 1.0 / values["K"], **damping}
+
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Replaces the series spring."""
         joints = dict(robot.joints)
@@ -170,7 +182,7 @@ class Backlash(Effect):
         confusable_with=("stribeck_friction", "hysteresis", "joint_elasticity", "command_delay"),
         excitation="slow reversals of the torque around zero load",
         reference="Nordin & Gutman 2002",
-        worn="The plant: a dead zone in series with the joint's spring; the joint needs one.",
+        applied="The plant: a dead zone in series with the joint's spring; the joint needs one.",
     )
 
     def regressor(
@@ -253,7 +265,7 @@ class TransmissionCoupling(Effect):
         confusable_with=("crosstalk", "link_inertia", "coulomb_friction"),
         excitation="one joint of the pair at a time, then both",
         reference="Janot, Vandanjon & Gautier 2014 (Staubli TX40 wrist)",
-        worn="The plant: the two motors' equations; refused where the rotors' inertia would be no inertia.",
+        applied="The plant: the two motors' equations; refused where the rotors' inertia would be no inertia.",
     )
 
     symmetric = True
@@ -301,18 +313,15 @@ def _check_coupled_inertia(builder: PlantBuilder, i: int, j: int) -> None:
         )
 
 
-class SharedShaft:
+class SharedShaft(EffectTorque):
     """Friction of a shaft that turns with two motors."""
+
+    port: Literal["motor", "link"] = "motor"
 
     def __init__(self, joint: int, other: int, viscous: float, dry: float) -> None:
         """Takes the joints' indices and frictions [N.m.s/rad], [N.m]."""
         self._pair = np.array([joint, other], dtype=np.intp)
         self._viscous, self._dry = viscous, dry
-
-    @property
-    def port(self) -> Literal["motor", "link"]:
-        """The motor's."""
-        return "motor"
 
     def torque(self, motion: JointMotion) -> Array:
         """Gives minus the consumed torque on both joints (n,) [N.m]."""
@@ -320,9 +329,3 @@ class SharedShaft:
         out = np.zeros(motion.position.size)
         out[self._pair] = -self._viscous * speeds[::-1] - self._dry * sign(np.sum(speeds, keepdims=True))
         return out
-
-    def settle(self, motion: JointMotion) -> None:
-        """Remembers nothing."""
-
-    def start(self, motion: JointMotion, step: float) -> None:
-        """Has nothing to forget."""

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect_description import Description, KeyKind, Parameter, same_unit
 from impedance_modules.effects.effect import PAIR, Effect
+from impedance_modules.effects.effect_description import Description, KeyKind, Parameter, same_unit
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import surface_index
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch_file import EffectSpec, PatchSpec, PatchQuantity
+from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.urdf import UrdfJoint, read_urdf
 

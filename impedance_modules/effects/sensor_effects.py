@@ -8,15 +8,15 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.bodies import all_rows
 from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import (
-    PAIR,
     Effect,
     JointLaw,
     Regressor,
     Stepped,
     Values,
+    all_rows,
+    ends,
     one_row,
     unbounded,
 )
@@ -44,8 +44,10 @@ class TorqueOffset(JointLaw):
         confusable_with=("encoder_offset", "base_tilt", "asymmetric_friction", "parallel_spring"),
         excitation="static poses with different weight on the joint",
         reference="Khalil & Dombre 2002",
-        worn="The plant: as a torque at the motor or link, or in what its effort sensor reports.",
+        applied="The plant: as a torque at the motor or link, or in what its effort sensor reports.",
     )
+    constant_part = "c"
+    first_excitation = 5
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """A reading shows wherever the effort enters."""
@@ -83,15 +85,23 @@ class TorqueGain(Effect):
         id="torque_gain",
         sentence="A wrong torque constant or gear ratio: the motor gives, or the sensor reports, s times the torque.",
         equation="actuator: motor torque = s x torque asked for; sensor: effort reported = s x effort",
-        parameters=(Parameter("s", "1", "factor; 1 is nominal", lower=0.0, positive=True),),
+        parameters=(Parameter("s", "1", "factor; 1 is nominal", lower=0.0, positive=True, neutral=1.0),),
         ports=("actuator", "sensor"),
         keys=("joint",),
         signature="in proportion to the joint's own torque, in every regime",
         confusable_with=("payload", "link_inertia", "load_dependent_friction", "torque_saturation"),
         excitation="a known added mass; other joints' rows tell it from a payload",
         reference="Gautier & Briot 2014",
-        worn="The plant: in the drive of the motor, or in what its effort sensor reports.",
+        applied="The plant: in the drive of the motor, or in what its effort sensor reports.",
     )
+
+    def proportional_to_command(self, port: Port) -> bool:
+        """In proportion to the torque asked for, unless only the reading is wrong."""
+        return port == "actuator"
+
+    def computed_from_command(self, port: Port) -> bool:
+        """Made of the torque asked for, unless only the reading is wrong."""
+        return port == "actuator"
 
     def stage(self, port: Port) -> Stage | None:
         """The drive; a sensor consumes nothing."""
@@ -148,7 +158,7 @@ class EncoderOffset(Stepped):
         confusable_with=("base_tilt", "torque_offset", "payload"),
         excitation="poses over the whole workspace",
         reference="Khalil & Dombre 2002; PACE 2025 (bias)",
-        worn="The plant: its position sensor, and the robot's own gravity compensation with it.",
+        applied="The plant: its position sensor, and the robot's own gravity compensation with it.",
     )
     shape = ("dq0",)
     nearly_linear = True
@@ -196,8 +206,9 @@ class Crosstalk(Effect):
         confusable_with=("payload", "link_inertia", "transmission_coupling"),
         excitation="one joint at a time",
         reference="Rethink Robotics: crosstalk_model_effort in SEAJointState",
-        worn="The plant: what its effort sensors report.",
+        applied="The plant: what its effort sensors report.",
     )
+    imitates_carried = True
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Wherever the effort enters."""
@@ -220,12 +231,6 @@ class Crosstalk(Effect):
             builder.crosstalk[builder.joint(joint), builder.joint(other)] += values["c"]
 
 
-def ends(key: str) -> tuple[str, str]:
-    """Splits ``JOINT<-OTHER``."""
-    joint, _, other = key.partition(PAIR)
-    return joint, other
-
-
 APART = "apart"
 """Shape: 1 where the readings' clock runs away from the commands'."""
 
@@ -244,7 +249,7 @@ class VelocityFilterLag(Stepped):
         confusable_with=("command_delay", "clock_drift"),
         excitation="fast reversals; compare the reported velocity with differences of position",
         reference="Brown, Schneider & Mulligan 1992",
-        worn="The plant: the velocity that its sensors report.",
+        applied="The plant: the velocity that its sensors report.",
     )
     shape = ("T",)
 
@@ -298,7 +303,7 @@ class ClockDrift(Effect):
         confusable_with=("command_delay", "velocity_filter_lag"),
         excitation="a long recording, fast motion",
         reference="IEEE 1588 (clock rate offset)",
-        worn="The plant: the time it reports.",
+        applied="The plant: the time it reports.",
     )
 
     def shows(self, port: Port, residual: Residual) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.effect import JointLaw, Regressor, Values, one_row, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_friction import BOTH_SIDES, WORN
+from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
 from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
@@ -57,8 +57,10 @@ class ParallelSpring(JointLaw):
         confusable_with=("reflected_inertia", "payload", "torque_offset", "base_tilt"),
         excitation="a grid of static poses; a single tone cannot tell it from inertia",
         reference="thesis 2.1 (shoulder springs)",
-        worn="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
+        applied="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
     )
+    carried_by_robot = True
+    first_excitation = 4
 
     contrasts = ((1.0, 0.0),)
 
@@ -159,7 +161,7 @@ class TorqueRipple(JointLaw):
         confusable_with=("parallel_spring",),
         excitation="slow sweeps over the whole range, both with_reversal_shapes",
         reference="Ghorbel, Gandhi & Alpeter 2001 (harmonic drives)",
-        worn=WORN,
+        applied=APPLIED,
     )
     shape = ("N",)
 
@@ -187,6 +189,10 @@ class TorqueRipple(JointLaw):
             "N": float(shape["N"]),
             "phi": float(np.arctan2(along, across)),
         }
+
+    def periods(self, shape: Shape, travel: float) -> float:
+        """N q / (2 pi) over the travel."""
+        return float(np.max(shape["N"])) * travel / (2.0 * np.pi)
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
         """Tries orders as finely as the joint's travel can tell apart, up to what the sampling can follow."""
@@ -217,8 +223,9 @@ class BenchSpring(JointLaw):
         confusable_with=("parallel_spring", "payload", "torque_offset", "viscous_friction"),
         excitation="a grid of static poses; a single tone cannot tell it from inertia",
         reference="thesis 3.2.1 (figure 3-6)",
-        worn="The plant, as a torque on the link; neither the model nor what the robot adds by itself knows it.",
+        applied="The plant, as a torque on the link; neither the model nor what the robot adds by itself knows it.",
     )
+    searched = "never"  # without a patch it is named a parallel spring: at the links the two are one law
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes q, -1 and v."""

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.bodies import all_rows
-from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, unbounded
+from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, all_rows, unbounded
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import SLIDING_REGULARISATION_VELOCITY, Shape
 from impedance_modules.effects.recorded_signals import Signals
@@ -89,7 +88,12 @@ def touches(signals: Signals, surface: SurfaceSpec) -> Iterator[SurfaceTouch]:
 
 
 class SurfaceEffect(Effect):
-    """An error of the map: what the plant's surface has instead of the task's number."""
+    """An error of the task's map of its surroundings: the plant's surface differs from the task's.
+
+    The diagnosis does not look for it: it sets contact aside.
+    """
+
+    searched = "never"
 
     @abstractmethod
     def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
@@ -126,7 +130,7 @@ class SurfaceHeight(Stepped, SurfaceEffect):
         confusable_with=("surface_stiffness", "external_contact", "encoder_offset"),
         excitation="the same surface with at least two forces; coming down on it and leaving it",
         reference="Hosford 2016, 5.1: a poorly mapped environment",
-        worn="The plant's surface is moved; so are the predictions of `check`. The controller knows no surface.",
+        applied="The plant's surface is moved; so are the predictions of `check`. The controller knows no surface.",
     )
     shape = ("dh",)
 
@@ -206,7 +210,7 @@ class SurfaceStiffness(SurfaceNumber):
         confusable_with=("surface_height", "external_contact"),
         excitation="the same place with at least two forces",
         reference="Hosford 2016, 5.1 and 6.2.3; Mills & Lokhorst 1993",
-        worn="The plant's surface, tangential stiffness included, and the predictions of `check`.",
+        applied="The plant's surface, tangential stiffness included, and the predictions of `check`.",
     )
     symbol, attribute = "k", "stiffness"
 
@@ -239,7 +243,7 @@ class SurfaceFriction(SurfaceNumber):
         confusable_with=("coulomb_friction", "load_dependent_friction", "external_contact"),
         excitation="sliding to and fro with at least two forces, and free motion beside it",
         reference="Coulomb's law; Hosford 2016, 5.2",
-        worn="The plant's surface and the predictions of `check`.",
+        applied="The plant's surface and the predictions of `check`.",
     )
     symbol, attribute = "mu", "friction"
 

@@ -14,10 +14,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from impedance_modules.effects.bodies import all_rows
-from impedance_modules.effects.effect import Effect, Regressor, Values
+from impedance_modules.effects.effect import Effect, Regressor, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import JointMotion, Shape
+from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
@@ -62,8 +61,9 @@ class Buoyancy(Effect):
         confusable_with=("link_inertia", "torque_offset", "base_tilt", "encoder_offset"),
         excitation="static poses; fast motion tells it from missing mass, which would be missing there too",
         reference="Archimedes' principle; Fossen 2011, Handbook of Marine Craft Hydrodynamics",
-        worn="The plant: a torque on the joints. Neither the model nor the robot's weight compensation knows it.",
+        applied="The plant: a torque on the joints. Neither the model nor the robot's weight compensation knows it.",
     )
+    searched = "under_water"
 
     def regressor(
         self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
@@ -121,8 +121,9 @@ class AddedMass(Effect):
         confusable_with=("link_inertia", "reflected_inertia", "payload"),
         excitation="accelerations along and across the link, beside static poses that show the weight alone",
         reference="Kirchhoff 1869; Lamb, Hydrodynamics, 1932, ch. 6; Fossen 2011",
-        worn="The plant: the link's inertia in the articulated-body algorithm. The model does not know it.",
+        applied="The plant: the link's inertia in the articulated-body algorithm. The model does not know it.",
     )
+    searched = "under_water"
     shape = CENTRE
 
     def regressor(
@@ -185,8 +186,9 @@ class FluidDrag(Effect):
         confusable_with=("quadratic_drag", "viscous_friction"),
         excitation="fast motion of one joint after the other: a joint's own drag does not reach the joints before it",
         reference="Morison et al. 1950; Fossen 2011",
-        worn="The plant: a torque on the joints, always against the motion. The model does not know it.",
+        applied="The plant: a torque on the joints, always against the motion. The model does not know it.",
     )
+    searched = "under_water"
     shape = CENTRE
 
     def regressor(
@@ -222,16 +224,10 @@ class FluidDrag(Effect):
         builder.torques.append(DragTorque(builder.model, held))
 
 
-class WaterTorque:
+class WaterTorque(EffectTorque):
     """A torque on the links that depends on where they are and how they move, and on nothing before."""
 
     port: Literal["motor", "link"] = "link"
-
-    def settle(self, motion: JointMotion) -> None:
-        """Remembers nothing."""
-
-    def start(self, motion: JointMotion, step: float) -> None:
-        """Has nothing to forget."""
 
 
 class BuoyancyTorque(WaterTorque):

@@ -168,7 +168,7 @@ def test_the_catalogue_is_the_contract() -> None:
 def test_a_description_leaves_nothing_out(effect: str) -> None:
     described = CATALOGUE[effect].description
     texts = (described.sentence, described.equation, described.signature, described.excitation)
-    assert all(len(text) >= 10 for text in (*texts, described.worn)) and described.reference
+    assert all(len(text) >= 10 for text in (*texts, described.applied)) and described.reference
     assert described.sentence.endswith(".") and described.ports and described.keys and described.parameters
     assert set(described.confusable_with) <= set(CATALOGUE) - {effect} and described.confusable_with
     assert all(p.unit and p.meaning for p in described.parameters)
@@ -419,7 +419,9 @@ def test_predictions_reckon_with_the_delay_that_the_plant_makes_joint_by_joint()
     patch = patch_at(entry("command_delay", "timing", {"T": 0.004}))
     worn = apply_patch(robot(), patch)
     assert worn.timing.command_delay == pytest.approx(robot().timing.command_delay + 0.004)
-    assert apply_to_plant(RobotModel(worn), patch).command_delay == pytest.approx(robot().timing.command_delay)
+    assert apply_to_plant(RobotModel(worn), patch).command_delay == pytest.approx(
+        robot().timing.command_delay
+    )
 
 
 def patch_at(*entries: dict[str, object]):

@@ -103,15 +103,18 @@ def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
     return one.reach >= IN_PROPORTION * other.reach
 
 
-LATE = {"command_delay", "actuator_lag"}
-"""Effects of one joint that differ in the second order of their time alone: compared at their own best times only, and
-told apart by a clear difference only."""
-
-
 def twins(one: CandidateTrial, other: CandidateTrial) -> bool:
-    """Whether both say that one joint's torque is late, by two different laws."""
-    keys = one.term.key, other.term.key
-    return keys[0][1] == keys[1][1] and {key[0] for key in keys} == LATE
+    """Whether both delay one joint's torque, by two different laws.
+
+    The two differ in the second order of their time alone: they are compared at their own best times only, and told
+    apart by a clear difference only.
+    """
+    terms = one.term, other.term
+    return (
+        one.term.key[1] == other.term.key[1]
+        and one.term.key[0] != other.term.key[0]
+        and all(not term.generic and term.candidate.effect.delays_torque for term in terms)
+    )
 
 
 def adjusted(trial: CandidateTrial) -> float:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
 from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner
+from impedance_modules.effects.effect import Effect
 
 
 def eliminate_backward(
@@ -53,9 +54,6 @@ def _without(model: Sequence[ModelTerm], *terms: ModelTerm) -> list[ModelTerm]:
     return [other for other in model if other not in terms]
 
 
-COMMON, OWN = "command_delay", "actuator_lag"
-"""What all joints can share, and what each motor has for itself."""
-
 JOINTS_MIN = 3
 """Joints that must be late for a common reason to be thought of."""
 
@@ -74,12 +72,13 @@ def merge_delays(
         refiner: Moves shapes off their grid.
     """
     kept = list(model)
-    late = {term.key[1] for term in kept if term.key[0] in {COMMON, OWN}}
-    delayed = {term.key[1] for term in kept if term.key[0] == COMMON}
+    late = {term.key[1] for term in kept if term.candidate.effect.delays_torque}
+    delayed = {term.key[1] for term in kept if _shared_delay(term.candidate.effect)}
     if len(late) < JOINTS_MIN or not delayed:
         return kept
     for index, term in enumerate(model):
-        if term.key[0] != OWN or term.key[1] in delayed:
+        effect = term.candidate.effect
+        if not effect.delays_torque or effect.shared_by_joints or term.key[1] in delayed:
             continue
         better = _delay(kept, term, make, refiner)
         if better is None:
@@ -90,6 +89,11 @@ def merge_delays(
     return kept
 
 
+def _shared_delay(effect: Effect) -> bool:
+    """Whether an effect is a delay that all joints can have for one reason."""
+    return effect.delays_torque and effect.shared_by_joints
+
+
 def _delay(
     model: Sequence[ModelTerm],
     lag: ModelTerm,
@@ -98,7 +102,13 @@ def _delay(
 ) -> ModelTerm | None:
     """The delay that does best in a lag's place; None where none was ever a candidate."""
     rest = make([other for other in model if other is not lag])
-    layouts = [layout for layout in rest.design.layouts if layout.shaped.key[:2] == (COMMON, lag.key[1])]
+    layouts = [
+        layout
+        for layout in rest.design.layouts
+        if layout.shaped.candidate is not None
+        and layout.shaped.candidate.key == lag.candidate.key
+        and _shared_delay(layout.shaped.candidate.effect)
+    ]
     trials = [try_term(rest, term_of(rest.design, layout)) for layout in layouts]
     if not trials:
         return None

@@ -60,7 +60,10 @@ class CandidateTrial:
         pairs = (self.model_fit.unseen, self.unseen)
         first, second = (
             np.array(
-                [np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in self.model_fit.folds]
+                [
+                    np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0)
+                    for fold in self.model_fit.folds
+                ]
             )
             for left in pairs
         )
@@ -167,7 +170,9 @@ class CandidateTrial:
             least: What the others must gain to be enough in any case [nats].
         """
         groups = self.term.groups
-        gains = losses(self.model_fit, self.model_fit.unseen, groups) - losses(self.model_fit, self.unseen, groups)
+        gains = losses(self.model_fit, self.model_fit.unseen, groups) - losses(
+            self.model_fit, self.unseen, groups
+        )
         most = max(2, int(np.ceil(part * len(gains))))
         rest = 0.5 * float(np.sum(np.sort(gains)[: len(gains) - most]))
         return rest < least and rest < 0.25 * float(np.sum(gains))
@@ -179,7 +184,9 @@ class CandidateTrial:
         """
         other = self.model_fit.unseen if rival is None else rival.unseen
         groups = self.term.groups
-        return significance(losses(self.model_fit, self.unseen, groups), losses(self.model_fit, other, groups))
+        return significance(
+            losses(self.model_fit, self.unseen, groups), losses(self.model_fit, other, groups)
+        )
 
 
 def losses(model_fit: ModelFit, unseen: HeldOutResiduals, groups: Sequence[int]) -> Array:

@@ -125,7 +125,9 @@ class Selector:
             model_fit = self.model_fit(model)
             found, refusal = self._next(model_fit)
             more = (
-                (found,) if found else find_pair(self.screen, model_fit, self.model_fit, best_of_each, self.objection)
+                (found,)
+                if found
+                else find_pair(self.screen, model_fit, self.model_fit, best_of_each, self.objection)
             )
             if more is None:
                 break
@@ -170,7 +172,9 @@ class Selector:
             refusal = refusal or Refusal(trial, reason)
         return None, refusal
 
-    def _settled(self, model_fit: ModelFit, trial: CandidateTrial, trials: Sequence[CandidateTrial]) -> ModelTerm:
+    def _settled(
+        self, model_fit: ModelFit, trial: CandidateTrial, trials: Sequence[CandidateTrial]
+    ) -> ModelTerm:
         """An accepted candidate off its grid; of a delay and a lag on one joint the better one at its own best time."""
         if not trial.term.candidate.effect.nearly_linear:
             return trial.term
@@ -219,7 +223,9 @@ class Selector:
         term, rest = model[index], [*model[:index], *model[index + 1 :]]
         model_fit = self.model_fit(rest)
         own = try_term(model_fit, term)
-        rivals = [self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.entry(model_fit), 3)]
+        rivals = [
+            self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.entry(model_fit), 3)
+        ]
         better = max(self.refined(model_fit, rivals), key=adjusted, default=own)
         ahead = adjusted(better) - adjusted(own)
         simpler = self.possible.of_body(own) and better.term.layout.free < own.term.layout.free
@@ -260,12 +266,18 @@ def find_pair(
         objection: Why a trial does not earn its place; None if it does.
     """
     lacking = model_fit.left / model_fit.counts > LACKING
-    firsts = [entry for entry in best(screen.entry(model_fit), 4 * FIRST) if lacking[list(entry.layout.groups)].any()]
+    firsts = [
+        entry
+        for entry in best(screen.entry(model_fit), 4 * FIRST)
+        if lacking[list(entry.layout.groups)].any()
+    ]
     for first in firsts[:FIRST]:
         one = term_of(model_fit.design, first.layout)
         beside = make([*model_fit.model, one])
         near = [
-            entry for entry in best(screen.entry(beside), 2 * SECOND) if set(entry.layout.groups) & set(one.groups)
+            entry
+            for entry in best(screen.entry(beside), 2 * SECOND)
+            if set(entry.layout.groups) & set(one.groups)
         ]
         for second in near[:SECOND]:
             other = term_of(model_fit.design, second.layout)

@@ -11,13 +11,15 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, HeldOutResiduals, try_term
+from impedance_modules.diagnosis.model_selection.candidate_trial import (
+    CandidateTrial,
+    HeldOutResiduals,
+    try_term,
+)
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
+from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import REGULARISATION
-
-PLAIN = ("coulomb_friction", "viscous_friction", "reflected_inertia")
-"""One number each, and together what every gear and motor has."""
 
 LESS = 0.3
 """Part of what the best single law of the joint leaves that all of them together may leave at most."""
@@ -59,7 +61,10 @@ def geared_start_model(
 
 
 def _best(
-    model_fit: ModelFit, make: Callable[[Sequence[ModelTerm]], ModelFit], layouts: Sequence[Sequence[ColumnLayout]], most: float
+    model_fit: ModelFit,
+    make: Callable[[Sequence[ModelTerm]], ModelFit],
+    layouts: Sequence[Sequence[ColumnLayout]],
+    most: float,
 ) -> tuple[float, list[ModelTerm]]:
     """The shapes of a joint's laws that together leave least, and what they leave; one entry where that is hopeless."""
     best: tuple[float, list[ModelTerm]] = (float("inf"), [])
@@ -73,7 +78,10 @@ def _best(
 
 
 def _all_earn(
-    model_fit: ModelFit, make: Callable[[Sequence[ModelTerm]], ModelFit], terms: Sequence[ModelTerm], objection: Objection
+    model_fit: ModelFit,
+    make: Callable[[Sequence[ModelTerm]], ModelFit],
+    terms: Sequence[ModelTerm],
+    objection: Objection,
 ) -> bool:
     """Whether each of some terms earns its place beside the others."""
     rests = ([other for other in terms if other is not term] for term in terms)
@@ -87,13 +95,18 @@ def _plain(model_fit: ModelFit) -> dict[str, list[list[ColumnLayout]]]:
     """Joint -> shapes of each plain law next to the motor, where all of them show in the same residuals."""
     layouts: dict[str, dict[str, list[ColumnLayout]]] = defaultdict(lambda: defaultdict(list))
     for layout in model_fit.design.layouts:
-        effect, key, port = layout.shaped.key
-        # Dry friction that creeps noise_ratios its part with viscous friction; together they would hide a rotor.
-        if effect in PLAIN and port == "actuator" and REGULARISATION not in layout.shaped.shape:
-            layouts[key][effect].append(layout)
-    full = {key: list(own.values()) for key, own in layouts.items() if len(own) == len(PLAIN)}
+        one = layout.shaped.candidate
+        # Dry friction with a wide regularisation is partly viscous friction; together they would hide a rotor.
+        if one is None or one.port != "actuator" or REGULARISATION in layout.shaped.shape:
+            continue
+        if one.effect.in_every_drive:
+            layouts[one.key][one.effect.id].append(layout)
+    laws = sum(effect.in_every_drive for effect in CATALOGUE.values())
+    full = {key: list(own.values()) for key, own in layouts.items() if len(own) == laws}
     return {
-        key: own for key, own in full.items() if len({layout.groups for shapes in own for layout in shapes}) == 1
+        key: own
+        for key, own in full.items()
+        if len({layout.groups for shapes in own for layout in shapes}) == 1
     }
 
 

@@ -28,9 +28,6 @@ CONTRAST_MIN = 12.0
 FAR = 1.5
 """Farthest place of a load on a link, over the robot's longest link."""
 
-ASYMMETRIC, OFFSET = "asymmetric_friction", "torque_offset"
-"""Wherever a joint moves, an asymmetry is an offset."""
-
 TAKEN_BACK = 0.5
 """Part of one that the other may take back."""
 
@@ -113,30 +110,30 @@ def _holds(one: ModelTerm, other: ModelTerm) -> bool:
 
 
 def _taken_back(trial: CandidateTrial, signals: Signals) -> bool:
-    """Whether an offset and an asymmetry of friction on one joint cancel but where the joint stands still."""
+    """Whether the constant parts of two effects on one joint cancel, but where the joint is at rest.
+
+    An asymmetry of dry friction is an offset wherever the joint moves.
+    """
     term, model_fit = trial.term, trial.model_fit
     for other, start in zip(model_fit.model, model_fit.starts, strict=False):
         shared = set(term.groups) & set(other.groups)
-        if {term.key[0], other.key[0]} != {ASYMMETRIC, OFFSET} or not shared:
+        parts = [one.candidate.effect.constant_part for one in (term, other)]
+        if term.key[0] == other.key[0] or None in parts or not shared:
             continue
-        sizes: dict[str, float] = {}
+        sizes: list[float] = []
         for one, coefficients in ((term, trial.seen.own), (other, trial.seen.beside[start:])):
             own = coefficients[: one.shaped.size] / one.layout.scale
             candidate = one.candidate
             found = candidate.effect.values(own, one.shaped.shape, signals, candidate.key, candidate.port)
             read = EFFORT_SIGN[model_fit.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
-            sizes |= {symbol: read * value for symbol, value in found.items()}
-        if abs(sizes["c"] + sizes["da"]) < TAKEN_BACK * max(abs(sizes["c"]), abs(sizes["da"])):
+            sizes.append(read * found[str(candidate.effect.constant_part)])
+        if abs(sum(sizes)) < TAKEN_BACK * max(map(abs, sizes)):
             return True
     return False
 
 
 REPEATED_MIN = 0.5
 """Least correlation: from there on more than half of a candidate's power belongs to the motion."""
-
-
-MADE_OF_COMMAND = ("command_delay", "actuator_lag", "torque_gain", "controller_gain")
-"""Effects made of what was asked for: it is known as it was sent, so that its noise is as good as any command."""
 
 
 def repeats(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
@@ -148,9 +145,9 @@ def repeats(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
         trial: The candidate.
         pairs: Recordings that repeat each other.
     """
-    effect, _, port = trial.term.key
-    if effect in MADE_OF_COMMAND and port != "sensor":
-        return True
+    candidate = trial.term.candidate
+    if candidate.effect.computed_from_command(candidate.port):
+        return True  # the command is known exactly as it was sent, its noise included
     shared, whole = 0.0, 0.0
     for i, j in pairs:
         one, other = _torque(trial, i), _torque(trial, j)

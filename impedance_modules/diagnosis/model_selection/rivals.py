@@ -48,7 +48,11 @@ def judge_rivals(
     held = {other.key for other in causes}
     equal: list[Rival] = []
     lost: list[Rival] = []
-    asked = [layout for layout in promising(selector.screen.entry(model_fit), ASKED) if layout.shaped.key not in held]
+    asked = [
+        layout
+        for layout in promising(selector.screen.entry(model_fit), ASKED)
+        if layout.shaped.key not in held
+    ]
     for found in selector.refined(model_fit, [selector.trial(model_fit, layout) for layout in asked]):
         rival = selector.moved(model_fit, found) if twins(own, found) else found
         candidate = rival.term.candidate

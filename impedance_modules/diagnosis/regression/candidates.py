@@ -168,10 +168,10 @@ def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array,
 
 def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) -> bool:
     """Whether a periodic shape runs through enough of its periods to be one, not merely a bend."""
-    if "N" not in shape or candidate.key not in signals.model.joint_names:
+    if candidate.key not in signals.model.joint_names:
         return True
-    swept = float(np.ptp(signals.position[:, signals.joint(candidate.key)]))
-    return shape["N"] * swept / (2.0 * np.pi) >= PERIODS_MIN
+    travel = float(np.ptp(signals.position[:, signals.joint(candidate.key)]))
+    return candidate.effect.periods(shape, travel) >= PERIODS_MIN
 
 
 Thin = NDArray[np.float32]

@@ -202,7 +202,10 @@ class ColumnLayout:
 
 
 def layout_of(
-    regressor: CandidateRegressor, groups: Sequence[Group], links: Mapping[str, Array], first: Mapping[int, int]
+    regressor: CandidateRegressor,
+    groups: Sequence[Group],
+    links: Mapping[str, Array],
+    first: Mapping[int, int],
 ) -> ColumnLayout | None:
     """Describes a regressor's place; None where a column of it is nowhere other than zero.
 
@@ -225,7 +228,15 @@ def layout_of(
     wide = links.get(regressor.key[1])
     bound = wide is not None and size == len(wide)
     precision = (scale * wide) ** -2.0 if bound and wide is not None else unseen.astype(float)
-    shaped = Shaped(regressor.candidate, regressor.shape, size, regressor.fixed, regressor.lower, regressor.upper, regressor.key)
+    shaped = Shaped(
+        regressor.candidate,
+        regressor.shape,
+        size,
+        regressor.fixed,
+        regressor.lower,
+        regressor.upper,
+        regressor.key,
+    )
     return ColumnLayout(shaped, {g: first[g] for g in touched}, scale, precision, unseen)
 
 

@@ -233,7 +233,10 @@ def term_of(design: Design, layout: ColumnLayout) -> ModelTerm:
     """Cuts a candidate's columns out of the design."""
     size, width = layout.shaped.size, layout.shaped.width
     blocks = [
-        {group: block[group][:, first : first + width].astype(float) for group, first in layout.places.items()}
+        {
+            group: block[group][:, first : first + width].astype(float)
+            for group, first in layout.places.items()
+        }
         for block in design.X
     ]
     return ModelTerm(
@@ -252,7 +255,9 @@ def part_of(term: ModelTerm, kept: NDArray[np.intp]) -> ModelTerm:
         layout.shaped, size=len(kept), lower=layout.shaped.lower[kept], upper=layout.shaped.upper[kept]
     )
     return ModelTerm(
-        layout=ColumnLayout(shaped, layout.places, layout.scale[kept], layout.precision[kept], layout.unseen[kept]),
+        layout=ColumnLayout(
+            shaped, layout.places, layout.scale[kept], layout.precision[kept], layout.unseen[kept]
+        ),
         columns=tuple({g: block[:, kept] for g, block in found.items()} for found in term.columns),
         fixed=term.fixed,
     )

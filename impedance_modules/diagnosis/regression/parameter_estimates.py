@@ -83,7 +83,9 @@ class ShapeRefiner:
             blocks = {
                 g: np.asarray(
                     self.design.whitening.apply(
-                        scaled_block(regressor, layout, r, groups[g], len(self.design.raw[r][g])).astype(float),
+                        scaled_block(regressor, layout, r, groups[g], len(self.design.raw[r][g])).astype(
+                            float
+                        ),
                         r,
                         g,
                     )
@@ -189,7 +191,9 @@ def _reach(value: float) -> float:
 
 def _loss(model_fit: ModelFit, reference: ModelFit) -> float:
     """Squares left by the whole fit, all with the same weights."""
-    return float(model_fit.left @ reference.weights) + float(model_fit.whole.coefficients**2 @ model_fit.prior)
+    return float(model_fit.left @ reference.weights) + float(
+        model_fit.whole.coefficients**2 @ model_fit.prior
+    )
 
 
 class UnwhitenedFit:
@@ -207,7 +211,9 @@ class UnwhitenedFit:
             for r, raw in enumerate(self.design.raw):
                 rows.append(
                     {
-                        g: scaled_block(regressor, term.layout, r, self.design.groups[g], len(raw[g])).astype(float)
+                        g: scaled_block(regressor, term.layout, r, self.design.groups[g], len(raw[g])).astype(
+                            float
+                        )
                         for g in term.groups
                     }
                     if regressor is not None
