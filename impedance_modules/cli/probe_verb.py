@@ -68,7 +68,7 @@ def _model(robot: str | None, urdf: Path | None) -> tuple[RobotSpec | None, Nomi
 
 def _answer(path: Path) -> dict[str, Any]:
     """Reads a diagnosis as `impedance diagnose --json` writes it."""
-    from impedance_modules.spec.schema import first_deviation
+    from impedance_modules.spec.schema import first_schema_error
 
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
@@ -76,7 +76,7 @@ def _answer(path: Path) -> dict[str, Any]:
         raise BadInput(f"{path}: cannot be read: {error} (valid: what diagnose --json wrote)") from error
     except json.JSONDecodeError as error:
         raise BadInput(f"{path}:{error.lineno}:{error.colno}: not JSON: {error.msg}") from error
-    deviation = first_deviation(found, "diagnosis")
+    deviation = first_schema_error(found, "diagnosis")
     if deviation is not None:
         raise BadInput(f"{path}: {deviation} (valid: what diagnose --json wrote)")
     answer: dict[str, Any] = found

@@ -10,10 +10,10 @@ from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_axes, build_matrix, build_numbers
 from impedance_modules.spec.check_arms import joint_name_problems, limit_problems
 from impedance_modules.spec.check_springs import (
-    FreeAxis,
-    free_axes,
+    UndampedAxis,
+    undamped_axes,
     matrix_problems,
-    merged,
+    joined_axes,
     springs_complete,
 )
 from impedance_modules.spec.task import SpringSpec
@@ -156,11 +156,11 @@ def _changed_spring_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Proble
     if limb is None or not springs_complete(draft, arm, limb):
         return
     springs = dict(arm.springs)
-    known = set(free_axes(arm, limb, springs))
+    known = set(undamped_axes(arm, limb, springs))
     for i in draft.count("phases"):
         springs = {k: _changed_spring(draft, i, arm.name, spring) for k, spring in springs.items()}
-        found = list(free_axes(arm, limb, springs))
-        for free in merged(free for free in found if free not in known):
+        found = list(undamped_axes(arm, limb, springs))
+        for free in joined_axes(free for free in found if free not in known):
             yield draft.problem(
                 _cause(draft, i, f"{arm.name}.{springs[free.spring].name}", free), free.message
             )
@@ -177,7 +177,7 @@ def _changed_spring(draft: TaskDraft, phase: int, arm: str, spring: SpringSpec) 
     return spring
 
 
-def _cause(draft: TaskDraft, phase: int, target: str, free: FreeAxis) -> KeyPath:
+def _cause(draft: TaskDraft, phase: int, target: str, free: UndampedAxis) -> KeyPath:
     """The override that made an axis run free."""
     changed = ("phases", phase, "axes", target, free.axis)
     if draft.has(*changed):

@@ -41,7 +41,7 @@ def spring_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[
                 yield from matrix_problems(draft, arm.path("springs", i, "damping"), spring.damping)
         limb = draft.limb(arm.name)
         if limb is not None and springs_complete(draft, arm, limb):
-            for free in merged(free_axes(arm, limb, arm.springs)):
+            for free in joined_axes(undamped_axes(arm, limb, arm.springs)):
                 inside = ("axes", free.axis) if free.forced else ("stiffness",)
                 yield draft.problem(arm.path("springs", free.spring, *inside), free.message)
 
@@ -88,7 +88,7 @@ def matrix_problems(draft: TaskDraft, path: KeyPath, matrix: Matrix) -> Iterator
 
 
 @dataclass(frozen=True)
-class FreeAxis:
+class UndampedAxis:
     """An axis that nothing brakes.
 
     Attributes:
@@ -115,12 +115,12 @@ class FreeAxis:
         )
 
 
-def free_axes(arm: DraftArm, limb: LimbSpec, springs: Mapping[int, SpringSpec]) -> Iterator[FreeAxis]:
+def undamped_axes(arm: DraftArm, limb: LimbSpec, springs: Mapping[int, SpringSpec]) -> Iterator[UndampedAxis]:
     """Finds the axes of an arm's springs that would run free.
 
     Springs on one frame in the same axes act as one: their stiffness and damping are summed first.
     """
-    braked_by_bias = damps_every_joint(arm, limb)
+    damped_by_bias = damps_every_joint(arm, limb)
     for i, spring in springs.items():
         fellows = [
             s for s in springs.values() if (s.frame, s.expressed_in) == (spring.frame, spring.expressed_in)
@@ -130,32 +130,32 @@ def free_axes(arm: DraftArm, limb: LimbSpec, springs: Mapping[int, SpringSpec]) 
         others = (
             s for s in springs.values() if s.frame == spring.frame and s.expressed_in != spring.expressed_in
         )
-        if first_of_hand and not braked_by_bias and not any(_is_regular(other) for other in others):
+        if first_of_hand and not damped_by_bias and not any(_is_regular(other) for other in others):
             yield from _idle_axes(i, fellows)
 
 
-def merged(found: Iterable[FreeAxis]) -> Iterator[FreeAxis]:
+def joined_axes(found: Iterable[UndampedAxis]) -> Iterator[UndampedAxis]:
     """Joins the idle axes of one spring, which have one cause, into one."""
     in_order = sorted(found, key=lambda free: (free.spring, free.forced))
     for (spring, forced), group in groupby(in_order, key=lambda free: (free.spring, free.forced)):
         if forced:
             yield from group
         else:
-            yield FreeAxis(spring, ", ".join(free.axis for free in group), False)
+            yield UndampedAxis(spring, ", ".join(free.axis for free in group), False)
 
 
-def _forced_axes(i: int, spring: SpringSpec, fellows: Sequence[SpringSpec]) -> Iterator[FreeAxis]:
+def _forced_axes(i: int, spring: SpringSpec, fellows: Sequence[SpringSpec]) -> Iterator[UndampedAxis]:
     for axis, given in spring.axes.items():
-        if given.force != 0.0 and not _is_braked(fellows, AXES.index(axis)):
-            yield FreeAxis(i, axis, True)
+        if given.force != 0.0 and not _is_damped(fellows, AXES.index(axis)):
+            yield UndampedAxis(i, axis, True)
 
 
-def _idle_axes(i: int, fellows: Sequence[SpringSpec]) -> Iterator[FreeAxis]:
+def _idle_axes(i: int, fellows: Sequence[SpringSpec]) -> Iterator[UndampedAxis]:
     """Axes without force, stiffness and damping; else a slanted direction without stiffness and damping."""
     for index, axis in enumerate(AXES):
         forced = any(axis in spring.axes and spring.axes[axis].force != 0.0 for spring in fellows)
-        if not forced and not _is_stiff(fellows, index) and not _is_braked(fellows, index):
-            yield FreeAxis(i, axis, False)
+        if not forced and not _is_stiff(fellows, index) and not _is_damped(fellows, index):
+            yield UndampedAxis(i, axis, False)
     total = sum((_resistance(spring) for spring in fellows), np.zeros((6, 6)))
     used = np.flatnonzero(np.diag(total) > 0.0)
     scale = np.sqrt(np.diag(total)[used])
@@ -165,7 +165,7 @@ def _idle_axes(i: int, fellows: Sequence[SpringSpec]) -> Iterator[FreeAxis]:
         terms = [
             f"{AXES[k]} {value:.2g}" for k, value in zip(used, direction, strict=True) if abs(value) > 1e-6
         ]
-        yield FreeAxis(i, f"the direction ({', '.join(terms)})", False)
+        yield UndampedAxis(i, f"the direction ({', '.join(terms)})", False)
 
 
 def _resistance(spring: SpringSpec) -> Matrix:
@@ -179,7 +179,7 @@ def _is_stiff(springs: Sequence[SpringSpec], index: int) -> bool:
     return any(spring.stiffness[index, index] > 0.0 for spring in springs)
 
 
-def _is_braked(springs: Sequence[SpringSpec], index: int) -> bool:
+def _is_damped(springs: Sequence[SpringSpec], index: int) -> bool:
     """Whether explicit damping, a speed limit or a damping ratio with stiffness acts on an axis."""
     return any(
         (spring.damping is not None and spring.damping[index, index] > 0.0)

@@ -59,7 +59,7 @@ def schema_faults(document: Document, schema_name: str) -> list[tuple[Problem, K
     return [(document.problem(*fault), fault[0]) for fault in distinct]
 
 
-def first_deviation(value: object, name: str) -> str | None:
+def first_schema_error(value: object, name: str) -> str | None:
     """Says where data that no person wrote (a JSON answer) deviate from a schema; None where they do not."""
     from jsonschema.exceptions import best_match  # noqa: PLC0415 - as above
 
@@ -97,7 +97,7 @@ class Deviation:
         return "" if unit == "1" else f" {unit}"
 
 
-def say(deviation: Deviation) -> tuple[str, tuple[str, ...]]:
+def describe_deviation(deviation: Deviation) -> tuple[str, tuple[str, ...]]:
     """Returns the sentence for a deviation and the valid choices, if they can be listed."""
     if deviation.keyword == "not" and "message" in deviation.schema:
         return str(deviation.schema["message"]), ()
@@ -139,7 +139,7 @@ def _faults(deviation: Deviation) -> Iterator[_Fault]:
     elif deviation.keyword in {"required", "dependentRequired"}:
         yield from _missing_keys(deviation)
     else:
-        sentence, valid = say(deviation)
+        sentence, valid = describe_deviation(deviation)
         yield deviation.path, sentence, valid, "value"
 
 

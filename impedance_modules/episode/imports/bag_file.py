@@ -106,7 +106,7 @@ class BagFile:
             BadInput: The bag is damaged.
         """
         chosen = [connection for connection in self._connections if connection.topic in topics]
-        with damage_told(self.path):
+        with reporting_damage(self.path):
             for connection, received, raw in self._reader.messages(connections=chosen):
                 if self._ros1:
                     message: Any = self._types.deserialize_ros1(raw, connection.msgtype)
@@ -176,11 +176,11 @@ def open_bag(path: Path) -> Iterator[BagFile]:
     Raises:
         BadInput: Damaged, cut off, not indexed, or no recording.
     """
-    with damage_told(path):
+    with reporting_damage(path):
         reader = Reader1(path) if path.is_file() and path.suffix not in {".mcap", ".db3"} else Reader2(path)
         reader.open()
     try:
-        with damage_told(path):
+        with reporting_damage(path):
             bag = BagFile(path, reader)
         yield bag
     finally:
@@ -188,7 +188,7 @@ def open_bag(path: Path) -> Iterator[BagFile]:
 
 
 @contextmanager
-def damage_told(path: Path) -> Iterator[None]:
+def reporting_damage(path: Path) -> Iterator[None]:
     """Turns whatever a damaged bag ends in into one sentence."""
     try:
         yield

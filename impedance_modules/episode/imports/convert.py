@@ -66,7 +66,7 @@ class MappedTable:
     wanted: tuple[str, ...]
 
 
-def make_part(table: LogTable, what: TableMap, document_of: ImportMap) -> MappedTable:
+def map_table(table: LogTable, what: TableMap, document_of: ImportMap) -> MappedTable:
     """Finds a map's columns in its table.
 
     Raises:

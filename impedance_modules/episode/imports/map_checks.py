@@ -86,7 +86,7 @@ def extra_problems(
         yield from _column_problems(document, (*path, "columns"), entry["columns"])
 
 
-def strangers(
+def unknown_names(
     document: Document,
     path: KeyPath,
     names: Sequence[str] | Mapping[str, Any],
@@ -170,7 +170,7 @@ def _joint_problems(document: Document, facts: RobotFacts | None) -> Iterator[Pr
             message = f"{facts.source} has no moving joint '{joint}'{nearest(joint, facts.joints)}"
             yield document.problem(("joints", index), message, facts.joints)
     for key in ("prismatic", "beyond_limits"):
-        yield from strangers(document, (key,), data.get(key, ()), data["joints"], "'joints'")
+        yield from unknown_names(document, (key,), data.get(key, ()), data["joints"], "'joints'")
 
 
 def _transmission_problems(document: Document) -> Iterator[Problem]:
@@ -189,14 +189,14 @@ def _transmission_problems(document: Document) -> Iterator[Problem]:
         yield document.problem(path, f"there are {len(joints)} joints, so as many numbers (or rows of them)")
         return
     coupling = (*path, "coupling")
-    strange = [*strangers(document, coupling, entry.get("coupling", {}), joints, "'joints'")]
+    unknown = [*unknown_names(document, coupling, entry.get("coupling", {}), joints, "'joints'")]
     for motor, others in entry.get("coupling", {}).items():
-        strange += strangers(document, (*coupling, motor), others, joints, "'joints'")
+        unknown += unknown_names(document, (*coupling, motor), others, joints, "'joints'")
         if motor in others:
             message = f"'{motor}' and its own motor: that is the ratio"
-            strange.append(document.problem((*coupling, motor, motor), message, at="key"))
-    yield from strange
-    if not strange and np.linalg.cond(transmission_matrix(entry, joints)) > _SINGULAR:
+            unknown.append(document.problem((*coupling, motor, motor), message, at="key"))
+    yield from unknown
+    if not unknown and np.linalg.cond(transmission_matrix(entry, joints)) > _SINGULAR:
         yield document.problem(
             path, "R cannot be turned back: different joint motions look alike at the motors"
         )
@@ -272,7 +272,7 @@ def _column_problems(document: Document, path: KeyPath, columns: Any) -> Iterato
             message = f"{len(joints)} joints would share the column '{columns}'; say where they differ"
             yield document.problem(path, message, ("{joint}", "{index}"))
     elif isinstance(columns, Mapping):
-        yield from strangers(document, path, columns, joints, "'joints'")
+        yield from unknown_names(document, path, columns, joints, "'joints'")
     elif len(columns) != len(joints):
         yield document.problem(path, f"{len(columns)} columns for {len(joints)} joints (one for each)")
 
@@ -296,7 +296,7 @@ class _Checks:
         for key in _BY_JOINT:
             if isinstance(self._entry.get(key), Mapping):
                 path = (*self._path, key)
-                yield from strangers(self._document, path, self._entry[key], self._joints, "its joints")
+                yield from unknown_names(self._document, path, self._entry[key], self._joints, "its joints")
         yield from self._units()
         yield from self._sides()
 

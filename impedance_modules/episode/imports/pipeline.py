@@ -19,7 +19,7 @@ import pyarrow as pa
 from impedance_modules.episode.columns import JOINT_KINDS, TIME, parse_columns
 from impedance_modules.episode.file_format import episode_schema, is_required, write_merged
 from impedance_modules.episode.imports.binary_tables import ParquetTable
-from impedance_modules.episode.imports.convert import MappedTable, blocks, column_order, decimated, make_part
+from impedance_modules.episode.imports.convert import MappedTable, blocks, column_order, decimated, map_table
 from impedance_modules.episode.imports.import_map import ImportMap
 from impedance_modules.episode.imports.log_checks import Clock, Plausibility, SpeedMatch
 from impedance_modules.episode.imports.log_sources import (
@@ -30,7 +30,7 @@ from impedance_modules.episode.imports.log_sources import (
     plain_recordings,
 )
 from impedance_modules.episode.imports.map_reader import parse_map, read_map
-from impedance_modules.episode.imports.own_maps import bag_map, recorder_map
+from impedance_modules.episode.imports.generated_maps import bag_map, recorder_map
 from impedance_modules.episode.imports.table import Block
 from impedance_modules.episode.metadata import decode_metadata, episode_metadata
 from impedance_modules.episode.reader import open_source
@@ -111,12 +111,12 @@ def import_recording(
         BadInput: Anything that would make a misleading episode.
     """
     parts = [
-        make_part(open_table(path, table, what, target.parent), table, what)
+        map_table(open_table(path, table, what, target.parent), table, what)
         for path, table in zip(recording.paths, what.tables, strict=True)
     ]
     path, row_word = recording.paths[0], parts[0].table.row_word
     stated = _stated_rate(parts, what, rate)
-    watch = _Watch(Clock(path, row_word), Plausibility(what, path, rate_stated=stated is not None))
+    watch = _CheckedStream(Clock(path, row_word), Plausibility(what, path, rate_stated=stated is not None))
     stream = decimated(watch.passing(blocks(parts, what, stated)), what)
     names = (TIME, *column_order(what))
     place = str(path)
@@ -125,7 +125,7 @@ def import_recording(
     if first is None:
         raise BadInput(f"{path}: no samples (valid: two or more)")
     schema = episode_schema(names, {"complete": True, **_metadata(recording, parts, what, stated)}, place)
-    written = _Tables(schema)
+    written = _ArrowTables(schema)
     write_merged(target, written.of(first, stream), schema)
     notes = [*what.notes, *(note for part in parts for note in part.table.notes), *watch.plausibility.notes]
     every = what.decimation.keep_every if what.decimation else 1
@@ -170,7 +170,7 @@ def copy_episode(path: Path, target: Path) -> Imported:
     )
 
 
-class _Watch:
+class _CheckedStream:
     """Lets blocks pass while clock and plausibility look at them; they judge when the last has passed."""
 
     def __init__(self, clock: Clock, plausibility: Plausibility) -> None:
@@ -186,7 +186,7 @@ class _Watch:
         self.plausibility.finish()
 
 
-class _Tables:
+class _ArrowTables:
     """Turns blocks into Arrow tables and counts their rows."""
 
     def __init__(self, schema: pa.Schema) -> None:
