@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A real Baxter behind the four methods of ``Backend``: ticks on its states, watched by a thread of its own."""
+"""A real Baxter behind the four methods of ``Backend``: each state that arrives starts one control cycle.
+
+A watchdog thread of the driver supervises it. Between two states the next cycle is computed once in advance (warm-up)
+and the CPU is kept out of deep idle states, because caches and CPU otherwise need longer than the computation.
+"""
 
 from __future__ import annotations
 
@@ -29,42 +33,45 @@ from impedance_modules.robot.state import RobotState
 Array = NDArray[np.float64]
 
 PATIENCE = 1.5
-"""A state is awaited for so many periods; after a miss the next one is, for one period more each time."""
+"""Longest wait for a state, in periods; after a miss the next wait is one period longer each time."""
 
 GRACE = 0.001
-"""A state is awaited for so long in any case [s]: where this process itself was held up, one is in the socket."""
+"""Shortest wait for a state [s]: after a pause of this process itself, one is already in the socket."""
 
 DWELL = 0.3
 """How long zero torque is tried before a run [s]."""
 
 DRIFT = 0.05
-"""A joint that moves further than this at zero torque is not carried by the robot [rad]."""
+"""Where a joint moves further than this at zero torque, the robot does not compensate gravity [rad]."""
 
 RAMP = 0.2
-"""In which the torque goes to zero at the end of a run [s]."""
+"""Time in which the torque goes to zero at the end of a run [s]."""
 
 RATE_TIME = 3.0
 """Longest wait for the states to come at the rate asked for [s]."""
 
 RATE_TOLERANCE = 0.1
-"""Part of the rate by which the measured one may differ."""
+"""Relative difference between measured and requested rate that is accepted."""
 
 COLD_AFTER = 0.005
-"""Between states this far apart, others empty the processor's caches [s]."""
+"""Above this period other processes displace this one from the CPU caches between two states [s]."""
 
 WARM_UP_PART = 0.15
-"""A cycle is rehearsed during this last part of the period before its state is due: the first time it is slow, as the
-state's own would have been; the last time it ends just before."""
+"""Last part of a period in which a warm-up cycle is computed: the first one is slow, as the real one would have been;
+the last one ends just before the state is due."""
 
 MOST_WARM_UPS = 5
-"""As many fit into that time."""
+"""Most warm-up cycles per period."""
 
 WARM_UP_MARGIN = 0.0001
-"""So long before the state is due no rehearsal is under way [s]; it may come a little early."""
+"""No warm-up cycle runs in this time before the state is due [s], since it may come early."""
 
 SWITCH_INTERVAL = 1e-4
-"""How long a thread that writes files may keep the interpreter from the control thread [s]; Python's default is 5 ms,
-which a command would wait."""
+"""Longest time for which a thread that writes files may hold the interpreter lock [s]; Python's default of 5 ms would
+delay a command by as much."""
+
+DEVICE = Path("/dev/cpu_dma_latency")
+"""Linux limits the CPU's wake-up latency to the microseconds written here, for as long as the file is open."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +93,10 @@ class DriveOptions:
 
 
 class BaxterBackend:
-    """Drives some limbs of a robot that has passed its gates.
+    """Drives some limbs of a robot that has passed its preflight checks.
 
     Attributes:
-        driver: Through which everything is sent.
+        driver: Sends everything.
     """
 
     def __init__(
@@ -107,7 +114,7 @@ class BaxterBackend:
             limbs: Those that are commanded.
             stops: Idle.
             options: Of the run.
-            check: Raises RobotRefused when the robot must not be moved; asked when the run begins.
+            check: Raises RobotRefused when the robot must not be moved; called when the run begins.
         """
         self.driver = BaxterDriver(link, limbs, stops, options.rate)
         self._stops, self._check = stops, check
@@ -123,11 +130,11 @@ class BaxterBackend:
         self._idle_inhibitor = CpuIdleInhibitor()
 
     def start(self) -> FirstState:
-        """Prepares the robot: rate, start pose, a try at zero torque, time-out; leaves it held where it stands.
+        """Prepares the robot: rate, start pose, a test of zero torque, time-out; leaves it held where it stands.
 
         Raises:
-            RobotRefused: A gate is closed, or it does not keep the rate, does not listen, stands elsewhere or
-                drifts at zero torque.
+            RobotRefused: A preflight check failed, or it does not keep the rate, does not subscribe, stands
+                elsewhere or drifts at zero torque.
             RobotStopped: It was switched off, led by hand or hit meanwhile.
         """
         with ExitStack() as undo:
@@ -180,22 +187,22 @@ class BaxterBackend:
             RobotStopped: Torque mode cannot begin.
         """
         if self._stops.mode in (DriveMode.IDLE, DriveMode.HOLD) and self._stops.reason is None:
-            # At once, on the state that the torque was computed for: the next one is this torque's first answer.
+            # Now, not with the next state: this torque belongs to the state just read.
             self.driver.begin()
         np.copyto(self._effort, effort)
         self.driver.torque(effort)
 
     def warm_up_with(self, cycle: Callable[[], None]) -> None:
-        """Calls ``cycle`` shortly before each state is due, unless states come too fast for the caches to go cold."""
+        """Calls ``cycle`` shortly before each state is due, unless states come so fast that the caches stay warm."""
         if self._period >= COLD_AFTER:
             self._warm_up = cycle
 
     def extra_columns(self) -> tuple[str, ...]:
-        """Names what the robot says it adds by itself."""
+        """Names the torques that the robot reports to add by itself."""
         return self._extra.names
 
     def extra_values(self) -> Array:
-        """What it last said of that [N.m]."""
+        """Newest value of each [N.m]."""
         return self._extra.values()
 
     def finish(self, how: Finish) -> None:
@@ -207,7 +214,7 @@ class BaxterBackend:
         self._leave()
 
     def _warm_up_before(self, last: StateSample) -> None:
-        """Goes through a cycle for nothing, again and again until the next state is due or here."""
+        """Computes a cycle in advance, repeatedly, until the next state is due or has come; sends nothing."""
         if self._warm_up is None or self._misses > 0:
             return
         due = last.received + self._period
@@ -243,14 +250,14 @@ class BaxterBackend:
             time.sleep(0.05)
 
     def _try_zero_torque(self) -> None:
-        """Lets the robot carry its arms alone for a moment, then has it hold them; a drifting one is refused."""
+        """Commands zero torque for a moment, then a hold; refuses a robot whose arms drift."""
         start = self._fresh_sample()
         self.driver.begin()
-        nothing = np.zeros(len(self._options.start))
+        zero = np.zeros(len(self._options.start))
         joints = np.concatenate([limb.joints for limb in self._limbs.values()])
         end, sample = time.monotonic() + DWELL, start
         while time.monotonic() < end:
-            self.driver.torque(nothing)
+            self.driver.torque(zero)
             sample = self._link.wait(sample.number, self._period) or sample
             self.driver.raise_if_stopped()
             moved = float(np.abs(sample.state.position - start.state.position)[joints].max())
@@ -287,17 +294,13 @@ class BaxterBackend:
         return RobotState(state.time - self._zero_time, state.position, state.velocity, state.effort)
 
 
-DEVICE = Path("/dev/cpu_dma_latency")
-"""Linux wakes up within as many microseconds as were written there, for as long as the file is open."""
-
-
 class CpuIdleInhibitor:
-    """A wish to the kernel, if this process may have one; it ends with ``end`` or with the process.
+    """Keeps the CPU out of deep idle states, if this process may; ends with ``end`` or with the process.
 
-    Linux gives the file to root alone; a rule of udev may give it to a group. Without it everything works, later.
+    Linux lets only root open the file; a udev rule may allow a group. Without it everything works, more slowly.
 
     Attributes:
-        granted: Whether the processor stays awake now.
+        active: Whether the request is in force.
     """
 
     def __init__(self, device: Path = DEVICE) -> None:
@@ -306,11 +309,11 @@ class CpuIdleInhibitor:
 
     @property
     def active(self) -> bool:
-        """Whether the processor stays awake now."""
+        """Whether the request is in force."""
         return self._file is not None
 
     def begin(self) -> None:
-        """Asks; a kernel that refuses, or has no such file, is left alone."""
+        """Makes the request; does nothing where the kernel refuses or has no such file."""
         if self._file is not None:
             return
         try:
@@ -325,7 +328,7 @@ class CpuIdleInhibitor:
         self._file = file
 
     def end(self) -> None:
-        """Lets the processor sleep again; may be called twice."""
+        """Withdraws the request; may be called twice."""
         if self._file is not None:
             os.close(self._file)
             self._file = None

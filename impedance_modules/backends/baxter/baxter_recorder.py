@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Records a robot that somebody else moves: its states, and what it says it adds by itself; commands nothing."""
+"""Records a robot that another program moves: states, and the torques that it reports to add; commands nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import RobotRefused
 
 PATIENCE = 1.0
-"""A robot that says nothing for so long has gone [s]."""
+"""After this time without a state the recording ends [s]."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ def record(
     """Writes an episode that ``diagnose`` reads: positions, velocities, efforts, and the robot's own models.
 
     Args:
-        session: Open; its gates were asked.
+        session: Open; its preflight checks have passed.
         options: What and where.
         on_progress: Called with the recorded time about ten times a second [s].
-        stop: Says that it is enough.
+        stop: True ends the recording.
 
     Returns:
         The episode's file.

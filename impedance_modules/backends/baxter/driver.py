@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The hand on the robot: everything that is sent goes through ``Stops`` here, whichever thread asks."""
+"""Everything that is sent to a Baxter: each command passes ``Stops``, whichever thread asks for it.
+
+``BaxterDriver`` combines ``Stops`` with a ``Commander`` (the publishers) and a ``Watchdog`` (a thread that brakes or
+holds the arms when the control loop or the robot is silent).
+"""
 
 from __future__ import annotations
 
@@ -24,20 +28,26 @@ from impedance_modules.safety.stop_events import Event
 Array = NDArray[np.float64]
 
 ATTACH_TIME = 0.3
-"""Before the first command: a robot needs about 0.24 s to connect to a new publisher [s]."""
+"""Wait before the first command: a robot needs about 0.24 s to connect to a new publisher [s]."""
 
-PARTING_HOLD = 0.1
-"""For how long the last hold is repeated at least [s]."""
+LAST_HOLD = 0.1
+"""The last hold is repeated for at least this time [s]."""
 
 HOLD_PERIOD = 0.009
-"""A hold is repeated this often [s], about 100 Hz: one message may be lost."""
+"""Time between repetitions of a hold [s], about 100 Hz: one message may be lost."""
 
 REQUEST_PERIOD = 1.0
-"""The rate of the states is asked for again this often [s]; the robot may have restarted its loop."""
+"""Time between requests for the rate of the states [s]; the robot may have restarted its loop."""
+
+CHECK_PERIOD = 0.005
+"""Period of the watchdog [s]; less than the shortest time of ``StopThresholds``."""
+
+PROCESS_PAUSE = 0.02
+"""Above this time between two checks of the watchdog, this whole process was paused, not only the robot silent [s]."""
 
 
 class BaxterDriver:
-    """Commands some limbs of a robot, as far as ``Stops`` lets it, with a watchdog beside it.
+    """Commands some limbs of a robot as far as ``Stops`` permits, supervised by a watchdog.
 
     Attributes:
         stops: What may be sent, and why not.
@@ -53,13 +63,13 @@ class BaxterDriver:
         self._next_request = self._next_hold = 0.0
 
     def listen(self) -> None:
-        """Lets ``Stops`` hear everything from now on."""
+        """Passes every message on to ``Stops`` from now on."""
         self._link.set_callbacks(
             RobotCallbacks(self._on_state, self._on_robot, self._on_collision, self._on_cuff)
         )
 
     def attach(self) -> None:
-        """Advertises the commands, starts the watchdog and makes sure that the robot listens.
+        """Advertises the commands, starts the watchdog and makes sure that the robot subscribes.
 
         Raises:
             RobotRefused: It does not.
@@ -68,10 +78,10 @@ class BaxterDriver:
         self._watchdog = Watchdog(self._check)
         self._watchdog.start()
         time.sleep(ATTACH_TIME)
-        without_subscriber = self._commander.without_subscriber()
-        if without_subscriber:
+        missing = self._commander.without_subscriber()
+        if missing:
             raise RobotRefused(
-                f"nobody listens to the commands of {', '.join(without_subscriber)}: the robot's software has another"
+                f"nobody listens to the commands of {', '.join(missing)}: the robot's software has another"
                 " JointCommand message, or cannot reach this machine (valid: ROS_IP=the address of this"
                 " machine in the robot's network)"
             )
@@ -109,12 +119,12 @@ class BaxterDriver:
             self._send(self.stops.torque(time.monotonic(), effort))
 
     def warm_up(self, effort: Array) -> None:
-        """Goes through the motions of sending a torque; sends nothing."""
+        """Encodes a torque (n,) [N.m] as ``torque`` would; sends nothing."""
         if self._commander is not None:
             self._commander.warm_up(effort)
 
     def end(self) -> None:
-        """Ends torque mode as planned: the hold leaves at once, from now on the watchdog repeats it."""
+        """Ends torque mode as planned: a hold is sent at once, and repeated by the watchdog."""
         with self._lock:
             self.stops.end()
             now = time.monotonic()
@@ -123,13 +133,13 @@ class BaxterDriver:
 
     def raise_if_stopped(self) -> None:
         """Raises RobotStopped once something has ended torque control."""
-        fault = self.stops.reason
-        if fault is not None:
-            raise RobotStopped(fault.event, fault.detail)
+        reason = self.stops.reason
+        if reason is not None:
+            raise RobotStopped(reason.event, reason.detail)
 
     def restore_settings(self) -> None:
-        """Lets the hold be repeated for a while, then gives the robot its own time-out and rate back."""
-        end = max(time.monotonic() + PARTING_HOLD, self.stops.pause_end)
+        """Waits while the hold is repeated, then restores the robot's own time-out and rate."""
+        end = max(time.monotonic() + LAST_HOLD, self.stops.pause_end)
         while self.stops.mode is DriveMode.HOLD and time.monotonic() < end:
             time.sleep(0.01)
         if self._commander is not None:
@@ -149,12 +159,12 @@ class BaxterDriver:
         self._link.transport.close()
 
     def _check(self) -> None:
-        """The watchdog's: sends what must be sent though nobody asked."""
+        """Called by the watchdog: sends what must be sent though the control loop did not ask."""
         now = time.monotonic()
         with self._lock:
-            order = self.stops.watch(now)
-            if order.position is None or now >= self._next_hold:
-                self._send(order)
+            command = self.stops.watch(now)
+            if command.position is None or now >= self._next_hold:
+                self._send(command)
                 self._next_hold = now + HOLD_PERIOD
             if (
                 self._commander is not None
@@ -189,9 +199,9 @@ class BaxterDriver:
         if self.stops.reason is not None and self._watchdog is not None:
             self._watchdog.check_now()
 
-    def _send(self, order: Outgoing) -> None:
+    def _send(self, command: Outgoing) -> None:
         if self._commander is not None:
-            self._commander.send(order)
+            self._commander.send(command)
 
 
 class Commander:
@@ -209,24 +219,24 @@ class Commander:
         self._rate = transport.advertise(topics.STATE_RATE_REQUEST, UInt16, latch=True)
 
     def without_subscriber(self) -> tuple[str, ...]:
-        """Names the limbs to whose commands nobody listens."""
+        """Names the limbs whose commands have no subscriber."""
         return tuple(name for name, publisher in self._commands.items() if publisher.connections() == 0)
 
-    def send(self, order: Outgoing) -> None:
-        """Sends what an order says to each of its limbs."""
-        if order.effort is not None:
-            mode, values = JointCommand.TORQUE_MODE, order.effort
-        elif order.position is not None:
-            mode, values = JointCommand.POSITION_MODE, order.position
+    def send(self, outgoing: Outgoing) -> None:
+        """Sends a command to each of its limbs."""
+        if outgoing.effort is not None:
+            mode, values = JointCommand.TORQUE_MODE, outgoing.effort
+        elif outgoing.position is not None:
+            mode, values = JointCommand.POSITION_MODE, outgoing.position
         else:
             return
-        for name in order.limbs:
+        for name in outgoing.limbs:
             limb = self._limbs[name]
             command = tuple(values[limb.joints].tolist())
             self._commands[name].send(JointCommand(mode, command, limb.joint_names))
 
     def warm_up(self, effort: Array) -> None:
-        """Lays out the torques (n,) [N.m] of all limbs as ``send`` does, and sends nothing."""
+        """Encodes the torques (n,) [N.m] of all limbs as ``send`` does, and sends nothing."""
         for limb in self._limbs.values():
             encode(
                 JointCommand(JointCommand.TORQUE_MODE, tuple(effort[limb.joints].tolist()), limb.joint_names)
@@ -252,50 +262,37 @@ class Commander:
             publisher.close()
 
 
-CHECK_PERIOD = 0.005
-"""How often it looks [s]; less than the shortest of ``StopThresholds``'s times."""
-
-HELD_UP = 0.02
-"""A look that comes this much after the last one [s]: not only the robot was silent, this whole process stood still."""
-
-
 class Watchdog:
-    """Calls one function until it is stopped.
+    """A thread that calls one function every ``CHECK_PERIOD`` until it is stopped."""
 
-    Attributes:
-        checks: How often it has looked.
-    """
-
-    def __init__(self, look: Callable[[], None]) -> None:
-        self.checks = 0
-        self._check = look
+    def __init__(self, check: Callable[[], None]) -> None:
+        self._check = check
         self._wake = threading.Event()
         self._stopped = False
         self._thread = threading.Thread(target=self._watch, daemon=True, name="watchdog")
 
     def start(self) -> None:
-        """Begins to watch."""
+        """Starts the thread."""
         self._thread.start()
 
     def check_now(self) -> None:
-        """Has it look now."""
+        """Has it call the function now."""
         self._wake.set()
 
     def stop(self) -> None:
-        """Ends it; returns when the last look is over."""
+        """Ends the thread; returns when the last call is over."""
         self._stopped = True
         self._wake.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def _watch(self) -> None:
-        looked = time.monotonic()
+        checked = time.monotonic()
         while not self._stopped:
-            if time.monotonic() - looked > HELD_UP:
-                # What the robot said meanwhile is in the sockets: who reads them comes first, then silence is judged.
+            if time.monotonic() - checked > PROCESS_PAUSE:
+                # The messages of this pause are still in the sockets: they are read first, then silence is judged.
                 time.sleep(CHECK_PERIOD)
             self._check()
-            self.checks += 1
-            looked = time.monotonic()
+            checked = time.monotonic()
             self._wake.wait(CHECK_PERIOD)
             self._wake.clear()

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One state of all joints out of messages that name some: several publishers, any order, any extra joints."""
+"""Complete states of all joints out of JointState messages that each name some, timed by the robot's clock.
+
+Several publishers, any order and extra joints are accepted. A step of the robot's clock is bridged by our own; how
+late a sample is, is judged against the fastest delivery of late.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,14 @@ from impedance_modules.backends.baxter.ros.messages import JointState
 from impedance_modules.robot.state import RobotState
 
 Array = NDArray[np.float64]
+
+LEAP = 0.25
+"""A stamp that advances this much more than our own clock is a step of the robot's clock [s]."""
+
+DRIFT = 1e-4
+"""Relative drift allowed between two free-running clocks [s/s]."""
+
+NANO = 1e-9
 
 
 @dataclass(frozen=True)
@@ -102,15 +114,6 @@ class JointStateMerger:
         )
 
 
-LEAP = 0.25
-"""A stamp this much further ahead than our own clock went on is a step of the robot's clock [s]."""
-
-DRIFT = 1e-4
-"""Two free-running clocks may part by this much per second."""
-
-NANO = 1e-9
-
-
 @dataclass(frozen=True)
 class Moment:
     """When a sample was taken.
@@ -125,11 +128,11 @@ class Moment:
 
 
 class RobotClock:
-    """Turns stamps into a time that only ever goes on.
+    """Turns stamps into a time that never goes back.
 
     The stamps' differences count as long as they are plausible; when the robot's clock is set, back or far ahead,
-    our own clock tells how much time has passed. How late a sample is, is judged by the quickest one of late:
-    the difference of the two clocks is not known, its changes are.
+    our own clock tells how much time has passed. How late a sample is, is measured against
+    the fastest recent delivery: the offset of the two clocks is unknown, its changes are known.
 
     Attributes:
         steps: How often the robot's clock was set.
@@ -140,7 +143,7 @@ class RobotClock:
         self._time = 0.0
         self._stamp: int | None = None
         self._received = 0.0
-        self._late, self._quickest = 0.0, 0.0
+        self._late, self._fastest = 0.0, 0.0
 
     def read(self, stamp: int, received: float) -> Moment | None:
         """Takes a sample's stamp [ns, robot] and arrival [s, ours]; None for one that was seen before."""
@@ -153,11 +156,11 @@ class RobotClock:
         if passed < 0.0 or passed - waited > LEAP:
             self.steps += 1
             passed = max(waited, NANO)
-            self._late, self._quickest = 0.0, 0.0
+            self._late, self._fastest = 0.0, 0.0
         else:
-            # How much more time has gone by here than there, since the first sample or the last step.
+            # How much more time has passed here than there, since the first sample or the last step.
             self._late += waited - passed
         self._stamp, self._received = stamp, received
         self._time += passed
-        self._quickest = min(self._quickest + DRIFT * max(waited, 0.0), self._late)
-        return Moment(self._time, self._late - self._quickest)
+        self._fastest = min(self._fastest + DRIFT * max(waited, 0.0), self._late)
+        return Moment(self._time, self._late - self._fastest)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What must be true of a robot before a run may command it; every no comes with a remedy."""
+"""Preflight checks: what must be true of a Baxter before a run may command it; a failed check names its remedy.
+
+Three groups: the network (which robot, whose messages, who else commands it), the robot's own state (power, collision,
+cuff, range), and its agreement with our model (description, hands, weight, torques at rest). Nothing is sent.
+"""
 
 from __future__ import annotations
 
@@ -29,14 +33,50 @@ from impedance_modules.robot.model import RobotModel
 LOWEST_RATE = 0.5 * topics.DEFAULT_STATE_RATE
 """Fewer states per second than this are no running robot [Hz]."""
 
-
 NEED_POWER = ("power", "collision", "cuff", "weight", "effort")
-"""Gates whose answer means nothing while the motors have no power."""
+"""Checks whose answer means nothing while the motors have no power."""
+
+CLEANUP = "'rosnode cleanup' has the master forget one that is gone for good"
+"""Remedy for a node that the master lists and that does not answer: it counts as alive until it is removed there."""
+
+RANGE_MARGIN = 0.01
+"""Every joint at least this far inside its range [rad]; a tucked Baxter is outside."""
+
+TIP = 0.025
+"""``endpoint_state`` gives the gripper's tip, this far beyond the hand along its z axis [m] (baxter_common)."""
+
+SAME_HAND = 0.005
+"""Largest difference between the robot's forward kinematics and ours [m]."""
+
+SAME_WEIGHT = 3.0
+"""Largest difference between the robot's gravity torque and ours on any joint [N.m]: a gripper that we do not model."""
+
+SAME_EFFORT = 6.0
+"""Largest difference between a joint's measured torque at rest and our model's [N.m]."""
+
+
+@dataclass(frozen=True)
+class PreflightResult:
+    """One condition that was checked.
+
+    Attributes:
+        name: Short.
+        passed: None where the robot publishes nothing about it.
+        found: What was measured.
+        remedy: What would pass; printed when it failed.
+        for_motion: Matters only where the robot is to be commanded.
+    """
+
+    name: str
+    passed: bool | None
+    found: str
+    remedy: str
+    for_motion: bool = True
 
 
 @dataclass(frozen=True)
 class CheckedRobot:
-    """What the results look at.
+    """What the checks are made on.
 
     Attributes:
         link: Listening for a second or more.
@@ -52,10 +92,10 @@ class CheckedRobot:
 
 
 def run_checks(subject: CheckedRobot, now: float) -> tuple[PreflightResult, ...]:
-    """Asks every question, without sending anything.
+    """Makes every check, without sending anything.
 
     Args:
-        subject: The robot as it is seen from here.
+        subject: The robot, as received so far.
         now: Monotonic time [s].
     """
     transport = subject.link.transport
@@ -78,30 +118,182 @@ def run_checks(subject: CheckedRobot, now: float) -> tuple[PreflightResult, ...]
 
 
 def refuse_failed(results: Iterable[PreflightResult], *, commanding: bool) -> None:
-    """Refuses a robot of which a result is closed.
+    """Refuses a robot that failed a check.
 
     Args:
         results: From ``run_checks``.
-        commanding: False where only listening is wanted; results that matter for motion alone are then passed by.
+        commanding: False where only listening is wanted; checks that matter for motion alone are then ignored.
 
     Raises:
-        RobotRefused: Every closed result with its reason and remedy.
+        RobotRefused: With the reason and remedy of every failed check.
     """
-    closed = [
+    failed = [
         result for result in results if result.passed is False and (commanding or not result.for_motion)
     ]
-    if closed:
-        lines = [f"{result.name}: {result.found} (valid: {result.remedy})" for result in closed]
+    if failed:
+        lines = [f"{result.name}: {result.found} (valid: {result.remedy})" for result in failed]
         raise RobotRefused("the robot must not be moved now; nothing was sent\n  " + "\n  ".join(lines))
 
 
 def checks_before_power(results: Iterable[PreflightResult], *, tucked: bool) -> list[PreflightResult]:
-    """Leaves out what only a robot with power can tell, and the range of arms that are said to be tucked."""
+    """Leaves out what only a robot with power can answer, and the range of arms that are said to be tucked."""
     return [
         result
         for result in results
         if result.name.split()[0] not in NEED_POWER and not (tucked and result.name == "range")
     ]
+
+
+def check_software(transport: Transport) -> PreflightResult:
+    """Checks that the master belongs to a robot with the supported software."""
+    version = transport.get_parameter(topics.SOFTWARE_VERSION)
+    remedy = f"the master of a Baxter with software {topics.SUPPORTED_SOFTWARE}x in ROS_MASTER_URI"
+    if version is None:
+        found = f"the master has no parameter {topics.SOFTWARE_VERSION}: it is no Baxter's"
+        return PreflightResult("software", False, found, remedy, for_motion=False)
+    fits = str(version).startswith(topics.SUPPORTED_SOFTWARE)
+    return PreflightResult("software", fits, f"version {version}", remedy, for_motion=False)
+
+
+def check_one_robot(transport: Transport) -> PreflightResult:
+    """Checks that exactly one running node publishes the robot's state."""
+    publishers = transport.publisher_info(topics.ROBOT_STATE)
+    present = [_name_of(publisher) for publisher in publishers if not publisher.gone]
+    ignored = _ignored_text(publishers)
+    if len(present) == 1:
+        return PreflightResult("one robot", True, f"{present[0]} alone publishes /robot/state{ignored}", "")
+    if not present:
+        found = f"nobody publishes /robot/state{ignored}"
+        return PreflightResult("one robot", False, found, "a robot that has booted", for_motion=False)
+    found = f"{' and '.join(present)} publish /robot/state: which robot is meant?{ignored}"
+    remedy = f"end the other simulators on this master; {CLEANUP}"
+    return PreflightResult("one robot", False, found, remedy, for_motion=False)
+
+
+def check_messages(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
+    """Checks type and checksum of every topic that is read."""
+    heard: list[tuple[str, type[Message]]] = [
+        (topics.ROBOT_STATE, AssemblyState),
+        (topics.JOINT_STATES, JointState),
+    ]
+    for limb in limbs:
+        heard += [
+            (topics.sea_state(limb), SEAJointState),
+            (topics.endpoint_state(limb), EndpointState),
+            (topics.collision_state(limb), CollisionDetectionState),
+            (topics.cuff(limb), DigitalIOState),
+        ]
+    wrong, asked = [], 0
+    for topic, kind in heard:
+        for publisher in transport.publisher_info(topic):
+            asked += 1
+            if publisher.problem is None and not _matches(publisher, kind):
+                wrong.append(f"{publisher.node} sends {topic} as {publisher.ros_type} {publisher.checksum}")
+            elif publisher.problem is not None and not publisher.gone:
+                wrong.append(f"{publisher.node} does not answer for {topic}: {publisher.problem}")
+    if wrong:
+        remedy = f"a robot with software {topics.SUPPORTED_SOFTWARE}x, whose messages are the ones known here"
+        return PreflightResult("messages", False, "; ".join(wrong), remedy, for_motion=False)
+    return PreflightResult(
+        "messages", True, f"{asked} publishers send what is expected", "", for_motion=False
+    )
+
+
+def check_nobody_else(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
+    """Checks that no other node commands the limbs."""
+    others: dict[str, list[str]] = {}
+    ended: dict[str, PublisherInfo] = {}
+    for limb in limbs:
+        for publisher in transport.publisher_info(topics.joint_command(limb)):
+            if publisher.gone:
+                ended[publisher.node] = publisher
+            else:
+                others.setdefault(_name_of(publisher), []).append(limb)
+    ignored = _ignored_text(ended.values())
+    if others:
+        named = (f"{node} ({' and '.join(commanded)})" for node, commanded in others.items())
+        remedy = f"end the other controllers first; {CLEANUP}"
+        return PreflightResult("nobody else", False, f"commanded by {', '.join(named)}{ignored}", remedy)
+    return PreflightResult("nobody else", True, f"nobody else commands {' and '.join(limbs)}{ignored}", "")
+
+
+def check_range(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> PreflightResult:
+    """Checks that the arms are within their ranges."""
+    if link.sample is None:
+        return PreflightResult("range", False, "no state of the arms", "a robot that has booted")
+    q = link.sample.state.position
+    low, high = model.column("position_min") + RANGE_MARGIN, model.column("position_max") - RANGE_MARGIN
+    joints = np.concatenate([model.limbs[limb].joints for limb in limbs])
+    outside = [
+        f"{model.joint_names[j]} at {q[j]:.3f} rad (range {low[j]:.3f} to {high[j]:.3f})"
+        for j in joints
+        if not low[j] <= q[j] <= high[j]
+    ]
+    if outside:
+        remedy = "arms untucked: 'impedance baxter untuck', with power by 'baxter enable --tucked'"
+        return PreflightResult("range", False, ", ".join(outside), remedy)
+    return PreflightResult("range", True, "all joints inside their ranges", "")
+
+
+def check_hand(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
+    """Checks that the robot's forward kinematics agree with ours; they do not for a wrong model, tip or robot."""
+    name = f"hand {limb}"
+    message = link.endpoint.get(limb)
+    if message is None or link.sample is None:
+        return PreflightResult(name, None, "the robot does not say where its hand is", "")
+    hand = model.pose(link.sample.state.position, model.limbs[limb].hand)
+    tip = hand.translation + hand.rotation @ np.array([0.0, 0.0, TIP])
+    place = message.pose.position
+    off = float(np.linalg.norm(tip - np.array([place.x, place.y, place.z])))
+    found = f"{1e3 * off:.1f} mm from where the robot has it"
+    return PreflightResult(
+        name, off < SAME_HAND, found, f"below {1e3 * SAME_HAND:g} mm: arms at rest, our model's hand"
+    )
+
+
+def check_weight(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
+    """Checks that the robot's gravity torque agrees with ours; it does not if the robot knows of a tool and we do not.
+
+    ``gravity_only`` is the weight alone: parallel springs that a patch adds to the model are not in it.
+    """
+    name = f"weight {limb}"
+    message = link.sea.get(limb)
+    names = model.limbs[limb].joint_names
+    if message is None or link.sample is None or len(message.gravity_only) != len(message.name):
+        return PreflightResult(name, None, "the robot does not say what its arm weighs", "")
+    said = dict(zip(message.name, message.gravity_only, strict=True))
+    if not set(names) <= set(said):
+        return PreflightResult(name, None, "the robot does not say what its arm weighs", "")
+    q = link.sample.state.position
+    ours = (model.gravity(q) - model.winding(q))[model.limbs[limb].joints]
+    off = np.abs(ours - np.array([said[joint] for joint in names]))
+    worst = int(np.argmax(off))
+    found = f"gravity torques differ by at most {off[worst]:.2f} N.m ({names[worst]})"
+    remedy = f"below {SAME_WEIGHT:g} N.m: a tool in the model (a patch), or none on the arm"
+    return PreflightResult(name, bool(off[worst] < SAME_WEIGHT), found, remedy)
+
+
+def check_effort(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
+    """Compares the measured torques at rest with our model; never fails (the contact check of a task does).
+
+    A Baxter's shoulders have parallel springs, which carry part of the arm's weight; our model has them only
+    if a patch says so. Without it, the contact detection reports a force at the hand where there is none.
+    """
+    name = f"effort {limb}"
+    if link.sample is None:
+        return PreflightResult(name, None, "no state of the arms", "")
+    joints = model.limbs[limb].joints
+    state = link.sample.state
+    off = np.abs(state.effort - model.gravity(state.position))[joints]
+    worst = int(np.argmax(off))
+    found = f"at rest, torques differ from our model's by at most {off[worst]:.1f} N.m"
+    if off[worst] <= SAME_EFFORT:
+        return PreflightResult(name, True, found, "")
+    found += (
+        f" ({model.limbs[limb].joint_names[worst]}): a spring beside the joint, a tool, a touch? A task that waits for"
+        " contact needs a patch that has it (record, diagnose, run --effects), and is refused without"
+    )
+    return PreflightResult(name, None, found, "")
 
 
 def _check_joints(link: RobotLink) -> PreflightResult:
@@ -117,7 +309,11 @@ def _check_joints(link: RobotLink) -> PreflightResult:
     if not np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all():
         found = "an angle, rate or torque is not finite"
         return PreflightResult("joints", False, found, "a robot whose sensors work", for_motion=False)
-    nodes = {offer.node for offer in link.transport.publisher_info(topics.JOINT_STATES) if not offer.gone}
+    nodes = {
+        publisher.node
+        for publisher in link.transport.publisher_info(topics.JOINT_STATES)
+        if not publisher.gone
+    }
     if topics.REALTIME_NODE not in nodes:
         found = f"{' and '.join(sorted(nodes))} publish the joint states, not {topics.REALTIME_NODE}"
         return PreflightResult("joints", False, found, "a robot's own real-time loop", for_motion=True)
@@ -161,213 +357,22 @@ def _check_cuff(subject: CheckedRobot) -> PreflightResult:
     return PreflightResult("cuff", not squeezed, found, "let go of the cuff")
 
 
-@dataclass(frozen=True)
-class PreflightResult:
-    """One condition.
-
-    Attributes:
-        name: Short.
-        passed: None where the robot does not tell.
-        found: What was seen.
-        remedy: What would be valid; said when closed.
-        for_motion: Matters only where the robot is to be commanded.
-    """
-
-    name: str
-    passed: bool | None
-    found: str
-    remedy: str
-    for_motion: bool = True
+def _matches(publisher: PublisherInfo, kind: type[Message]) -> bool:
+    return publisher.ros_type == kind.ros_type and publisher.checksum == checksum_of(kind)
 
 
-CLEANUP = "'rosnode cleanup' has the master forget one that is gone for good"
-"""Of a node that the master knows and that does not answer: it counts as living until somebody says otherwise."""
+def _name_of(publisher: PublisherInfo) -> str:
+    return publisher.node if publisher.problem is None else f"{publisher.node}, which {publisher.problem},"
 
 
-def check_software(transport: Transport) -> PreflightResult:
-    """Is it the master of a robot with the software that is known here?"""
-    version = transport.get_parameter(topics.SOFTWARE_VERSION)
-    remedy = f"the master of a Baxter with software {topics.SUPPORTED_SOFTWARE}x in ROS_MASTER_URI"
-    if version is None:
-        found = f"the master has no parameter {topics.SOFTWARE_VERSION}: it is no Baxter's"
-        return PreflightResult("software", False, found, remedy, for_motion=False)
-    fits = str(version).startswith(topics.SUPPORTED_SOFTWARE)
-    return PreflightResult("software", fits, f"version {version}", remedy, for_motion=False)
-
-
-def check_one_robot(transport: Transport) -> PreflightResult:
-    """Does exactly one living node say what state the robot is in?"""
-    offers = transport.publisher_info(topics.ROBOT_STATE)
-    present = [_name_of(offer) for offer in offers if not offer.gone]
-    aside = _ignored_text(offers)
-    if len(present) == 1:
-        return PreflightResult("one robot", True, f"{present[0]} alone publishes /robot/state{aside}", "")
-    if not present:
-        found = f"nobody publishes /robot/state{aside}"
-        return PreflightResult("one robot", False, found, "a robot that has booted", for_motion=False)
-    found = f"{' and '.join(present)} publish /robot/state: which robot is meant?{aside}"
-    remedy = f"end the simulators and doubles on this master; {CLEANUP}"
-    return PreflightResult("one robot", False, found, remedy, for_motion=False)
-
-
-def check_messages(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
-    """Do those we listen to send what we expect?"""
-    heard: list[tuple[str, type[Message]]] = [
-        (topics.ROBOT_STATE, AssemblyState),
-        (topics.JOINT_STATES, JointState),
-    ]
-    for limb in limbs:
-        heard += [
-            (topics.sea_state(limb), SEAJointState),
-            (topics.endpoint_state(limb), EndpointState),
-            (topics.collision_state(limb), CollisionDetectionState),
-            (topics.cuff(limb), DigitalIOState),
-        ]
-    wrong, asked = [], 0
-    for topic, kind in heard:
-        for offer in transport.publisher_info(topic):
-            asked += 1
-            if offer.problem is None and not _matches(offer, kind):
-                wrong.append(f"{offer.node} sends {topic} as {offer.ros_type} {offer.checksum}")
-            elif offer.problem is not None and not offer.gone:
-                wrong.append(f"{offer.node} does not answer for {topic}: {offer.problem}")
-    if wrong:
-        remedy = f"a robot with software {topics.SUPPORTED_SOFTWARE}x, whose messages are the ones known here"
-        return PreflightResult("messages", False, "; ".join(wrong), remedy, for_motion=False)
-    return PreflightResult(
-        "messages", True, f"{asked} publishers send what is expected", "", for_motion=False
-    )
-
-
-def _matches(offer: PublisherInfo, kind: type[Message]) -> bool:
-    return offer.ros_type == kind.ros_type and offer.checksum == checksum_of(kind)
-
-
-def check_nobody_else(transport: Transport, limbs: Sequence[str]) -> PreflightResult:
-    """Does nobody else command the limbs?"""
-    others: dict[str, list[str]] = {}
-    asides: dict[str, PublisherInfo] = {}
-    for limb in limbs:
-        for offer in transport.publisher_info(topics.joint_command(limb)):
-            if offer.gone:
-                asides[offer.node] = offer
-            else:
-                others.setdefault(_name_of(offer), []).append(limb)
-    aside = _ignored_text(asides.values())
-    if others:
-        named = (f"{node} ({' and '.join(commanded)})" for node, commanded in others.items())
-        remedy = f"end the other controllers first; {CLEANUP}"
-        return PreflightResult("nobody else", False, f"commanded by {', '.join(named)}{aside}", remedy)
-    return PreflightResult("nobody else", True, f"nobody else commands {' and '.join(limbs)}{aside}", "")
-
-
-def _name_of(offer: PublisherInfo) -> str:
-    return offer.node if offer.problem is None else f"{offer.node}, which {offer.problem},"
-
-
-def _ignored_text(offers: Iterable[PublisherInfo]) -> str:
-    """Names the registrations that the dead have left behind, after a semicolon; nothing where there are none."""
-    dead = [offer.node for offer in offers if offer.gone]
-    if not dead:
+def _ignored_text(publishers: Iterable[PublisherInfo]) -> str:
+    """Names the registrations of nodes that have ended, after a semicolon; empty where there are none."""
+    ended = [publisher.node for publisher in publishers if publisher.gone]
+    if not ended:
         return ""
-    left = "a registration of" if len(dead) == 1 else "registrations of"
-    verbs = ("answers", "is", "it") if len(dead) == 1 else ("answer", "are", "them")
+    left = "a registration of" if len(ended) == 1 else "registrations of"
+    verbs = ("answers", "is", "it") if len(ended) == 1 else ("answer", "are", "them")
     return (
-        f"; {left} {', '.join(dead)}, which no longer {verbs[0]}, {verbs[1]} ignored;"
+        f"; {left} {', '.join(ended)}, which no longer {verbs[0]}, {verbs[1]} ignored;"
         f" 'rosnode cleanup' removes {verbs[2]}"
     )
-
-
-RANGE_MARGIN = 0.01
-"""Every joint at least this far inside its range [rad]; a tucked Baxter is outside."""
-
-TIP = 0.025
-"""endpoint_state is about the gripper's tip, this far beyond the hand along its z axis [m] (baxter_common)."""
-
-SAME_HAND = 0.005
-"""The robot's idea of where its hand is may differ from ours by this much [m]."""
-
-SAME_WEIGHT = 3.0
-"""The robot's gravity torque may differ from ours by this much on any joint [N.m]: a gripper that we do not model."""
-
-SAME_EFFORT = 6.0
-"""At rest a joint's measured torque may differ from our model's by this much [N.m]."""
-
-
-def check_range(link: RobotLink, model: RobotModel, limbs: Sequence[str]) -> PreflightResult:
-    """Asks whether the arms are within their ranges."""
-    if link.sample is None:
-        return PreflightResult("range", False, "no state of the arms", "a robot that has booted")
-    q = link.sample.state.position
-    low, high = model.column("position_min") + RANGE_MARGIN, model.column("position_max") - RANGE_MARGIN
-    joints = np.concatenate([model.limbs[limb].joints for limb in limbs])
-    outside = [
-        f"{model.joint_names[j]} at {q[j]:.3f} rad (range {low[j]:.3f} to {high[j]:.3f})"
-        for j in joints
-        if not low[j] <= q[j] <= high[j]
-    ]
-    if outside:
-        remedy = "arms untucked: 'impedance baxter untuck', with power by 'baxter enable --tucked'"
-        return PreflightResult("range", False, ", ".join(outside), remedy)
-    return PreflightResult("range", True, "all joints inside their ranges", "")
-
-
-def check_hand(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
-    """Asks whether the robot's forward kinematics and ours agree: wrong model, wrong tip, wrong robot."""
-    name = f"hand {limb}"
-    message = link.endpoint.get(limb)
-    if message is None or link.sample is None:
-        return PreflightResult(name, None, "the robot does not say where its hand is", "")
-    hand = model.pose(link.sample.state.position, model.limbs[limb].hand)
-    tip = hand.translation + hand.rotation @ np.array([0.0, 0.0, TIP])
-    place = message.pose.position
-    off = float(np.linalg.norm(tip - np.array([place.x, place.y, place.z])))
-    found = f"{1e3 * off:.1f} mm from where the robot has it"
-    return PreflightResult(
-        name, off < SAME_HAND, found, f"below {1e3 * SAME_HAND:g} mm: arms at rest, our model's hand"
-    )
-
-
-def check_weight(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
-    """Asks whether the robot's gravity torque and ours agree; a robot that carries a tool knows, we do not.
-
-    ``gravity_only`` is the weight alone: springs beside the joints that a patch lets the model wear are not in it.
-    """
-    name = f"weight {limb}"
-    message = link.sea.get(limb)
-    names = model.limbs[limb].joint_names
-    if message is None or link.sample is None or len(message.gravity_only) != len(message.name):
-        return PreflightResult(name, None, "the robot does not say what its arm weighs", "")
-    said = dict(zip(message.name, message.gravity_only, strict=True))
-    if not set(names) <= set(said):
-        return PreflightResult(name, None, "the robot does not say what its arm weighs", "")
-    q = link.sample.state.position
-    ours = (model.gravity(q) - model.winding(q))[model.limbs[limb].joints]
-    off = np.abs(ours - np.array([said[joint] for joint in names]))
-    worst = int(np.argmax(off))
-    found = f"gravity torques differ by at most {off[worst]:.2f} N.m ({names[worst]})"
-    remedy = f"below {SAME_WEIGHT:g} N.m: a tool in the model (a patch), or none on the arm"
-    return PreflightResult(name, bool(off[worst] < SAME_WEIGHT), found, remedy)
-
-
-def check_effort(link: RobotLink, model: RobotModel, limb: str) -> PreflightResult:
-    """Asks whether the measured torques at rest are what our model expects; never closed (``contact_gate`` is).
-
-    A Baxter's shoulders have springs beside the drive, which carry part of the arm's weight; our model has
-    them only if a patch says so. Without it, a force at the hand is felt where there is none.
-    """
-    name = f"effort {limb}"
-    if link.sample is None:
-        return PreflightResult(name, None, "no state of the arms", "")
-    joints = model.limbs[limb].joints
-    state = link.sample.state
-    off = np.abs(state.effort - model.gravity(state.position))[joints]
-    worst = int(np.argmax(off))
-    found = f"at rest, torques differ from our model's by at most {off[worst]:.1f} N.m"
-    if off[worst] <= SAME_EFFORT:
-        return PreflightResult(name, True, found, "")
-    found += (
-        f" ({model.limbs[limb].joint_names[worst]}): a spring beside the joint, a tool, a touch? A task that waits for"
-        " contact needs a patch that has it (record, diagnose, run --effects), and is refused without"
-    )
-    return PreflightResult(name, None, found, "")

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a Baxter says, always the newest: one set of subscriptions, readable from any thread."""
+"""The newest of every message of a Baxter: one set of subscriptions, readable from any thread.
+
+``SeaColumns`` are the torques that the robot reports to add by itself, as columns of an episode [N.m]:
+``gravity.<joint>`` is the gravity torque with inertial feed-forward, ``gravity_only.<joint>`` what holds the arm at
+rest, ``hysteresis.<joint>`` the model of the parallel spring, ``crosstalk.<joint>`` of the neighbours' influence. They
+come more slowly than the states; a row repeats the last value.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +38,20 @@ M = TypeVar("M", bound=Message)
 RATE_WINDOW = 1.0
 """Time over which the rate of the states is measured [s]."""
 
+Array = NDArray[np.float64]
+
+FIELDS: Mapping[str, str] = {
+    "gravity": "gravity_model_effort",
+    "gravity_only": "gravity_only",
+    "hysteresis": "hysteresis_model_effort",
+    "crosstalk": "crosstalk_model_effort",
+}
+"""Column -> field of the message."""
+
 
 @dataclass(frozen=True)
 class RobotCallbacks:
-    """Whom a link tells at once, in the thread in which the message came.
+    """Functions that a link calls at once, in the thread in which the message came.
 
     Attributes:
         on_state: A complete sample.
@@ -73,9 +89,9 @@ class RobotLink:
         self.collision: dict[str, bool] = {}
         self.squeezed: dict[str, bool] = {}
         self._callbacks: RobotCallbacks | None = None
-        self._spare = JointStateMerger(joint_names)
-        self._heard: JointState | None = None
-        self._news = threading.Condition()
+        self._warm_up_merge = JointStateMerger(joint_names)
+        self._last_message: JointState | None = None
+        self._arrived = threading.Condition()
         self._arrivals: deque[float] = deque(maxlen=4096)
         self._hands: list[Subscription] = []
         self._subscriptions: list[Subscription] = [
@@ -86,31 +102,31 @@ class RobotLink:
             self._listen_to_limb(limb)
 
     def set_callbacks(self, callbacks: RobotCallbacks | None) -> None:
-        """From now on passes every message on to ``listener`` too."""
+        """From now on calls these with every message too; None ends that."""
         self._callbacks = callbacks
 
     def wait(self, after: int, seconds: float) -> StateSample | None:
         """Waits for a sample with a number above ``after``; None when none comes in time, or on ``wake``."""
-        with self._news:
+        with self._arrived:
             if self.sample is None or self.sample.number <= after:
-                self._news.wait(seconds)
+                self._arrived.wait(seconds)
             sample = self.sample
             return sample if sample is not None and sample.number > after else None
 
     def warm_up(self) -> None:
-        """Reads and merges the last message once more, aside."""
-        if self._heard is not None:
-            self._spare.take(decode(JointState, encode(self._heard)), 0.0)
+        """Decodes and merges the last message once more, into a copy that nobody reads."""
+        if self._last_message is not None:
+            self._warm_up_merge.take(decode(JointState, encode(self._last_message)), 0.0)
 
     def unsubscribe_endpoints(self) -> None:
-        """Stops listening to where the robot has its hands; the control loop needs the time."""
+        """Unsubscribes from the endpoint states; the control loop needs the time."""
         for subscription in self._hands:
             subscription.close()
 
     def wake(self) -> None:
         """Ends a ``wait`` in another thread."""
-        with self._news:
-            self._news.notify_all()
+        with self._arrived:
+            self._arrived.notify_all()
 
     def rate(self, now: float) -> float:
         """Rate of the complete states over the last second before ``now`` [Hz]."""
@@ -137,20 +153,20 @@ class RobotLink:
 
     def _joint_states(self, message: JointState, received: float) -> None:
         # Two publishers may call at once, each in its own thread.
-        with self._news:
-            self._heard = message
+        with self._arrived:
+            self._last_message = message
             sample = self.merge.take(message, received)
             if sample is None:
                 return
-        # Outside the lock: the listener has its own, and may be waiting for this one. And first: whoever is woken
-        # below needs the interpreter that this thread gives up by listening on.
+        # Outside the lock: the callback has its own, and may be waiting for this one. And before notify_all: the thread
+        # that wakes up below needs the interpreter, which this one gives up when it reads on.
         if self._callbacks is not None:
             self._callbacks.on_state(sample)
-        with self._news:
+        with self._arrived:
             if self.sample is None or sample.number > self.sample.number:
                 self.sample = sample
             self._arrivals.append(received)
-            self._news.notify_all()
+            self._arrived.notify_all()
 
     def _robot_state(self, message: AssemblyState, received: float) -> None:
         self.robot = message
@@ -172,19 +188,8 @@ def _keep(newest: dict[str, M], limb: str, message: M, received: float) -> None:
     newest[limb] = message
 
 
-Array = NDArray[np.float64]
-
-FIELDS: Mapping[str, str] = {
-    "gravity": "gravity_model_effort",
-    "gravity_only": "gravity_only",
-    "hysteresis": "hysteresis_model_effort",
-    "crosstalk": "crosstalk_model_effort",
-}
-"""Column -> field of the message."""
-
-
 class SeaColumns:
-    """Columns for what a robot has been heard to say; fields that it leaves empty get none.
+    """Columns for what a robot has reported so far; fields that it leaves empty get none.
 
     Attributes:
         names: Of the columns.

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The robot description that a Baxter serves, compared with ours: its calibrated mounts are taken over.
+"""Compares the robot description that a Baxter serves with ours, and takes over its calibrated mounts.
 
 Each Baxter is calibrated at its shoulders: the fixed joint that carries an arm's first joint is up to a centimetre
-beside its nominal place. The served description tells where. Within ``MOUNT_SHIFT`` and ``MOUNT_TURN`` our model is
-built with the calibrated mount (``RobotSpec.joint_origins``); beyond them, or where anything else differs, it is
-another robot and refused.
+from its nominal place. The served description has the calibrated place. Within ``MOUNT_SHIFT`` and ``MOUNT_TURN`` our
+model is built with it (``RobotSpec.joint_origins``); beyond them, or where anything else differs, it is another robot
+and refused. Poses between links come from ``UrdfJoints``.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from impedance_modules.spec.robot_spec import JointOrigin, LimbSpec, RobotSpec
 Array = NDArray[np.float64]
 
 MOUNT_SHIFT, MOUNT_TURN = 0.03, 0.03
-"""Largest calibration offset of a mount that is believed [m], [rad]; 0.0096 m and 0.004 rad are known."""
+"""Largest calibration offset of a mount that is accepted [m], [rad]; 0.0096 m and 0.004 rad are known."""
 
 SAME_PLACE, SAME_TURN = 1e-3, 2e-3
 """All other joints must agree this well [m], [rad]."""
 
 NOTICED = 1e-6
-"""A mount closer than this to ours is ours [m], [rad]."""
+"""A smaller offset of a mount is not taken over [m], [rad]."""
 
 SAME_ANGLE = 1e-3
 """Position limits must agree this well [rad]."""
@@ -40,12 +40,12 @@ SAME_ANGLE = 1e-3
 
 @dataclass(frozen=True)
 class DescriptionComparison:
-    """What the served description says about our model.
+    """How the served description differs from our model.
 
     Attributes:
         origins: Mount's joint in our URDF -> where this robot has it; empty where ours fits.
         problems: Why it cannot be the robot that we mean.
-        notes: What is different and does not matter.
+        notes: Differences that do not matter.
     """
 
     origins: Mapping[str, JointOrigin]
@@ -55,7 +55,7 @@ class DescriptionComparison:
 
 @dataclass(frozen=True)
 class _Found:
-    """A comparison in the making."""
+    """Collects a comparison."""
 
     origins: dict[str, JointOrigin]
     problems: list[str]
@@ -143,7 +143,7 @@ def _compare_chain(ours: UrdfJoints, served: UrdfJoints, limb: LimbSpec, problem
 
 
 def _limit_problems(served: UrdfJoints, limb: LimbSpec, spec: RobotSpec) -> list[str]:
-    """Finds ranges that differ, and speeds or torques that our file allows and the robot does not."""
+    """Lists ranges that differ, and speeds or torques that our file allows and the robot does not."""
     found = []
     for name in limb.joints.values():
         element, own = served.joints[name].find("limit"), spec.joints[name]
@@ -184,7 +184,7 @@ class UrdfJoints:
         self._above = {link_of(joint, "child"): joint for joint in self.joints.values()}
 
     def between(self, link: str, ancestor: str) -> Pose | None:
-        """Pose of a link in an ancestor at zero angles; None when it does not hang on it."""
+        """Pose of a link in an ancestor at zero angles; None when the ancestor does not carry it."""
         pose = Pose.identity()
         for _ in range(len(self.joints) + 1):
             if link == ancestor:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One robot, from the first question to the backend: its description, its states, its gates."""
+"""One robot on the network: its description, its states, its preflight checks, and the backend of a run."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec
 
 LISTENING = 1.3
-"""For how long a robot is heard before it is judged [s]; its rate is measured over one second in which this process
-has nothing else to do."""
+"""Time for which messages are received before the checks [s]; the rate is measured over one second in which this
+process has nothing else to do."""
 
 
 class Session:
-    """A robot on the network that is going to be looked at, recorded or driven.
+    """A robot on the network that is going to be checked, recorded or driven.
 
     Attributes:
         transport: The node.
@@ -47,7 +47,7 @@ class Session:
             spec: Of the robot folder.
 
         Raises:
-            BadInput: The robot folder says that somebody else than the robot carries its weight.
+            BadInput: By the robot folder, gravity is not compensated by the robot.
         """
         if spec.gravity_compensation != "robot":
             raise BadInput(
@@ -61,13 +61,13 @@ class Session:
         self.link = RobotLink(transport, self.model.joint_names, tuple(spec.limbs))
 
     def preflight(self, limbs: Sequence[str], model: RobotModel | None = None) -> tuple[PreflightResult, ...]:
-        """Listens long enough and asks every question about some limbs; sends nothing.
+        """Receives for ``LISTENING`` seconds and makes every check of some limbs; sends nothing.
 
-        ``model`` wears what a run's patch says of the robot; None is the robot folder's.
+        ``model`` includes what a run's patch says of the robot; None is the robot folder's.
         """
         time.sleep(LISTENING)
-        subject = CheckedRobot(self.link, self.model if model is None else model, self.comparison, limbs)
-        return run_checks(subject, time.monotonic())
+        robot = CheckedRobot(self.link, self.model if model is None else model, self.comparison, limbs)
+        return run_checks(robot, time.monotonic())
 
     def backend(
         self,
@@ -82,24 +82,24 @@ class Session:
             limbs: Those that are commanded.
             options: Of the run.
             model: With what the run's patch says of the robot.
-            of_task: What the task asks of the robot beyond the session's own gates.
+            of_task: The task's own checks, beyond those of the session.
 
         Raises:
-            RobotRefused: A gate is closed; nothing was sent.
+            RobotRefused: A check failed; nothing was sent.
         """
 
         def check() -> None:
-            gates = (*self.preflight(tuple(limbs), model), *of_task(self.link))
-            refuse_failed(gates, commanding=not options.read_only)
+            results = (*self.preflight(tuple(limbs), model), *of_task(self.link))
+            refuse_failed(results, commanding=not options.read_only)
 
         check()
-        rules = stop_thresholds(
+        thresholds = stop_thresholds(
             1.0 / options.rate,
             self.model.column("effort_max"),
             self.model.column("velocity_max"),
             BRAKING_SHARE,
         )
-        stops = Stops(rules, {name: limb.joints for name, limb in limbs.items()})
+        stops = Stops(thresholds, {name: limb.joints for name, limb in limbs.items()})
         return BaxterBackend(self.link, limbs, stops, options, check)
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ class Session:
 
 
 class DeferredSession:
-    """A robot that becomes known while a task is assembled: the task says which folder it is compared with."""
+    """A session that begins while a task is assembled: the task names the robot folder that it is compared with."""
 
     def __init__(self, transport: Transport) -> None:
         """Takes an open node."""

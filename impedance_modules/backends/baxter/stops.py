@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What may be sent to a Baxter now, and why not: a pure state machine with everybody's clock given to it.
+"""What may be sent to a Baxter now, and why not: a state machine without a clock of its own; times are arguments.
 
 | what happens | what follows |
 |---|---|
 | no state for `stale` | torque -D v on the last velocity for `blind`, then a hold |
-| no state for `lost` | hold; nothing else leaves |
-| the law is silent though states come | likewise braked, then held |
-| a torque that is not finite or beyond a joint's limit | it never leaves; one braking torque, then a hold |
+| no state for `lost` | hold; nothing else is sent |
+| the controller is silent though states come | likewise braked, then held |
+| a torque that is not finite or beyond a joint's limit | it is never sent; one braking torque, then a hold |
 | /robot/state silent for `silent` | hold |
 | disabled, stopped, e-stop | nothing is sent any more, not even a hold |
 | collision felt | hold, for at least `COLLISION_PAUSE` |
 | cuff squeezed | that arm gets nothing while it is squeezed and is held where it was left; the others are held |
 | end of the run | hold |
 
-A hold is the robot's position mode at the measured angles. Nothing here ever goes back to torque, enables,
-resets or resumes: that takes a new run, begun by a person. Late cycles, a law without solution and a task's own
-limits are the supervisor's (``control/supervisor.py``), whose torque passes through here all the same; a
-controller that was killed is the robot's own command time-out's.
+A hold is the robot's position mode at the measured angles. Nothing here ever returns to torque mode, enables,
+resets or resumes: that takes a new run, begun by a person. The supervisor (``control/supervisor.py``) handles late
+cycles, a filter without solution and the task's own limits; its torque passes through here all the same. If the whole
+process is killed, the robot's own command time-out acts.
 """
 
 from __future__ import annotations
@@ -35,7 +35,103 @@ from impedance_modules.safety.stopping import damping_effort
 Array = NDArray[np.float64]
 
 COLLISION_PAUSE = 2.0
-"""For how long the robot itself pauses after a collision; a hold lasts at least as long [s]."""
+"""Time for which the robot itself pauses after a collision; a hold lasts at least as long [s]."""
+
+BRAKING_SHARE = 0.5
+"""The watchdog brakes with this share of a joint's torque limit at its declared top speed, as the supervisor does."""
+
+
+class DriveMode(Enum):
+    """What is sent to the arms."""
+
+    IDLE = "idle"
+    TORQUE = "torque"
+    HOLD = "hold"
+    OFF = "off"
+
+
+@dataclass(frozen=True)
+class StopThresholds:
+    """Thresholds, and what braking needs.
+
+    Attributes:
+        stale, blind, lost: Age of the last state from which the arms are braked; how long they are; age from
+            which they are held in any case [s].
+        silent: Age of the last /robot/state at which the robot counts as gone [s].
+        effort_max: (n,) largest torque that is sent [N.m].
+        damping: (n, n) of the braking torque [N.m.s/rad].
+    """
+
+    stale: float
+    blind: float
+    lost: float
+    silent: float
+    effort_max: Array
+    damping: Array
+
+
+@dataclass(frozen=True)
+class Outgoing:
+    """What is sent now, to each limb at most one thing.
+
+    Attributes:
+        effort: (n,) torque [N.m] for ``limbs``, or None.
+        position: (n,) angles [rad] for ``limbs`` in position mode, or None.
+        limbs: Which limbs it is for.
+    """
+
+    effort: Array | None
+    position: Array | None
+    limbs: tuple[str, ...]
+
+
+NOTHING = Outgoing(None, None, ())
+
+
+@dataclass(frozen=True)
+class StopReason:
+    """Why torque control ended by itself; ``event`` as in the table of stop levels."""
+
+    event: Event
+    detail: str
+
+
+def stop_thresholds(
+    period: float, effort_max: Array, velocity_max: Array, braking_share: float
+) -> StopThresholds:
+    """Makes the thresholds of a control period.
+
+    A state is stale after three periods, but no less than 30 ms, which is three periods of the slowest rate: at 500 Hz
+    ordinary scheduling delays are longer than three periods.
+
+    Args:
+        period: Of the control loop [s].
+        effort_max: (n,) of the joints [N.m].
+        velocity_max: (n,) of the joints [rad/s].
+        braking_share: Part of its torque limit with which a joint at its top speed is braked.
+    """
+    return StopThresholds(
+        stale=max(3.0 * period, 0.03),
+        blind=max(2.0 * period, 0.02),
+        lost=max(0.1, 6.0 * period),
+        silent=0.5,
+        effort_max=effort_max,
+        damping=np.diag(braking_share * effort_max / velocity_max),
+    )
+
+
+def why_off(robot: AssemblyState) -> str | None:
+    """Says why a robot in this state must not be sent anything; None where it may."""
+    if robot.estop_button == robot.BUTTON_PRESSED:
+        return "the e-stop is pressed"
+    if robot.estop_source != robot.SOURCE_NONE:
+        sources = {1: "a person", 2: "an unknown source", 3: "a joint fault", 4: "a lost heartbeat"}
+        return f"stopped by {sources.get(robot.estop_source, f'source {robot.estop_source}')}"
+    if robot.stopped:
+        return "the robot is stopped"
+    if not robot.enabled:
+        return "the robot is disabled"
+    return None
 
 
 class Stops:
@@ -46,11 +142,11 @@ class Stops:
         reason: The first reason why torque ended; None while it has not, or ended as it should.
     """
 
-    def __init__(self, rules: StopThresholds, limbs: Mapping[str, NDArray[np.intp]]) -> None:
+    def __init__(self, thresholds: StopThresholds, limbs: Mapping[str, NDArray[np.intp]]) -> None:
         """Takes the thresholds and each commanded limb's place in the vectors."""
         self.mode = DriveMode.IDLE
         self.reason: StopReason | None = None
-        self._rules = rules
+        self._thresholds = thresholds
         self._limbs = limbs
         self._position: Array | None = None
         self._velocity: Array | None = None
@@ -106,30 +202,30 @@ class Stops:
         """Starts torque mode; returns why that is impossible, or None."""
         if self.reason is not None or self.mode is DriveMode.OFF:
             return "nothing is sent any more" if self.reason is None else self.reason.detail
-        if self._position is None or now - self._taken > self._rules.stale:
+        if self._position is None or now - self._taken > self._thresholds.stale:
             return "no fresh state of the arms"
-        if now - self._robot_seen > self._rules.silent:
+        if now - self._robot_seen > self._thresholds.silent:
             return f"nothing heard of the robot's state for {now - self._robot_seen:.2f} s"
-        if self._obstacle() is not None:
-            return self._obstacle()
+        if self._reason_not_to_move() is not None:
+            return self._reason_not_to_move()
         self.mode, self._torque_at, self._hold = DriveMode.TORQUE, now, None
         return None
 
     def torque(self, now: float, effort: Array) -> Outgoing:
-        """What leaves in place of the law's torque (n,) [N.m]: that, or braking, or nothing."""
+        """Returns what is sent for the controller's torque (n,) [N.m]: that, or braking, or nothing."""
         if self.mode is not DriveMode.TORQUE:
             return NOTHING
         self._torque_at = now
-        if now - self._taken > self._rules.stale:
+        if now - self._taken > self._thresholds.stale:
             return self.watch(now)
-        wrong = self._wrong_torque(effort)
+        wrong = self._refused_torque(effort)
         if wrong is not None:
             self._hold_for(Event.TORQUE_REFUSED, wrong)
             return self._braking()
         return Outgoing(effort, None, tuple(self._limbs))
 
     def watch(self, now: float) -> Outgoing:
-        """What must be sent though nobody asked: braking, a hold, or nothing. Call it every few milliseconds."""
+        """Returns what must be sent without a request: braking, a hold, or nothing. Call it every few milliseconds."""
         if self.mode is DriveMode.TORQUE:
             return self._watch_torque(now)
         if self.mode is DriveMode.HOLD and self._hold is not None:
@@ -141,8 +237,8 @@ class Stops:
         """Sets the target (n,) [rad] of position mode before torque begins; returns why that is impossible."""
         if self.reason is not None or self.mode not in (DriveMode.IDLE, DriveMode.HOLD):
             return "torque mode is on" if self.reason is None else self.reason.detail
-        if self._obstacle() is not None:
-            return self._obstacle()
+        if self._reason_not_to_move() is not None:
+            return self._reason_not_to_move()
         self.mode, self._hold = DriveMode.HOLD, position.copy()
         return None
 
@@ -155,41 +251,41 @@ class Stops:
         """Sends nothing any more."""
         self.mode = DriveMode.OFF
 
-    def _obstacle(self) -> str | None:
+    def _reason_not_to_move(self) -> str | None:
         """Says why a robot that is known to be there may not be moved now."""
         if self._off is not None:
             return self._off
         return f"a cuff is squeezed: {', '.join(sorted(self._squeezed))}" if self._squeezed else None
 
     def _watch_torque(self, now: float) -> Outgoing:
-        rules = self._rules
+        thresholds = self._thresholds
         age, silence = now - self._taken, now - self._torque_at
-        if now - self._robot_seen > rules.silent:
+        if now - self._robot_seen > thresholds.silent:
             self._hold_for(Event.STATE_LOST, f"/robot/state silent for {now - self._robot_seen:.2f} s")
-        elif age > rules.lost or age > rules.stale + rules.blind:
+        elif age > thresholds.lost or age > thresholds.stale + thresholds.blind:
             self._hold_for(Event.STATE_LOST, f"no state for {1e3 * age:.0f} ms")
-        elif silence > rules.stale + rules.blind:
+        elif silence > thresholds.stale + thresholds.blind:
             self._hold_for(Event.CONTROLLER_SILENT, f"the controller was silent for {1e3 * silence:.0f} ms")
-        elif max(age, silence) > rules.stale:
+        elif max(age, silence) > thresholds.stale:
             return self._braking()
         else:
             return NOTHING
         return self.watch(now)
 
-    def _wrong_torque(self, effort: Array) -> str | None:
+    def _refused_torque(self, effort: Array) -> str | None:
         if not np.isfinite(effort).all():
             return "a torque is not finite"
-        over = np.abs(effort) > self._rules.effort_max * (1.0 + 1e-9)
+        over = np.abs(effort) > self._thresholds.effort_max * (1.0 + 1e-9)
         if over.any():
             joint = int(np.argmax(over))
-            limit = self._rules.effort_max[joint]
+            limit = self._thresholds.effort_max[joint]
             return f"torque {effort[joint]:.3f} N.m of joint {joint} is beyond its limit of {limit:g} N.m"
         return None
 
     def _braking(self) -> Outgoing:
         if self._velocity is None:
             return NOTHING
-        effort = damping_effort(self._rules.damping, self._velocity, self._rules.effort_max)
+        effort = damping_effort(self._thresholds.damping, self._velocity, self._thresholds.effort_max)
         return Outgoing(effort, None, tuple(self._limbs))
 
     def _hold_for(self, event: Event, detail: str) -> None:
@@ -205,99 +301,3 @@ class Stops:
     def _note_reason(self, event: Event, detail: str) -> None:
         if self.reason is None:
             self.reason = StopReason(event, detail)
-
-
-BRAKING_SHARE = 0.5
-"""The watchdog brakes with this share of a joint's torque limit at its declared top speed, as the supervisor does."""
-
-
-class DriveMode(Enum):
-    """What leaves for the arms."""
-
-    IDLE = "idle"
-    TORQUE = "torque"
-    HOLD = "hold"
-    OFF = "off"
-
-
-@dataclass(frozen=True)
-class StopThresholds:
-    """Thresholds, and what braking needs.
-
-    Attributes:
-        stale, blind, lost: Ages of the last state: torque becomes braking; that ends ``blind`` later; hold [s].
-        silent: Age of the last /robot/state at which the robot counts as gone [s].
-        effort_max: (n,) [N.m].
-        damping: (n, n) of the braking torque [N.m.s/rad].
-    """
-
-    stale: float
-    blind: float
-    lost: float
-    silent: float
-    effort_max: Array
-    damping: Array
-
-
-@dataclass(frozen=True)
-class Outgoing:
-    """What is sent now, to each limb at most one thing.
-
-    Attributes:
-        effort: (n,) torque [N.m] for ``limbs``, or None.
-        position: (n,) angles [rad] for ``limbs`` in position mode, or None.
-        limbs: Whom it is for.
-    """
-
-    effort: Array | None
-    position: Array | None
-    limbs: tuple[str, ...]
-
-
-NOTHING = Outgoing(None, None, ())
-
-
-@dataclass(frozen=True)
-class StopReason:
-    """Why torque control ended by itself; ``event`` as in the stop ladder's table."""
-
-    event: Event
-    detail: str
-
-
-def stop_thresholds(
-    period: float, effort_max: Array, velocity_max: Array, braking_share: float
-) -> StopThresholds:
-    """Makes the thresholds of a control period.
-
-    Three periods without a state, but no less than 30 ms, which is three of the slowest rate: at 500 Hz an
-    ordinary kernel's hiccup is longer than three periods.
-
-    Args:
-        period: Of the control loop [s].
-        effort_max: (n,) of the joints [N.m].
-        velocity_max: (n,) of the joints [rad/s].
-        braking_share: Part of its torque limit with which a joint at its top speed is braked.
-    """
-    return StopThresholds(
-        stale=max(3.0 * period, 0.03),
-        blind=max(2.0 * period, 0.02),
-        lost=max(0.1, 6.0 * period),
-        silent=0.5,
-        effort_max=effort_max,
-        damping=np.diag(braking_share * effort_max / velocity_max),
-    )
-
-
-def why_off(robot: AssemblyState) -> str | None:
-    """Says why a robot in this state must not be sent anything; None where it may."""
-    if robot.estop_button == robot.BUTTON_PRESSED:
-        return "the e-stop is pressed"
-    if robot.estop_source != robot.SOURCE_NONE:
-        sources = {1: "a person", 2: "an unknown source", 3: "a joint fault", 4: "a lost heartbeat"}
-        return f"stopped by {sources.get(robot.estop_source, f'source {robot.estop_source}')}"
-    if robot.stopped:
-        return "the robot is stopped"
-    if not robot.enabled:
-        return "the robot is disabled"
-    return None

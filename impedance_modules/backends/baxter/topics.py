@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where a Baxter listens and speaks, how often, and the times it keeps. Facts of the robot, no behaviour.
+"""Names of a Baxter's topics, parameters and nodes, its rates and time-outs. Facts of the robot, no behaviour.
 
 Sources: Rethink's SDK (baxter_interface, baxter_common 1.2.0), its wiki, and graph scans of real robots.
 """
@@ -20,7 +20,7 @@ REALTIME_NODE = "/realtime_loop"
 """The node that publishes the arms' joint states; the grippers' come from another one."""
 
 SUPPORTED_SOFTWARE = "1.2."
-"""How the version of a robot begins whose messages and behaviour are those described here."""
+"""Beginning of the software versions whose messages and behaviour are those described here."""
 
 DEFAULT_STATE_RATE = 100
 """Rate of the joint states when nobody asks for another [Hz]."""
@@ -33,7 +33,7 @@ DEFAULT_TIMEOUT = 0.2
 
 SHORTEST_TIMEOUT = 0.05
 """Command time-out that a run sets at any rate above 100 Hz [s]: five cycles of the default rate. A shorter one would
-make every hiccup of an ordinary kernel end torque mode."""
+make every scheduling delay of an ordinary kernel end torque mode."""
 
 TIMEOUT_CYCLES = 5
 """At least so many control cycles fit into the time-out that a run sets."""
@@ -55,17 +55,17 @@ def speed_ratio(limb: str) -> str:
 
 
 def sea_state(limb: str) -> str:
-    """Topic of everything the robot knows of a limb's series-elastic joints."""
+    """Topic of all states of a limb's series-elastic joints."""
     return f"/robot/limb/{limb}/gravity_compensation_torques"
 
 
 def endpoint_state(limb: str) -> str:
-    """Topic of the robot's own idea of where a limb ends."""
+    """Topic of the robot's own forward kinematics of a limb."""
     return f"/robot/limb/{limb}/endpoint_state"
 
 
 def collision_state(limb: str) -> str:
-    """Topic that tells whether a limb has felt an impact or a squeeze."""
+    """Topic that says whether a limb has detected an impact or a squeeze."""
     return f"/robot/limb/{limb}/collision_detection_state"
 
 
@@ -75,7 +75,7 @@ def cuff(limb: str) -> str:
 
 
 def suppress_avoidance(limb: str) -> str:
-    """Topic that switches a limb's force field off for a moment; the effect ends by itself after 0.2 s."""
+    """Topic that switches a limb's collision avoidance off; the effect ends by itself after 0.2 s."""
     return f"/robot/limb/{limb}/suppress_collision_avoidance"
 
 

@@ -14,7 +14,7 @@ import pytest
 from impedance_modules.backends.baxter import baxter_backend as backend
 from impedance_modules.backends.baxter import driver as watchdog
 from impedance_modules.backends.baxter.baxter_backend import CpuIdleInhibitor
-from impedance_modules.backends.baxter.driver import CHECK_PERIOD, HELD_UP, Watchdog
+from impedance_modules.backends.baxter.driver import CHECK_PERIOD, PROCESS_PAUSE, Watchdog
 from impedance_modules.backends.baxter.position_mode import ARRIVED
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.errors import RobotRefused, RobotStopped
@@ -308,7 +308,7 @@ def test_the_processor_is_kept_awake_during_a_run_and_only_then(tmp_path: Path) 
         assert not drive.backend._idle_inhibitor.active
 
 
-@pytest.mark.parametrize(("pause", "waits"), [(2.0 * HELD_UP, True), (0.0, False)])
+@pytest.mark.parametrize(("pause", "waits"), [(2.0 * PROCESS_PAUSE, True), (0.0, False)])
 def test_after_a_pause_of_the_whole_process_ears_come_before_the_watchdog(pause: float, waits: bool) -> None:
     naps: list[float] = []
     seen: list[int] = []

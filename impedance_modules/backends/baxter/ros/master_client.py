@@ -38,6 +38,8 @@ ANSWER_TIME = 2.0
 
 SUCCESS = 1
 
+ASKING = {"type": ANYTHING, "md5sum": ANYTHING}
+
 
 def master_uri_of(environment: Mapping[str, str]) -> str:
     """Reads the master's address from ROS's own variable.
@@ -197,9 +199,6 @@ def _unreachable(uri: str, error: OSError) -> str:
         f" Is the robot on, does 'ping {host}' reach it, and is ROS_MASTER_URI its address"
         f" (host {host} may need a line in /etc/hosts)?"
     )
-
-
-ASKING = {"type": ANYTHING, "md5sum": ANYTHING}
 
 
 def publisher_info(master: MasterClient, caller: str, topic: str) -> tuple[PublisherInfo, ...]:

@@ -44,6 +44,9 @@ HOW_TO_INSTALL = (
 TAKE_OVER_LOCK = threading.Lock()
 """Two threads may be the first to send on a connection; one takes it over."""
 
+KINDS = ("auto", "rospy", "sockets")
+"""Names on the command line; ``auto`` is rospy where it can be imported, else sockets."""
+
 
 class NoRospyError(ImpedanceError):
     """ROS 1 is not installed where this Python looks; the message says what to install."""
@@ -235,10 +238,6 @@ def _ros_class(ros_type: str) -> Any:
 
     Wrapped.__name__ = kind.__name__
     return Wrapped
-
-
-KINDS = ("auto", "rospy", "sockets")
-"""Names on the command line; ``auto`` is rospy where it can be imported, else sockets."""
 
 
 def connect(kind: str, purpose: str, environment: Mapping[str, str] = os.environ) -> Transport:

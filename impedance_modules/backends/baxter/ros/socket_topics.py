@@ -25,6 +25,11 @@ from impedance_modules.backends.baxter.ros.wire import MessageError, checksum_of
 
 M = TypeVar("M", bound=Message)
 
+PAUSES = (0.05, 0.1, 0.2, 0.5, 1.0)
+"""Waits before trying a publisher again [s]; the last repeats as long as the master lists it."""
+
+CHUNK = 1 << 16
+
 
 class PublishedTopic:
     """One topic of this node, with its listeners; shared by all its publishers.
@@ -127,12 +132,6 @@ class SocketPublisher(Generic[M]):
         if not self._closed:
             self._closed = True
             self._on_close()
-
-
-PAUSES = (0.05, 0.1, 0.2, 0.5, 1.0)
-"""Waits before trying a publisher again [s]; the last repeats as long as the master lists it."""
-
-CHUNK = 1 << 16
 
 
 class SocketSubscription(Generic[M]):

@@ -32,6 +32,25 @@ from impedance_modules.backends.baxter.ros.transport import (
 
 M = TypeVar("M", bound=Message)
 
+Answer = tuple[int, str, Any]
+
+LISTEN_TIME = 0.05
+"""How long closing a node may take [s]."""
+
+_METHODS = {
+    "requestTopic": "request_topic",
+    "publisherUpdate": "publisher_update",
+    "shutdown": "shutdown",
+    "getPid": "pid",
+    "getMasterUri": "master",
+    "getPublications": "publications",
+    "getSubscriptions": "subscriptions",
+    "getBusInfo": "nothing",
+    "getBusStats": "nothing",
+    "paramUpdate": "nothing",
+}
+"""Name in ROS's slave API -> method of ``NodeServer``."""
+
 
 class SocketTransport(MasterTransport):
     """One ROS node."""
@@ -140,12 +159,6 @@ class SocketTransport(MasterTransport):
         except NoMasterError:
             # A master that is gone remembers nothing that could be withdrawn.
             return
-
-
-Answer = tuple[int, str, Any]
-
-LISTEN_TIME = 0.05
-"""How long closing a node may take [s]."""
 
 
 @dataclass(frozen=True)
@@ -261,21 +274,6 @@ class NodeServer:
 
     def _nothing(self, caller: str, *arguments: Any) -> Answer:  # noqa: ARG002 - the slave API's signature
         return 1, "", []
-
-
-_METHODS = {
-    "requestTopic": "request_topic",
-    "publisherUpdate": "publisher_update",
-    "shutdown": "shutdown",
-    "getPid": "pid",
-    "getMasterUri": "master",
-    "getPublications": "publications",
-    "getSubscriptions": "subscriptions",
-    "getBusInfo": "nothing",
-    "getBusStats": "nothing",
-    "paramUpdate": "nothing",
-}
-"""Name in ROS's slave API -> method of ``NodeServer``."""
 
 
 class _SilentHandler(SimpleXMLRPCRequestHandler):

@@ -23,6 +23,12 @@ LONGEST_HEADER = 1 << 20
 LONGEST_MESSAGE = 1 << 24
 """No message here is above 16 MB; a length beyond that is not one."""
 
+CONNECT_TIME = 1.0
+"""Longest wait for another node in each step of a connection [s]."""
+
+ANYTHING = "*"
+"""Type and checksum of a listener that takes whatever comes."""
+
 
 class HeaderError(ImpedanceError):
     """The other side of a connection greeted wrongly, refused, or hung up."""
@@ -112,13 +118,6 @@ class TimedTransport(xmlrpc.client.Transport):
 def remote(uri: str, seconds: float) -> xmlrpc.client.ServerProxy:
     """Returns a proxy of an XML-RPC server whose every call takes at most ``seconds`` per socket operation."""
     return xmlrpc.client.ServerProxy(uri, transport=TimedTransport(seconds), allow_none=True)
-
-
-CONNECT_TIME = 1.0
-"""Longest wait for another node in each step of a connection [s]."""
-
-ANYTHING = "*"
-"""Type and checksum of a listener that takes whatever comes."""
 
 
 class NoNodeError(HeaderError):

@@ -35,6 +35,15 @@ from impedance_modules.robot.model import RobotModel
 
 Array = NDArray[np.float64]
 
+SUPPRESSIBLE = (
+    "suppress_collision_avoidance",
+    "suppress_contact_safety",
+    "suppress_cuff_interaction",
+    "suppress_gravity_compensation",
+    "suppress_hand_overwrench_safety",
+)
+"""Topics below /robot/limb/SIDE/ that the real robot listens to; nobody there listens to suppress_body_avoidance."""
+
 
 class ForceField:
     """What each arm is too near to.
@@ -107,16 +116,6 @@ def contact_sense(short_names: Sequence[str]) -> ContactSense:
         tick=TICK,
     )
     return ContactSense(limits)
-
-
-SUPPRESSIBLE = (
-    "suppress_collision_avoidance",
-    "suppress_contact_safety",
-    "suppress_cuff_interaction",
-    "suppress_gravity_compensation",
-    "suppress_hand_overwrench_safety",
-)
-"""Topics below /robot/limb/SIDE/ that the real robot listens to; nobody there listens to suppress_body_avoidance."""
 
 
 class Suppressions:

@@ -54,6 +54,8 @@ ON_LIMB = {
 
 OFF = "off"
 
+Send = Callable[[], None]
+
 
 @dataclass(frozen=True)
 class InjectedFault:
@@ -132,9 +134,6 @@ def _number(word: str, text: str, low: float, high: float) -> float:
     if not low <= value <= high:
         raise BadInput(f"fault '{text}': {word} (valid: {low:g} to {high:g})")
     return value
-
-
-Send = Callable[[], None]
 
 
 @dataclass

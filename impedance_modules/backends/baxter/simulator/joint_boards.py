@@ -32,6 +32,9 @@ from impedance_modules.robot.state import RobotState
 
 Array = NDArray[np.float64]
 
+INERTIA_TICKS = 100
+"""The servos are told the arms' inertia every so many ticks."""
+
 
 class CommandMode(IntEnum):
     """Modes of a JointCommand."""
@@ -205,10 +208,6 @@ class LimbDrive:
         else:
             self.reference.run(self.command)
         return LimbOrders(np.zeros(self._k), self.reference.motor_target(sensed, servo), servo=True)
-
-
-INERTIA_TICKS = 100
-"""The servos are told the arms' inertia every so many ticks."""
 
 
 @dataclass(frozen=True)

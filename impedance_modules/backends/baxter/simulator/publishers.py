@@ -40,6 +40,16 @@ FINGERS = ("l_finger_joint", "r_finger_joint")
 FINGER_OPENING = 0.01
 """Of the motionless gripper [m]."""
 
+Make = Callable[[int], Message]
+"""Builds a message from a stamp [ns]."""
+
+REALTIME_NODE, GRIPPER_NODE = "/realtime_loop", "/end_effector_publisher"
+"""The two nodes of a real robot that publish joint states."""
+
+STATE = "/robot/state"
+
+JOINT_STATES = "/robot/joint_states"
+
 
 def floats(array: Array) -> Floats:
     """Turns an array into plain numbers."""
@@ -196,16 +206,6 @@ def pose_message(translation: Array, rotation: Array) -> messages.PoseMessage:
 
 def _vector(numbers: NDArray[np.floating[Any]]) -> messages.Vector3:
     return messages.Vector3(*numbers.tolist())
-
-
-Make = Callable[[int], Message]
-"""Builds a message from a stamp [ns]."""
-
-REALTIME_NODE, GRIPPER_NODE = "/realtime_loop", "/end_effector_publisher"
-"""The two nodes of a real robot that publish joint states."""
-
-STATE = "/robot/state"
-JOINT_STATES = "/robot/joint_states"
 
 
 @dataclass

@@ -20,6 +20,9 @@ TURN = 0.0005
 COMPLAINT_PAUSE = 5.0
 """Slow machines are told about at most this often [s]."""
 
+PATIENCE = 0.05
+"""Ticks that are late are made up for; beyond this lateness they are given up [s]."""
+
 
 def run_in_real_time(
     node: SimulatorNode,
@@ -105,10 +108,6 @@ class EventLog:
         }
         self._file.write(json.dumps(line) + "\n")
         self._file.flush()
-
-
-PATIENCE = 0.05
-"""Ticks that are late are made up for; beyond this lateness they are given up [s]."""
 
 
 class Pacer:

@@ -47,6 +47,12 @@ LOOK_TICKS = 10
 PUSH_TIME = 1.0
 """How long a push lasts unless it says so [s]."""
 
+GONE_NODE, GONE_ADDRESS = "/realtime_loop_of_yesterday", "http://127.0.0.1:9/"
+"""A node that was killed without a word; nobody listens at its address."""
+
+FAULT_TOPIC = "/fake_baxter/fault"
+"""Takes a String in the words of ``faults``."""
+
 
 class SimulatorNode:
     """One simulator with its nodes on a network.
@@ -242,10 +248,6 @@ def _content(message: Message | None) -> object:
     return message
 
 
-GONE_NODE, GONE_ADDRESS = "/realtime_loop_of_yesterday", "http://127.0.0.1:9/"
-"""A node that was killed without a word; nobody listens at its address."""
-
-
 class Network(Protocol):
     """Where nodes meet."""
 
@@ -274,10 +276,6 @@ class RosNetwork:
             master.registerPublisher(GONE_NODE, topic, ros_type, GONE_ADDRESS)
         else:
             master.unregisterPublisher(GONE_NODE, topic, GONE_ADDRESS)
-
-
-FAULT_TOPIC = "/fake_baxter/fault"
-"""Takes a String in the words of ``faults``."""
 
 
 def listen(
