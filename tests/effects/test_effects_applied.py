@@ -17,79 +17,79 @@ from tests.support.effect_recordings import (
     RATE,
     STILL,
     Recording,
-    Worn,
-    dressed,
+    AppliedEffect,
+    plant_with,
     nominal,
     record,
     start,
-    worn,
+    applied,
 )
 
 P, S = "port_", "starboard_"
 A, L = "actuator", "link"
 
 AT_MOTORS = (
-    worn("coulomb_friction", A, P + "lift", fc=1.4),
-    worn("viscous_friction", A, P + "bend", fv=2.1),
-    worn("stribeck_friction", A, P + "roll", fc=0.4, fs=0.9, vs=0.1),
-    worn("asymmetric_friction", A, P + "tilt", fc=0.5, da=0.2, dv=0.3),
-    worn("torque_ripple", A, P + "spin", A=0.3, N=21.0, phi=0.4),
-    worn("load_dependent_friction", A, S + "lift", kl=0.08),
-    worn("friction_drift", A, S + "bend", fv=2.3, k=0.6, T=1.3),
-    worn("quadratic_drag", A, S + "roll", c=0.7),
-    worn("hysteresis", A, S + "tilt", s0=25.0, fc=0.6),
-    worn("torque_offset", A, S + "spin", c=-0.4),
+    applied("coulomb_friction", A, P + "lift", fc=1.4),
+    applied("viscous_friction", A, P + "bend", fv=2.1),
+    applied("stribeck_friction", A, P + "roll", fc=0.4, fs=0.9, vs=0.1),
+    applied("asymmetric_friction", A, P + "tilt", fc=0.5, da=0.2, dv=0.3),
+    applied("torque_ripple", A, P + "spin", A=0.3, N=21.0, phi=0.4),
+    applied("load_dependent_friction", A, S + "lift", kl=0.08),
+    applied("friction_drift", A, S + "bend", fv=2.3, k=0.6, T=1.3),
+    applied("quadratic_drag", A, S + "roll", c=0.7),
+    applied("hysteresis", A, S + "tilt", s0=25.0, fc=0.6),
+    applied("torque_offset", A, S + "spin", c=-0.4),
 )
 AT_LINKS = (
-    worn("viscous_friction", L, P + "lift", fv=1.7),
-    worn("coulomb_friction", L, P + "bend", fc=1.1),
-    worn("hysteresis", L, P + "roll", s0=16.0, fc=0.5),
-    worn("torque_ripple", L, P + "tilt", A=0.4, N=16.0, phi=-1.0),
-    worn("torque_offset", L, P + "spin", c=0.3),
-    worn("parallel_spring", L, S + "lift", k=17.0, preload=-4.0),
-    worn("load_dependent_friction", L, S + "turn", kl=0.12),
-    worn("asymmetric_friction", L, P + "turn", fc=1.5, da=-0.6),
-    worn("stribeck_friction", L, S + "bend", fc=0.8, fs=1.7, vs=0.12),
-    worn("quadratic_drag", L, S + "roll", c=0.1),
-    worn("friction_drift", L, S + "tilt", fv=0.4, k=0.5, T=1.0),
-    worn("bench_spring", "contact", S + "spin", k=9.0, q0=0.3, d=0.2),
+    applied("viscous_friction", L, P + "lift", fv=1.7),
+    applied("coulomb_friction", L, P + "bend", fc=1.1),
+    applied("hysteresis", L, P + "roll", s0=16.0, fc=0.5),
+    applied("torque_ripple", L, P + "tilt", A=0.4, N=16.0, phi=-1.0),
+    applied("torque_offset", L, P + "spin", c=0.3),
+    applied("parallel_spring", L, S + "lift", k=17.0, preload=-4.0),
+    applied("load_dependent_friction", L, S + "turn", kl=0.12),
+    applied("asymmetric_friction", L, P + "turn", fc=1.5, da=-0.6),
+    applied("stribeck_friction", L, S + "bend", fc=0.8, fs=1.7, vs=0.12),
+    applied("quadratic_drag", L, S + "roll", c=0.1),
+    applied("friction_drift", L, S + "tilt", fv=0.4, k=0.5, T=1.0),
+    applied("bench_spring", "contact", S + "spin", k=9.0, q0=0.3, d=0.2),
 )
 IN_DRIVES = (
-    worn("torque_gain", A, P + "lift", s=0.91),
-    worn("command_delay", "timing", P + "bend", T=0.007),
-    worn("transmission_coupling", A, "port_roll<-port_spin", Ia=0.018, fv=0.2, fc=0.3),
-    worn("controller_gain", A, P + "tilt", dkp=6.0, dkd=0.2),
-    worn("actuator_lag", A, S + "lift", T=0.012),
-    worn("torque_saturation", A, S + "bend", limit=7.5),
-    worn("reflected_inertia", A, S + "roll", Ia=0.11),
-    worn("joint_elasticity", A, S + "tilt", K=140.0),
+    applied("torque_gain", A, P + "lift", s=0.91),
+    applied("command_delay", "timing", P + "bend", T=0.007),
+    applied("transmission_coupling", A, "port_roll<-port_spin", Ia=0.018, fv=0.2, fc=0.3),
+    applied("controller_gain", A, P + "tilt", dkp=6.0, dkd=0.2),
+    applied("actuator_lag", A, S + "lift", T=0.012),
+    applied("torque_saturation", A, S + "bend", limit=7.5),
+    applied("reflected_inertia", A, S + "roll", Ia=0.11),
+    applied("joint_elasticity", A, S + "tilt", K=140.0),
 )
 IN_SENSORS = (
-    worn("torque_gain", "sensor", P + "lift", s=1.08),
-    worn("torque_offset", "sensor", P + "bend", c=-0.7),
-    worn("crosstalk", "sensor", "starboard_tilt<-starboard_bend", c=0.06),
-    worn("velocity_filter_lag", "sensor", P + "spin", T=0.021),
-    worn("encoder_offset", "sensor", S + "lift", dq0=0.012),
+    applied("torque_gain", "sensor", P + "lift", s=1.08),
+    applied("torque_offset", "sensor", P + "bend", c=-0.7),
+    applied("crosstalk", "sensor", "starboard_tilt<-starboard_bend", c=0.06),
+    applied("velocity_filter_lag", "sensor", P + "spin", T=0.021),
+    applied("encoder_offset", "sensor", S + "lift", dq0=0.012),
 )
 ON_BODIES = (
-    worn("payload", L, "port_palm", m=0.9, cx=0.04, cy=0.02, cz=0.1),
-    worn(
+    applied("payload", L, "port_palm", m=0.9, cx=0.04, cy=0.02, cz=0.1),
+    applied(
         "link_inertia", L, "starboard_forearm", dm=0.5, dhx=0.03, dhz=0.04, dIxx=0.007, dIyy=0.008, dIzz=0.004
     ),
 )
 AROUND = (
-    worn("base_tilt", L, "base", rx=0.04, ry=-0.05),
-    worn("external_contact", "contact", "port_palm", fx=3.0, fy=-5.0, fz=4.0, start=0.9, end=1.6),
+    applied("base_tilt", L, "base", rx=0.04, ry=-0.05),
+    applied("external_contact", "contact", "port_palm", fx=3.0, fy=-5.0, fz=4.0, start=0.9, end=1.6),
 )
 UNDER_WATER = (
-    worn("buoyancy", L, "port_palm", m=1.1, cx=0.02, cy=-0.03, cz=0.05),
-    worn(
+    applied("buoyancy", L, "port_palm", m=1.1, cx=0.02, cy=-0.03, cz=0.05),
+    applied(
         "added_mass", L, "port_forearm", mx=0.9, my=0.4, mz=0.1, Ix=0.004, Iz=0.006, cx=0.0, cy=0.03, cz=0.1
     ),
-    worn("fluid_drag", L, "starboard_forearm", dx=9.0, dy=16.0, dz=2.0, cx=0.0, cy=0.02, cz=0.12),
+    applied("fluid_drag", L, "starboard_forearm", dx=9.0, dy=16.0, dz=2.0, cx=0.0, cy=0.02, cz=0.12),
 )
-FAST_CLOCK = (worn("clock_drift", "timing", "log", ppm=30000.0),)
-WITH_PLAY = (worn("backlash", A, P + "roll", b=0.02),)
+FAST_CLOCK = (applied("clock_drift", "timing", "log", ppm=30000.0),)
+WITH_PLAY = (applied("backlash", A, P + "roll", b=0.02),)
 
 RUNS = {
     "motors": AT_MOTORS,
@@ -120,7 +120,7 @@ def recording(run: str) -> Recording:
     return record(RUNS[run], 1.0, 4.0) if run == "play" else record(RUNS[run])
 
 
-def residuals_of(case: Worn) -> tuple[str, ...]:
+def residuals_of(case: AppliedEffect) -> tuple[str, ...]:
     if case.effect in SENSOR_RESIDUALS:
         return SENSOR_RESIDUALS[case.effect]
     if case.port == "sensor":
@@ -128,7 +128,7 @@ def residuals_of(case: Worn) -> tuple[str, ...]:
     return ("link",) if case.port in ("link", "contact") else ("actuator",)
 
 
-def seen(case: Worn, run: str, kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def seen(case: AppliedEffect, run: str, kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Columns (M, p) of an effect, what they should explain (M,), their true coefficients (p,), all of it (M,)."""
     log, effect = recording(run), CATALOGUE[case.effect]
     s = log.signals
@@ -156,7 +156,7 @@ def seen(case: Worn, run: str, kind: str) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 @pytest.mark.parametrize(("run", "case"), CASES, ids=[f"{c.effect}-{c.port}" for _, c in CASES])
-def test_the_columns_give_the_parameters_back(run: str, case: Worn) -> None:
+def test_the_columns_give_the_parameters_back(run: str, case: AppliedEffect) -> None:
     effect, s = CATALOGUE[case.effect], recording(run).signals
     for kind in residuals_of(case):
         columns, target, truth, _ = seen(case, run, kind)
@@ -178,7 +178,7 @@ def test_the_columns_give_the_parameters_back(run: str, case: Worn) -> None:
 
 
 @pytest.mark.parametrize(("run", "case"), CASES, ids=[f"{c.effect}-{c.port}" for _, c in CASES])
-def test_the_columns_explain_what_the_effect_changed(run: str, case: Worn) -> None:
+def test_the_columns_explain_what_the_effect_changed(run: str, case: AppliedEffect) -> None:
     for kind in residuals_of(case):
         columns, target, truth, whole = seen(case, run, kind)
         left = np.sqrt(np.mean((target - columns @ truth) ** 2)) / np.sqrt(np.mean(whole**2))
@@ -197,14 +197,14 @@ def test_every_effect_is_worn_and_searched_here() -> None:
 
 def test_effects_of_no_size_change_nothing() -> None:
     nothing = (
-        worn("coulomb_friction", A, P + "lift", fc=0.0),
-        worn("command_delay", "timing", P + "lift", T=0.0),
-        worn("torque_gain", A, P + "bend", s=1.0),
-        worn("backlash", A, P + "tilt", b=0.0),
-        worn("payload", L, "port_palm", m=0.0, cx=0.0, cy=0.0, cz=0.1),
-        worn("base_tilt", L, "base", rx=0.0, ry=0.0),
-        worn("velocity_filter_lag", "sensor", P + "lift", T=0.0),
-        worn("crosstalk", "sensor", "port_tilt<-port_lift", c=0.0),
+        applied("coulomb_friction", A, P + "lift", fc=0.0),
+        applied("command_delay", "timing", P + "lift", T=0.0),
+        applied("torque_gain", A, P + "bend", s=1.0),
+        applied("backlash", A, P + "tilt", b=0.0),
+        applied("payload", L, "port_palm", m=0.0, cx=0.0, cy=0.0, cz=0.1),
+        applied("base_tilt", L, "base", rx=0.0, ry=0.0),
+        applied("velocity_filter_lag", "sensor", P + "lift", T=0.0),
+        applied("crosstalk", "sensor", "port_tilt<-port_lift", c=0.0),
     )
     one, two = record((), 0.0, 0.3), record(nothing, 0.0, 0.3)
     assert np.allclose(one.signals.position, two.signals.position, rtol=0, atol=1e-11)
@@ -214,7 +214,7 @@ def test_effects_of_no_size_change_nothing() -> None:
 
 @pytest.mark.parametrize("entries", [AT_MOTORS[:4], AT_LINKS[:4], WITH_PLAY], ids=["motors", "links", "play"])
 def test_friction_only_takes_energy_and_the_books_close(entries) -> None:
-    subject = dressed(nominal(1.0), entries)
+    subject = plant_with(nominal(1.0), entries)
     subject.reset(start(subject.model))
     random = np.random.default_rng(3)
     subject.place(random.uniform(-1, 1, subject.model.n), random.uniform(-0.01, 0.01, subject.model.n))
@@ -231,14 +231,14 @@ def test_friction_only_takes_energy_and_the_books_close(entries) -> None:
 def test_a_worn_robot_starts_in_equilibrium() -> None:
     """Unknown weight, gain, offset and play: whatever held the arms before the run held them still."""
     entries = (
-        worn("payload", L, "port_palm", m=0.9, cx=0.04, cy=0.02, cz=0.1),
-        worn("torque_gain", A, P + "lift", s=0.8),
-        worn("torque_offset", A, P + "bend", c=1.0),
-        worn("parallel_spring", L, S + "lift", k=17.0, preload=-4.0),
-        worn("base_tilt", L, "base", rx=0.04, ry=-0.05),
-        worn("backlash", A, P + "tilt", b=0.03),
+        applied("payload", L, "port_palm", m=0.9, cx=0.04, cy=0.02, cz=0.1),
+        applied("torque_gain", A, P + "lift", s=0.8),
+        applied("torque_offset", A, P + "bend", c=1.0),
+        applied("parallel_spring", L, S + "lift", k=17.0, preload=-4.0),
+        applied("base_tilt", L, "base", rx=0.04, ry=-0.05),
+        applied("backlash", A, P + "tilt", b=0.03),
     )
-    subject = dressed(nominal(1.0), entries)
+    subject = plant_with(nominal(1.0), entries)
     subject.reset(start(subject.model))
     for _ in range(100):
         subject.advance(subject.start_command)
@@ -246,9 +246,9 @@ def test_a_worn_robot_starts_in_equilibrium() -> None:
 
 
 def test_what_the_robot_adds_knows_its_springs_but_no_payload_and_no_spring_of_a_bench() -> None:
-    heavy = dressed(nominal(1.0), (worn("payload", L, "port_palm", m=0.9, cx=0.0, cy=0.0, cz=0.1),))
-    sprung = dressed(nominal(1.0), (worn("parallel_spring", L, S + "lift", k=17.0, preload=-4.0),))
-    fixed = dressed(nominal(1.0), (worn("bench_spring", "contact", S + "lift", k=17.0, q0=-0.2),))
+    heavy = plant_with(nominal(1.0), (applied("payload", L, "port_palm", m=0.9, cx=0.0, cy=0.0, cz=0.1),))
+    sprung = plant_with(nominal(1.0), (applied("parallel_spring", L, S + "lift", k=17.0, preload=-4.0),))
+    fixed = plant_with(nominal(1.0), (applied("bench_spring", "contact", S + "lift", k=17.0, q0=-0.2),))
     for subject, carries in ((heavy, False), (sprung, True), (fixed, False)):
         subject.reset(start(subject.model))
         assert (np.abs(subject.start_command).max() < 1e-9) == carries

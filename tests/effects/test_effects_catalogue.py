@@ -179,8 +179,8 @@ def test_a_description_leaves_nothing_out(effect: str) -> None:
 )
 def test_a_patch_is_read_worn_and_described(tmp_path: Path, effect: str, port: str) -> None:
     patch = read_patch(written(tmp_path, entry(effect, port)))
-    worn = apply_patch(robot(), patch)
-    assert apply_to_plant(RobotModel(worn), patch).command_delay >= 0.0
+    applied = apply_patch(robot(), patch)
+    assert apply_to_plant(RobotModel(applied), patch).command_delay >= 0.0
     only = patch.effects[0]
     found = {symbol: quantity.value for symbol, quantity in only.parameters[key_of(effect)].items()}
     assert (only.effect, only.port, found) == (effect, port, numbers_of(effect))
@@ -396,7 +396,7 @@ def test_the_model_weighs_what_it_wears(seed: int) -> None:
         entry("payload", "link", {"m": m, **dict(zip(("cx", "cy", "cz"), map(float, place), strict=True))}),
         entry("parallel_spring", "link", {"k": 7.0, "q0": 0.3}),
     ]
-    worn = RobotModel(apply_patch(robot(), patch_at(*text)))
+    applied = RobotModel(apply_patch(robot(), patch_at(*text)))
     pose = model.pose(q, "port_palm")
     at = pose.translation + pose.rotation @ place
     slope = np.array(
@@ -405,21 +405,21 @@ def test_the_model_weighs_what_it_wears(seed: int) -> None:
     expected = m * 9.81 * slope / 2e-6
     lift = model.joint_names.index("port_lift")
     expected[lift] += 7.0 * (q[lift] - 0.3)
-    assert np.allclose(worn.gravity(q) - model.gravity(q), expected, atol=1e-6), at
-    added = worn.mass_matrix(q) - model.mass_matrix(q)
+    assert np.allclose(applied.gravity(q) - model.gravity(q), expected, atol=1e-6), at
+    added = applied.mass_matrix(q) - model.mass_matrix(q)
     assert np.linalg.eigvalsh(added)[-1] > 0.0 and np.linalg.eigvalsh(added)[0] > -1e-9
 
 
 def test_a_leaning_model_feels_gravity_from_aside() -> None:
-    worn = apply_patch(robot(), patch_at(entry("base_tilt", "link", {"rx": 0.1, "ry": 0.0})))
-    assert np.allclose(worn.gravity, (0.0, -9.81 * math.sin(0.1), -9.81 * math.cos(0.1)))
+    applied = apply_patch(robot(), patch_at(entry("base_tilt", "link", {"rx": 0.1, "ry": 0.0})))
+    assert np.allclose(applied.gravity, (0.0, -9.81 * math.sin(0.1), -9.81 * math.cos(0.1)))
 
 
 def test_predictions_reckon_with_the_delay_that_the_plant_makes_joint_by_joint() -> None:
     patch = patch_at(entry("command_delay", "timing", {"T": 0.004}))
-    worn = apply_patch(robot(), patch)
-    assert worn.timing.command_delay == pytest.approx(robot().timing.command_delay + 0.004)
-    assert apply_to_plant(RobotModel(worn), patch).command_delay == pytest.approx(
+    applied = apply_patch(robot(), patch)
+    assert applied.timing.command_delay == pytest.approx(robot().timing.command_delay + 0.004)
+    assert apply_to_plant(RobotModel(applied), patch).command_delay == pytest.approx(
         robot().timing.command_delay
     )
 

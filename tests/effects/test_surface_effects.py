@@ -15,7 +15,7 @@ from impedance_modules.effects.surface_effects import touches
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
-from tests.support.effect_recordings import patch_of, start, worn
+from tests.support.effect_recordings import patch_of, start, applied
 from tests.support.plant_parts import SIX_JOINTS, exact, plane, spec_of
 
 HAND, SECONDS, C = "port_palm", 2.0, "contact"
@@ -73,9 +73,9 @@ def wiped(*entries):
 
 
 CASES = [
-    worn("surface_height", C, "surface0", dh=0.0015),
-    worn("surface_stiffness", C, "surface0", k=1000.0),
-    worn("surface_friction", C, "surface0", mu=0.7),
+    applied("surface_height", C, "surface0", dh=0.0015),
+    applied("surface_stiffness", C, "surface0", k=1000.0),
+    applied("surface_friction", C, "surface0", mu=0.7),
 ]
 
 

@@ -10,23 +10,23 @@ from impedance_modules.plant.compiled_links import accelerate, place_links
 from impedance_modules.plant.links import link_table
 from impedance_modules.robot.model import RobotModel
 from tests.plant.test_plant_reference import random_tree
-from tests.support.effect_recordings import dressed, start, worn
+from tests.support.effect_recordings import plant_with, start, applied
 from tests.support.plant_parts import SIX_JOINTS, spec_of, undamped
 
 L = "link"
-LIFT = worn("buoyancy", L, "port_palm", m=1.1, cx=0.02, cy=-0.03, cz=0.05)
+LIFT = applied("buoyancy", L, "port_palm", m=1.1, cx=0.02, cy=-0.03, cz=0.05)
 ALONG = (
-    worn(
+    applied(
         "added_mass", L, "port_forearm", mx=1.9, my=0.4, mz=0.1, Ix=0.004, Iz=0.006, cx=0.0, cy=0.03, cz=0.1
     ),
-    worn("added_mass", L, "port_palm", mx=0.3, my=0.2, cx=0.0, cy=0.0, cz=0.02),
+    applied("added_mass", L, "port_palm", mx=0.3, my=0.2, cx=0.0, cy=0.0, cz=0.02),
 )
-DRAG = worn("fluid_drag", L, "starboard_forearm", dx=9.0, dy=16.0, cx=0.0, cy=0.02, cz=0.12)
+DRAG = applied("fluid_drag", L, "starboard_forearm", dx=9.0, dy=16.0, cx=0.0, cy=0.02, cz=0.12)
 
 
 def moving(entries, seed: int):
     """An undamped robot that nobody drives, wearing effects, thrown from its start posture."""
-    subject = dressed(undamped(spec_of(SIX_JOINTS)), entries)
+    subject = plant_with(undamped(spec_of(SIX_JOINTS)), entries)
     subject.reset(start(subject.model))
     subject.place(np.random.default_rng(seed).uniform(-1, 1, subject.model.n), np.zeros(subject.model.n))
     return subject
@@ -144,7 +144,7 @@ def responses(subject) -> np.ndarray:
 
 
 def test_added_mass_has_no_weight() -> None:
-    subject = dressed(spec_of(SIX_JOINTS), ALONG)
+    subject = plant_with(spec_of(SIX_JOINTS), ALONG)
     subject.reset(start(subject.model))
     for _ in range(100):
         subject.advance(subject.start_command)

@@ -31,7 +31,7 @@ STILL = 0.4
 
 
 @dataclass(frozen=True)
-class Worn:
+class AppliedEffect:
     """One effect in a patch, with the numbers that a recording must give back."""
 
     effect: str
@@ -51,11 +51,11 @@ class Worn:
         return {"effect": self.effect, "joints": joints, "port": self.port, "parameters": {self.key: numbers}}
 
 
-def worn(effect: str, port: str, key: str, **values: float) -> Worn:
-    return Worn(effect, port, key, tuple(values.items()))
+def applied(effect: str, port: str, key: str, **values: float) -> AppliedEffect:
+    return AppliedEffect(effect, port, key, tuple(values.items()))
 
 
-def patch_of(robot: str, entries: Sequence[Worn]) -> PatchSpec:
+def patch_of(robot: str, entries: Sequence[AppliedEffect]) -> PatchSpec:
     text = yaml.safe_dump(
         {
             "format": 1,
@@ -106,10 +106,10 @@ class Recording:
 
 
 @cache
-def record(entries: tuple[Worn, ...], spring_damping: float = 0.0, seconds: float = SECONDS) -> Recording:
+def record(entries: tuple[AppliedEffect, ...], spring_damping: float = 0.0, seconds: float = SECONDS) -> Recording:
     """Tracks a motion of several tones on all joints at once; drive torque is that of the sample's middle."""
     robot = nominal(spring_damping)
-    plant = dressed(robot, entries)
+    plant = plant_with(robot, entries)
     n, q0 = plant.model.n, start(plant.model)
     plant.reset(q0)
     random = np.random.default_rng(7)
@@ -155,7 +155,7 @@ def record(entries: tuple[Worn, ...], spring_damping: float = 0.0, seconds: floa
     return Recording(robot, signals, velocity)
 
 
-def dressed(robot: RobotSpec, entries: tuple[Worn, ...]) -> Plant:
+def plant_with(robot: RobotSpec, entries: tuple[AppliedEffect, ...]) -> Plant:
     """The plant of a robot that wears effects."""
     options = PlantOptions(rate=RATE, seed=0, noise=False, step=0.5e-3)
     if not entries:
@@ -165,7 +165,7 @@ def dressed(robot: RobotSpec, entries: tuple[Worn, ...]) -> Plant:
     return Plant(model, [], None, options, apply_to_plant(model, patch))
 
 
-def _springs(entries: tuple[Worn, ...], model: RobotModel) -> list[tuple[int, dict[str, float]]]:
+def _springs(entries: tuple[AppliedEffect, ...], model: RobotModel) -> list[tuple[int, dict[str, float]]]:
     return [(model.joint_names.index(e.key), e.numbers) for e in entries if e.effect == "parallel_spring"]
 
 
