@@ -56,3 +56,23 @@ def test_every_task_robot_and_schema_travels(installed: Path) -> None:
         here = {path.name for path in (ROOT / kind).glob(pattern)}
         there = {path.name for path in (installed / "impedance_modules" / "data" / kind).glob(pattern)}
         assert here == there != set()
+
+
+def test_the_experiments_of_the_thesis_travel(installed: Path) -> None:
+    found = python(installed, "-m", "impedance_modules", "reproduce", "--list")
+    assert found.returncode == 0, found.stderr
+    listed = [line.split()[0] for line in found.stdout.splitlines()]
+    assert {"planar-arms", "sanding", "under-water"} <= set(listed)
+    modules = {path.stem for path in (ROOT / "impedance_experiments").glob("*.py")}
+    assert modules == {path.stem for path in (installed / "impedance_experiments").glob("*.py")}
+
+
+def test_an_experiment_runs_from_the_wheel(installed: Path, tmp_path: Path) -> None:
+    found = python(installed, "-m", "impedance_modules", "reproduce", "planar-arms", "--out", str(tmp_path))
+    assert found.returncode == 0, found.stderr
+    assert (tmp_path / "planar-arms.md").is_file()
+
+
+def test_the_wheel_has_the_packages_alone(installed: Path) -> None:
+    tops = {path.name for path in installed.iterdir() if not path.name.endswith(".dist-info")}
+    assert tops == {"impedance_modules", "impedance_experiments"}
