@@ -30,13 +30,11 @@ PATH = click.Path(path_type=Path)
 )
 @click.option("--robot", metavar="NAME", help="Robot whose model is compared.")
 @click.option("--urdf", type=PATH, help="URDF whose model is compared, instead of a robot.")
-@click.option("--effects", type=PATH, metavar="PATCH", help="Start from the model that wears this patch.")
+@click.option("--effects", type=PATH, metavar="PATCH", help="Start from the model with this patch applied.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue.")
 @click.option("--under-water", is_flag=True, help="The robot was under water: look for what water does, too.")
 @click.option("--json", "json_path", type=PATH, metavar="F", help="Write the answer as JSON.")
-@click.option(
-    "--report", type=PATH, metavar="F.html", help="Write a report that needs nothing but a browser."
-)
+@click.option("--report", type=PATH, metavar="F.html", help="Write a report as one HTML file.")
 @click.option(
     "--recording", type=PATH, metavar="F.rrd", help="Write measured, predicted and regimes for the viewer."
 )
@@ -75,7 +73,7 @@ def diagnose_command(
     episodes = [episode for found in read for episode in found]
     tested = [episode for found in read[len(logs) :] for episode in found]
     model, file = _model(robot, urdf, episodes)
-    worn = _worn(effects, model)
+    worn = _applied(effects, model)
     console = Console()
     try:
         with console.status("diagnosing") as status:
@@ -122,8 +120,8 @@ def _model(robot: str | None, urdf: Path | None, episodes: list[Episode]) -> tup
     return model_of_spec(spec, joints), spec.urdf
 
 
-def _worn(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...]:
-    """Reads the patch that the model wears to begin with."""
+def _applied(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...]:
+    """Reads the patch that is applied to the model before the diagnosis."""
     from impedance_modules.spec.patch_file import read_patch
 
     if effects is None:
@@ -229,7 +227,7 @@ def print_diagnosis(found: Diagnosis, console: Console) -> None:
 
 
 def _print_rollouts(found: Diagnosis, console: Console) -> None:
-    """Prints how far the plant strays from the recordings, or why nobody tried."""
+    """Prints how far the simulation departs from the recordings, or why it was not run."""
     rollout = found.rollout
     if rollout.windows:
         console.print(_rollouts(rollout))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance effects``: what a robot can have beyond its model, and how each of it shows."""
+"""``impedance effects``: the catalogue of physical effects, what each does and how it shows."""
 
 from __future__ import annotations
 

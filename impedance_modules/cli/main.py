@@ -40,7 +40,7 @@ class Verbs(click.Group):
     """Finds a verb's module only when the verb is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        """Lists the verbs in the order of a session."""
+        """Lists the verbs in the order in which they are used."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
@@ -55,11 +55,11 @@ class Verbs(click.Group):
 @click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(impedance_modules.__version__, prog_name="impedance")
 def impedance() -> None:
-    """Impedance tasks for one or two arms: check a task file, run it, replay it, see what it amounts to."""
+    """Impedance tasks for one or two arms: check a task file, run it, replay it, analyse and diagnose it."""
 
 
 def main() -> None:
-    """Runs the command line and leaves with the contract's exit codes; errors go to stderr, one per line."""
+    """Runs the command line and ends with the documented exit codes; errors go to stderr, one per line."""
     use_one_thread()
     try:
         code = impedance.main(standalone_mode=False)

@@ -43,7 +43,7 @@ SLOWEST_MODES = 10
 
 
 def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
-    """Prints everything that a push meets."""
+    """Prints inertia, damping and stiffness of every arm, and of the object."""
     console = Console(highlight=False)
     where = "at the start posture" if analysis.phase is None else f"at rest where '{analysis.phase}' ends"
     console.print(f"[bold]{assembly.task.name}[/bold] on {assembly.robot.name}, {where}; world axes")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How ``check`` prints a forecast: what each phase asks of each arm, the loops, the tank, and what to mind."""
+"""How ``check`` prints a forecast: torque of each arm in each phase, stability of the loops, tank, notes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def print_forecast(assembly: Assembly, forecast: Forecast) -> None:
 
 def _loads(forecast: Forecast) -> Table:
     table = Table(
-        title="phases, as rehearsed; at rest where each ends",
+        title="phases, predicted quasi-statically; at rest where each ends",
         title_justify="left",
         box=SIMPLE,
         padding=(0, 1, 0, 0),

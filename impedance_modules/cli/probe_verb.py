@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PATH = click.Path(path_type=Path)
 
 UNTESTED_NEED = 50.0
-"""Tank with which a probe is rehearsed to find what it needs [J]."""
+"""Tank with which a probe's energy need is predicted [J]."""
 
 
 @click.command("probe")
@@ -84,7 +84,7 @@ def _answer(path: Path) -> dict[str, Any]:
 
 
 def _write(probe: Probe, spec: RobotSpec | None, out: Path) -> list[Path]:
-    """Writes the files; the task with the tank that its own rehearsal asks for."""
+    """Writes the files; the task with the tank that its own prediction asks for."""
     from impedance_modules.diagnosis.experiment_design.probe_choice import resisting_work
     from impedance_modules.diagnosis.experiment_design.probe_files import (
         motion_table,
@@ -116,7 +116,7 @@ def _write(probe: Probe, spec: RobotSpec | None, out: Path) -> list[Path]:
 
 
 def _need(text: str) -> float:
-    """Rehearses a task and says what its tank needs [J]."""
+    """Predicts what a task's tank needs [J]."""
     import tempfile
 
     from impedance_modules.control.assembly import assemble

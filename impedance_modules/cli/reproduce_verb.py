@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance reproduce``: the thesis's experiments, run here, beside what the thesis prints."""
+"""``impedance reproduce``: runs the thesis's experiments and compares with what the thesis prints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @click.command("reproduce")
 @click.argument("name", metavar="[NAME|all]", required=False)
-@click.option("--list", "listed", is_flag=True, help="Print one experiment per line and leave.")
+@click.option("--list", "listed", is_flag=True, help="Print one experiment per line and exit.")
 @click.option("--full", is_flag=True, help="The long form: all runs of the committed tables.")
 @click.option("--short", is_flag=True, help="The shortest form that still measures something; tests run it.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="First seed.")

@@ -102,7 +102,7 @@ def run_command(
         if (backend == "replay") != (log is not None):
             raise BadInput("--backend replay and --log DIR go together: the log is the robot")
         refuse_unfit(assembly)
-        # Only now: everything below wakes the compiler.
+        # Imported only here: from this line on functions are compiled.
         from impedance_modules.runs.execution import RunOptions, carry_out
         from impedance_modules.runs.run_backends import baxter_backend, make_backend
 
@@ -212,7 +212,7 @@ def _exit_code(result: RunResult) -> int:
 
 @contextmanager
 def _real_robot(transport: str) -> Iterator[DeferredSession]:
-    """Brings a node up for the time of a run."""
+    """Starts a node for the time of a run."""
     from impedance_modules.backends.baxter.session import DeferredSession
     from impedance_modules.cli.baxter.connection import node
 
@@ -221,7 +221,7 @@ def _real_robot(transport: str) -> Iterator[DeferredSession]:
 
 
 def _real_rate(read_only: bool) -> float:
-    """Rate of a real robot unless the run says otherwise [Hz]: what it is asked for, or sends unasked."""
+    """Rate of a real robot without --rate [Hz]: the rate that is requested, or, read-only, the robot's own."""
     from impedance_modules.backends.baxter.topics import DEFAULT_STATE_RATE, USUAL_RATE
 
     return DEFAULT_STATE_RATE if read_only else USUAL_RATE
@@ -254,7 +254,7 @@ def _refuse_playback(options: PlaybackOptions) -> None:
             " it is carried out on the built-in plant only (valid: sim)"
         )
     if options.view or options.read_only:
-        raise BadInput("--view and --read-only: a playback has neither a viewer nor torques to keep back")
+        raise BadInput("--view and --read-only: a playback has neither a viewer nor torques to withhold")
 
 
 def _print_playback(summary: dict[str, Any], directory: Path, console: Console) -> None:

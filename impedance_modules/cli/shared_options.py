@@ -13,7 +13,7 @@ effects_option = click.option(
     "--effects",
     type=click.Path(path_type=Path),
     metavar="PATCH",
-    help="Patch whose effects plant and model wear.",
+    help="Patch whose effects are applied to plant and model.",
 )
 
 rate_option = click.option("--rate", type=float, metavar="HZ", help="Control rate  [default: the robot's].")
@@ -27,4 +27,4 @@ scale_option = click.option(
     help="Multiply stiffness, damping and forces; above 0, up to 1.",
 )
 
-arm_option = click.option("--arm", metavar="NAME", help="Let only this arm take part.")
+arm_option = click.option("--arm", metavar="NAME", help="Use only this arm.")

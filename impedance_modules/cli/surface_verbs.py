@@ -107,14 +107,14 @@ def roughness_command(
 
 
 def _compared(episode: Episode, found: SurfaceMap) -> tuple[TrueSurface, MapErrors]:
-    """Builds the surfaces of the episode's task as the plant wore them."""
+    """Builds the surfaces of the episode's task as the plant had them, effects applied."""
     from impedance_modules.errors import BadInput
     from impedance_modules.runs.verify import reassemble
     from impedance_modules.tools.surface_truth import map_errors, true_surface
 
     if episode.metadata.get("backend") != "sim":
         raise BadInput(
-            f"{episode.source}: --truth needs a run of the built-in plant; nobody knows what was there"
+            f"{episode.source}: --truth needs a run of the built-in plant; the true surface is unknown otherwise"
         )
     truth = true_surface(reassemble(episode).task.environment, found)
     return truth, map_errors(found, truth)

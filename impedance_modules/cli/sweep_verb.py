@@ -64,7 +64,7 @@ def sweep_command(
     keep: bool,
     out: Path | None,
 ) -> int:
-    """Run TASK many times with numbers of its file varied, and lay the results side by side.
+    """Run TASK many times with numbers of its file varied, and tabulate the results.
 
     PATH is a number's place in the task file, e.g. environment.0.height or arms.right.springs.hand.stiffness.x; one
     that begins with effects. is a number of the patch. Writes DIR/sweep.csv, a line for every run as it ends, and a

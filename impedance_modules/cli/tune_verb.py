@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance tune``: joint springs and a posture with which an arm carries a force without folding."""
+"""``impedance tune``: joint springs and a posture with which an arm carries a force stably."""
 
 from __future__ import annotations
 

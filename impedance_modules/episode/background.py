@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from impedance_modules.errors import ImpedanceError
 
 Job = Callable[[bool], None]
-"""Does what has piled up; the argument is True the last time. Keeps its own expected failures."""
+"""Does what is waiting; the argument is True the last time. Handles the failures that it expects."""
 
-LONGEST_REST = 0.02
-"""A loop that has not been heard of for so long is not waited for [s]."""
+LONGEST_PAUSE = 0.02
+"""Jobs wait no longer than this for a control loop that has stopped calling `Background.free_for` [s]."""
 
 RING_BYTES = 32_000_000
 """Memory of a ring: 26 s at 1 kHz and 150 columns."""
@@ -26,8 +26,8 @@ RING_BYTES = 32_000_000
 class Background:
     """Calls its jobs every ``period`` seconds, at once when woken, and a last time when stopped.
 
-    A job that raises is a mistake in this package: Python prints the traceback, the thread ends, `check`
-        tells.
+    A job that raises is a mistake in this package: Python prints the traceback, the thread ends, and `check`
+    raises.
     """
 
     def __init__(self, period: float) -> None:
@@ -55,21 +55,21 @@ class Background:
         self._wake.set()
 
     def free_for(self, seconds: float) -> None:
-        """The control loop's: leaves the interpreter to the jobs for a while [s], counted from now.
+        """Called by the control loop: leaves the interpreter to the jobs for a while [s], counted from now.
 
         A thread that computes in Python takes the interpreter from the loop again and again, 0.1 ms and more each time,
-        and a cycle that takes 0.3 ms alone lasts 5. So jobs that have ``rest`` between their small pieces work
-        while the loop waits for the next state. Before the first call, the jobs never rest.
+        and a cycle that takes 0.3 ms alone lasts 5. So jobs that call `pause` between small pieces of work do it
+        while the loop waits for the next state. Before the first call, jobs never pause.
         """
         self._free_until = time.monotonic() + seconds
         if not self._free.is_set():
             self._free.set()
 
-    def rest(self) -> None:
-        """A job's, every tenth of a millisecond or so: waits until the control loop leaves it the interpreter."""
+    def pause(self) -> None:
+        """Called by a job about every 0.1 ms: waits until the control loop leaves it the interpreter."""
         if time.monotonic() > self._free_until:
             self._free.clear()
-            if not self._free.wait(LONGEST_REST):
+            if not self._free.wait(LONGEST_PAUSE):
                 self._free_until = math.inf
 
     def check(self) -> None:
@@ -107,7 +107,7 @@ class RowRing:
     """Rows of numbers, each with an integer label, for one producer and one consumer without a lock.
 
     ``put`` alone writes ``_head`` and ``release`` alone writes ``_tail``; both only grow, so a stale value
-    seen by the other side is merely cautious.
+    seen by the other side is never unsafe.
     """
 
     def __init__(self, width: int) -> None:

@@ -89,7 +89,7 @@ class Episode:
 
     @property
     def gravity_compensation(self) -> str:
-        """Who carries the arms' weight: ``robot``, ``command`` or ``none``."""
+        """What compensates the arms' weight: ``robot``, ``command`` or ``none``."""
         return str(self.metadata["gravity_compensation"])
 
     @property

@@ -21,7 +21,7 @@ ROWS_PER_GROUP = 8192
 """Rows that a merge holds in memory at once: 10 MB at 150 columns."""
 
 COLUMNS_AT_ONCE = 16
-"""Columns that are made into Arrow's between two rests: 0.1 ms."""
+"""Columns that are made into Arrow's between two pauses: 0.1 ms."""
 
 
 def episode_schema(columns: Sequence[str], metadata: Mapping[str, Any], place: str) -> pa.Schema:
@@ -43,7 +43,7 @@ def rows_to_table(
     rows: NDArray[np.float64],
     phase_codes: NDArray[np.int32],
     phases: Sequence[str],
-    rest: Callable[[], None] = lambda: None,
+    pause: Callable[[], None] = lambda: None,
 ) -> pa.Table:
     """Builds a table from rows of numbers.
 
@@ -53,19 +53,19 @@ def rows_to_table(
             need not have a value (``tank``, targets ...) and stays NaN, as evidence, in those that must.
         phase_codes: (rows,) index into ``phases``, or negative for no phase.
         phases: Phase names.
-        rest: Called every few columns, for a thread that must not work all at once.
+        pause: Called every few columns, for a thread that must not work all at once.
     """
     by_column = iter(np.ascontiguousarray(rows.T))
     arrays = []
     for number, name in enumerate(schema.names):
         if number % COLUMNS_AT_ONCE == 0:
-            rest()
+            pause()
         if name == PHASE:
             codes = pa.array(phase_codes, mask=phase_codes < 0)
             arrays.append(pa.DictionaryArray.from_arrays(codes, pa.array(phases, pa.string())))
         else:
             arrays.append(pa.array(next(by_column), from_pandas=not is_required(name)))
-    rest()
+    pause()
     return pa.Table.from_arrays(arrays, schema=schema)
 
 

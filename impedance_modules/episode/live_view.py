@@ -19,7 +19,7 @@ from impedance_modules.episode.viewer import open_live_stream
 from impedance_modules.errors import BadInput
 
 RATE = 25.0
-"""Samples per second of episode time that a viewer gets [Hz]: a film's."""
+"""Samples per second of episode time that a viewer gets [Hz]: motion looks continuous."""
 BATCH_TIME = 1.0
 """Episode time that is written at once [s]: long enough to be small on disk, short enough to follow."""
 BATCH_PART = 0.02
@@ -82,8 +82,8 @@ class RecordingView:
         self._longest_batch = BATCH_TIME if live else LONGEST_BATCH
         self._queue: deque[ViewSample] = deque()
         # Two streams: the file must not depend on a window that somebody may close.
-        self._live = RerunRecording(open_live_stream(name), scene, background.rest) if live else None
-        self._file = RerunRecording(open_stream(Path(directory) / RECORDING, name), scene, background.rest)
+        self._live = RerunRecording(open_live_stream(name), scene, background.pause) if live else None
+        self._file = RerunRecording(open_stream(Path(directory) / RECORDING, name), scene, background.pause)
         background.register(self._drain)
 
     def due(self, time: float) -> bool:

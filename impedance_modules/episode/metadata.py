@@ -27,14 +27,14 @@ def episode_metadata(
     task: str | None,
     **more: Any,
 ) -> dict[str, Any]:
-    """Builds and checks the metadata of one episode (design 3.2).
+    """Builds and checks the metadata of one episode.
 
     Args:
         robot: Name of the robot folder.
         episode: Name of this recording.
         effort_source: ``joint_sensor`` (between gearbox and link), ``motor`` (before rotor and friction), or
             None where no effort was measured.
-        gravity_compensation: Who carries the arms' weight: ``robot``, ``command`` or ``none``.
+        gravity_compensation: What compensates the arms' weight: ``robot``, ``command`` or ``none``.
         repeat_of: Name of the episode that this one repeats, or None.
         task: Full text of the task file, or None.
         **more: Further JSON values. The picture and the viewer use ``effort_max`` {joint: N.m},

@@ -36,16 +36,16 @@ class RerunRecording:
     """A recording that grows: the arms in 3D with their springs, wrenches and ellipsoids, and curves."""
 
     def __init__(
-        self, stream: rr.RecordingStream, scene: Scene, rest: Callable[[], None] = lambda: None
+        self, stream: rr.RecordingStream, scene: Scene, pause: Callable[[], None] = lambda: None
     ) -> None:
         """Writes what does not change.
 
         Args:
             stream: Open, from `open_stream` or a live viewer's.
             scene: What is shown.
-            rest: Called before every piece of work, for a thread that must not do all at once.
+            pause: Called before every piece of work, for a thread that must not do all at once.
         """
-        self._stream, self._rest = stream, rest
+        self._stream, self._pause = stream, pause
         self._scene = scene
         self._phase: str | None = None
         self._stream.send_blueprint(run_layout(scene))
@@ -61,7 +61,7 @@ class RerunRecording:
         if not samples:
             return
         for sample in samples:
-            self._rest()
+            self._pause()
             check_sample(self._scene, sample)
         stacked = {name: np.stack([getattr(sample, name) for sample in samples]) for name in ARRAYS}
         index = time_index(np.array([sample.time for sample in samples]))
@@ -171,7 +171,7 @@ class RerunRecording:
 
     def _write_texts(self, samples: Sequence[ViewSample]) -> None:
         for sample in samples:
-            self._rest()
+            self._pause()
             self._stream.set_time(view_layout.TIMELINE, duration=sample.time)
             if sample.phase != self._phase:
                 self._phase = sample.phase
@@ -181,17 +181,17 @@ class RerunRecording:
                 self._stream.log(view_layout.LOG, rr.TextLog(message, level="WARN"))
 
     def _send(self, path: str, index: rr.TimeColumn, columns: Any) -> None:
-        self._rest()
+        self._pause()
         self._stream.send_columns(path, indexes=[index], columns=columns)
-        self._rest()
+        self._pause()
 
     def _send_curves(self, path: str, index: rr.TimeColumn, values: Array) -> None:
-        self._rest()
+        self._pause()
         send_curves(self._stream, path, index, values)
 
 
 def new_stream(name: str) -> rr.RecordingStream:
-    """Returns a stream that leads nowhere yet, with episode time as its only clock.
+    """Returns a stream without a destination yet, with episode time as its only clock.
 
     Args:
         name: Of the recording, as the viewer lists it.

@@ -34,7 +34,7 @@ RESOLUTION = 130
 """Dots per inch."""
 
 MOST_POINTS = 4000
-"""A curve is thinned to this many points: more than a picture can show."""
+"""Of a curve that are drawn: more than a picture can show."""
 
 PLANES: tuple[tuple[str, int, int], ...] = (("from above", 1, 0), ("from behind", 1, 2))
 AXIS_NAMES = "xyz"
@@ -73,14 +73,14 @@ def write_picture(episode: Episode, path: Path) -> Path:
     return Path(path)
 
 
-def thinning(episode: Episode) -> slice:
+def samples_to_draw(episode: Episode) -> slice:
     """Returns which samples to draw."""
     return slice(None, None, max(1, len(episode) // MOST_POINTS))
 
 
 def draw_path(axes: Axes, episode: Episode, title: str, across: int, up: int) -> None:
     """Draws where frames went (solid) and where their targets were (dashed), in one plane [m]."""
-    rows = thinning(episode)
+    rows = samples_to_draw(episode)
     names = list(dict.fromkeys((*episode.pose, *episode.target)))
     for index, name in enumerate(names):
         colour = css(series_colour(index))
@@ -212,7 +212,7 @@ def _time_panels(episode: Episode) -> list[TimePanel]:
 def _draw_over_time(figure: AnyFigure, episode: Episode) -> None:
     drawn = _time_panels(episode)
     column = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
-    rows = thinning(episode)
+    rows = samples_to_draw(episode)
     for index, (axes, panel) in enumerate(zip(column, drawn, strict=True)):
         panel(axes, episode, rows)
         shade_phases(axes, episode, named=index == 0)

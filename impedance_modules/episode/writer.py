@@ -213,7 +213,7 @@ class EpisodeWriter:
         rows, codes = self._ring.peek()
         phases = [phase for phase in tuple(self._phase_codes) if phase is not None]
         try:
-            table = rows_to_table(self._schema, rows, codes, phases, self.background.rest)
+            table = rows_to_table(self._schema, rows, codes, phases, self.background.pause)
             write_part(part_path(self.directory, self._parts), table)
         except (OSError, pa.ArrowException) as failure:
             self._failure = failure

@@ -11,10 +11,10 @@ from impedance_modules.spec.build_task import build_axes, build_matrix, build_nu
 from impedance_modules.spec.check_arms import joint_name_problems, limit_problems
 from impedance_modules.spec.check_springs import (
     UndampedAxis,
-    undamped_axes,
-    matrix_problems,
     joined_axes,
+    matrix_problems,
     springs_complete,
+    undamped_axes,
 )
 from impedance_modules.spec.task import SpringSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft, spring_names
@@ -151,7 +151,7 @@ def _moves_somewhere(draft: TaskDraft, at: KeyPath) -> bool:
 
 
 def _changed_spring_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Problem]:
-    """Follows an arm's springs through the phases and reports each axis once, where it comes to run free."""
+    """Follows an arm's springs through the phases and reports each axis once, where it becomes undamped."""
     limb = draft.limb(arm.name)
     if limb is None or not springs_complete(draft, arm, limb):
         return
@@ -178,7 +178,7 @@ def _changed_spring(draft: TaskDraft, phase: int, arm: str, spring: SpringSpec) 
 
 
 def _cause(draft: TaskDraft, phase: int, target: str, free: UndampedAxis) -> KeyPath:
-    """The override that made an axis run free."""
+    """The override that made an axis undamped."""
     changed = ("phases", phase, "axes", target, free.axis)
     if draft.has(*changed):
         return changed

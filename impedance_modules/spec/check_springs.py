@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What springs must fulfil: symmetric positive semidefinite matrices, and no axis that runs free.
+"""What springs must fulfil: symmetric positive semidefinite matrices, and no undamped axis.
 
-A stiffness or damping matrix with a negative eigenvalue gives energy away for nothing, so it is refused.
+A stiffness or damping matrix with a negative eigenvalue supplies energy without bound, so it is refused.
 
-An axis with a force, or a hand's axis without stiffness, keeps moving unless something brakes it. It must be
-braked by explicit damping, by a speed_limit, or, where it has stiffness, by a damping_ratio; a damping ratio
-on an axis without stiffness gives no damping. A hand's axis that carries no force may also be braked by the
+An axis with a force, or a hand's axis without stiffness, keeps moving unless it is damped. It must be
+damped by explicit damping, by a speed_limit, or, where it has stiffness, by a damping_ratio; a damping ratio
+on an axis without stiffness gives no damping. A hand's axis that carries no force may also be damped by the
 joint bias, if that damps every joint.
 """
 
@@ -89,7 +89,7 @@ def matrix_problems(draft: TaskDraft, path: KeyPath, matrix: Matrix) -> Iterator
 
 @dataclass(frozen=True)
 class UndampedAxis:
-    """An axis that nothing brakes.
+    """An axis that nothing damps.
 
     Attributes:
         spring: Position of the spring in the file.
@@ -106,32 +106,32 @@ class UndampedAxis:
         """What is wrong and what would help."""
         if self.forced:
             return (
-                f"a force acts on {self.axis} and nothing brakes it; give a speed_limit, damping "
+                f"a force acts on {self.axis} and nothing damps it; give a speed_limit, damping "
                 f"on {self.axis}, or a stiffness with a damping_ratio (which needs a stiffness)"
             )
         return (
-            f"the hand has no stiffness on {self.axis} and nothing brakes it; give damping there, "
+            f"the hand has no stiffness on {self.axis} and nothing damps it; give damping there, "
             "or a joint_bias that damps every joint (a damping_ratio needs a stiffness)"
         )
 
 
 def undamped_axes(arm: DraftArm, limb: LimbSpec, springs: Mapping[int, SpringSpec]) -> Iterator[UndampedAxis]:
-    """Finds the axes of an arm's springs that would run free.
+    """Finds the axes of an arm's springs that nothing damps.
 
     Springs on one frame in the same axes act as one: their stiffness and damping are summed first.
     """
     damped_by_bias = damps_every_joint(arm, limb)
     for i, spring in springs.items():
-        fellows = [
+        same_axes = [
             s for s in springs.values() if (s.frame, s.expressed_in) == (spring.frame, spring.expressed_in)
         ]
-        yield from _forced_axes(i, spring, fellows)
-        first_of_hand = spring.frame == limb.hand and spring is fellows[0]
+        yield from _forced_axes(i, spring, same_axes)
+        first_of_hand = spring.frame == limb.hand and spring is same_axes[0]
         others = (
             s for s in springs.values() if s.frame == spring.frame and s.expressed_in != spring.expressed_in
         )
         if first_of_hand and not damped_by_bias and not any(_is_regular(other) for other in others):
-            yield from _idle_axes(i, fellows)
+            yield from _idle_axes(i, same_axes)
 
 
 def joined_axes(found: Iterable[UndampedAxis]) -> Iterator[UndampedAxis]:
@@ -144,19 +144,19 @@ def joined_axes(found: Iterable[UndampedAxis]) -> Iterator[UndampedAxis]:
             yield UndampedAxis(spring, ", ".join(free.axis for free in group), False)
 
 
-def _forced_axes(i: int, spring: SpringSpec, fellows: Sequence[SpringSpec]) -> Iterator[UndampedAxis]:
+def _forced_axes(i: int, spring: SpringSpec, same_axes: Sequence[SpringSpec]) -> Iterator[UndampedAxis]:
     for axis, given in spring.axes.items():
-        if given.force != 0.0 and not _is_damped(fellows, AXES.index(axis)):
+        if given.force != 0.0 and not _is_damped(same_axes, AXES.index(axis)):
             yield UndampedAxis(i, axis, True)
 
 
-def _idle_axes(i: int, fellows: Sequence[SpringSpec]) -> Iterator[UndampedAxis]:
+def _idle_axes(i: int, same_axes: Sequence[SpringSpec]) -> Iterator[UndampedAxis]:
     """Axes without force, stiffness and damping; else a slanted direction without stiffness and damping."""
     for index, axis in enumerate(AXES):
-        forced = any(axis in spring.axes and spring.axes[axis].force != 0.0 for spring in fellows)
-        if not forced and not _is_stiff(fellows, index) and not _is_damped(fellows, index):
+        forced = any(axis in spring.axes and spring.axes[axis].force != 0.0 for spring in same_axes)
+        if not forced and not _is_stiff(same_axes, index) and not _is_damped(same_axes, index):
             yield UndampedAxis(i, axis, False)
-    total = sum((_resistance(spring) for spring in fellows), np.zeros((6, 6)))
+    total = sum((_resistance(spring) for spring in same_axes), np.zeros((6, 6)))
     used = np.flatnonzero(np.diag(total) > 0.0)
     scale = np.sqrt(np.diag(total)[used])
     values, vectors = np.linalg.eigh(total[np.ix_(used, used)] / np.outer(scale, scale))
@@ -169,7 +169,7 @@ def _idle_axes(i: int, fellows: Sequence[SpringSpec]) -> Iterator[UndampedAxis]:
 
 
 def _resistance(spring: SpringSpec) -> Matrix:
-    """Stiffness plus explicit damping, units apart: its null space is what nothing holds or brakes."""
+    """Stiffness plus explicit damping, units apart: its null space is what nothing holds or damps."""
     limited = [axis in spring.axes and _is_limited(spring.axes[axis]) for axis in AXES]
     total: Matrix = spring.stiffness + np.diag(np.array(limited, dtype=np.float64))
     return total if spring.damping is None else total + spring.damping
@@ -195,7 +195,7 @@ def _is_limited(axis: HybridAxis) -> bool:
 
 
 def _is_regular(spring: SpringSpec) -> bool:
-    """Whether a spring in other axes is stiff, and so braked or oscillating at least, in every direction."""
+    """Whether a spring in other axes is stiff, so that motion in every direction is damped or oscillates at least."""
     eigenvalues = np.linalg.eigvalsh(spring.stiffness)
     return bool(eigenvalues[0] > RELATIVE_TOLERANCE * eigenvalues[-1])
 

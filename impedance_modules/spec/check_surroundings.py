@@ -12,7 +12,7 @@ from impedance_modules.spec.task import ObjectSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft
 
 LARGEST_WOOD = 1.0
-"""Area of wood that the plant keeps account of [m^2]."""
+"""Largest wooden area that the plant simulates [m^2]."""
 
 CLOSEST_SUPPORTS = 1e-3
 """Between two supports of a sheet [m]; the plane between closer ones would only be noise."""
@@ -91,7 +91,7 @@ def playback_problems(draft: TaskDraft) -> Iterator[Problem]:
 
 
 def wood_problems(draft: TaskDraft) -> Iterator[Problem]:
-    """Checks that every piece of wood is small enough to keep account of, and its forces are in order."""
+    """Checks that every piece of wood is small enough to simulate, and its forces are in order."""
     for i in draft.count("environment"):
         at = ("environment", i, "wood")
         if not (draft.clean(*at) and draft.clean("environment", i, "size")):
@@ -99,7 +99,7 @@ def wood_problems(draft: TaskDraft) -> Iterator[Problem]:
         size, wood = draft.value("environment", i, "size"), build_wood(draft.value(*at))
         if size[0] * size[1] > LARGEST_WOOD:
             message = (
-                f"wood of {size[0]:g} m x {size[1]:g} m is more than the plant keeps account of; valid: a top "
+                f"wood of {size[0]:g} m x {size[1]:g} m is larger than the plant can simulate; valid: a top "
                 f"face of at most {LARGEST_WOOD:g} m^2"
             )
             yield draft.problem(at, message, at="key")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Reading a YAML file into plain data that remembers where every value stood.
 
-``read_document`` is the only door through which task, robot and patch files come in. It catches what YAML
-itself lets pass: duplicate keys, NaN, words that are numbers to one reader and text to another, huge or
+Task, robot and patch files are read here and nowhere else. Refused is also what YAML itself
+accepts: duplicate keys, NaN, words that are numbers to one reader and text to another, huge or
 binary files, alias bombs. Everything is reported at once, with line and column.
 """
 
@@ -49,7 +49,7 @@ class Document:
     faults: tuple[Fault, ...] = ()
 
     @property
-    def traps(self) -> tuple[Problem, ...]:
+    def yaml_problems(self) -> tuple[Problem, ...]:
         """The ``faults``, ready to be reported."""
         return tuple(_located(self.path, fault) for fault in self.faults)
 
@@ -85,13 +85,13 @@ def read_document(path: Path) -> Document:
         BadFile: The text is no plain YAML; all problems at once.
     """
     document = scan_document(path)
-    if document.traps:
-        raise BadFile(document.traps)
+    if document.yaml_problems:
+        raise BadFile(document.yaml_problems)
     return document
 
 
 def scan_document(path: Path) -> Document:
-    """Like ``read_document``, but hands over a document whose ``traps`` are still to be reported.
+    """Like ``read_document``, but hands over a document whose ``yaml_problems`` are still to be reported.
 
     For readers that want to add the problems of schema and meaning before they raise.
     """
@@ -106,18 +106,18 @@ def parse_document(path: Path, text: str) -> Document:
     try:
         root = builder.build(yaml.parse(text, Loader=_LOADER))
     except TreeError as error:
-        raise BadFile([*_traps(path, builder), _located(path, error.fault)]) from None
+        raise BadFile([*_yaml_problems(path, builder), _located(path, error.fault)]) from None
     except yaml.YAMLError as error:
-        raise BadFile([*_traps(path, builder), _syntax_problem(path, text, error)]) from None
+        raise BadFile([*_yaml_problems(path, builder), _syntax_problem(path, text, error)]) from None
     if root is None or root.content is None:
-        raise BadFile([*_traps(path, builder), Problem(path, 1, 1, "", "the file holds nothing")])
+        raise BadFile([*_yaml_problems(path, builder), Problem(path, 1, 1, "", "the file holds nothing")])
     if not isinstance(root.content, dict):
         message = "expected keys with values ('format: 1' and so on) at the top of the file"
-        raise BadFile([*_traps(path, builder), Problem(path, *root.place, "", message)])
+        raise BadFile([*_yaml_problems(path, builder), Problem(path, *root.place, "", message)])
     return Document(path, text, root.plain(), root, tuple(builder.faults))
 
 
-def _traps(path: Path, builder: TreeBuilder) -> list[Problem]:
+def _yaml_problems(path: Path, builder: TreeBuilder) -> list[Problem]:
     return [_located(path, fault) for fault in builder.faults]
 
 
@@ -192,7 +192,7 @@ def _control_problem(path: Path, text: str, found: re.Match[str]) -> Problem:
 
 
 def _syntax_problem(path: Path, text: str, error: yaml.YAMLError) -> Problem:
-    """Turns the parser's complaint into one sentence at its position."""
+    """Turns the parser's error into one sentence at its position."""
     mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     if mark is None:
         return Problem(path, 1, 1, "", f"not YAML: {error}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A patch file: physical effects that the plant and the model are to wear (design 3.4)."""
+"""A patch file: physical effects that are applied to the plant and to the model."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class EffectSpec:
 
     Attributes:
         effect: Id from the catalogue.
-        joints: Joints that wear it.
+        joints: Joints it acts on.
         port: ``actuator``, ``link``, ``sensor``, ``timing`` or ``contact``.
         parameters: Joint, body, ``base`` or ``log`` -> symbol -> quantity.
         range: ``position``, ``velocity`` or ``effort`` -> joint -> lowest and highest value of the data it was

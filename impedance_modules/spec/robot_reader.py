@@ -46,7 +46,7 @@ def read_robot(name_or_folder: str | Path, beside: Path | None = None) -> RobotS
     """
     folder = find_robot(name_or_folder, beside)
     document = scan_document(folder / ROBOT_FILE)
-    problems = [*document.traps, *schema_problems(document, "robot")]
+    problems = [*document.yaml_problems, *schema_problems(document, "robot")]
     if problems:
         raise BadFile(problems)
     if not (folder / document.data["urdf"]).is_file():

@@ -76,7 +76,7 @@ class TimingSpec:
         rate: Control rate unless the run says otherwise.
         rate_min, rate_max: What the robot accepts.
         command_delay: From a state sample to the torque acting, beyond the period itself.
-        command_timeout: After which the robot stops listening to the last command.
+        command_timeout: After which the robot drops the last command.
     """
 
     rate: float
@@ -198,7 +198,7 @@ class RobotSpec:
     """A whole robot folder.
 
     Attributes:
-        gravity_compensation: Who carries the arms' weight: ``robot``, ``command`` or ``none``.
+        gravity_compensation: What compensates the arms' weight: ``robot``, ``command`` or ``none``.
         control_modes: e.g. ``("torque", "position", "velocity")``.
         solver: ``daqp``, ``proxsuite`` or ``qpsolvers:<name>``.
         joints: URDF joint name -> its numbers, for every joint of every limb.

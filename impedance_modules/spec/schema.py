@@ -102,14 +102,14 @@ def describe_deviation(deviation: Deviation) -> tuple[str, tuple[str, ...]]:
     if deviation.keyword == "not" and "message" in deviation.schema:
         return str(deviation.schema["message"]), ()
     choices = _choices(deviation)
-    speak = _SENTENCES.get(deviation.keyword)
-    if speak is None:
+    describe = _DESCRIBED.get(deviation.keyword)
+    if describe is None:
         return (
             f"{_shown(deviation.found)} breaks the rule '{deviation.keyword}: {deviation.expected}'",
             choices,
         )
     hint = "" if deviation.keyword == "type" else deviation.hint
-    return speak(deviation) + hint, choices
+    return describe(deviation) + hint, choices
 
 
 def _deviations(document: Document, schema_name: str) -> Iterator[_Fault]:
@@ -128,7 +128,7 @@ def _deviations(document: Document, schema_name: str) -> Iterator[_Fault]:
 
 @cache
 def _validator(schema_name: str) -> Draft202012Validator:
-    from jsonschema import Draft202012Validator  # noqa: PLC0415 - its import time belongs to those who check
+    from jsonschema import Draft202012Validator  # noqa: PLC0415 - slow to import, and not always needed
 
     return Draft202012Validator(load_schema(schema_name))
 
@@ -245,7 +245,7 @@ def _twice(deviation: Deviation) -> str:
     return f"{', '.join(sorted({v for v in values if values.count(v) > 1}))}: listed more than once"
 
 
-_SENTENCES: dict[str, Callable[[Deviation], str]] = {
+_DESCRIBED: dict[str, Callable[[Deviation], str]] = {
     "type": _wrong_type,
     "minimum": _too_small,
     "exclusiveMinimum": _too_small,

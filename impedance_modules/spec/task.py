@@ -41,7 +41,7 @@ class SpringSpec:
 
     Attributes:
         name: Unique within the arm; targets refer to it as ``<arm>.<name>``.
-        frame: Frame of the robot that feels the spring.
+        frame: Frame of the robot to which the spring is attached.
         expressed_in: ``world`` or a frame; its axes, frozen at the start posture, are the spring's axes.
         stiffness: (6, 6) symmetric positive semidefinite, in those axes.
         damping: (6, 6) explicit damping [N.s/m, N.m.s/rad]; simply adds. None adds none.
@@ -75,7 +75,7 @@ class JointBiasSpec:
 
 @dataclass(frozen=True)
 class ArmSpec:
-    """One impedance module: a limb, where it starts, and what its hand should feel like.
+    """One impedance module: a limb, where it starts, its joint bias and its springs.
 
     Attributes:
         limb: Name of the limb in the robot file.
@@ -118,7 +118,7 @@ class ObjectSpec:
 
 @dataclass(frozen=True)
 class TankSpec:
-    """Energy the controller may spend beyond its springs' declared potential [J]."""
+    """Energy the controller may supply beyond its springs' declared potential [J]."""
 
     initial: float
     max: float
@@ -130,8 +130,8 @@ class RoughnessSpec:
     """The texture of fresh wood; all of it wears off in proportion to one share that goes from 1 to 0.
 
     Attributes:
-        height: Of its highest hills above smooth wood [m].
-        wavelength: From hill to hill [m].
+        height: Of its highest peaks above smooth wood [m].
+        wavelength: From peak to peak [m].
         friction: Coefficient that fresh wood adds to the surface's own.
         wear: Friction work that leaves 1/e of it [J/m^2].
     """
@@ -144,7 +144,7 @@ class RoughnessSpec:
 
 @dataclass(frozen=True)
 class SplintersSpec:
-    """Splinters strewn evenly; each catches what comes near, holds it, and is gone once broken.
+    """Splinters, evenly distributed; each catches a hand that comes near, holds it, and is gone once broken.
 
     Attributes:
         density: How many there are [1/m^2].
@@ -226,7 +226,7 @@ class SurfaceSpec:
 
 @dataclass(frozen=True)
 class PushSpec:
-    """Somebody pushes a hand or the held object of the built-in plant, whatever gives way.
+    """A wrench that pushes a hand or the held object of the built-in plant, whatever it moves.
 
     Attributes:
         target: Name of an arm (its hand) or ``object``.
@@ -234,7 +234,7 @@ class PushSpec:
         start: When it begins, since the start of the run [s].
         rise: Minimum-jerk time to the full wrench [s]; 0 jumps.
         hold: For how long the full wrench acts [s].
-        fall: Minimum-jerk time back to nothing [s]; 0 lets go at once.
+        fall: Minimum-jerk time back to zero [s]; 0 drops at once.
     """
 
     target: str

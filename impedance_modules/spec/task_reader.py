@@ -56,8 +56,8 @@ def read_task(name_or_path: str | Path, robot_reader: RobotReader = read_robot) 
 def check_task(document: Document, robot_reader: RobotReader = read_robot) -> tuple[TaskSpec, RobotSpec]:
     """Like ``read_task``, for a document that has been scanned already."""
     deviations = schema_faults(document, "task")
-    trapped = {place for place, _, _ in document.faults}
-    problems = [*document.traps, *(p for p, _ in deviations if (p.line, p.column) not in trapped)]
+    misread = {place for place, _, _ in document.faults}
+    problems = [*document.yaml_problems, *(p for p, _ in deviations if (p.line, p.column) not in misread)]
     broken = (*(path for _, path, _ in document.faults), *(path for _, path in deviations))
     robot, urdf = None, None
     try:

@@ -144,7 +144,7 @@ class TreeBuilder:
         self._count = 0
 
     def build(self, events: Iterable[yaml.Event]) -> Node | None:
-        """Reads all events; raises TreeError where going on would make no sense."""
+        """Reads all events; raises TreeError where the rest cannot be read."""
         for event in events:
             self._take(event)
         return self.root

@@ -330,7 +330,7 @@ def test_a_joint_recorders_file_needs_no_map(tmp_path):
     np.testing.assert_array_equal(episode.matrix("position", joints), q)
     assert (episode.robot, episode.name, episode.gravity_compensation) == ("baxter", "wave", "robot")
     assert episode.effort_source is None and not episode.velocity
-    assert done.notes == ("left aside: left_gripper, right_gripper",)
+    assert done.notes == ("not imported: left_gripper, right_gripper",)
     assert parse_map(Path("own"), episode.metadata["imported"]["map"]).kinds == ("position",)
 
 

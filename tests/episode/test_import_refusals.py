@@ -254,7 +254,7 @@ MOTOR = {"ratio": [1, 2]}
         (with_table(extra={"more": {}}), "expected at least 1 key"),
         (base_map(transmission=MOTOR), "nothing was measured at the motors"),
         (base_map(transmission={"ratio": [1]}), "there are 2 joints"),
-        (base_map(transmission={"matrix": [[1, 1], [1, 1]]}), "R cannot be turned back"),
+        (base_map(transmission={"matrix": [[1, 1], [1, 1]]}), "R cannot be inverted"),
         (base_map(transmission={**MOTOR, "coupling": {"a": {"a": 1}}}), "that is the ratio"),
         (base_map(transmission={**MOTOR, "matrix": [[1, 0], [0, 1]]}), "either 'ratio' or 'matrix'"),
         (base_map(robot="baxter"), "has no moving joint 'a'"),
@@ -296,7 +296,7 @@ def test_uneven_samples_are_not_thinned(tmp_path):
 
 def test_no_map_where_one_is_needed(tmp_path):
     log = table_log(tmp_path / "log.csv")
-    with pytest.raises(BadInput, match="whose columns nobody explains") as caught:
+    with pytest.raises(BadInput, match="whose columns no map describes") as caught:
         import_sources([log], None, None, tmp_path / "out")
     assert "docs/import.md" in str(caught.value) and "'t,q1,q2,v1,v2'" in str(caught.value)
     np.savez(tmp_path / "log.npz", q=np.zeros(3))

@@ -99,7 +99,7 @@ def test_a_mirror_image_keeps_energy_and_returns_to_itself(seed, plane):
     st.booleans(),
     st.booleans(),
 )
-def test_a_force_axis_is_refused_exactly_when_nothing_brakes_it(axis, stiffness, ratio, damping, limited):
+def test_a_force_axis_is_refused_exactly_when_nothing_damps_it(axis, stiffness, ratio, damping, limited):
     data = json.loads(with_spring(stiffness={"x": 1.0, axis: stiffness}, axes={axis: {"force": 3.0}}))
     spring = data["arms"]["right"]["springs"][0]
     if not ratio:

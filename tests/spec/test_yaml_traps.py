@@ -55,7 +55,7 @@ def test_plain_yaml_reads_as_itself_and_every_leaf_keeps_its_place(data, flow):
     text = yaml.safe_dump(data, default_flow_style=flow, allow_unicode=True, sort_keys=False, width=10**6)
     document = parse_document(NAME, text)
     assert document.data == data == yaml.safe_load(text)
-    assert document.traps == ()
+    assert document.yaml_problems == ()
     lines = text.split("\n")
     for path, value in leaves(data):
         problem = document.problem(path, "here")
@@ -129,7 +129,7 @@ def test_all_traps_of_a_file_come_at_once_in_order():
 
 def parse_and_raise(text):
     document = parse_document(NAME, text)
-    raise BadFile(document.traps)
+    raise BadFile(document.yaml_problems)
 
 
 def test_a_problem_at_a_missing_key_points_to_its_parent():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Opens ROS recordings of every kind (ROS 1 bag, sqlite, MCAP) and finds the messages that speak of joints."""
+"""Opens ROS recordings of every kind (ROS 1 bag, sqlite, MCAP) and finds the messages with joint states."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ else:
     from backports.zstd import ZstdError
 
 NAME_FIELDS = ("name", "names", "joint_names")
-"""What messages call the list of their joints."""
+"""Fields in which messages list their joints."""
 
 _NAME_LIST = re.compile(r"(string\[\]|sequence<string>)\s+(name|names|joint_names)\b")
 _DAMAGE = (
@@ -38,7 +38,7 @@ _DAMAGE = (
     *(OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError),
     *(AssertionError, RuntimeError, MemoryError),
 )
-"""What reading a damaged bag ends in; the list was found by damaging some."""
+"""Errors that reading damaged bags raised in tests."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class BagFile:
                 )
 
     def _joint_topic(self, connection: Connection) -> JointTopic | None:
-        """Returns what a connection says about joints, or None if it says nothing."""
+        """Returns the joint states that a connection holds, or None if it holds none."""
         if not self._learn(connection):
             return None
         fields = dict(self._types.fielddefs[connection.msgtype][1])
@@ -138,7 +138,7 @@ class BagFile:
         return JointTopic(connection.topic, connection.msgtype, name, numbers, "header" in fields, count)
 
     def _learn(self, connection: Connection) -> bool:
-        """Makes a message type known; returns whether it may speak of joints."""
+        """Makes a message type known; returns whether it may hold joint states."""
         definition = connection.msgdef
         extension = connection.ext
         if isinstance(extension, ConnectionExtRosbag2) and extension.serialization_format != "cdr":
@@ -154,7 +154,7 @@ class BagFile:
         return bool(_NAME_LIST.search(definition.data)) and self._register(connection)
 
     def _register(self, connection: Connection) -> bool:
-        """Reads a message definition; a type that nobody can read must not spoil the topics that are wanted."""
+        """Reads a message definition; an unreadable type must not prevent the reading of other topics."""
         definition = connection.msgdef
         try:
             if definition.format == MessageDefinitionFormat.MSG:
@@ -189,7 +189,7 @@ def open_bag(path: Path) -> Iterator[BagFile]:
 
 @contextmanager
 def reporting_damage(path: Path) -> Iterator[None]:
-    """Turns whatever a damaged bag ends in into one sentence."""
+    """Turns every error that a damaged bag causes into one sentence."""
     try:
         yield
     except _DAMAGE as error:

@@ -3,7 +3,7 @@
 
 The messages of one topic that list the same joints are a stream, kept on disk. The stream with most positions gives
 the rows; the others are brought to its times: what was measured by interpolation, what was commanded by holding the
-last command. Where a stream has a hole, no value is made up: its rows are left out.
+last command. Where a stream has a gap, nothing is interpolated: its rows are left out.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from impedance_modules.errors import BadInput
 PEEK = 400
 """Messages of each topic that are looked at to learn which joints it lists."""
 
-WIDEST_HOLE = 10.0
-"""Typical steps of a stream without a message, from which on its values are unknown in between."""
+WIDEST_GAP = 10.0
+"""Typical steps without a message, above which a stream's values in between count as unknown."""
 
 STEP_SAMPLE = 10_000
 """Messages from which a stream's typical step is taken."""
@@ -265,12 +265,12 @@ class Stream:
         after = np.searchsorted(own, time, side="left").clip(1, len(own) - 1)
         # The typical step, from a part that is long enough: the whole would have to be read for each chunk.
         step = float(np.median(np.diff(own[:STEP_SAMPLE])))
-        close = own[after] - own[after - 1] <= WIDEST_HOLE * step
+        close = own[after] - own[after - 1] <= WIDEST_GAP * step
         known: NDArray[np.bool_] = close | (own[after] == time) | (own[after - 1] == time)
         return known
 
     def at(self, time: Array, held: Collection[str]) -> dict[str, Array]:
-        """Returns the columns at other times: those ``held`` as last said, the others interpolated."""
+        """Returns the columns at other times: those ``held`` keep their last value, the others are interpolated."""
         rows = self.array()
         own = rows[:, 0]
         first = max(int(np.searchsorted(own, time[0], side="right")) - 1, 0)

@@ -33,18 +33,18 @@ from impedance_modules.episode.imports.table import (
 from impedance_modules.errors import BadFile, BadInput
 
 SAME_TIME = 0.25
-"""Part of a step by which the times of two tables may differ in one row."""
+"""Fraction of a sampling period by which the times of two tables may differ in one row."""
 
 ATTENUATION = 60.0
-"""Of what would fold back below half the new rate [dB]."""
+"""Of what would alias below half the new rate [dB]."""
 
 WIDEST_PASS = 0.9
-"""Largest pass band, as a part of half the new rate: a steeper filter would blur the ends of the log."""
+"""Largest pass band, as a fraction of half the new rate: a steeper filter distorts more of the log's ends."""
 
 Matrix = NDArray[np.float64]
 
 UNEVEN = 0.5
-"""Part of a step by which a time may be off for samples to count as even."""
+"""Fraction of a sampling period by which an evenly sampled time may be off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,20 +53,20 @@ class MappedTable:
 
     Attributes:
         table: Open.
-        what: Its part of the map.
+        mapping: Its part of the map.
         time: Column of its time, or None.
         seconds: Of one unit of that column.
         wanted: All columns to read.
     """
 
     table: LogTable
-    what: TableMap
+    mapping: TableMap
     time: str | None
     seconds: float
     wanted: tuple[str, ...]
 
 
-def map_table(table: LogTable, what: TableMap, document_of: ImportMap) -> MappedTable:
+def map_table(table: LogTable, mapping: TableMap, document_of: ImportMap) -> MappedTable:
     """Finds a map's columns in its table.
 
     Raises:
@@ -74,28 +74,30 @@ def map_table(table: LogTable, what: TableMap, document_of: ImportMap) -> Mapped
     """
     time: str | None = None
     try:
-        if what.time is not None and what.time.column is not None:
-            time = find_column(table, what.time.column)
+        if mapping.time is not None and mapping.time.column is not None:
+            time = find_column(table, mapping.time.column)
         elif table.row_word == "message":
             time = TIME
-        references = [c for quantity in what.quantities for c in quantity.columns.values()]
-        references += [column for column, _ in what.extra.values()]
+        references = [c for quantity in mapping.quantities for c in quantity.columns.values()]
+        references += [column for column, _ in mapping.extra.values()]
         names = [find_column(table, reference) for reference in references]
-        for quantity in what.quantities:
+        for quantity in mapping.quantities:
             _check_gain(table, quantity)
     except BadInput as error:
-        raise BadFile([document_of.document.problem(("tables", what.index), str(error), at="key")]) from error
+        raise BadFile(
+            [document_of.document.problem(("tables", mapping.index), str(error), at="key")]
+        ) from error
     wanted = tuple(dict.fromkeys([*([time] if time else []), *names]))
-    seconds = what.time.seconds if what.time is not None else 1.0
-    return MappedTable(table, what, time, seconds, wanted)
+    seconds = mapping.time.seconds if mapping.time is not None else 1.0
+    return MappedTable(table, mapping, time, seconds, wanted)
 
 
-def blocks(parts: Sequence[MappedTable], what: ImportMap, rate: float | None) -> Iterator[Block]:
+def blocks(parts: Sequence[MappedTable], mapping: ImportMap, rate: float | None) -> Iterator[Block]:
     """Yields a recording in the episode's columns, piece by piece.
 
     Args:
         parts: Its tables, row by row of one length.
-        what: The map.
+        mapping: The import map.
         rate: Stated samples per second [Hz], for tables without time.
 
     Raises:
@@ -108,25 +110,25 @@ def blocks(parts: Sequence[MappedTable], what: ImportMap, rate: float | None) ->
         time = _time(parts, chunks, done, rate)
         columns: dict[str, Vector] = {}
         for part, chunk in zip(parts, chunks, strict=True):
-            for quantity in part.what.quantities:
-                columns.update(_joint_values(quantity, part, chunk, what))
-            for name, (reference, scale) in part.what.extra.items():
+            for quantity in part.mapping.quantities:
+                columns.update(_joint_values(quantity, part, chunk, mapping))
+            for name, (reference, scale) in part.mapping.extra.items():
                 columns[name] = chunk.columns[find_column(part.table, reference)] * scale
         places = chunks[0].places
         done += len(places)
-        ordered = {name: columns[name] for name in column_order(what)}
+        ordered = {name: columns[name] for name in column_order(mapping)}
         refuse_nonfinite(parts[0].table.path, parts[0].table.row_word, Chunk({TIME: time, **ordered}, places))
         yield Block(time, ordered, places)
 
 
-def column_order(what: ImportMap) -> tuple[str, ...]:
+def column_order(mapping: ImportMap) -> tuple[str, ...]:
     """Returns the episode's columns without ``time``: kind by kind, joints in the map's order, extras last."""
-    by_kind = {quantity.kind: quantity for table in what.tables for quantity in table.quantities}
+    by_kind = {quantity.kind: quantity for table in mapping.tables for quantity in table.quantities}
     joints = [joint_column(kind, j) for kind in JOINT_KINDS if kind in by_kind for j in by_kind[kind].columns]
-    return (*joints, *(name for table in what.tables for name in table.extra))
+    return (*joints, *(name for table in mapping.tables for name in table.extra))
 
 
-def decimated(blocks: Iterator[Block], what: ImportMap) -> Iterator[Block]:
+def decimated(blocks: Iterator[Block], mapping: ImportMap) -> Iterator[Block]:
     """Yields every n-th sample of the filtered recording, at its own time.
 
     A symmetric FIR filter (Kaiser window) of odd length delays nothing; beyond its ends the recording is
@@ -136,31 +138,31 @@ def decimated(blocks: Iterator[Block], what: ImportMap) -> Iterator[Block]:
         BadFile: The pass band does not fit below half the new rate.
         BadInput: Uneven samples, or fewer than the filter is long.
     """
-    thinning = what.decimation
-    if thinning is None:
+    decimation = mapping.decimation
+    if decimation is None:
         yield from blocks
         return
     first = next(blocks, None)
     if first is None:
         return
-    taps = _filter(first, what)
+    taps = _filter(first, mapping)
     half = len(taps) // 2
     if len(first.time) <= half:
         raise BadInput(
-            f"{what.document.path}: decimate: the filter needs {half + 1} samples, and there are {len(first.time)}"
+            f"{mapping.document.path}: decimate: the filter needs {half + 1} samples, and there are {len(first.time)}"
             " (valid: a longer log, a smaller 'low_pass', or no 'decimate')"
         )
     step = float(np.median(np.diff(first.time)))
-    _check_even(first.time, step, what)
-    window = _Window(tuple(first.columns), taps, thinning.keep_every)
+    _check_even(first.time, step, mapping)
+    window = _Window(tuple(first.columns), taps, decimation.keep_every)
     window.add(_mirrored(_matrix(first)[: half + 1], head=True))
     window.add(_matrix(first), first)
     for block in blocks:
-        _check_even(np.concatenate([window.times[-1:], block.time]), step, what)
+        _check_even(np.concatenate([window.times[-1:], block.time]), step, mapping)
         window.add(_matrix(block), block)
-        yield window.thinned()
+        yield window.filtered()
     window.add(_mirrored(window.values[-half - 1 :], head=False))
-    yield window.thinned()
+    yield window.filtered()
 
 
 class _Window:
@@ -182,12 +184,12 @@ class _Window:
             self.times = np.concatenate([self.times, of.time])
             self._places = np.concatenate([self._places, of.places])
 
-    def thinned(self) -> Block:
+    def filtered(self) -> Block:
         """Filters what has neighbours on both sides, keeps every n-th sample of it, and forgets the rest."""
         ready = len(self.values) - len(self._taps) + 1
-        filtered = oaconvolve(self.values, self._taps[:, None], mode="valid", axes=0)
+        smooth = oaconvolve(self.values, self._taps[:, None], mode="valid", axes=0)
         keep = slice(self._next, ready, self._keep_every)
-        columns = {name: filtered[keep, index].copy() for index, name in enumerate(self._names)}
+        columns = {name: smooth[keep, index].copy() for index, name in enumerate(self._names)}
         block = Block(self.times[:ready][keep], columns, self._places[:ready][keep])
         self._next = (self._next - ready) % self._keep_every
         self.values, self.times, self._places = self.values[ready:], self.times[ready:], self._places[ready:]
@@ -239,7 +241,7 @@ def _time(parts: Sequence[MappedTable], chunks: Sequence[Chunk], done: int, rate
 
 
 def _joint_values(
-    quantity: MappedQuantity, part: MappedTable, chunk: Chunk, what: ImportMap
+    quantity: MappedQuantity, part: MappedTable, chunk: Chunk, mapping: ImportMap
 ) -> Mapping[str, Vector]:
     joints = tuple(quantity.columns)
     values: NDArray[np.float64] = np.column_stack(
@@ -247,29 +249,29 @@ def _joint_values(
     ) * np.array([quantity.scale[joint] for joint in joints])
     if quantity.gain_variable is not None:
         values = values * part.table.scalars[quantity.gain_variable]
-    if quantity.motor_side and what.transmission is not None:
+    if quantity.motor_side and mapping.transmission is not None:
         carry = efforts_at_joints if quantity.kind in EFFORTS else positions_at_joints
-        values = carry(what.transmission, values)
+        values = carry(mapping.transmission, values)
     values = values + np.array([quantity.offset.get(joint, 0.0) for joint in joints])
     return {joint_column(quantity.kind, joint): values[:, i].copy() for i, joint in enumerate(joints)}
 
 
-def _filter(first: Block, what: ImportMap) -> Matrix:
+def _filter(first: Block, mapping: ImportMap) -> Matrix:
     """Designs the filter: pass band up to ``low_pass``, stop band from half the new rate."""
-    thinning = what.decimation
-    if thinning is None or len(first.time) < 2:
-        raise BadInput(f"{what.document.path}: decimate: a single sample cannot be thinned out")
+    decimation = mapping.decimation
+    if decimation is None or len(first.time) < 2:
+        raise BadInput(f"{mapping.document.path}: decimate: a single sample cannot be decimated")
     rate = 1.0 / float(np.median(np.diff(first.time)))
-    edge = 0.5 * rate / thinning.keep_every
-    if thinning.low_pass > WIDEST_PASS * edge:
+    edge = 0.5 * rate / decimation.keep_every
+    if decimation.low_pass > WIDEST_PASS * edge:
         message = (
-            f"{thinning.low_pass:g} Hz at {rate:g} Hz and every {thinning.keep_every}th sample: at most"
+            f"{decimation.low_pass:g} Hz at {rate:g} Hz and every {decimation.keep_every}th sample: at most"
             f" {WIDEST_PASS * edge:g} Hz fit"
         )
-        raise BadFile([what.document.problem(("decimate", "low_pass"), message)])
-    taps, beta = kaiserord(ATTENUATION, (edge - thinning.low_pass) / (0.5 * rate))
+        raise BadFile([mapping.document.problem(("decimate", "low_pass"), message)])
+    taps, beta = kaiserord(ATTENUATION, (edge - decimation.low_pass) / (0.5 * rate))
     window = ("kaiser", beta)
-    designed: Matrix = firwin(taps | 1, 0.5 * (edge + thinning.low_pass), window=window, fs=rate)
+    designed: Matrix = firwin(taps | 1, 0.5 * (edge + decimation.low_pass), window=window, fs=rate)
     return designed
 
 
@@ -284,11 +286,11 @@ def _mirrored(part: Matrix, *, head: bool) -> Matrix:
     return mirrored
 
 
-def _check_even(time: Matrix, step: float, what: ImportMap) -> None:
+def _check_even(time: Matrix, step: float, mapping: ImportMap) -> None:
     off = np.abs(np.diff(time) - step) > UNEVEN * step
     if off.any():
         row = int(np.argmax(off))
         raise BadInput(
-            f"{what.document.path}: decimate: the samples are not even: {np.diff(time)[row]:.4g} s after"
+            f"{mapping.document.path}: decimate: the samples are not even: {np.diff(time)[row]:.4g} s after"
             f" t = {time[row]:.6g} s, where {step:.4g} s is usual (valid: even samples, or no 'decimate')"
         )

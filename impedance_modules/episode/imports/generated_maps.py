@@ -43,12 +43,12 @@ def recorder_map(path: Path) -> tuple[str, list[str]]:
     robot = recognise(names) if names[0] == TIME else None
     if robot is None:
         raise BadInput(
-            f"{path}: a table whose columns nobody explains (valid: --map FILE, see docs/import.md; without one, a"
+            f"{path}: a table whose columns no map describes (valid: --map FILE, see docs/import.md; without one, a"
             f" header 'time,JOINT,...' with the joints of a shipped robot). It begins: {header[:120]!r}"
         )
     joints = [joint for joint in robot.joints if joint in names]
-    aside = [name for name in names[1:] if name not in joints]
-    notes = [f"left aside: {', '.join(aside)}"] if aside else []
+    others = [name for name in names[1:] if name not in joints]
+    notes = [f"not imported: {', '.join(others)}"] if others else []
     columns = {"position": "{joint}"}
     table = ["separator: comma", "header: true", f"time: {{column: {TIME}, unit: s}}"]
     return _map_text(robot, joints, table, columns, effort_source=None), notes
@@ -63,7 +63,7 @@ def bag_map(path: Path) -> tuple[str, list[str]]:
     Raises:
         BadInput: No joint states, of no known robot, or several that could be meant.
     """
-    # The readers of bags take half a second to import, which only those who read bags should pay.
+    # The readers of bags take half a second to import: only when a bag is read.
     from impedance_modules.episode.imports.bag_file import open_bag  # noqa: PLC0415
     from impedance_modules.episode.imports.bag_table import column_places, first_messages  # noqa: PLC0415
 
@@ -93,7 +93,7 @@ def bag_map(path: Path) -> tuple[str, list[str]]:
         field: f"{topic}.{field}.{{joint}}" for field in _UNITS if fields.get(field, set()).issuperset(joints)
     }
     notes += [
-        f"{field} is not filled in for every joint, and left aside"
+        f"{field} is not filled in for every joint, and not imported"
         for field in _UNITS
         if field not in columns
     ]
@@ -124,17 +124,17 @@ def _state_topic(
             f' as in columns: "{chosen[0]}.position.{{joint}}")'
         )
     others = sorted(set(filled) - set(chosen))
-    notes = [f"topics left aside: {', '.join(others)}"] if others else []
+    notes = [f"topics not imported: {', '.join(others)}"] if others else []
     return chosen[0], robots[chosen[0]], notes
 
 
 def _effort_source(path: Path, robot: RobotSpec, joints: Sequence[str]) -> str:
-    """A joint with a series spring measures torque by it."""
+    """Says where effort was measured: at the series springs, if every joint has one."""
     if all(robot.joints[joint].spring_stiffness is not None for joint in joints):
         return "joint_sensor"
     raise BadInput(
-        f"{path}: the robot file of '{robot.name}' has rigid joints, so it is open where effort was measured (valid:"
-        " --map FILE that says 'effort_source: joint_sensor' or 'motor')"
+        f"{path}: the robot file of '{robot.name}' has rigid joints, so it is not known where effort was measured"
+        " (valid: --map FILE that says 'effort_source: joint_sensor' or 'motor')"
     )
 
 

@@ -22,16 +22,16 @@ from impedance_modules.errors import BadInput
 DEGREES = 180.0 / math.pi
 
 TWO_TURNS = 4.0 * math.pi
-"""Positions of a turning joint beyond it are doubted where no limit is known [rad]."""
+"""Positions of a revolute joint beyond it are refused where no limit is known [rad]."""
 
 TEN_METRES = 10.0
-"""Positions of a sliding joint beyond it are doubted where no limit is known [m]."""
+"""Positions of a prismatic joint beyond it are refused where no limit is known [m]."""
 
 SLACK_TURNING = 0.5
 """By how much a position may lie beyond a limit that is known [rad]."""
 
 SLACK_SLIDING = 0.1
-"""The same for a sliding joint [m]."""
+"""The same for a prismatic joint [m]."""
 
 MEASURED = ("velocity", "effort")
 
@@ -42,25 +42,25 @@ OTHER_RATE = 1.5
 """Ratio of typical steps from which two stretches have different rates."""
 
 OTHER_SHARE = 0.1
-"""Part of a recording that must have another rate before it counts: a computer may stumble."""
+"""Part of a recording that must have another rate before it counts: a recorder may miss samples now and then."""
 
 SPAN = 10
-"""Samples over which a velocity is summed up: the noise of single differences does not matter then."""
+"""Samples over which a velocity is integrated: the noise of single differences does not matter then."""
 
 LEAST_SPANS = 20
 
-LEAST_LIKENESS = 0.8
-"""Squared correlation from which the two are comparable at all."""
+LEAST_CORRELATION = 0.8
+"""Squared correlation of moved distance and integrated velocity, below which they are not compared."""
 
 LARGEST_RATIO = 1.5
-"""Ratio, or its inverse, from which they contradict each other."""
+"""Ratio of velocity to rate of change of position, or its inverse, above which they contradict each other."""
 
 SAME_RATIO = 1.1
-"""Largest over smallest ratio of the joints for which one cause, the rate, is blamed."""
+"""Largest over smallest ratio of the joints for which a wrong rate is named as the cause."""
 
 
 class Clock:
-    """Takes the blocks of one recording in order.
+    """Checks that time runs forwards and at one rate; takes the blocks of one recording in order.
 
     Attributes:
         samples: So far.
@@ -126,7 +126,7 @@ class Clock:
         return sorted(self._steps)[len(self._steps) // 2]
 
     def finish(self) -> None:
-        """Judges the whole.
+        """Checks the whole recording.
 
         Raises:
             BadInput: No or one sample, or parts of different rates.
@@ -147,51 +147,51 @@ class Clock:
 
 
 class Plausibility:
-    """Takes the blocks of one recording in order.
+    """Finds numbers that cannot mean what the map says; takes the blocks of one recording in order.
 
     Attributes:
-        notes: What looked odd without being refused; complete after `finish`.
+        notes: What is unusual but accepted; complete after `finish`.
     """
 
-    def __init__(self, what: ImportMap, path: Path, *, rate_stated: bool) -> None:
+    def __init__(self, mapping: ImportMap, path: Path, *, rate_stated: bool) -> None:
         """Starts before the first sample.
 
         Args:
-            what: The map.
+            mapping: The map.
             path: First source, for messages.
             rate_stated: The time base was stated rather than recorded.
         """
         self.notes: list[str] = []
-        self._what = what
+        self._mapping = mapping
         self._path = path
         self._lowest: dict[str, tuple[float, int]] = {}
         self._highest: dict[str, tuple[float, int]] = {}
-        self._echoes: set[str] | None = None
-        self._silent: dict[str, set[str]] = {kind: set(what.joints) for kind in MEASURED}
+        self._copied_commands: set[str] | None = None
+        self._zero: dict[str, set[str]] = {kind: set(mapping.joints) for kind in MEASURED}
         self._seen: dict[str, set[str]] = {kind: set() for kind in MEASURED}
-        self._speeds = SpeedMatch(what, path, rate_stated=rate_stated)
+        self._speeds = SpeedMatch(mapping, path, rate_stated=rate_stated)
 
     def take(self, block: Block) -> None:
         """Looks at the next samples."""
-        for joint in self._what.joints:
+        for joint in self._mapping.joints:
             position = block.columns.get(joint_column("position", joint))
             if position is not None:
                 self._take_range(joint, position, block)
-        self._take_echoes(block.columns)
-        self._take_silence(block.columns)
+        self._compare_with_commands(block.columns)
+        self._take_zeros(block.columns)
         self._speeds.take(block)
 
     def finish(self) -> None:
-        """Judges the whole.
+        """Checks the whole recording.
 
         Raises:
             BadInput: The numbers contradict each other, the robot, or the units of the map.
         """
         for joint in self._lowest:
-            self._judge_range(joint)
-        self._judge_echoes()
+            self._check_range(joint)
+        self._refuse_copied_commands()
         self._speeds.finish()
-        self._judge_silence()
+        self._refuse_zeros()
 
     def _take_range(self, joint: str, position: Vector, block: Block) -> None:
         low, high = int(np.argmin(position)), int(np.argmax(position))
@@ -202,36 +202,36 @@ class Plausibility:
             self._highest.get(joint, (-math.inf, 0)), (float(position[high]), int(block.places[high]))
         )
 
-    def _take_echoes(self, columns: Mapping[str, Vector]) -> None:
+    def _compare_with_commands(self, columns: Mapping[str, Vector]) -> None:
         equal = {
             joint
-            for joint in self._what.joints
+            for joint in self._mapping.joints
             if np.array_equal(
                 columns.get(joint_column("position", joint), np.empty(0)),
                 columns.get(joint_column("position_command", joint), np.ones(1)),
             )
         }
-        self._echoes = equal if self._echoes is None else self._echoes & equal
+        self._copied_commands = equal if self._copied_commands is None else self._copied_commands & equal
 
-    def _take_silence(self, columns: Mapping[str, Vector]) -> None:
+    def _take_zeros(self, columns: Mapping[str, Vector]) -> None:
         for kind in MEASURED:
-            for joint in self._what.joints:
+            for joint in self._mapping.joints:
                 values = columns.get(joint_column(kind, joint))
                 if values is not None:
                     self._seen[kind].add(joint)
                     if values.any():
-                        self._silent[kind].discard(joint)
+                        self._zero[kind].discard(joint)
 
     def _travel(self, joint: str) -> float:
         return self._highest[joint][0] - self._lowest[joint][0]
 
-    def _judge_range(self, joint: str) -> None:
-        if joint in self._what.beyond_limits:
+    def _check_range(self, joint: str) -> None:
+        if joint in self._mapping.beyond_limits:
             return
-        sliding = joint in self._what.prismatic
+        sliding = joint in self._mapping.prismatic
         unit = "m" if sliding else "rad"
         widest = TEN_METRES if sliding else TWO_TURNS
-        low, high = self._what.limits.get(joint, (-widest, widest))
+        low, high = self._mapping.limits.get(joint, (-widest, widest))
         slack = SLACK_SLIDING if sliding else SLACK_TURNING
         for value, place in (self._lowest[joint], self._highest[joint]):
             if low - slack <= value <= high + slack:
@@ -244,8 +244,8 @@ class Plausibility:
             )
 
     def _guess(self, joint: str, low: float, high: float) -> str:
-        """What the map may have missed."""
-        sliding = joint in self._what.prismatic
+        """Names the unit that the map may have wrong; empty where no unit explains it."""
+        sliding = joint in self._mapping.prismatic
         per, missed = (1000.0, "mm") if sliding else (DEGREES, "deg")
         lowest, highest = self._lowest[joint][0], self._highest[joint][0]
         far = max(-lowest, highest) > (TEN_METRES if sliding else TWO_TURNS)
@@ -253,8 +253,8 @@ class Plausibility:
             return f": these look like {missed}, so say 'unit: {missed}' for position"
         return ""
 
-    def _judge_echoes(self) -> None:
-        for joint in sorted(self._echoes or ()):
+    def _refuse_copied_commands(self) -> None:
+        for joint in sorted(self._copied_commands or ()):
             if joint in self._lowest and self._travel(joint) > 0.0:
                 raise BadInput(
                     f"{self._path}: position.{joint} equals position_command.{joint} in every sample: it is the"
@@ -262,11 +262,11 @@ class Plausibility:
                     " 'position_command')"
                 )
 
-    def _judge_silence(self) -> None:
+    def _refuse_zeros(self) -> None:
         """A quantity that is zero throughout in every joint was not measured, and absent is not zero."""
         moves = any(self._travel(joint) > 0.0 for joint in self._lowest)
         for kind in MEASURED:
-            if moves and self._seen[kind] and self._seen[kind] <= self._silent[kind]:
+            if moves and self._seen[kind] and self._seen[kind] <= self._zero[kind]:
                 raise BadInput(
                     f"{self._path}: {kind} is 0 in every sample of every joint, and the robot moves: it was not"
                     f" measured (valid: leave '{kind}' out of the map)"
@@ -276,19 +276,24 @@ class Plausibility:
 
 
 class SpeedMatch:
-    """Takes the blocks of one recording in order."""
+    """Compares recorded velocities with the rate of change of recorded positions; takes blocks in order.
 
-    def __init__(self, what: ImportMap, path: Path, *, rate_stated: bool) -> None:
+    Their ratio is 1 in a log whose map is right; 57.3 or its inverse where one of them is in degrees, -1 where a sign
+    differs, a gear ratio where one is on the motor's side, and the same number in every joint where the stated rate
+    is wrong.
+    """
+
+    def __init__(self, mapping: ImportMap, path: Path, *, rate_stated: bool) -> None:
         """Starts before the first sample; arguments as of `Plausibility`."""
         self._path = path
-        self._prismatic = what.prismatic
-        self._rate = what.rate
+        self._prismatic = mapping.prismatic
+        self._rate = mapping.rate
         self._rate_stated = rate_stated
         self._step = 0.0
-        both = {quantity.kind: quantity.columns for table in what.tables for quantity in table.quantities}
+        both = {quantity.kind: quantity.columns for table in mapping.tables for quantity in table.quantities}
         self._joints = [
             joint
-            for joint in what.joints
+            for joint in mapping.joints
             if joint in both.get("position", ()) and joint in both.get("velocity", ())
         ]
         self._spans = 0
@@ -307,7 +312,7 @@ class SpeedMatch:
         ).cumsum(0)
         moved, said = np.diff(position[::SPAN], axis=0), np.diff(summed[::SPAN], axis=0)
         self._spans += len(moved)
-        with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are judged elsewhere
+        with np.errstate(over="ignore", invalid="ignore"):  # Plausibility refuses absurd numbers
             self._sums += np.array([(moved * moved).sum(0), (moved * said).sum(0), (said * said).sum(0)])
 
     def ratios(self) -> dict[str, float]:
@@ -317,12 +322,12 @@ class SpeedMatch:
         found = {}
         for joint, sums in zip(self._joints, self._sums.T.tolist(), strict=True):
             moved, both, said = sums
-            if moved > 0.0 and said > 0.0 and both * both > LEAST_LIKENESS * moved * said:
+            if moved > 0.0 and said > 0.0 and both * both > LEAST_CORRELATION * moved * said:
                 found[joint] = math.copysign(math.sqrt(said / moved), both)
         return found
 
     def finish(self) -> None:
-        """Judges the whole.
+        """Compares over the whole recording.
 
         Raises:
             BadInput: Velocities and positions contradict each other.

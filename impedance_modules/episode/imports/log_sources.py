@@ -45,7 +45,7 @@ def kind_of(path: Path) -> str:
     """Returns what a source is: ``bag``, ``arrays``, ``parquet``, ``text``, ``run`` or ``folder``.
 
     Raises:
-        BadInput: It is missing, empty, cannot be read, or its name hides what it is.
+        BadInput: It is missing, empty, cannot be read, or has another type's suffix.
     """
     if path.is_dir():
         if (path / EPISODE).exists() or part_paths(path):
@@ -70,13 +70,13 @@ def kind_of(path: Path) -> str:
     return _SUFFIXES.get(path.suffix, "text")
 
 
-def open_table(path: Path, table: TableMap, what: ImportMap, scratch: Path) -> LogTable:
+def open_table(path: Path, table: TableMap, mapping: ImportMap, scratch: Path) -> LogTable:
     """Opens one table.
 
     Args:
         path: Of the file, or of a ROS 2 recording's directory.
         table: Its part of the map.
-        what: The whole map.
+        mapping: The whole map.
         scratch: Directory for what does not fit into memory.
 
     Raises:
@@ -89,23 +89,23 @@ def open_table(path: Path, table: TableMap, what: ImportMap, scratch: Path) -> L
     place = ("tables", table.index)
     if kind == "text" and table.text is None:
         message = f"missing key 'separator': what stands between two values of {path.name}?"
-        problem = what.document.problem(
+        problem = mapping.document.problem(
             (*place, "separator"), message, ("comma", "semicolon", "tab", "whitespace")
         )
         raise BadFile([problem])
     if kind != "text" and table.text is not None:
         message = f"'separator' is for text files, and {path.name} is none"
-        raise BadFile([what.document.problem((*place, "separator"), message, at="key")])
+        raise BadFile([mapping.document.problem((*place, "separator"), message, at="key")])
     if table.time is not None and (kind == "bag") != (table.time.column is None):
         valid = "'clock: header' or 'clock: received'" if kind == "bag" else "'column' and its 'unit'"
         message = f"{path.name} has {valid}"
-        raise BadFile([what.document.problem((*place, "time"), message, at="key")])
+        raise BadFile([mapping.document.problem((*place, "time"), message, at="key")])
     return _open(kind, path, table, scratch)
 
 
 @dataclass(frozen=True)
 class RecordingFiles:
-    """One recording: its name, and a source for each table of the map."""
+    """One recording: its name, and a file (or directory) for each table of the map."""
 
     name: str
     paths: tuple[Path, ...]
@@ -121,23 +121,23 @@ def plain_recordings(sources: Sequence[Path]) -> tuple[RecordingFiles, ...]:
     return _distinct(found)
 
 
-def mapped_recordings(sources: Sequence[Path], what: ImportMap) -> tuple[RecordingFiles, ...]:
+def mapped_recordings(sources: Sequence[Path], mapping: ImportMap) -> tuple[RecordingFiles, ...]:
     """Returns the recordings that sources make under a map.
 
     Raises:
         BadInput: A source that no table describes, a recording that lacks a table, or one name for two.
     """
-    files = [file for source in sources for file in _expand(source, what)]
-    single = len(what.tables) == 1 and what.tables[0].file is None
-    found = plain_recordings(files) if single else _matched(files, what)
-    if what.episode is None:
+    files = [file for source in sources for file in _expand(source, mapping)]
+    single = len(mapping.tables) == 1 and mapping.tables[0].file is None
+    found = plain_recordings(files) if single else _matched(files, mapping)
+    if mapping.episode is None:
         return _distinct(found)
     if len(found) > 1:
         raise BadInput(
-            f"{what.document.path}: 'episode: {what.episode}' names one recording, and the sources make {len(found)}"
-            " (valid: no 'episode' here, or one recording at a time)"
+            f"{mapping.document.path}: 'episode: {mapping.episode}' names one recording, and the sources make"
+            f" {len(found)} (valid: no 'episode' here, or one recording at a time)"
         )
-    return (RecordingFiles(what.episode, found[0].paths),)
+    return (RecordingFiles(mapping.episode, found[0].paths),)
 
 
 def source_name(path: Path) -> str:
@@ -150,7 +150,7 @@ def source_name(path: Path) -> str:
 
 def _open(kind: str, path: Path, table: TableMap, scratch: Path) -> LogTable:
     if kind == "bag":
-        # The readers of bags take half a second to import, which only those who read bags should pay.
+        # The readers of bags take half a second to import: only when a bag is read.
         from impedance_modules.episode.imports.bag_table import BagTable  # noqa: PLC0415
 
         return BagTable(path, table, scratch)
@@ -170,11 +170,11 @@ def _neighbours(path: Path) -> str:
     return f" (beside it: {', '.join(same[:6])})" if same else ""
 
 
-def _expand(source: Path, what: ImportMap) -> list[Path]:
+def _expand(source: Path, mapping: ImportMap) -> list[Path]:
     """A folder stands for the files in it that the map describes."""
     if kind_of(source) != "folder":
         return [source]
-    patterns = [_pattern(table.file) for table in what.tables if table.file is not None]
+    patterns = [_pattern(table.file) for table in mapping.tables if table.file is not None]
     files = sorted(
         path for path in source.iterdir() if any(pattern.fullmatch(path.name) for pattern in patterns)
     )
@@ -192,37 +192,37 @@ def _pattern(file: str) -> re.Pattern[str]:
     return re.compile(re.escape(before) + ("(.+)" if mark else "()") + re.escape(after))
 
 
-def _matched(files: Sequence[Path], what: ImportMap) -> tuple[RecordingFiles, ...]:
+def _matched(files: Sequence[Path], mapping: ImportMap) -> tuple[RecordingFiles, ...]:
     groups: dict[str, dict[int, Path]] = {}
     for path in files:
         matches = [
             (table.index, match.group(1))
-            for table in what.tables
+            for table in mapping.tables
             if table.file is not None and (match := _pattern(table.file).fullmatch(path.name))
         ]
         if len(matches) != 1:
             described = "no table" if not matches else "more than one table"
-            patterns = ", ".join(str(table.file) for table in what.tables)
-            raise BadInput(f"{path}: {described} of {what.document.path} describes it (valid: {patterns})")
+            patterns = ", ".join(str(table.file) for table in mapping.tables)
+            raise BadInput(f"{path}: {described} of {mapping.document.path} describes it (valid: {patterns})")
         (index, name), *_ = matches
         group = groups.setdefault(name, {})
         if index in group:
             raise BadInput(
-                f"{path}: and {group[index]} are both '{what.tables[index].file}' of one recording"
+                f"{path}: and {group[index]} are both '{mapping.tables[index].file}' of one recording"
             )
         group[index] = path
-    return tuple(_whole(name, group, what) for name, group in groups.items())
+    return tuple(_whole(name, group, mapping) for name, group in groups.items())
 
 
-def _whole(name: str, group: dict[int, Path], what: ImportMap) -> RecordingFiles:
-    missing = [str(table.file) for table in what.tables if table.index not in group]
+def _whole(name: str, group: dict[int, Path], mapping: ImportMap) -> RecordingFiles:
+    missing = [str(table.file) for table in mapping.tables if table.index not in group]
     if missing:
         present = ", ".join(str(path) for path in group.values())
         raise BadInput(
             f"{present}: the recording '{name or source_name(next(iter(group.values())))}' lacks"
             f" {', '.join(file.replace(EPISODE_MARK, name) for file in missing)} (valid: all its files as sources)"
         )
-    paths = tuple(group[table.index] for table in what.tables)
+    paths = tuple(group[table.index] for table in mapping.tables)
     return RecordingFiles(name or source_name(paths[0]), paths)
 
 

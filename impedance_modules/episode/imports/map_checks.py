@@ -35,7 +35,7 @@ Limits = Mapping[str, tuple[float, float]]
 _TEXT_ONLY = ("header", "skip_rows", "comment")
 
 _SINGULAR = 1e12
-"""Condition number from which a transmission counts as impossible to turn back."""
+"""Condition number above which a transmission counts as singular."""
 
 _TAKEN = (*JOINT_KINDS, *FRAME_KINDS, TIME, PHASE, TANK)
 
@@ -68,7 +68,7 @@ def quantity_problems(
         document: The map.
         path: Of the quantity in it.
         kind: One of `JOINT_KINDS`.
-        prismatic: Joints that slide.
+        prismatic: Prismatic joints.
     """
     yield from _Checks(document, path, kind, prismatic).problems()
 
@@ -198,7 +198,7 @@ def _transmission_problems(document: Document) -> Iterator[Problem]:
     yield from unknown
     if not unknown and np.linalg.cond(transmission_matrix(entry, joints)) > _SINGULAR:
         yield document.problem(
-            path, "R cannot be turned back: different joint motions look alike at the motors"
+            path, "R cannot be inverted: different joint motions give the same motor motion"
         )
     quantities = [table[kind] for table in document.data["tables"] for kind in JOINT_KINDS if kind in table]
     if all(quantity.get("side") != "motor" for quantity in quantities):

@@ -60,7 +60,7 @@ def build_map(document: Document) -> ImportMap:
     Raises:
         BadFile: All that is wrong, each with its line.
     """
-    problems = [*document.traps, *schema_problems(document, SCHEMA)]
+    problems = [*document.yaml_problems, *schema_problems(document, SCHEMA)]
     if problems:
         raise BadFile(problems)
     data = document.data
@@ -132,7 +132,9 @@ def _time(time: Mapping[str, Any] | None) -> TimeColumn | None:
     return TimeColumn(time.get("column"), TIME_UNITS[time.get("unit", "s")], time.get("clock"))
 
 
-def _quantity(kind: str, entry: Mapping[str, Any], joints: list[str], prismatic: frozenset[str]) -> MappedQuantity:
+def _quantity(
+    kind: str, entry: Mapping[str, Any], joints: list[str], prismatic: frozenset[str]
+) -> MappedQuantity:
     columns = expand_columns(entry["columns"], joints)
     motor = entry.get("side") == "motor"
     gain = entry.get("gain", 1.0)

@@ -20,6 +20,7 @@ from impedance_modules.episode.columns import JOINT_KINDS, TIME, parse_columns
 from impedance_modules.episode.file_format import episode_schema, is_required, write_merged
 from impedance_modules.episode.imports.binary_tables import ParquetTable
 from impedance_modules.episode.imports.convert import MappedTable, blocks, column_order, decimated, map_table
+from impedance_modules.episode.imports.generated_maps import bag_map, recorder_map
 from impedance_modules.episode.imports.import_map import ImportMap
 from impedance_modules.episode.imports.log_checks import Clock, Plausibility, SpeedMatch
 from impedance_modules.episode.imports.log_sources import (
@@ -30,7 +31,6 @@ from impedance_modules.episode.imports.log_sources import (
     plain_recordings,
 )
 from impedance_modules.episode.imports.map_reader import parse_map, read_map
-from impedance_modules.episode.imports.generated_maps import bag_map, recorder_map
 from impedance_modules.episode.imports.table import Block
 from impedance_modules.episode.metadata import decode_metadata, episode_metadata
 from impedance_modules.episode.reader import open_source
@@ -60,12 +60,13 @@ def import_sources(
     if rate is not None and not (math.isfinite(rate) and rate > 0.0):
         raise BadInput(f"--rate {rate:g}: no sampling rate (valid: above 0 Hz)")
     _refuse_twice(sources)
-    what = read_map(map_path) if map_path is not None else None
-    recordings = mapped_recordings(sources, what) if what is not None else plain_recordings(sources)
+    mapping = read_map(map_path) if map_path is not None else None
+    recordings = mapped_recordings(sources, mapping) if mapping is not None else plain_recordings(sources)
     _refuse_present(recordings, out)
     with _staging(out) as folder:
         done = [
-            _import_one(recording, what, rate, folder / (recording.name + SUFFIX)) for recording in recordings
+            _import_one(recording, mapping, rate, folder / (recording.name + SUFFIX))
+            for recording in recordings
         ]
         _refuse_present(recordings, out)
         return tuple(_into_place(imported, out) for imported in done)
@@ -97,13 +98,13 @@ class Imported:
 
 
 def import_recording(
-    recording: RecordingFiles, what: ImportMap, rate: float | None, target: Path
+    recording: RecordingFiles, mapping: ImportMap, rate: float | None, target: Path
 ) -> Imported:
     """Writes one recording as an episode.
 
     Args:
         recording: Its sources, one for each table of the map.
-        what: The map.
+        mapping: The import map.
         rate: Stated on the command line [Hz], or None.
         target: Of the episode, in a directory for unfinished work.
 
@@ -111,32 +112,36 @@ def import_recording(
         BadInput: Anything that would make a misleading episode.
     """
     parts = [
-        map_table(open_table(path, table, what, target.parent), table, what)
-        for path, table in zip(recording.paths, what.tables, strict=True)
+        map_table(open_table(path, table, mapping, target.parent), table, mapping)
+        for path, table in zip(recording.paths, mapping.tables, strict=True)
     ]
     path, row_word = recording.paths[0], parts[0].table.row_word
-    stated = _stated_rate(parts, what, rate)
-    watch = _CheckedStream(Clock(path, row_word), Plausibility(what, path, rate_stated=stated is not None))
-    stream = decimated(watch.passing(blocks(parts, what, stated)), what)
-    names = (TIME, *column_order(what))
+    stated = _stated_rate(parts, mapping, rate)
+    watch = _CheckedStream(Clock(path, row_word), Plausibility(mapping, path, rate_stated=stated is not None))
+    stream = decimated(watch.passing(blocks(parts, mapping, stated)), mapping)
+    names = (TIME, *column_order(mapping))
     place = str(path)
     parse_columns(names, place)
     first = next(stream, None)
     if first is None:
         raise BadInput(f"{path}: no samples (valid: two or more)")
-    schema = episode_schema(names, {"complete": True, **_metadata(recording, parts, what, stated)}, place)
+    schema = episode_schema(names, {"complete": True, **_metadata(recording, parts, mapping, stated)}, place)
     written = _ArrowTables(schema)
     write_merged(target, written.of(first, stream), schema)
-    notes = [*what.notes, *(note for part in parts for note in part.table.notes), *watch.plausibility.notes]
-    every = what.decimation.keep_every if what.decimation else 1
+    notes = [
+        *mapping.notes,
+        *(note for part in parts for note in part.table.notes),
+        *watch.plausibility.notes,
+    ]
+    every = mapping.decimation.keep_every if mapping.decimation else 1
     return Imported(
         path=target,
         samples=written.rows,
         duration=watch.clock.duration,
         rate=watch.clock.rate / every,
         rate_stated=stated is not None,
-        joints=len(what.joints),
-        kinds=what.kinds,
+        joints=len(mapping.joints),
+        kinds=mapping.kinds,
         notes=tuple(dict.fromkeys(notes)),
     )
 
@@ -171,7 +176,7 @@ def copy_episode(path: Path, target: Path) -> Imported:
 
 
 class _CheckedStream:
-    """Lets blocks pass while clock and plausibility look at them; they judge when the last has passed."""
+    """Hands blocks on and shows each to the checks, which finish after the last one."""
 
     def __init__(self, clock: Clock, plausibility: Plausibility) -> None:
         self.clock = clock
@@ -208,7 +213,7 @@ class _ArrowTables:
         return pa.Table.from_arrays(arrays, schema=self._schema)
 
 
-def _stated_rate(parts: Sequence[MappedTable], what: ImportMap, rate: float | None) -> float | None:
+def _stated_rate(parts: Sequence[MappedTable], mapping: ImportMap, rate: float | None) -> float | None:
     """Returns the rate to count time with; None where a table brings its own time."""
     place = parts[0].table.path
     if any(part.time is not None for part in parts):
@@ -217,25 +222,26 @@ def _stated_rate(parts: Sequence[MappedTable], what: ImportMap, rate: float | No
                 f"{place}: it has a time of its own, so --rate {rate:g} has no effect (valid: no --rate)"
             )
         return None
-    if rate is not None and what.rate is not None and rate != what.rate:
+    if rate is not None and mapping.rate is not None and rate != mapping.rate:
         raise BadInput(
-            f"--rate {rate:g}: {what.document.path} says 'rate: {what.rate:g}' (valid: one of the two, or the same)"
+            f"--rate {rate:g}: {mapping.document.path} says 'rate: {mapping.rate:g}' (valid: one of the two,"
+            " or the same)"
         )
-    stated = rate if rate is not None else what.rate
+    stated = rate if rate is not None else mapping.rate
     if stated is None:
         raise BadInput(
-            f"{place}: no time base: the map names no time column, and no rate is stated{_rate_hint(parts, what)}"
+            f"{place}: no time base: the map names no time column, and no rate is stated{_rate_hint(parts, mapping)}"
             " (valid: 'rate: HZ' in the map, or --rate HZ, from whoever recorded it; or 'time' for the table)"
         )
     return stated
 
 
-def _rate_hint(parts: Sequence[MappedTable], what: ImportMap) -> str:
+def _rate_hint(parts: Sequence[MappedTable], mapping: ImportMap) -> str:
     """The rate at which positions and velocities would agree, where the log has both."""
-    first = next(blocks(parts, what, 1.0), None)
+    first = next(blocks(parts, mapping, 1.0), None)
     if first is None:
         return ""
-    match = SpeedMatch(what, parts[0].table.path, rate_stated=True)
+    match = SpeedMatch(mapping, parts[0].table.path, rate_stated=True)
     match.take(first)
     ratios = sorted(match.ratios().values())
     if not ratios or ratios[0] <= 0.0:
@@ -244,39 +250,39 @@ def _rate_hint(parts: Sequence[MappedTable], what: ImportMap) -> str:
 
 
 def _metadata(
-    recording: RecordingFiles, parts: Sequence[MappedTable], what: ImportMap, stated: float | None
+    recording: RecordingFiles, parts: Sequence[MappedTable], mapping: ImportMap, stated: float | None
 ) -> dict[str, Any]:
     imported: dict[str, Any] = {
         "sources": [path.name for path in recording.paths],
-        "map": what.document.text,
+        "map": mapping.document.text,
         "time": "recorded" if stated is None else "stated",
     }
     if stated is not None:
         imported["rate"] = stated
-    if what.decimation is not None:
+    if mapping.decimation is not None:
         imported["decimate"] = {
-            "keep_every": what.decimation.keep_every,
-            "low_pass": what.decimation.low_pass,
+            "keep_every": mapping.decimation.keep_every,
+            "low_pass": mapping.decimation.low_pass,
         }
     starts = [start for part in parts if (start := getattr(part.table, "start", None)) is not None]
     if starts:
         imported["start_ns"] = starts[0]
     return episode_metadata(
-        robot=what.robot,
+        robot=mapping.robot,
         episode=recording.name,
-        effort_source=what.effort_source,
-        gravity_compensation=what.gravity_compensation,
-        repeat_of=what.repeat_of(recording.name),
+        effort_source=mapping.effort_source,
+        gravity_compensation=mapping.gravity_compensation,
+        repeat_of=mapping.repeat_of(recording.name),
         task=None,
         imported=imported,
     )
 
 
 def _import_one(
-    recording: RecordingFiles, what: ImportMap | None, rate: float | None, target: Path
+    recording: RecordingFiles, mapping: ImportMap | None, rate: float | None, target: Path
 ) -> Imported:
-    if what is not None:
-        return import_recording(recording, what, rate, target)
+    if mapping is not None:
+        return import_recording(recording, mapping, rate, target)
     path = recording.paths[0]
     kind = kind_of(path)
     if kind in ("run", "parquet"):
@@ -286,7 +292,7 @@ def _import_one(
             )
         return copy_episode(path, target)
     if kind not in ("bag", "text"):
-        what_it_is = "a folder without a recording" if kind == "folder" else "variables that nobody explains"
+        what_it_is = "a folder without a recording" if kind == "folder" else "arrays that no map describes"
         raise BadInput(f"{path}: {what_it_is} (valid: --map FILE, see docs/import.md)")
     text, notes = bag_map(path) if kind == "bag" else recorder_map(path)
     own = parse_map(Path(f"{path} (its own map)"), text)
@@ -315,7 +321,7 @@ def _refuse_present(recordings: Sequence[RecordingFiles], out: Path) -> None:
 
 @contextmanager
 def _staging(out: Path) -> Iterator[Path]:
-    """A hidden directory on the same disk, gone at the end however the import ends."""
+    """A hidden directory on the same disk, removed however the import ends."""
     try:
         folder = Path(tempfile.mkdtemp(prefix=".impedance-import-", dir=_closest_existing(out)))
     except OSError as error:

@@ -19,7 +19,7 @@ from impedance_modules.errors import BadInput
 
 SEPARATORS: Mapping[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": None}
 LONGEST_LINE = 1_000_000
-"""Characters; a longer line belongs to no table."""
+"""Characters; a longer line is no table."""
 
 _UNFINISHED = (
     "the last line has no line end: if the recorder was cut off there, its last value may be cut too"
