@@ -16,13 +16,13 @@ from impedance_modules.effects.surface_effects import SurfaceEffect
 from tests.support.effect_recordings import (
     RATE,
     STILL,
-    Recording,
     AppliedEffect,
-    plant_with,
+    Recording,
+    applied,
     nominal,
+    plant_with,
     record,
     start,
-    applied,
 )
 
 P, S = "port_", "starboard_"

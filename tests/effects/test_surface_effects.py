@@ -15,7 +15,7 @@ from impedance_modules.effects.surface_effects import touches
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel
-from tests.support.effect_recordings import patch_of, start, applied
+from tests.support.effect_recordings import applied, patch_of, start
 from tests.support.plant_parts import SIX_JOINTS, exact, plane, spec_of
 
 HAND, SECONDS, C = "port_palm", 2.0, "contact"

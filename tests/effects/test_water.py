@@ -10,7 +10,7 @@ from impedance_modules.plant.compiled_links import accelerate, place_links
 from impedance_modules.plant.links import link_table
 from impedance_modules.robot.model import RobotModel
 from tests.plant.test_plant_reference import random_tree
-from tests.support.effect_recordings import plant_with, start, applied
+from tests.support.effect_recordings import applied, plant_with, start
 from tests.support.plant_parts import SIX_JOINTS, spec_of, undamped
 
 L = "link"

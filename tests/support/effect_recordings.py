@@ -106,7 +106,9 @@ class Recording:
 
 
 @cache
-def record(entries: tuple[AppliedEffect, ...], spring_damping: float = 0.0, seconds: float = SECONDS) -> Recording:
+def record(
+    entries: tuple[AppliedEffect, ...], spring_damping: float = 0.0, seconds: float = SECONDS
+) -> Recording:
     """Tracks a motion of several tones on all joints at once; drive torque is that of the sample's middle."""
     robot = nominal(spring_damping)
     plant = plant_with(robot, entries)
