@@ -25,6 +25,21 @@ CENTRE = ("cx", "cy", "cz")
 FAR = 3.0
 """Distance from a link's origin beyond which nothing is fixed to it [m]: a moment without a mass, not a thing."""
 
+MOMENTS = ("dhx", "dhy", "dhz")
+
+INERTIAS = ("dIxx", "dIxy", "dIyy", "dIxz", "dIyz", "dIzz")
+
+CHANGES = ("dm", *MOMENTS, *INERTIAS)
+
+ALL_OVER = "all_over"
+"""Shape: not zero where the link is heavier or lighter all over, its centre and radii of gyration as believed ..."""
+
+WITH_FIXED, ALONE = 1.0, 2.0
+"""... together with all that is fixed to it, or by itself: a wrist without its hand."""
+
+SMALL_LEAN = 1e-6
+"""Step of the derivative by the lean [rad]."""
+
 
 def point_mass(mass: float, centre: Array) -> Array:
     """Ten inertial parameters of a point mass at a point of the body's frame, about the frame's origin."""
@@ -110,18 +125,6 @@ class Payload(Effect):
         return replace(robot, body_changes=(*robot.body_changes, *changes))
 
 
-MOMENTS = ("dhx", "dhy", "dhz")
-INERTIAS = ("dIxx", "dIxy", "dIyy", "dIxz", "dIyz", "dIzz")
-CHANGES = ("dm", *MOMENTS, *INERTIAS)
-
-
-ALL_OVER = "all_over"
-"""Shape: not zero where the link is heavier or lighter all over, its centre and radii of gyration as believed ..."""
-
-WITH_FIXED, ALONE = 1.0, 2.0
-"""... together with all that is fixed to it, or by itself: a wrist without its hand."""
-
-
 class LinkInertia(Effect):
     """A link whose ten inertial parameters are not those of the model."""
 
@@ -200,10 +203,6 @@ def _heavier(signals: Signals, key: str, shape: Shape) -> Array:
     """Parameters (10,) of what is heavier in proportion: a link alone, or with all that is fixed to it."""
     model = signals.model
     return model.link_inertia(key) if shape[ALL_OVER] == ALONE else model.body_inertia(key)
-
-
-SMALL_LEAN = 1e-6
-"""Step of the derivative by the lean [rad]."""
 
 
 def _leaning(gravity: Array, lean: Array) -> Array:

@@ -31,11 +31,24 @@ from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Resi
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
+
 Values = Mapping[str, float]
 """An effect's parameters by symbol, in the units of its description."""
 
 PAIR = "<-"
 """Between the two joints of a key: ``JOINT<-OTHER``."""
+
+PRESLIDING = "presliding"
+"""Shape: presliding displacement [rad], over which dry friction changes its sign; zero where a speed decides."""
+
+PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
+"""Displacements tried, in multiples of the way that a joint goes in a second at the regularisation velocity."""
+
+REGULARISATION = "regularisation"
+"""Shape: multiple of the usual regularisation velocity of dry friction; missing where it is the usual one."""
+
+WIDER_REGULARISATIONS = (3.0, 7.0)
+"""Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
 
 
 @dataclass(frozen=True)
@@ -208,19 +221,6 @@ class Effect(ABC):
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:  # noqa: B027
         """Tells the plant what reality does and the model does not know."""
-
-
-PRESLIDING = "presliding"
-"""Shape: presliding displacement [rad], over which dry friction changes its sign; zero where a speed decides."""
-
-PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
-"""Displacements tried, in multiples of the way that a joint goes in a second at the regularisation velocity."""
-
-REGULARISATION = "regularisation"
-"""Shape: multiple of the usual regularisation velocity of dry friction; missing where it is the usual one."""
-
-WIDER_REGULARISATIONS = (3.0, 7.0)
-"""Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
 
 
 class JointLaw(Effect):

@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 STRETCH = "stretch"
 """Shape: displacement fc / s0 over which the bristles turn over [rad]."""
 
-
 COUNTS = 6
 """Counts of the encoder over which bristles must bend to be told from dry friction, behind any filter."""
 

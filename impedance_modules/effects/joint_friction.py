@@ -21,15 +21,20 @@ from impedance_modules.effects.recorded_signals import Signals
 Array = NDArray[np.float64]
 
 BOTH_SIDES: tuple[Port, ...] = ("actuator", "link")
+
 APPLIED = (
     "The plant, as a torque at the motor (port actuator) or at the link; the controller does not know it."
 )
-COULOMB = Parameter("fc", "N.m", "Coulomb friction", lower=0.0, linear_unit="N")
-VISCOUS = Parameter("fv", "N.m.s/rad", "viscous friction", lower=0.0, linear_unit="N.s/m")
 
+COULOMB = Parameter("fc", "N.m", "Coulomb friction", lower=0.0, linear_unit="N")
+
+VISCOUS = Parameter("fv", "N.m.s/rad", "viscous friction", lower=0.0, linear_unit="N.s/m")
 
 SLIDING_FULLY = 2.0 * REGULARISATION_VELOCITY
 """Speed at which dry friction has turned over, nearly [rad/s]."""
+
+WARMING_MIN = 2.0
+"""Shortest time constant with which grease is taken to warm up [s]."""
 
 
 class CoulombFriction(JointLaw):
@@ -174,10 +179,6 @@ class QuadraticDrag(JointLaw):
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes v |v|."""
         return np.asarray(sample.velocity * np.abs(sample.velocity))[..., None]
-
-
-WARMING_MIN = 2.0
-"""Shortest time constant with which grease is taken to warm up [s]."""
 
 
 class AsymmetricFriction(JointLaw):

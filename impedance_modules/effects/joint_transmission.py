@@ -33,6 +33,8 @@ READ = "read"
 UNLOADED = 0.1
 """Share of a joint's typical load below which its teeth are taken to be apart."""
 
+SYMBOLS = ("Ia", "fv", "fc")
+
 
 def cost_of_deflection(signals: Signals, joint: int, deflection: Array, residual: Residual) -> Array | None:
     """Computes the torque that an unknown deflection (N,) costs; None where a residual cannot see it."""
@@ -237,9 +239,6 @@ def place_in_play(load: Array) -> Array:
     begin, end = touching[before], touching[after]
     share = np.where(end > begin, (every - begin) / np.maximum(end - begin, 1), 0.0)
     return np.asarray(side[before] + (side[after] - side[before]) * np.clip(share, 0.0, 1.0) ** 2)
-
-
-SYMBOLS = ("Ia", "fv", "fc")
 
 
 class TransmissionCoupling(Effect):

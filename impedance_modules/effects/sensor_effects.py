@@ -29,6 +29,9 @@ from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
 
+APART = "apart"
+"""Shape: 1 where the readings' clock runs away from the commands'."""
+
 
 class TorqueOffset(JointLaw):
     """A constant torque, consumed or only reported."""
@@ -229,10 +232,6 @@ class Crosstalk(Effect):
         for key, values in parameters.items():
             joint, other = ends(key)
             builder.crosstalk[builder.joint(joint), builder.joint(other)] += values["c"]
-
-
-APART = "apart"
-"""Shape: 1 where the readings' clock runs away from the commands'."""
 
 
 class VelocityFilterLag(Stepped):

@@ -26,8 +26,11 @@ from impedance_modules.robot.rotation import skew
 Array = NDArray[np.float64]
 
 CENTRE = ("cx", "cy", "cz")
+
 MASSES = ("mx", "my", "mz")
+
 INERTIAS = ("Ix", "Iy", "Iz")
+
 DRAGS = ("dx", "dy", "dz")
 
 

@@ -85,24 +85,6 @@ def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
     return out
 
 
-def _within(one: CandidateTrial, other: CandidateTrial) -> bool:
-    """Whether a law is a special case of another one on the same joint."""
-    if one.term.generic or other.term.generic or one.term.key[1:] != other.term.key[1:]:
-        return False
-    less, more = (set(trial.term.candidate.effect.description.symbols) for trial in (one, other))
-    return less < more
-
-
-def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
-    """Whether one is a body's weight in proportion, and does as well as another change of that body."""
-    if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
-        return False
-    keys = [trial.term.candidate.effect.description.keys for trial in (one, other)]
-    if not all("body" in key for key in keys) or one.term.layout.free > 1 or other.term.layout.free <= 1:
-        return False
-    return one.reach >= IN_PROPORTION * other.reach
-
-
 def twins(one: CandidateTrial, other: CandidateTrial) -> bool:
     """Whether both delay one joint's torque, by two different laws.
 
@@ -169,14 +151,32 @@ def objection(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str |
     return next((reason for holds, reason in checks if holds), None)
 
 
-def _brief(trial: CandidateTrial) -> bool:
-    """Whether a candidate shows in a few moments by its nature: what a drive cuts off, it cuts off at the peaks."""
-    return not trial.term.generic and trial.term.candidate.effect.brief
-
-
 def disagreed(trial: CandidateTrial) -> bool:
     """Whether the joints' own numbers differ where one number is to hold for all."""
     return trial.term.candidate.key == "log" and trial.discord > DISCORD_MAX
+
+
+def _within(one: CandidateTrial, other: CandidateTrial) -> bool:
+    """Whether a law is a special case of another one on the same joint."""
+    if one.term.generic or other.term.generic or one.term.key[1:] != other.term.key[1:]:
+        return False
+    less, more = (set(trial.term.candidate.effect.description.symbols) for trial in (one, other))
+    return less < more
+
+
+def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
+    """Whether one is a body's weight in proportion, and does as well as another change of that body."""
+    if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
+        return False
+    keys = [trial.term.candidate.effect.description.keys for trial in (one, other)]
+    if not all("body" in key for key in keys) or one.term.layout.free > 1 or other.term.layout.free <= 1:
+        return False
+    return one.reach >= IN_PROPORTION * other.reach
+
+
+def _brief(trial: CandidateTrial) -> bool:
+    """Whether a candidate shows in a few moments by its nature: what a drive cuts off, it cuts off at the peaks."""
+    return not trial.term.generic and trial.term.candidate.effect.brief
 
 
 def _as_good(rival: CandidateTrial, trial: CandidateTrial) -> bool:

@@ -15,6 +15,12 @@ from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner
 from impedance_modules.effects.effect import Effect
 
+JOINTS_MIN = 3
+"""Joints that must be late for a common reason to be thought of."""
+
+GIVEN_UP = 5.0
+"""Log-likelihood that the common name may cost on a joint [nats]."""
+
 
 def eliminate_backward(
     model: Sequence[ModelTerm],
@@ -50,17 +56,6 @@ def eliminate_backward(
     return kept
 
 
-def _without(model: Sequence[ModelTerm], *terms: ModelTerm) -> list[ModelTerm]:
-    return [other for other in model if other not in terms]
-
-
-JOINTS_MIN = 3
-"""Joints that must be late for a common reason to be thought of."""
-
-GIVEN_UP = 5.0
-"""Log-likelihood that the common name may cost on a joint [nats]."""
-
-
 def merge_delays(
     model: Sequence[ModelTerm], make: Callable[[Sequence[ModelTerm]], ModelFit], refiner: ShapeRefiner
 ) -> list[ModelTerm]:
@@ -87,6 +82,10 @@ def merge_delays(
         if 0.5 * float((new.left - old.left) @ old.weights) <= GIVEN_UP:
             kept[index] = better
     return kept
+
+
+def _without(model: Sequence[ModelTerm], *terms: ModelTerm) -> list[ModelTerm]:
+    return [other for other in model if other not in terms]
 
 
 def _shared_delay(effect: Effect) -> bool:

@@ -250,6 +250,41 @@ def seen_by_all(model_fit: ModelFit, term: ModelTerm) -> InSampleFit:
     )
 
 
+def with_term(left: Sequence[Array], term: ModelTerm, recording: int, coefficients: Array) -> list[Array]:
+    """Takes a candidate's part out of residuals."""
+    out = list(left)
+    for g, block in term.columns[recording].items():
+        out[g] = out[g] - block @ coefficients
+    for g, steady in term.fixed[recording].items():
+        out[g] = out[g] - steady
+    return out
+
+
+def extended(
+    model_fit: ModelFit, recordings: Sequence[int], base: Fit, term: ModelTerm
+) -> tuple[Array, Array, Array]:
+    """Adds a candidate to a fit; returns the model's coefficients, its own and their covariance."""
+    size = term.shaped.size
+    steady = bool(term.fixed[recordings[0]])
+    width = size + steady
+    cross, own, right = np.zeros((width, model_fit.size)), np.zeros((width, width)), np.zeros(width)
+    for r in recordings:
+        for g, block in term.columns[r].items():
+            X = np.column_stack([block, term.fixed[r][g]]) if steady else block
+            ids, rows = model_fit.ids[g], model_fit.rows[r][g]
+            left = model_fit.target[r][g] - rows @ base.coefficients[ids]
+            cross[:, ids] += model_fit.weights[g] * (X.T @ rows)
+            own += model_fit.weights[g] * (X.T @ X)
+            right += model_fit.weights[g] * (X.T @ left)
+    pull = base.inverse @ cross.T
+    schur = own - cross @ pull
+    matrix = schur[:size, :size] + np.diag(FLAT * (1.0 + np.diag(own)[:size]) + term.layout.precision)
+    covariance = np.linalg.inv(matrix)
+    found = covariance @ (right[:size] - schur[:size, size:].sum(axis=1))
+    whole = np.append(found, np.ones(int(steady)))
+    return base.coefficients - pull @ whole, np.asarray(found), np.asarray(covariance)
+
+
 def _displaced(model_fit: ModelFit, coefficients: Array) -> ModelTerm | None:
     """The first term of a model that coefficients leave outside its bounds for certain, and which was inside."""
     spread = np.sqrt(np.diag(model_fit.whole.inverse))
@@ -285,38 +320,3 @@ def _essence(term: ModelTerm, coefficients: Array, covariance: Array) -> float:
     L = np.array(rows) / term.layout.scale
     found = L @ coefficients
     return float(found @ np.linalg.pinv(L @ covariance @ L.T, hermitian=True) @ found)
-
-
-def with_term(left: Sequence[Array], term: ModelTerm, recording: int, coefficients: Array) -> list[Array]:
-    """Takes a candidate's part out of residuals."""
-    out = list(left)
-    for g, block in term.columns[recording].items():
-        out[g] = out[g] - block @ coefficients
-    for g, steady in term.fixed[recording].items():
-        out[g] = out[g] - steady
-    return out
-
-
-def extended(
-    model_fit: ModelFit, recordings: Sequence[int], base: Fit, term: ModelTerm
-) -> tuple[Array, Array, Array]:
-    """Adds a candidate to a fit; returns the model's coefficients, its own and their covariance."""
-    size = term.shaped.size
-    steady = bool(term.fixed[recordings[0]])
-    width = size + steady
-    cross, own, right = np.zeros((width, model_fit.size)), np.zeros((width, width)), np.zeros(width)
-    for r in recordings:
-        for g, block in term.columns[r].items():
-            X = np.column_stack([block, term.fixed[r][g]]) if steady else block
-            ids, rows = model_fit.ids[g], model_fit.rows[r][g]
-            left = model_fit.target[r][g] - rows @ base.coefficients[ids]
-            cross[:, ids] += model_fit.weights[g] * (X.T @ rows)
-            own += model_fit.weights[g] * (X.T @ X)
-            right += model_fit.weights[g] * (X.T @ left)
-    pull = base.inverse @ cross.T
-    schur = own - cross @ pull
-    matrix = schur[:size, :size] + np.diag(FLAT * (1.0 + np.diag(own)[:size]) + term.layout.precision)
-    covariance = np.linalg.inv(matrix)
-    found = covariance @ (right[:size] - schur[:size, size:].sum(axis=1))
-    whole = np.append(found, np.ones(int(steady)))
-    return base.coefficients - pull @ whole, np.asarray(found), np.asarray(covariance)

@@ -25,6 +25,9 @@ from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, D
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
 from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner
 
+Objection = Callable[[CandidateTrial], str | None]
+Best = Callable[[Sequence[ScreenedCandidate], int], list[ScreenedCandidate]]
+
 CAUSES_MAX = 30
 """More are not looked for."""
 
@@ -42,6 +45,12 @@ REFINED = 4
 
 STAND_INS = 6
 """Generic stand-ins that are tried beside them."""
+
+FIRST, SECOND = 16, 4
+"""Candidates that are taken for granted in turn, and partners that are tried beside each."""
+
+LACKING = 3.0
+"""Residual power over noise above which a group is not understood and worth a search for pairs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,21 +243,6 @@ class Selector:
         return [*model[:index], chosen, *model[index + 1 :]]
 
 
-def _moves(term: ModelTerm) -> bool:
-    """Whether a shape is worth moving before a candidate is compared."""
-    return bool(term.candidate.effect.shape) and not term.candidate.effect.nearly_linear
-
-
-FIRST, SECOND = 16, 4
-"""Candidates that are taken for granted in turn, and partners that are tried beside each."""
-
-LACKING = 3.0
-"""Residual power over noise above which a group is not understood and worth a search for pairs."""
-
-Objection = Callable[[CandidateTrial], str | None]
-Best = Callable[[Sequence[ScreenedCandidate], int], list[ScreenedCandidate]]
-
-
 def find_pair(
     screen: Screening,
     model_fit: ModelFit,
@@ -286,3 +280,8 @@ def find_pair(
             if objection(try_term(make([*model_fit.model, other]), one)) is None:
                 return one, other
     return None
+
+
+def _moves(term: ModelTerm) -> bool:
+    """Whether a shape is worth moving before a candidate is compared."""
+    return bool(term.candidate.effect.shape) and not term.candidate.effect.nearly_linear

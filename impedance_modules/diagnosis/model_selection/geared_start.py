@@ -21,13 +21,13 @@ from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import REGULARISATION
 
+Objection = Callable[[CandidateTrial], str | None]
+
 LESS = 0.3
 """Part of what the best single law of the joint leaves that all of them together may leave at most."""
 
 HOPELESS = 3.0
 """Multiple of what is allowed beyond which other shapes of the same laws are not looked at."""
-
-Objection = Callable[[CandidateTrial], str | None]
 
 
 def geared_start_model(

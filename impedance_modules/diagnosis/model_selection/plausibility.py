@@ -24,12 +24,14 @@ Array = NDArray[np.float64]
 CONTRAST_MIN = 12.0
 """Least chi-square of what makes an effect this effect: three and a half standard deviations of one number."""
 
-
 FAR = 1.5
 """Farthest place of a load on a link, over the robot's longest link."""
 
 TAKEN_BACK = 0.5
 """Part of one that the other may take back."""
+
+REPEATED_MIN = 0.5
+"""Least correlation: from there on more than half of a candidate's power belongs to the motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,29 @@ class Plausibility:
         return trial.term.candidate.key in self.bodies
 
 
+def repeats(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
+    """Whether a candidate's torque comes back in recordings of one motion, or need not.
+
+    It need not where none was repeated, or where the command makes it.
+
+    Args:
+        trial: The candidate.
+        pairs: Recordings that repeat each other.
+    """
+    candidate = trial.term.candidate
+    if candidate.effect.computed_from_command(candidate.port):
+        return True  # the command is known exactly as it was sent, its noise included
+    shared, whole = 0.0, 0.0
+    for i, j in pairs:
+        one, other = _torque(trial, i), _torque(trial, j)
+        for group in one.keys() & other.keys():
+            size = min(len(one[group]), len(other[group]))
+            first, second = one[group][:size], other[group][:size]
+            shared += float(first @ second)
+            whole += float(np.linalg.norm(first) * np.linalg.norm(second))
+    return whole <= 0.0 or shared >= REPEATED_MIN * whole
+
+
 def _holds(one: ModelTerm, other: ModelTerm) -> bool:
     """Whether one law of friction has the other's numbers among its own: they would share them out at will."""
     laws = [term.candidate.effect for term in (one, other)]
@@ -130,33 +155,6 @@ def _taken_back(trial: CandidateTrial, signals: Signals) -> bool:
         if abs(sum(sizes)) < TAKEN_BACK * max(map(abs, sizes)):
             return True
     return False
-
-
-REPEATED_MIN = 0.5
-"""Least correlation: from there on more than half of a candidate's power belongs to the motion."""
-
-
-def repeats(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
-    """Whether a candidate's torque comes back in recordings of one motion, or need not.
-
-    It need not where none was repeated, or where the command makes it.
-
-    Args:
-        trial: The candidate.
-        pairs: Recordings that repeat each other.
-    """
-    candidate = trial.term.candidate
-    if candidate.effect.computed_from_command(candidate.port):
-        return True  # the command is known exactly as it was sent, its noise included
-    shared, whole = 0.0, 0.0
-    for i, j in pairs:
-        one, other = _torque(trial, i), _torque(trial, j)
-        for group in one.keys() & other.keys():
-            size = min(len(one[group]), len(other[group]))
-            first, second = one[group][:size], other[group][:size]
-            shared += float(first @ second)
-            whole += float(np.linalg.norm(first) * np.linalg.norm(second))
-    return whole <= 0.0 or shared >= REPEATED_MIN * whole
 
 
 def _torque(trial: CandidateTrial, recording: int) -> dict[int, Array]:

@@ -73,6 +73,19 @@ def same_name(one: Candidate, other: Candidate) -> bool:
     return one.effect.id == other.effect.id and one.key == other.key
 
 
+def contains(rival: CandidateTrial, own: CandidateTrial) -> bool:
+    """Whether the rival is the cause with more parameters: then it lost by being no better.
+
+    Either its symbols say so, or that what makes it more than a simpler law is not there for certain.
+    """
+    more, less = rival.term.candidate, own.term.candidate
+    larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
+    if "body" in more.effect.description.keys and "body" in less.effect.description.keys:
+        larger = rival.term.layout.free > own.term.layout.free
+    empty = bool(more.effect.contrasts) and rival.seen.contrasts < CONTRAST_MIN and not less.effect.contrasts
+    return more.key == less.key and (larger or empty)
+
+
 def _named(candidate: Candidate, reason: str) -> Rival:
     return Rival(candidate.effect.id, candidate.joints, reason)
 
@@ -89,19 +102,6 @@ def _equal(own: CandidateTrial, rival: CandidateTrial) -> bool:
     if loss < EQUAL_LOSS:
         return not (ahead and own.gain - rival.gain > DECIDED)
     return loss < 5.0 * EQUAL_LOSS and not ahead and own.gain - rival.gain < DECISIVE
-
-
-def contains(rival: CandidateTrial, own: CandidateTrial) -> bool:
-    """Whether the rival is the cause with more parameters: then it lost by being no better.
-
-    Either its symbols say so, or that what makes it more than a simpler law is not there for certain.
-    """
-    more, less = rival.term.candidate, own.term.candidate
-    larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
-    if "body" in more.effect.description.keys and "body" in less.effect.description.keys:
-        larger = rival.term.layout.free > own.term.layout.free
-    empty = bool(more.effect.contrasts) and rival.seen.contrasts < CONTRAST_MIN and not less.effect.contrasts
-    return more.key == less.key and (larger or empty)
 
 
 def _alone(rival: CandidateTrial, own: CandidateTrial) -> bool:

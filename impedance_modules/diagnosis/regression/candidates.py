@@ -20,6 +20,8 @@ from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
 
 Array = NDArray[np.float64]
+Thin = NDArray[np.float32]
+
 Group = tuple[Residual, int]
 """One residual of one joint: the rows that share a noise level."""
 
@@ -28,6 +30,9 @@ SENSOR_SHARE_MAX = 0.5
 
 PERIODS_MIN = 2.0
 """Fewest periods that a periodic effect must run through in the recordings."""
+
+WAITING = 4_000_000
+"""Values that may wait to be filtered together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,21 +100,6 @@ def list_candidates(
     return tuple(found)
 
 
-def _keys(
-    kind: KeyKind, joints: Sequence[str], bodies: Sequence[tuple[str, str]], symmetric: bool
-) -> Iterator[tuple[str, tuple[str, ...]]]:
-    if kind == "joint":
-        yield from ((joint, (joint,)) for joint in joints)
-    elif kind == "pair":
-        for index, joint in enumerate(joints):
-            others = joints[index + 1 :] if symmetric else [other for other in joints if other != joint]
-            yield from ((f"{joint}{PAIR}{other}", (joint,)) for other in others)
-    elif kind == "body":
-        yield from ((link, (joint,)) for link, joint in bodies)
-    else:
-        yield kind, ()
-
-
 def shapes_of(candidate: Candidate, recordings: Sequence[Signals]) -> list[dict[str, float]]:
     """Lists the shapes of a candidate that are worth trying on some recordings: those of the widest motion."""
     signals = recordings[0]
@@ -155,29 +145,6 @@ def columns_of(
     if not fixed:
         blocks = {group: block[:, :-1] for group, block in blocks.items()}
     return Columns(blocks, fixed, *bounds)
-
-
-def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Narrows the physical bounds of pure numbers at a sensor: nobody ships one that is wrong by half."""
-    if candidate.port != "sensor" or any(
-        parameter.unit != "1" for parameter in candidate.effect.description.parameters
-    ):
-        return lower, upper
-    return np.maximum(lower, -SENSOR_SHARE_MAX), np.minimum(upper, SENSOR_SHARE_MAX)
-
-
-def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) -> bool:
-    """Whether a periodic shape runs through enough of its periods to be one, not merely a bend."""
-    if candidate.key not in signals.model.joint_names:
-        return True
-    travel = float(np.ptp(signals.position[:, signals.joint(candidate.key)]))
-    return candidate.effect.periods(shape, travel) >= PERIODS_MIN
-
-
-Thin = NDArray[np.float32]
-
-WAITING = 4_000_000
-"""Values that may wait to be filtered together."""
 
 
 @dataclass(eq=False)
@@ -270,15 +237,6 @@ def candidate_regressors(
     return [_squared(regressor) for regressor in regressors if regressor.lower.size]
 
 
-def _squared(regressor: CandidateRegressor) -> CandidateRegressor:
-    """Gives all recordings the same number of columns: a fixed part that is zero there may be lacking."""
-    for blocks in regressor.blocks:
-        for group, block in blocks.items():
-            if block.shape[1] < regressor.width:
-                blocks[group] = np.pad(block, ((0, 0), (0, 1)))
-    return regressor
-
-
 def alike(regressor: CandidateRegressor) -> tuple[object, ...]:
     """What two shapes of one effect on one carrier share if they are the same regression."""
     marks = tuple(
@@ -286,3 +244,44 @@ def alike(regressor: CandidateRegressor) -> tuple[object, ...]:
         for group, values in regressor.blocks[0].items()
     )
     return (regressor.key[0], regressor.key[1], tuple(regressor.shape.values()), marks)
+
+
+def _keys(
+    kind: KeyKind, joints: Sequence[str], bodies: Sequence[tuple[str, str]], symmetric: bool
+) -> Iterator[tuple[str, tuple[str, ...]]]:
+    if kind == "joint":
+        yield from ((joint, (joint,)) for joint in joints)
+    elif kind == "pair":
+        for index, joint in enumerate(joints):
+            others = joints[index + 1 :] if symmetric else [other for other in joints if other != joint]
+            yield from ((f"{joint}{PAIR}{other}", (joint,)) for other in others)
+    elif kind == "body":
+        yield from ((link, (joint,)) for link, joint in bodies)
+    else:
+        yield kind, ()
+
+
+def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Narrows the physical bounds of pure numbers at a sensor: nobody ships one that is wrong by half."""
+    if candidate.port != "sensor" or any(
+        parameter.unit != "1" for parameter in candidate.effect.description.parameters
+    ):
+        return lower, upper
+    return np.maximum(lower, -SENSOR_SHARE_MAX), np.minimum(upper, SENSOR_SHARE_MAX)
+
+
+def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) -> bool:
+    """Whether a periodic shape runs through enough of its periods to be one, not merely a bend."""
+    if candidate.key not in signals.model.joint_names:
+        return True
+    travel = float(np.ptp(signals.position[:, signals.joint(candidate.key)]))
+    return candidate.effect.periods(shape, travel) >= PERIODS_MIN
+
+
+def _squared(regressor: CandidateRegressor) -> CandidateRegressor:
+    """Gives all recordings the same number of columns: a fixed part that is zero there may be lacking."""
+    for blocks in regressor.blocks:
+        for group, block in blocks.items():
+            if block.shape[1] < regressor.width:
+                blocks[group] = np.pad(block, ((0, 0), (0, 1)))
+    return regressor

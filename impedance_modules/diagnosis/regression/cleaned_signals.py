@@ -21,6 +21,9 @@ ALONE = 1.5
 CLEAR = 4.0
 """Times its noise beyond which the sign of a measured effort is the load's."""
 
+STILL = 0.002
+"""Rms of a position about its mean below which its joint stands still [rad or m]."""
+
 
 def clean_signals(signals: Signals, noise: Array | None = None, flicker: Array | None = None) -> Signals:
     """Replaces the measured effort by its regression on the model's torque and the motion, and cleans the command.
@@ -51,6 +54,45 @@ def clean_signals(signals: Signals, noise: Array | None = None, flicker: Array |
         clean_drive=_clean_drive(signals, noise),
         position_command=_aimed(signals),
     )
+
+
+def noise_of_repeats(
+    prepared: Sequence[Prepared],
+    pairs: Sequence[tuple[int, int]],
+    channel: Callable[[Signals], Array | None],
+) -> Array | None:
+    """Rms (n,) of what differs in a channel of repeats; None without any."""
+    found = []
+    for i, j in pairs:
+        first, second = channel(prepared[i].signals), channel(prepared[j].signals)
+        if first is not None and second is not None:
+            size = min(len(first), len(second))
+            found.append(np.mean((first[:size] - second[:size]) ** 2, axis=0) / 2.0)
+    return np.sqrt(np.mean(found, axis=0)) if found else None
+
+
+def stationary_joints(position: Array) -> NDArray[np.bool_]:
+    """Joints that stand still over a recording's positions (N, n), as a mask (n,)."""
+    return np.asarray(position.std(axis=0) < STILL)
+
+
+def with_stationary_joints(signals: Signals) -> Signals:
+    """The same recording with still joints standing still."""
+    still = stationary_joints(signals.position)
+    if not still.any():
+        return signals
+    position, velocity, acceleration = (
+        x.copy() for x in (signals.position, signals.velocity, signals.acceleration)
+    )
+    position[:, still] = position[:, still].mean(axis=0)
+    velocity[:, still] = acceleration[:, still] = 0.0
+    calm = replace(signals, position=position, velocity=velocity, acceleration=acceleration)
+    if calm.drive is None:
+        return calm
+    assistance = calm.assistance
+    if assistance is not None:
+        assistance = np.where(still, calm.weight, assistance)
+    return replace(calm, drive=_asked_by_load(calm, calm.drive, still), assistance=assistance)
 
 
 def _aimed(signals: Signals) -> Array | None:
@@ -99,21 +141,6 @@ def _clean_drive(signals: Signals, noise: Array | None) -> Array | None:
     return out
 
 
-def noise_of_repeats(
-    prepared: Sequence[Prepared],
-    pairs: Sequence[tuple[int, int]],
-    channel: Callable[[Signals], Array | None],
-) -> Array | None:
-    """Rms (n,) of what differs in a channel of repeats; None without any."""
-    found = []
-    for i, j in pairs:
-        first, second = channel(prepared[i].signals), channel(prepared[j].signals)
-        if first is not None and second is not None:
-            size = min(len(first), len(second))
-            found.append(np.mean((first[:size] - second[:size]) ** 2, axis=0) / 2.0)
-    return np.sqrt(np.mean(found, axis=0)) if found else None
-
-
 def _basis(signals: Signals, joint: int, own: Array) -> Array:
     q, v, a = (x[:, joint] for x in (signals.position, signals.velocity, signals.acceleration))
     # With the regularisation of dry friction itself: a wider one would lend the reading a friction curve of its own.
@@ -123,34 +150,6 @@ def _basis(signals: Signals, joint: int, own: Array) -> Array:
 
 def _onto(basis: Array, values: Array) -> Array:
     return np.asarray(basis @ np.linalg.lstsq(basis, values, rcond=None)[0])
-
-
-STILL = 0.002
-"""Rms of a position about its mean below which its joint stands still [rad or m]."""
-
-
-def stationary_joints(position: Array) -> NDArray[np.bool_]:
-    """Joints that stand still over a recording's positions (N, n), as a mask (n,)."""
-    return np.asarray(position.std(axis=0) < STILL)
-
-
-def with_stationary_joints(signals: Signals) -> Signals:
-    """The same recording with still joints standing still."""
-    still = stationary_joints(signals.position)
-    if not still.any():
-        return signals
-    position, velocity, acceleration = (
-        x.copy() for x in (signals.position, signals.velocity, signals.acceleration)
-    )
-    position[:, still] = position[:, still].mean(axis=0)
-    velocity[:, still] = acceleration[:, still] = 0.0
-    calm = replace(signals, position=position, velocity=velocity, acceleration=acceleration)
-    if calm.drive is None:
-        return calm
-    assistance = calm.assistance
-    if assistance is not None:
-        assistance = np.where(still, calm.weight, assistance)
-    return replace(calm, drive=_asked_by_load(calm, calm.drive, still), assistance=assistance)
 
 
 def _asked_by_load(calm: Signals, drive: Array, still: NDArray[np.bool_]) -> Array:

@@ -25,7 +25,11 @@ Array = NDArray[np.float64]
 Thin = NDArray[np.float32]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+
 Real = TypeVar("Real", Array, Thin)
+
+UNSEEN = 1e-5
+"""A column smaller than this part of the largest one beside it is zero but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,15 +92,6 @@ class Design:
         return tuple(tuple(block.T @ block for block in recording) for recording in self.Z)
 
 
-def _kept(block: Real, keep: Mask | None) -> Real:
-    """Puts rows that do not count to zero."""
-    if keep is None:
-        return block
-    out = block.copy(order="K")
-    out[~keep] = 0.0
-    return out
-
-
 def build_design(
     regressors: Sequence[CandidateRegressor],
     nuisance: NuisanceColumns,
@@ -149,22 +144,6 @@ def whitened(blocks: Sequence[Sequence[Array]], whitening: Whitening) -> tuple[t
         tuple(np.asarray(whitening.apply(block, r, g)) for g, block in enumerate(recording))
         for r, recording in enumerate(blocks)
     )
-
-
-def _beside(
-    members: Sequence[tuple[CandidateRegressor, ColumnLayout]],
-    place: tuple[int, int],
-    group: Group,
-    whitening: Whitening,
-    rows: int,
-) -> Thin:
-    blocks = [scaled_block(regressor, layout, place[0], group, rows) for regressor, layout in members]
-    whole = np.concatenate(blocks, axis=1) if blocks else np.zeros((rows, 0), np.float32)
-    return np.asfortranarray(whitening.apply(whole, *place), dtype=np.float32)
-
-
-UNSEEN = 1e-5
-"""A column smaller than this part of the largest one beside it is zero but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,12 +219,6 @@ def layout_of(
     return ColumnLayout(shaped, {g: first[g] for g in touched}, scale, precision, unseen)
 
 
-def _spatial(regressor: CandidateRegressor) -> bool:
-    """Whether a regressor is about a body or the base: what a motion shows of it is a matter of geometry."""
-    kinds = regressor.candidate.effect.description.keys if regressor.candidate is not None else ()
-    return bool({"body", "base"} & set(kinds))
-
-
 def layouts_of(
     regressors: Sequence[CandidateRegressor], nuisance: NuisanceColumns
 ) -> tuple[dict[int, ColumnLayout], list[list[int]]]:
@@ -268,6 +241,43 @@ def layouts_of(
     return layouts, members
 
 
+def scaled_block(
+    regressor: CandidateRegressor, layout: ColumnLayout, recording: int, group: Group, rows: int
+) -> Thin:
+    """A regressor's columns (rows, width) in one group, divided by their scale; zero where it does not show."""
+    block = regressor.blocks[recording].get(group)
+    if block is None:
+        return np.zeros((rows, layout.shaped.width), np.float32)
+    return np.asarray(block / layout.divisor)
+
+
+def _kept(block: Real, keep: Mask | None) -> Real:
+    """Puts rows that do not count to zero."""
+    if keep is None:
+        return block
+    out = block.copy(order="K")
+    out[~keep] = 0.0
+    return out
+
+
+def _beside(
+    members: Sequence[tuple[CandidateRegressor, ColumnLayout]],
+    place: tuple[int, int],
+    group: Group,
+    whitening: Whitening,
+    rows: int,
+) -> Thin:
+    blocks = [scaled_block(regressor, layout, place[0], group, rows) for regressor, layout in members]
+    whole = np.concatenate(blocks, axis=1) if blocks else np.zeros((rows, 0), np.float32)
+    return np.asfortranarray(whitening.apply(whole, *place), dtype=np.float32)
+
+
+def _spatial(regressor: CandidateRegressor) -> bool:
+    """Whether a regressor is about a body or the base: what a motion shows of it is a matter of geometry."""
+    kinds = regressor.candidate.effect.description.keys if regressor.candidate is not None else ()
+    return bool({"body", "base"} & set(kinds))
+
+
 def _scale(regressor: CandidateRegressor) -> Array:
     size = len(regressor.lower)
     power, count = np.zeros(size), 0
@@ -277,13 +287,3 @@ def _scale(regressor: CandidateRegressor) -> Array:
             count += len(values)
     scale = np.sqrt(power / max(count, 1))
     return np.where(scale > 1e-12, scale, 0.0)
-
-
-def scaled_block(
-    regressor: CandidateRegressor, layout: ColumnLayout, recording: int, group: Group, rows: int
-) -> Thin:
-    """A regressor's columns (rows, width) in one group, divided by their scale; zero where it does not show."""
-    block = regressor.blocks[recording].get(group)
-    if block is None:
-        return np.zeros((rows, layout.shaped.width), np.float32)
-    return np.asarray(block / layout.divisor)

@@ -40,6 +40,31 @@ LEAST = 1e-24
 LEFT_MIN = 0.1
 """Least part of all samples that is taken to be left of a flexible model."""
 
+WINDOW = 0.5
+"""Length of a moment [s]."""
+
+STRUCK = 100.0
+"""Power of a moment over that of the median one, beyond which it is no noise on any joint: white noise comes to four,
+a real joint that sticks and slips to forty."""
+
+LOUD = 20.0
+"""The same on the other joints, once one was struck."""
+
+USUAL = 4.0
+"""Power over that of the median moment up to which a moment counts fully."""
+
+LEAST_POWER = 1e-30
+"""Power that stands for none at all."""
+
+RARE = 0.2
+"""Part of all moments that may be so loud; what is loud more often belongs to the recording."""
+
+STEPS = 6
+"""Times that a fit is repeated with loud moments counting less."""
+
+Left = tuple[list[Array], float]
+"""What a fit leaves, one piece (M,) for each recording, and the samples of white noise that it uses up."""
+
 
 def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> list[tuple[int, int]]:
     """Pairs of recordings of one motion."""
@@ -97,35 +122,6 @@ def noise_by_repeats(
     )
 
 
-def _rounded(rounding: Rounding | None, group: Group, shown: Mask) -> Array:
-    """What a grid adds to the difference of two repeats that were rounded alike."""
-    return np.zeros(int(shown.sum())) if rounding is None else rounding.of(group)[: len(shown)][shown]
-
-
-def _edge(prepared: Sequence[Prepared]) -> float:
-    """End of the band in cycles per kept sample."""
-    band = prepared[0].band
-    return band.cutoff * band.step / band.rate
-
-
-def _both_clear(
-    pair: tuple[int, int],
-    group: int,
-    prepared: Sequence[Prepared],
-    clear: Mapping[tuple[int, int], Mask],
-) -> Mask:
-    """Rows of a group that count in both of two repeats."""
-    masks = [clear.get((r, group), np.ones(prepared[r].samples, dtype=bool)) for r in pair]
-    size = min(map(len, masks))
-    return np.asarray(masks[0][:size] & masks[1][:size])
-
-
-def _difference(one: Array, other: Array, shown: Mask) -> Array:
-    size = len(shown)
-    difference = (one[:size] - other[:size])[shown]
-    return np.asarray((difference - difference.mean()) / np.sqrt(2.0))
-
-
 def noise_by_smoothness(
     left: Sequence[Sequence[Array]],
     prepared: Sequence[Prepared],
@@ -161,6 +157,73 @@ def noise_by_smoothness(
     return whitening_of(
         noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
     )
+
+
+@dataclass(frozen=True, eq=False)
+class LoudWindowFit:
+    """What a fit leaves on one joint.
+
+    Attributes:
+        plain: With all moments alike.
+        quiet: By a fit that hardly looks at loud moments, which are then made as loud as the others.
+        struck: Whether some moment, and not too many, cannot be noise.
+    """
+
+    plain: Left
+    quiet: Left
+    struck: bool
+
+
+def fit_without_loud_windows(fit: Callable[[Array | None], Left], rate: float) -> LoudWindowFit:
+    """Fits twice: a flexible model that bends to a loud moment spoils all the others.
+
+    The second fit is repeated with each moment weighted by the median power over its own.
+
+    Args:
+        fit: Takes weights (sum of M,) of the squares, or None for none.
+        rate: Samples a second [1/s].
+    """
+    plain = fit(None)
+    size = max(2, round(WINDOW * rate))
+    pieces, used = plain
+    for _ in range(STEPS):
+        pieces, used = fit(np.concatenate(_each(pieces, size, lambda ratio: np.minimum(1.0, USUAL / ratio))))
+    ratios = np.concatenate(_each(pieces, size, lambda ratio: ratio))
+    rare = float(np.mean(ratios > LOUD)) <= RARE
+    if not rare:
+        return LoudWindowFit(plain, plain, struck=False)
+    gains = _each(pieces, size, lambda ratio: np.where(ratio > LOUD, ratio**-0.5, 1.0))
+    quiet = [piece * gain for piece, gain in zip(pieces, gains, strict=True)]
+    return LoudWindowFit(plain, (quiet, used), struck=float(ratios.max()) > STRUCK)
+
+
+def _rounded(rounding: Rounding | None, group: Group, shown: Mask) -> Array:
+    """What a grid adds to the difference of two repeats that were rounded alike."""
+    return np.zeros(int(shown.sum())) if rounding is None else rounding.of(group)[: len(shown)][shown]
+
+
+def _edge(prepared: Sequence[Prepared]) -> float:
+    """End of the band in cycles per kept sample."""
+    band = prepared[0].band
+    return band.cutoff * band.step / band.rate
+
+
+def _both_clear(
+    pair: tuple[int, int],
+    group: int,
+    prepared: Sequence[Prepared],
+    clear: Mapping[tuple[int, int], Mask],
+) -> Mask:
+    """Rows of a group that count in both of two repeats."""
+    masks = [clear.get((r, group), np.ones(prepared[r].samples, dtype=bool)) for r in pair]
+    size = min(map(len, masks))
+    return np.asarray(masks[0][:size] & masks[1][:size])
+
+
+def _difference(one: Array, other: Array, shown: Mask) -> Array:
+    size = len(shown)
+    difference = (one[:size] - other[:size])[shown]
+    return np.asarray((difference - difference.mean()) / np.sqrt(2.0))
 
 
 def _no_quieter(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> list[Array]:
@@ -214,70 +277,6 @@ def _used(power: Array, ridge: float) -> float:
     """Samples of white noise that such a regression takes away: tr(2 H - H^2), H what turns readings into its fit."""
     share = power / (power + ridge)
     return float(np.sum(share * (2.0 - share)))
-
-
-WINDOW = 0.5
-"""Length of a moment [s]."""
-
-STRUCK = 100.0
-"""Power of a moment over that of the median one, beyond which it is no noise on any joint: white noise comes to four,
-a real joint that sticks and slips to forty."""
-
-LOUD = 20.0
-"""The same on the other joints, once one was struck."""
-
-USUAL = 4.0
-"""Power over that of the median moment up to which a moment counts fully."""
-
-LEAST_POWER = 1e-30
-"""Power that stands for none at all."""
-
-RARE = 0.2
-"""Part of all moments that may be so loud; what is loud more often belongs to the recording."""
-
-STEPS = 6
-"""Times that a fit is repeated with loud moments counting less."""
-
-Left = tuple[list[Array], float]
-"""What a fit leaves, one piece (M,) for each recording, and the samples of white noise that it uses up."""
-
-
-@dataclass(frozen=True, eq=False)
-class LoudWindowFit:
-    """What a fit leaves on one joint.
-
-    Attributes:
-        plain: With all moments alike.
-        quiet: By a fit that hardly looks at loud moments, which are then made as loud as the others.
-        struck: Whether some moment, and not too many, cannot be noise.
-    """
-
-    plain: Left
-    quiet: Left
-    struck: bool
-
-
-def fit_without_loud_windows(fit: Callable[[Array | None], Left], rate: float) -> LoudWindowFit:
-    """Fits twice: a flexible model that bends to a loud moment spoils all the others.
-
-    The second fit is repeated with each moment weighted by the median power over its own.
-
-    Args:
-        fit: Takes weights (sum of M,) of the squares, or None for none.
-        rate: Samples a second [1/s].
-    """
-    plain = fit(None)
-    size = max(2, round(WINDOW * rate))
-    pieces, used = plain
-    for _ in range(STEPS):
-        pieces, used = fit(np.concatenate(_each(pieces, size, lambda ratio: np.minimum(1.0, USUAL / ratio))))
-    ratios = np.concatenate(_each(pieces, size, lambda ratio: ratio))
-    rare = float(np.mean(ratios > LOUD)) <= RARE
-    if not rare:
-        return LoudWindowFit(plain, plain, struck=False)
-    gains = _each(pieces, size, lambda ratio: np.where(ratio > LOUD, ratio**-0.5, 1.0))
-    quiet = [piece * gain for piece, gain in zip(pieces, gains, strict=True)]
-    return LoudWindowFit(plain, (quiet, used), struck=float(ratios.max()) > STRUCK)
 
 
 def _each(pieces: Sequence[Array], size: int, law: Callable[[Array], Array]) -> list[Array]:

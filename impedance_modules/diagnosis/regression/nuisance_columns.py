@@ -62,15 +62,6 @@ class NuisanceColumns:
     links: dict[str, Array]
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """One kind of error: the groups that see it, and its columns (M, k) there."""
-
-    size: int
-    sees: Callable[[Group], bool]
-    columns: Callable[[Prepared, Group], Array]
-
-
 def build_nuisance(prepared: Sequence[Prepared], parameters: Array) -> NuisanceColumns:
     """Collects the nuisance of all recordings.
 
@@ -105,6 +96,28 @@ def build_nuisance(prepared: Sequence[Prepared], parameters: Array) -> NuisanceC
         ),
         links={body.link: wide[index] for index, body in enumerate(prepared[0].tree.bodies)},
     )
+
+
+def inertia_prior(parameters: Array) -> Array:
+    """Standard deviations of the bodies' ten parameters, (10 n,): a part of mass, moments and inertia.
+
+    A first moment may err by a part of the body's own reach, so that a centre of mass on an axis is free too.
+    """
+    out = []
+    for body in parameters.reshape(-1, 10):
+        mass, reach = body[0], np.sqrt(max(np.trace(_tensor(body)) / 2.0, 0.0) / max(body[0], 1e-9))
+        second = max(float(np.abs(body[4:]).max()), 1e-6)
+        out.append(np.concatenate([[mass], np.full(3, mass * reach), np.full(6, second)]))
+    return INERTIA_PRIOR * np.concatenate(out) + 1e-9
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """One kind of error: the groups that see it, and its columns (M, k) there."""
+
+    size: int
+    sees: Callable[[Group], bool]
+    columns: Callable[[Prepared, Group], Array]
 
 
 def _beside(parts: Sequence[Array], samples: int) -> Array:
@@ -162,19 +175,6 @@ def _groups(prepared: Sequence[Prepared]) -> tuple[Group, ...]:
         for joint in range(first.signals.n)
         if name != "velocity" or not resting[joint]
     )
-
-
-def inertia_prior(parameters: Array) -> Array:
-    """Standard deviations of the bodies' ten parameters, (10 n,): a part of mass, moments and inertia.
-
-    A first moment may err by a part of the body's own reach, so that a centre of mass on an axis is free too.
-    """
-    out = []
-    for body in parameters.reshape(-1, 10):
-        mass, reach = body[0], np.sqrt(max(np.trace(_tensor(body)) / 2.0, 0.0) / max(body[0], 1e-9))
-        second = max(float(np.abs(body[4:]).max()), 1e-6)
-        out.append(np.concatenate([[mass], np.full(3, mass * reach), np.full(6, second)]))
-    return INERTIA_PRIOR * np.concatenate(out) + 1e-9
 
 
 def _tensor(body: Array) -> Array:

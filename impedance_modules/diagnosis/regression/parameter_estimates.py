@@ -40,6 +40,15 @@ REACH = 0.5
 SLOPE = 1e-3
 """Step of the differences, likewise."""
 
+CORRELATION_MAX = 0.9
+"""Of neighbouring samples of what is left, as far as errors are inflated for it."""
+
+ALLOWED = 1.45
+"""Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
+
+STAMPS = 0.05
+"""Part of a sample's period to which any time is known, however little the noise."""
+
 
 class ShapeRefiner:
     """Evaluates candidates at any shape, in a design's rows.
@@ -185,17 +194,6 @@ class ShapeRefiner:
         return shape
 
 
-def _reach(value: float) -> float:
-    return REACH * abs(value)
-
-
-def _loss(model_fit: ModelFit, reference: ModelFit) -> float:
-    """Squares left by the whole fit, all with the same weights."""
-    return float(model_fit.left @ reference.weights) + float(
-        model_fit.whole.coefficients**2 @ model_fit.prior
-    )
-
-
 class UnwhitenedFit:
     """Unwhitened columns of the terms that a diagnosis speaks about, evaluated once each."""
 
@@ -245,16 +243,6 @@ class UnwhitenedFit:
         return out
 
 
-CORRELATION_MAX = 0.9
-"""Of neighbouring samples of what is left, as far as errors are inflated for it."""
-
-ALLOWED = 1.45
-"""Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
-
-STAMPS = 0.05
-"""Part of a sample's period to which any time is known, however little the noise."""
-
-
 def estimates(
     model_fit: ModelFit, refiner: ShapeRefiner, index: int, *, prismatic: bool
 ) -> Mapping[str, Estimate]:
@@ -289,6 +277,17 @@ def estimates(
             variance += (STAMPS / refiner.prepared[0].log.rate) ** 2
         out[symbol] = Estimate(float(value), float(np.sqrt(max(variance, 0.0))), unit)
     return out
+
+
+def _reach(value: float) -> float:
+    return REACH * abs(value)
+
+
+def _loss(model_fit: ModelFit, reference: ModelFit) -> float:
+    """Squares left by the whole fit, all with the same weights."""
+    return float(model_fit.left @ reference.weights) + float(
+        model_fit.whole.coefficients**2 @ model_fit.prior
+    )
 
 
 def _slopes(values: Callable[[Array], dict[str, float]], point: Array, roots: Array) -> dict[str, Array]:

@@ -32,6 +32,15 @@ ABOVE, BELOW = 0.25, 0.38
 """Frequencies [cycles per sample] between which a position holds nothing but noise: beyond motion, before what thinning
 filtered away."""
 
+SENSOR_MIN = 0.05
+"""Least part of the noise that is the torque sensor's."""
+
+LOUDER = (1.3, 16.0)
+"""Power of a recording's sensor noise over that of the repeats: less is chance, and more would be no noise."""
+
+FEW = 8
+"""Every which sample is enough to know a mean of the mass matrix."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rounding:
@@ -107,21 +116,6 @@ def differentiated(item: Prepared, size: Array, seed: int) -> Rounding:
     return _torques(item, item.band.condense(v), item.band.condense(differentiate(v, time)))
 
 
-def _torques(item: Prepared, speed: Array, acceleration: Array) -> Rounding:
-    torque = np.einsum("mij,mj->mi", mass_matrix(item.tree, item.position), acceleration)
-    return Rounding(acceleration, speed, torque, item.signals.reflected_inertia * acceleration)
-
-
-SENSOR_MIN = 0.05
-"""Least part of the noise that is the torque sensor's."""
-
-LOUDER = (1.3, 16.0)
-"""Power of a recording's sensor noise over that of the repeats: less is chance, and more would be no noise."""
-
-FEW = 8
-"""Every which sample is enough to know a mean of the mass matrix."""
-
-
 def noise_ratios(
     groups: Sequence[Group],
     prepared: Sequence[Prepared],
@@ -154,6 +148,18 @@ def noise_ratios(
     return out
 
 
+def acceleration_noise(one: Prepared, other: Prepared) -> Array:
+    """Noise power of each joint's acceleration in the band, (n,)."""
+    first, second = (item.band.condense(item.signals.acceleration) for item in (one, other))
+    size = min(len(first), len(second))
+    return np.asarray(np.mean((first[:size] - second[:size]) ** 2, axis=0) / 2.0)
+
+
+def _torques(item: Prepared, speed: Array, acceleration: Array) -> Rounding:
+    torque = np.einsum("mij,mj->mi", mass_matrix(item.tree, item.position), acceleration)
+    return Rounding(acceleration, speed, torque, item.signals.reflected_inertia * acceleration)
+
+
 def _louder(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array:
     """Power of each recording's sensor noise over that of the repeats, (recordings, n); one where it is about alike."""
     efforts = [item.log.effort for item in prepared]
@@ -168,10 +174,3 @@ def _louder(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> A
 def _lever(item: Prepared) -> Array:
     """Mean squares of the mass matrix over a recording, (n, n)."""
     return np.asarray(np.mean(mass_matrix(item.tree, item.position[::FEW]) ** 2, axis=0))
-
-
-def acceleration_noise(one: Prepared, other: Prepared) -> Array:
-    """Noise power of each joint's acceleration in the band, (n,)."""
-    first, second = (item.band.condense(item.signals.acceleration) for item in (one, other))
-    size = min(len(first), len(second))
-    return np.asarray(np.mean((first[:size] - second[:size]) ** 2, axis=0) / 2.0)
