@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A recording's background work rests while a control loop is at it, and never for ever."""
+"""A recording's background work pauses while a control loop is at it, and never for ever."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 from impedance_modules.episode import background as background_module
-from impedance_modules.episode.background import LONGEST_REST, Background
+from impedance_modules.episode.background import LONGEST_PAUSE, Background
 
 
 class Steps:
@@ -29,7 +29,7 @@ class Steps:
 
 
 def lived_through(background: Background, loop: Callable[[Steps], None]) -> Steps:
-    steps = Steps(background.rest)
+    steps = Steps(background.pause)
     background.register(steps)
     background.wake()
     loop(steps)
@@ -38,7 +38,7 @@ def lived_through(background: Background, loop: Callable[[Steps], None]) -> Step
 
 
 def test_pieces_are_done_while_the_loop_waits_and_not_while_it_works(monkeypatch) -> None:
-    monkeypatch.setattr(background_module, "LONGEST_REST", 30.0)
+    monkeypatch.setattr(background_module, "LONGEST_PAUSE", 30.0)
     background, spans = Background(60.0), []
 
     def loop(steps: Steps) -> None:
@@ -62,11 +62,11 @@ def test_a_loop_that_is_silent_is_waited_for_once() -> None:
     background.free_for(-1.0)
     began = time.monotonic()
     steps = lived_through(background, lambda steps: steps.over.wait(10.0))
-    assert steps.done[0] - began >= LONGEST_REST
-    assert len(steps.done) == 200 and steps.done[-1] - steps.done[0] < 20.0 * LONGEST_REST
+    assert steps.done[0] - began >= LONGEST_PAUSE
+    assert len(steps.done) == 200 and steps.done[-1] - steps.done[0] < 20.0 * LONGEST_PAUSE
 
 
 def test_without_a_loop_nobody_rests() -> None:
     background = Background(60.0)
     steps = lived_through(background, lambda steps: steps.over.wait(10.0))
-    assert steps.done[-1] - steps.done[0] < 10.0 * LONGEST_REST
+    assert steps.done[-1] - steps.done[0] < 10.0 * LONGEST_PAUSE
