@@ -16,10 +16,10 @@ SAME_REACH = 0.95
 
 IN_PROPORTION = 0.99
 """A body that is heavier in proportion, one number, is taken before a thing at a place of its own, if it explains this
-part of what that explains: near its own centre a link's errors lend the place more than its price."""
+part of what that explains: near its own centre a link's errors lend the place more than its bic_penalty."""
 
 RICHER = 4.0
-"""Log-likelihood, its price paid, by which a law must beat a simpler one that it contains [nats]."""
+"""Log-likelihood, its bic_penalty paid, by which a law must beat a simpler one that it contains [nats]."""
 
 BIC_MIN = 15.0
 """Least improvement of the Bayesian information criterion."""
@@ -73,19 +73,19 @@ def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
     out: list[CandidateTrial] = []
     while left:
         near = [item for item in left if item.reach >= SAME_REACH * left[0].reach]
-        chosen = max(near, key=adjusted, default=left[0])
+        chosen = max(near, key=penalised_gain, default=left[0])
         simpler = [
-            item for item in near if _within(item, chosen) and adjusted(item) > adjusted(chosen) - RICHER
+            item for item in near if _within(item, chosen) and penalised_gain(item) > penalised_gain(chosen) - RICHER
         ]
-        chosen = max(simpler, key=adjusted, default=chosen)
+        chosen = max(simpler, key=penalised_gain, default=chosen)
         heavier = [item for item in near if _in_proportion(item, chosen)]
-        chosen = max(heavier, key=adjusted, default=chosen)
+        chosen = max(heavier, key=penalised_gain, default=chosen)
         out.append(chosen)
         left.remove(chosen)
     return out
 
 
-def twins(one: CandidateTrial, other: CandidateTrial) -> bool:
+def both_delay_torque(one: CandidateTrial, other: CandidateTrial) -> bool:
     """Whether both delay one joint's torque, by two different laws.
 
     The two differ in the second order of their time alone: they are compared at their own best times only, and told
@@ -99,12 +99,12 @@ def twins(one: CandidateTrial, other: CandidateTrial) -> bool:
     )
 
 
-def adjusted(trial: CandidateTrial) -> float:
-    """Held-out gain less the price of its parameters [nats]: a simpler law is worth as much as it says."""
-    return trial.gain - price(trial)
+def penalised_gain(trial: CandidateTrial) -> float:
+    """Held-out gain less the bic_penalty of its parameters [nats]: a simpler law is worth as much as it says."""
+    return trial.gain - bic_penalty(trial)
 
 
-def price(trial: CandidateTrial) -> float:
+def bic_penalty(trial: CandidateTrial) -> float:
     """Price of a candidate's parameters by the Bayesian information criterion, and of its choice of shapes [nats]."""
     shaped = trial.term.shaped
     samples = float(np.max(trial.model_fit.counts[list(trial.term.groups)]))
@@ -112,9 +112,9 @@ def price(trial: CandidateTrial) -> float:
     return float(0.5 * trial.term.layout.free * np.log(max(samples, 2.0)) + searched)
 
 
-def objection(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str | None:
+def rejection_reason(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str | None:
     """Why a candidate does not earn its place; None if it does."""
-    gain = 2.0 * (trial.gain - price(trial))
+    gain = 2.0 * (trial.gain - bic_penalty(trial))
     lost, won = -float(np.minimum(trial.folds, 0.0).sum()), float(np.maximum(trial.folds, 0.0).sum())
     checks: tuple[tuple[bool, str], ...] = (
         (
@@ -132,7 +132,7 @@ def objection(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str |
         ),
         (trial.outside, "its parameters are at the end of what is physical, or beyond"),
         (
-            trial.seen.displaced is not None,
+            trial.in_sample.displaced is not None,
             "beside it another cause would leave what is physical",
         ),
         (
@@ -140,7 +140,7 @@ def objection(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str |
             "it should show on several joints and helps on one alone",
         ),
         (
-            disagreed(trial),
+            joints_disagree(trial),
             "the joints do not agree on it, and it is one number for all",
         ),
         (
@@ -151,7 +151,7 @@ def objection(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str |
     return next((reason for holds, reason in checks if holds), None)
 
 
-def disagreed(trial: CandidateTrial) -> bool:
+def joints_disagree(trial: CandidateTrial) -> bool:
     """Whether the joints' own numbers differ where one number is to hold for all."""
     return trial.term.candidate.key == "log" and trial.discord > DISCORD_MAX
 

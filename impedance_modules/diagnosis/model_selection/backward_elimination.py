@@ -25,18 +25,18 @@ GIVEN_UP = 5.0
 def eliminate_backward(
     model: Sequence[ModelTerm],
     make: Callable[[Sequence[ModelTerm]], ModelFit],
-    objection: Callable[[CandidateTrial], str | None],
+    rejection_reason: Callable[[CandidateTrial], str | None],
 ) -> list[ModelTerm]:
     """Removes causes that no longer earn their place beside the others.
 
     Args:
         model: Accepted causes, in the order they were found.
         make: Fits a model.
-        objection: Why a trial does not earn its place; None if it does.
+        rejection_reason: Why a trial does not earn its place; None if it does.
     """
 
     def stands(term: ModelTerm, beside: Sequence[ModelTerm]) -> bool:
-        return objection(try_term(make(beside), term)) is None
+        return rejection_reason(try_term(make(beside), term)) is None
 
     kept = list(model)
     for term in model:
@@ -111,4 +111,4 @@ def _delay(
     trials = [try_term(rest, term_of(rest.design, layout)) for layout in layouts]
     if not trials:
         return None
-    return refiner.refine(rest, max(trials, key=lambda trial: trial.seen.gain).term)
+    return refiner.refine(rest, max(trials, key=lambda trial: trial.in_sample.gain).term)

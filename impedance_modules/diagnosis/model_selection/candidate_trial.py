@@ -76,7 +76,7 @@ class CandidateTrial:
         A candidate can gain on unseen recordings by luck, where it happens to mend what the nuisance extrapolates
         badly; it then gains nothing once all are fitted. What is there gains both ways.
         """
-        return min(self.unseen_gain, self.seen.gain)
+        return min(self.unseen_gain, self.in_sample.gain)
 
     @cached_property
     def unseen_gain(self) -> float:
@@ -205,11 +205,11 @@ def try_term(model_fit: ModelFit, term: ModelTerm) -> CandidateTrial:
     unseen: dict[int, Sequence[Array]] = {}
     coefficients = []
     for fold, base in enumerate(model_fit.without):
-        found, more, _ = extended(model_fit, model_fit.train(fold), base, term)
+        found, more, _ = add_to_fit(model_fit, model_fit.train(fold), base, term)
         coefficients.append(more)
         for r in model_fit.folds[fold]:
-            unseen[r] = with_term(model_fit.residuals(found, r), term, r, more)
-    return CandidateTrial(model_fit, term, np.array(coefficients), unseen, seen_by_all(model_fit, term))
+            unseen[r] = less_term(model_fit.residuals(found, r), term, r, more)
+    return CandidateTrial(model_fit, term, np.array(coefficients), unseen, fit_in_sample(model_fit, term))
 
 
 @dataclass(frozen=True)
@@ -233,12 +233,12 @@ class InSampleFit:
     own: Array
 
 
-def seen_by_all(model_fit: ModelFit, term: ModelTerm) -> InSampleFit:
+def fit_in_sample(model_fit: ModelFit, term: ModelTerm) -> InSampleFit:
     """Looks at the fit of all recordings, in likelihood and prior together."""
-    found, more, covariance = extended(model_fit, model_fit.fitted, model_fit.whole, term)
+    found, more, covariance = add_to_fit(model_fit, model_fit.fitted, model_fit.whole, term)
     squares = np.zeros(len(model_fit.design.groups))
     for r in model_fit.fitted:
-        squares += [float(x @ x) for x in with_term(model_fit.residuals(found, r), term, r, more)]
+        squares += [float(x @ x) for x in less_term(model_fit.residuals(found, r), term, r, more)]
     ratio = np.log(np.maximum(model_fit.left, 1e-9) / np.maximum(squares, 1e-9))
     prior = float(model_fit.prior @ (model_fit.whole.coefficients**2 - found**2))
     own = float(term.layout.precision @ more**2)
@@ -250,7 +250,7 @@ def seen_by_all(model_fit: ModelFit, term: ModelTerm) -> InSampleFit:
     )
 
 
-def with_term(left: Sequence[Array], term: ModelTerm, recording: int, coefficients: Array) -> list[Array]:
+def less_term(left: Sequence[Array], term: ModelTerm, recording: int, coefficients: Array) -> list[Array]:
     """Takes a candidate's part out of residuals."""
     out = list(left)
     for g, block in term.columns[recording].items():
@@ -260,7 +260,7 @@ def with_term(left: Sequence[Array], term: ModelTerm, recording: int, coefficien
     return out
 
 
-def extended(
+def add_to_fit(
     model_fit: ModelFit, recordings: Sequence[int], base: Fit, term: ModelTerm
 ) -> tuple[Array, Array, Array]:
     """Adds a candidate to a fit; returns the model's coefficients, its own and their covariance."""

@@ -53,7 +53,7 @@ class Evidence:
 
     @cached_property
     def calibrated(self) -> ModelFit:
-        """The nominal model with the nuisance adjusted within its prior, and no cause."""
+        """The nominal model with the nuisance penalised_gain within its prior, and no cause."""
         return self.selector.model_fit(())
 
     @cached_property
@@ -92,7 +92,7 @@ class Evidence:
 
     @cached_property
     def pushed_share(self) -> float:
-        """Part of the excess power of all recordings, nuisance adjusted, that pushes make."""
+        """Part of the excess power of all recordings, nuisance penalised_gain, that pushes make."""
         inside, total = 0.0, 0.0
         for r in range(len(self.prepared)):
             for g, values in enumerate(self.plain.left(self.calibrated, r)):

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 from impedance_modules.diagnosis.model_selection.acceptance import (
     BIC_MIN,
-    adjusted,
+    penalised_gain,
     best_of_each,
     by_merit,
-    objection,
+    rejection_reason,
     promising,
-    twins,
+    both_delay_torque,
 )
 from impedance_modules.diagnosis.model_selection.backward_elimination import eliminate_backward, merge_delays
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
@@ -25,7 +25,7 @@ from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, D
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
 from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner
 
-Objection = Callable[[CandidateTrial], str | None]
+RejectionReason = Callable[[CandidateTrial], str | None]
 Best = Callable[[Sequence[ScreenedCandidate], int], list[ScreenedCandidate]]
 
 CAUSES_MAX = 30
@@ -91,7 +91,7 @@ class Selector:
         """Prepares the first entry."""
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
         fitted = [index for fold in folds for index in fold]
-        self.possible = Plausibility.of(refiner.prepared, fitted, resolution)
+        self.plausibility = Plausibility.of(refiner.prepared, fitted, resolution)
         self.screen = Screening(design, fitted)
         self._falls: Counter[tuple[str, str, str]] = Counter()
         self._stood: tuple[ModelFit | None, list[CandidateTrial]] = (None, [])
@@ -112,14 +112,14 @@ class Selector:
 
         What is removed makes room: the search goes on from what remains, a few times at most.
         """
-        model = list(geared_start_model(self.model_fit([]), self.model_fit, self.trials, self.objection))
+        model = list(geared_start_model(self.model_fit([]), self.model_fit, self.trials, self.rejection_reason))
         for term in model:
             progress(f"found {term.key[0]} on {term.key[1]}")
         refusal: Refusal | None = None
         for _ in range(ROUNDS):
             model, refusal = self._grown(model, progress)
             grown = merge_delays(model, self.model_fit, self.refiner)
-            model = eliminate_backward(grown, self.model_fit, self.objection)
+            model = eliminate_backward(grown, self.model_fit, self.rejection_reason)
             if len(model) == len(grown):
                 break
             self._falls.update(term.key for term in grown if term not in model)
@@ -136,7 +136,7 @@ class Selector:
             more = (
                 (found,)
                 if found
-                else find_pair(self.screen, model_fit, self.model_fit, best_of_each, self.objection)
+                else find_pair(self.screen, model_fit, self.model_fit, best_of_each, self.rejection_reason)
             )
             if more is None:
                 break
@@ -150,9 +150,9 @@ class Selector:
         """Tries a candidate of the grid."""
         return try_term(model_fit, term_of(self.design, layout))
 
-    def objection(self, trial: CandidateTrial) -> str | None:
+    def rejection_reason(self, trial: CandidateTrial) -> str | None:
         """Why a candidate does not earn its place; None if it does. Stand-ins are tried last, they cost most."""
-        return self._refused(trial, []) or objection(
+        return self._refused(trial, []) or rejection_reason(
             trial, self.generic(trial.model_fit, self.screen.entry(trial.model_fit))
         )
 
@@ -160,7 +160,7 @@ class Selector:
         """Why a candidate is not accepted beside some stand-ins; None if it is."""
         if self._falls[trial.term.key] >= FALLS:
             return "does not last beside the others: it was accepted and removed again twice"
-        return objection(trial, generic) or self.possible.impossible(trial)
+        return rejection_reason(trial, generic) or self.plausibility.implausible(trial)
 
     def generic(self, model_fit: ModelFit, entries: Sequence[ScreenedCandidate]) -> list[CandidateTrial]:
         """The best stand-ins beside a model, tried once."""
@@ -187,8 +187,8 @@ class Selector:
         """An accepted candidate off its grid; of a delay and a lag on one joint the better one at its own best time."""
         if not trial.term.candidate.effect.nearly_linear:
             return trial.term
-        alike = [other for other in trials if twins(trial, other) and self.objection(other) is None]
-        return max((self.moved(model_fit, one) for one in [trial, *alike]), key=adjusted).term
+        alike = [other for other in trials if both_delay_torque(trial, other) and self.rejection_reason(other) is None]
+        return max((self.moved(model_fit, one) for one in [trial, *alike]), key=penalised_gain).term
 
     def moved(self, model_fit: ModelFit, trial: CandidateTrial) -> CandidateTrial:
         """A trial of the same candidate, off its grid."""
@@ -211,7 +211,7 @@ class Selector:
         """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
         shaped = [trial for trial in trials if not trial.term.generic and _moves(trial.term)]
         out = [trial for trial in trials if trial not in shaped]
-        ranked = sorted(shaped, key=lambda trial: -trial.seen.gain)
+        ranked = sorted(shaped, key=lambda trial: -trial.in_sample.gain)
         for old in ranked[:REFINED]:
             new = try_term(model_fit, self.refiner.refine(model_fit, old.term))
             out.append(new if new.gain > old.gain else old)
@@ -235,10 +235,10 @@ class Selector:
         rivals = [
             self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.entry(model_fit), 3)
         ]
-        better = max(self.refined(model_fit, rivals), key=adjusted, default=own)
-        ahead = adjusted(better) - adjusted(own)
-        simpler = self.possible.of_body(own) and better.term.layout.free < own.term.layout.free
-        exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.objection(better) is None
+        better = max(self.refined(model_fit, rivals), key=penalised_gain, default=own)
+        ahead = penalised_gain(better) - penalised_gain(own)
+        simpler = self.plausibility.of_body(own) and better.term.layout.free < own.term.layout.free
+        exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.rejection_reason(better) is None
         chosen = better.term if exchanged else self.refiner.refine(model_fit, term)
         return [*model[:index], chosen, *model[index + 1 :]]
 
@@ -248,7 +248,7 @@ def find_pair(
     model_fit: ModelFit,
     make: Callable[[Sequence[ModelTerm]], ModelFit],
     best: Best,
-    objection: Objection,
+    rejection_reason: RejectionReason,
 ) -> tuple[ModelTerm, ModelTerm] | None:
     """Finds two candidates of which each earns its place beside the other.
 
@@ -257,7 +257,7 @@ def find_pair(
         model_fit: The model that no single candidate betters.
         make: Fits a model.
         best: The best physical shape of each candidate.
-        objection: Why a trial does not earn its place; None if it does.
+        rejection_reason: Why a trial does not earn its place; None if it does.
     """
     lacking = model_fit.left / model_fit.counts > LACKING
     firsts = [
@@ -275,9 +275,9 @@ def find_pair(
         ]
         for second in near[:SECOND]:
             other = term_of(model_fit.design, second.layout)
-            if objection(try_term(beside, other)) is not None:
+            if rejection_reason(try_term(beside, other)) is not None:
                 continue
-            if objection(try_term(make([*model_fit.model, other]), one)) is None:
+            if rejection_reason(try_term(make([*model_fit.model, other]), one)) is None:
                 return one, other
     return None
 

@@ -21,7 +21,7 @@ from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import REGULARISATION
 
-Objection = Callable[[CandidateTrial], str | None]
+RejectionReason = Callable[[CandidateTrial], str | None]
 
 LESS = 0.3
 """Part of what the best single law of the joint leaves that all of them together may leave at most."""
@@ -34,7 +34,7 @@ def geared_start_model(
     model_fit: ModelFit,
     make: Callable[[Sequence[ModelTerm]], ModelFit],
     single: Callable[[ModelFit], Sequence[CandidateTrial]],
-    objection: Objection,
+    rejection_reason: RejectionReason,
 ) -> tuple[ModelTerm, ...]:
     """Finds the plain laws of joints that lack all of them.
 
@@ -42,7 +42,7 @@ def geared_start_model(
         model_fit: The model so far.
         make: Fits a model.
         single: Tries the best candidates beside a model, one by one.
-        objection: Why a trial does not earn its place; None if it does.
+        rejection_reason: Why a trial does not earn its place; None if it does.
 
     Returns:
         For each such joint its laws, each of which earns its place beside the others.
@@ -52,7 +52,7 @@ def geared_start_model(
         groups = layouts[0][0].groups
         most = LESS * _left(model_fit.unseen, groups)
         left, terms = _best(model_fit, make, layouts, most)
-        if left > most or not _all_earn(model_fit, make, terms, objection):
+        if left > most or not _all_earn(model_fit, make, terms, rejection_reason):
             continue
         alone = [trial for trial in single(model_fit) if joint in trial.term.candidate.joints]
         if all(left < LESS * _left(trial.unseen, groups) for trial in alone):
@@ -81,12 +81,12 @@ def _all_earn(
     model_fit: ModelFit,
     make: Callable[[Sequence[ModelTerm]], ModelFit],
     terms: Sequence[ModelTerm],
-    objection: Objection,
+    rejection_reason: RejectionReason,
 ) -> bool:
     """Whether each of some terms earns its place beside the others."""
     rests = ([other for other in terms if other is not term] for term in terms)
     return all(
-        objection(try_term(make([*model_fit.model, *rest]), term)) is None
+        rejection_reason(try_term(make([*model_fit.model, *rest]), term)) is None
         for rest, term in zip(rests, terms, strict=True)
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.rigid_tree import can_exist
-from impedance_modules.diagnosis.model_selection.acceptance import disagreed
+from impedance_modules.diagnosis.model_selection.acceptance import joints_disagree
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
@@ -65,9 +65,9 @@ class Plausibility:
             resolution=resolution,
         )
 
-    def impossible(self, trial: CandidateTrial) -> str | None:
+    def implausible(self, trial: CandidateTrial) -> str | None:
         """Why a trial's own numbers speak against it."""
-        if trial.seen.contrasts < CONTRAST_MIN:
+        if trial.in_sample.contrast_chi_square < CONTRAST_MIN:
             return "what makes it this effect rather than a simpler one is not there for certain"
         return self.unphysical(trial)
 
@@ -75,20 +75,20 @@ class Plausibility:
         """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
         if any(_holds(other, trial.term) for other in trial.model_fit.model):
             return "another cause on the same joint contains it"
-        if not repeats(trial, self.pairs):
+        if not comes_back(trial, self.pairs):
             return (
                 "what it rests on does not come back when the motion does: noise, and the arm's answer to it"
             )
         if _taken_back(trial, self.signals):
             return "an offset and an asymmetry on one joint take each other back wherever it moves"
-        if trial.outside or disagreed(trial):
+        if trial.outside or joints_disagree(trial):
             return "its parameters are at the end of what is physical, or beyond"
         term, effect = trial.term, trial.term.candidate.effect
         body = self.bodies.get(term.candidate.key)
         change = trial.coefficients.mean(axis=0) / term.layout.scale
         if body is not None and len(change) == len(body) and not can_exist(body, change):
             return "no body has such an inertia: its mass would be negative somewhere"
-        spread = trial.seen.spread / term.layout.scale
+        spread = trial.in_sample.spread / term.layout.scale
         reason = effect.unresolved(term.shaped.shape, self.resolution) or effect.out_of_reach(
             change, spread, self.reach
         )
@@ -102,7 +102,7 @@ class Plausibility:
         return trial.term.candidate.key in self.bodies
 
 
-def repeats(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
+def comes_back(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
     """Whether a candidate's torque comes back in recordings of one motion, or need not.
 
     It need not where none was repeated, or where the command makes it.
@@ -146,7 +146,7 @@ def _taken_back(trial: CandidateTrial, signals: Signals) -> bool:
         if term.key[0] == other.key[0] or None in parts or not shared:
             continue
         sizes: list[float] = []
-        for one, coefficients in ((term, trial.seen.own), (other, trial.seen.beside[start:])):
+        for one, coefficients in ((term, trial.in_sample.own), (other, trial.in_sample.beside[start:])):
             own = coefficients[: one.shaped.size] / one.layout.scale
             candidate = one.candidate
             found = candidate.effect.values(own, one.shaped.shape, signals, candidate.key, candidate.port)
@@ -159,7 +159,7 @@ def _taken_back(trial: CandidateTrial, signals: Signals) -> bool:
 
 def _torque(trial: CandidateTrial, recording: int) -> dict[int, Array]:
     """Group -> (M,) what a candidate explains of a recording, whitened."""
-    term, own = trial.term, trial.seen.own
+    term, own = trial.term, trial.in_sample.own
     fixed = term.fixed[recording]
     return {
         group: np.asarray(block @ own + fixed[group] if group in fixed else block @ own)

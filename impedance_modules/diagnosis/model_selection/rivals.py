@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impedance_modules.diagnosis.model_selection.acceptance import price, promising, twins
+from impedance_modules.diagnosis.model_selection.acceptance import bic_penalty, promising, both_delay_torque
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
 from impedance_modules.diagnosis.model_selection.plausibility import CONTRAST_MIN
@@ -54,13 +54,13 @@ def judge_rivals(
         if layout.shaped.key not in held
     ]
     for found in selector.refined(model_fit, [selector.trial(model_fit, layout) for layout in asked]):
-        rival = selector.moved(model_fit, found) if twins(own, found) else found
+        rival = selector.moved(model_fit, found) if both_delay_torque(own, found) else found
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
         if (
             other
             and _equal(own, rival)
-            and (selector.possible.unphysical(rival) is None or _open(rival, own))
+            and (selector.plausibility.unphysical(rival) is None or _open(rival, own))
         ):
             equal.append(_named(candidate, "fits unseen recordings as well"))
         else:
@@ -82,7 +82,7 @@ def contains(rival: CandidateTrial, own: CandidateTrial) -> bool:
     larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
     if "body" in more.effect.description.keys and "body" in less.effect.description.keys:
         larger = rival.term.layout.free > own.term.layout.free
-    empty = bool(more.effect.contrasts) and rival.seen.contrasts < CONTRAST_MIN and not less.effect.contrasts
+    empty = bool(more.effect.contrasts) and rival.in_sample.contrast_chi_square < CONTRAST_MIN and not less.effect.contrasts
     return more.key == less.key and (larger or empty)
 
 
@@ -97,7 +97,7 @@ def _equal(own: CandidateTrial, rival: CandidateTrial) -> bool:
         return False
     loss = (mine - its) / mine
     ahead = own.advantage(rival) >= EQUAL_SIGMA
-    if twins(own, rival):
+    if both_delay_torque(own, rival):
         return not (ahead and own.gain - rival.gain > TWIN_DECIDED)
     if loss < EQUAL_LOSS:
         return not (ahead and own.gain - rival.gain > DECIDED)
@@ -125,7 +125,7 @@ def _open(rival: CandidateTrial, own: CandidateTrial) -> bool:
     if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
         return False
     kept = np.flatnonzero(rows.any(axis=0))
-    return bool(np.all(rival.seen.spread[kept] > np.abs(own.seen.own).max()))
+    return bool(np.all(rival.in_sample.spread[kept] > np.abs(own.in_sample.own).max()))
 
 
 def _reason(own: CandidateTrial, rival: CandidateTrial) -> str:
@@ -135,6 +135,6 @@ def _reason(own: CandidateTrial, rival: CandidateTrial) -> str:
     if contains(rival, own):
         return "contains the cause, and its further parameters gain nothing on unseen recordings"
     share = 100.0 * its / mine if mine > 0.0 else 0.0
-    if its > mine and price(rival) > price(own):
+    if its > mine and bic_penalty(rival) > bic_penalty(own):
         return "does no better than its further parameters cost"
     return f"explains {share:.0f} % of what the cause explains on unseen recordings"

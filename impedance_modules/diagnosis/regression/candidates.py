@@ -58,7 +58,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Shaped:
+class ShapedCandidate:
     """A candidate with its nonlinear parameters fixed; its columns stand in the design.
 
     Attributes:
@@ -174,7 +174,7 @@ class CandidateRegressor:
         return len(self.lower) + self.fixed
 
 
-class Filler:
+class BatchFilter:
     """Filters columns of many candidates at once and hands them back to their regressors."""
 
     def __init__(self, item: Prepared) -> None:
@@ -222,7 +222,7 @@ def candidate_regressors(
         for candidate, shape in shaped
     ]
     for item, own in zip(prepared, signals, strict=True):
-        filler = Filler(item)
+        batch = BatchFilter(item)
         with item.remembered():
             for regressor, (candidate, shape) in zip(regressors, shaped, strict=True):
                 regressor.blocks.append({})
@@ -232,8 +232,8 @@ def candidate_regressors(
                 regressor.lower, regressor.upper = found.lower, found.upper
                 regressor.fixed = regressor.fixed or found.fixed
                 for group, block in found.blocks.items():
-                    filler.add(regressor.blocks[-1], group, block)
-        filler.flush()
+                    batch.add(regressor.blocks[-1], group, block)
+        batch.flush()
     return [_squared(regressor) for regressor in regressors if regressor.lower.size]
 
 

@@ -21,7 +21,7 @@ ALONE = 1.5
 CLEAR = 4.0
 """Times its noise beyond which the sign of a measured effort is the load's."""
 
-STILL = 0.002
+STATIONARY = 0.002
 """Rms of a position about its mean below which its joint stands still [rad or m]."""
 
 
@@ -73,7 +73,7 @@ def noise_of_repeats(
 
 def stationary_joints(position: Array) -> NDArray[np.bool_]:
     """Joints that stand still over a recording's positions (N, n), as a mask (n,)."""
-    return np.asarray(position.std(axis=0) < STILL)
+    return np.asarray(position.std(axis=0) < STATIONARY)
 
 
 def with_stationary_joints(signals: Signals) -> Signals:

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Group, Shaped, alike
+from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Group, ShapedCandidate, alike
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.whitening import ORDER, Whitening
 
@@ -158,7 +158,7 @@ class ColumnLayout:
         unseen: (p,) coefficients whose columns are zero in every recording: nothing is said about them.
     """
 
-    shaped: Shaped
+    shaped: ShapedCandidate
     places: Mapping[int, int]
     scale: Array
     precision: Array
@@ -207,7 +207,7 @@ def layout_of(
     wide = links.get(regressor.key[1])
     bound = wide is not None and size == len(wide)
     precision = (scale * wide) ** -2.0 if bound and wide is not None else unseen.astype(float)
-    shaped = Shaped(
+    shaped = ShapedCandidate(
         regressor.candidate,
         regressor.shape,
         size,

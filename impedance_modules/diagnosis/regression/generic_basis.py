@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Filler
+from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, BatchFilter
 from impedance_modules.diagnosis.regression.cleaned_signals import with_stationary_joints
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import Signals
@@ -35,7 +35,7 @@ GENERIC = "generic"
 def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -> list[CandidateRegressor]:
     """Draws the stand-ins of every joint in every residual."""
     regressors: list[CandidateRegressor] = []
-    fillers = [Filler(item) for item in prepared]
+    batches = [BatchFilter(item) for item in prepared]
     signals = [with_stationary_joints(item.signals) for item in prepared]
     for joint in range(prepared[0].signals.n):
         inputs = [_inputs(own, joint) for own in signals]
@@ -46,12 +46,12 @@ def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -
                 regressor = CandidateRegressor(None, {}, (GENERIC, f"{residual}.{joint}", name))
                 size = columns[0].shape[1]
                 regressor.lower, regressor.upper = np.full(size, -np.inf), np.full(size, np.inf)
-                for filler, values in zip(fillers, columns, strict=True):
+                for batch, values in zip(batches, columns, strict=True):
                     regressor.blocks.append({})
-                    filler.add(regressor.blocks[-1], (residual, joint), values)
+                    batch.add(regressor.blocks[-1], (residual, joint), values)
                 regressors.append(regressor)
-    for filler in fillers:
-        filler.flush()
+    for batch in batches:
+        batch.flush()
     return regressors
 
 

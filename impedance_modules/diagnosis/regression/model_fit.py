@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.candidates import Candidate, Shaped
+from impedance_modules.diagnosis.regression.candidates import Candidate, ShapedCandidate
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, Indices
 
 Array = NDArray[np.float64]
@@ -198,7 +198,7 @@ class ModelTerm:
     fixed: tuple[Mapping[int, Array], ...]
 
     @property
-    def shaped(self) -> Shaped:
+    def shaped(self) -> ShapedCandidate:
         """The candidate in its shape."""
         return self.layout.shaped
 

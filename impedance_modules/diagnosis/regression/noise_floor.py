@@ -43,12 +43,12 @@ LEFT_MIN = 0.1
 WINDOW = 0.5
 """Length of a moment [s]."""
 
-STRUCK = 100.0
+DISTURBED = 100.0
 """Power of a moment over that of the median one, beyond which it is no noise on any joint: white noise comes to four,
 a real joint that sticks and slips to forty."""
 
-LOUD = 20.0
-"""The same on the other joints, once one was struck."""
+OUTLYING = 20.0
+"""The same on the other joints, once one was disturbed."""
 
 USUAL = 4.0
 """Power over that of the median moment up to which a moment counts fully."""
@@ -132,7 +132,7 @@ def noise_by_smoothness(
     """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
 
     It is at least what the positions' own noise makes: functions of the acceleration hold that noise and hide it. Where
-    one joint was struck, moments that are too loud for noise are no part of it on any joint.
+    one joint was disturbed, moments that are too loud for noise are no part of it on any joint.
 
     Args:
         left: Recording -> group -> (M,) residual.
@@ -147,10 +147,10 @@ def noise_by_smoothness(
     for index, group in enumerate(nuisance.groups):
         members = [regressor for regressor in flexible if all(group in blocks for blocks in regressor.blocks)]
         heard.append(_left_by(members, group, index, left, nuisance, recordings, rate))
-    struck = any(one.struck for one in heard)
+    disturbed = any(one.disturbed for one in heard)
     noise, lost = [], []
     for group, one_heard in zip(nuisance.groups, heard, strict=True):
-        pieces, used = one_heard.quiet if struck else one_heard.plain
+        pieces, used = one_heard.robust if disturbed else one_heard.ordinary
         noise.append(_no_quieter(pieces, used, [one.of(group) for one in made]))
         lost.append(used)
     share = np.ones((len(left), len(nuisance.groups)))
@@ -160,21 +160,21 @@ def noise_by_smoothness(
 
 
 @dataclass(frozen=True, eq=False)
-class LoudWindowFit:
+class RobustFit:
     """What a fit leaves on one joint.
 
     Attributes:
-        plain: With all moments alike.
-        quiet: By a fit that hardly looks at loud moments, which are then made as loud as the others.
-        struck: Whether some moment, and not too many, cannot be noise.
+        ordinary: With all moments alike.
+        robust: By a fit that hardly looks at loud moments, which are then made as loud as the others.
+        disturbed: Whether some moment, and not too many, cannot be noise.
     """
 
-    plain: Left
-    quiet: Left
-    struck: bool
+    ordinary: Left
+    robust: Left
+    disturbed: bool
 
 
-def fit_without_loud_windows(fit: Callable[[Array | None], Left], rate: float) -> LoudWindowFit:
+def fit_robustly(fit: Callable[[Array | None], Left], rate: float) -> RobustFit:
     """Fits twice: a flexible model that bends to a loud moment spoils all the others.
 
     The second fit is repeated with each moment weighted by the median power over its own.
@@ -183,18 +183,18 @@ def fit_without_loud_windows(fit: Callable[[Array | None], Left], rate: float) -
         fit: Takes weights (sum of M,) of the squares, or None for none.
         rate: Samples a second [1/s].
     """
-    plain = fit(None)
+    ordinary = fit(None)
     size = max(2, round(WINDOW * rate))
-    pieces, used = plain
+    pieces, used = ordinary
     for _ in range(STEPS):
         pieces, used = fit(np.concatenate(_each(pieces, size, lambda ratio: np.minimum(1.0, USUAL / ratio))))
     ratios = np.concatenate(_each(pieces, size, lambda ratio: ratio))
-    rare = float(np.mean(ratios > LOUD)) <= RARE
+    rare = float(np.mean(ratios > OUTLYING)) <= RARE
     if not rare:
-        return LoudWindowFit(plain, plain, struck=False)
-    gains = _each(pieces, size, lambda ratio: np.where(ratio > LOUD, ratio**-0.5, 1.0))
-    quiet = [piece * gain for piece, gain in zip(pieces, gains, strict=True)]
-    return LoudWindowFit(plain, (quiet, used), struck=float(ratios.max()) > STRUCK)
+        return RobustFit(ordinary, ordinary, disturbed=False)
+    gains = _each(pieces, size, lambda ratio: np.where(ratio > OUTLYING, ratio**-0.5, 1.0))
+    robust = [piece * gain for piece, gain in zip(pieces, gains, strict=True)]
+    return RobustFit(ordinary, (robust, used), disturbed=float(ratios.max()) > DISTURBED)
 
 
 def _rounded(rounding: Rounding | None, group: Group, shown: Mask) -> Array:
@@ -244,7 +244,7 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
     nuisance: NuisanceColumns,
     recordings: Sequence[int],
     rate: float,
-) -> LoudWindowFit:
+) -> RobustFit:
     """What functions of a group's motion leave of it, and the samples that they use up."""
     blocks = []
     for recording in recordings:
@@ -262,7 +262,7 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
         rest = y - X @ (axes @ ((axes.T @ (weighted.T @ y)) / (power + ridge)))
         return list(np.split(rest, ends)), _used(power, ridge)
 
-    return fit_without_loud_windows(fit, rate)
+    return fit_robustly(fit, rate)
 
 
 def _ridge(power: Array, samples: int) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.regression.noise_floor import Left, fit_without_loud_windows
+from impedance_modules.diagnosis.regression.noise_floor import Left, fit_robustly
 
 RATE = 50.0
 TIME = np.arange(0.0, 28.0, 1.0 / RATE)
@@ -24,7 +24,7 @@ def heard(seed: int, knock: float):
         solution = np.linalg.lstsq(FLEXIBLE * root[:, None], y * root, rcond=None)[0]
         return list(np.split(y - FLEXIBLE @ solution, 2)), float(FLEXIBLE.shape[1])
 
-    return fit_without_loud_windows(fit, RATE)
+    return fit_robustly(fit, RATE)
 
 
 def power(left: Left) -> float:
@@ -36,20 +36,20 @@ def power(left: Left) -> float:
 @given(st.integers(0, 10_000), st.floats(25.0, 500.0))
 def test_a_knock_does_not_raise_the_noise(seed: int, knock: float) -> None:
     found = heard(seed, knock)
-    assert found.struck
-    assert 0.6 < power(found.quiet) < 1.5 < power(found.plain)
+    assert found.disturbed
+    assert 0.6 < power(found.robust) < 1.5 < power(found.ordinary)
 
 
 @settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_noise_alone_was_never_struck(seed: int) -> None:
     found = heard(seed, 0.0)
-    assert not found.struck
-    assert 0.7 < power(found.plain) < 1.4
+    assert not found.disturbed
+    assert 0.7 < power(found.ordinary) < 1.4
 
 
 def test_what_is_loud_for_long_is_no_knock() -> None:
     y = np.random.default_rng(5).standard_normal(len(TIME)) * np.where(np.sin(TIME) > 0.7, 40.0, 1.0)
-    found = fit_without_loud_windows(lambda weights: (list(np.split(y, 2)), 0.0), RATE)
-    assert not found.struck
-    assert found.quiet is found.plain
+    found = fit_robustly(lambda weights: (list(np.split(y, 2)), 0.0), RATE)
+    assert not found.disturbed
+    assert found.robust is found.ordinary

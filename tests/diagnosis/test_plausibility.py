@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A cause whose columns do not come back in repeats of one motion is noise, and the arm's answer to it."""
+"""A cause whose columns do not come back in comes_back of one motion is noise, and the arm's answer to it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.model_selection.plausibility import repeats
+from impedance_modules.diagnosis.model_selection.plausibility import comes_back
 
 
 def _trial(
@@ -32,19 +32,19 @@ def test_what_counts_is_the_part_of_a_column_that_the_motion_makes(seed: int, no
     trial = _trial(*(motion + noise * random.standard_normal(5000) for _ in range(2)))
     share = 1.0 / (1.0 + noise**2)
     if abs(share - 0.5) > 0.06:
-        assert repeats(trial, [(1, 0)]) is (share > 0.5)
+        assert comes_back(trial, [(1, 0)]) is (share > 0.5)
 
 
 def test_repeats_of_unequal_length_are_compared_where_both_are() -> None:
     motion = np.sin(np.arange(400) / 9.0)
-    assert repeats(_trial(motion, motion[:390]), [(1, 0)])
-    assert not repeats(_trial(motion, -motion[:390]), [(1, 0)])
+    assert comes_back(_trial(motion, motion[:390]), [(1, 0)])
+    assert not comes_back(_trial(motion, -motion[:390]), [(1, 0)])
 
 
 @pytest.mark.parametrize("pairs", [[], [(1, 0)]])
 def test_nothing_speaks_against_a_cause_that_no_repeat_shows(pairs: list[tuple[int, int]]) -> None:
     zero = np.zeros(50)
-    assert repeats(_trial(zero, zero), pairs)
+    assert comes_back(_trial(zero, zero), pairs)
 
 
 @pytest.mark.parametrize(
@@ -58,4 +58,4 @@ def test_nothing_speaks_against_a_cause_that_no_repeat_shows(pairs: list[tuple[i
 )
 def test_what_follows_the_command_may_follow_its_noise(key: tuple[str, str, str], free: bool) -> None:
     one, other = np.random.default_rng(3).standard_normal((2, 800))
-    assert repeats(_trial(one, other, key=key), [(1, 0)]) is free
+    assert comes_back(_trial(one, other, key=key), [(1, 0)]) is free
