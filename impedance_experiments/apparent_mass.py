@@ -111,11 +111,11 @@ def first_contact(assembly: Assembly, seed: int) -> Impact:
     hand = assembly.modules.arms[0].limb.hand
     log: list[tuple[float, Array, Array, Array]] = []
 
-    def look(_state: RobotState, plant: Plant, _supervisor: Supervisor) -> None:
+    def observe(_state: RobotState, plant: Plant, _supervisor: Supervisor) -> None:
         force = plant.contact_wrench(hand)[:3].copy()
         log.append((plant.time, plant.pose(hand).translation.copy(), force, plant.position))
 
-    watch_task(assembly, look, seed=seed, noise=False)
+    watch_task(assembly, observe, seed=seed, noise=False)
     time = np.array([row[0] for row in log])
     place, force = np.array([row[1] for row in log]), np.array([row[2] for row in log])
     size = np.linalg.norm(force, axis=1)

@@ -42,12 +42,12 @@ from impedance_modules.spec.task_reader import read_task
 Array = NDArray[np.float64]
 
 SETTLED = 0.12
-"""From the end of the blow until the joint's own spring has stopped ringing [s]."""
+"""From the end of the blow until the joint's own spring has stopped oscillating [s]."""
 
 
 @dataclass(frozen=True)
 class DriveFit:
-    """What laws of the catalogue say about one joint's drive.
+    """One joint's drive as fitted by laws of the catalogue.
 
     Attributes:
         values: Law -> symbol -> number.
@@ -56,7 +56,7 @@ class DriveFit:
         speed: (M,) of the motor [rad/s].
         load: (M,) torque that the joint's sensor reads [N.m].
         rotor: (M,) torque of the fitted rotor inertia [N.m]; zero where it is not among the laws.
-        torque, fitted: (M,) what the drive takes for itself, measured and by the laws [N.m].
+        torque, fitted: (M,) the drive's own torque, measured and by the laws [N.m].
     """
 
     values: Mapping[str, Mapping[str, float]]
@@ -70,13 +70,13 @@ class DriveFit:
 
 
 def without_drive(robot: RobotSpec, joint: str) -> RobotSpec:
-    """Returns the robot as somebody believes it who knows neither I_r nor motor damping of a joint."""
+    """Returns the robot without I_r and motor damping of one joint."""
     bare = replace(robot.joints[joint], reflected_inertia=0.0, motor_damping=0.0)
     return replace(robot, joints={**robot.joints, joint: bare})
 
 
-def bench_of(run: TaskRun) -> tuple[EffectSpec, ...]:
-    """Lists what the run's patch fixed to the arm: clamps and springs, which whoever built the bench knows."""
+def fixture_of(run: TaskRun) -> tuple[EffectSpec, ...]:
+    """Lists the clamps and springs that the run's patch fixes to the arm: the known test fixture."""
     patch = run.assembly.patch
     return (
         ()
@@ -88,7 +88,7 @@ def bench_of(run: TaskRun) -> tuple[EffectSpec, ...]:
 def fit_drive(runs: Sequence[TaskRun], joint: str, laws: Sequence[str]) -> DriveFit:
     r"""Fits u - e = I_r \ddot\theta + D \dot\theta + friction (thesis eq. 3.2) by least squares.
 
-    The diagnosis admits and filters each recording and gives the residual between torque asked for and joint sensor
+    The diagnosis checks and filters each recording and gives the residual between commanded torque and joint sensor
     of a model that knows nothing of this joint's drive; each law gives its columns.
 
     Args:
@@ -129,7 +129,11 @@ def _prepared(run: TaskRun, joint: str) -> Prepared:
     model = model_of_spec(robot, list(limb.joints.values()))
     logs, _ = admit([run.episode], model)
     return prepare(
-        logs[0], model, BatchedRigidModel.of_tree(robot.urdf, model.tree), choose_cutoff(logs), bench_of(run)
+        logs[0],
+        model,
+        BatchedRigidModel.of_tree(robot.urdf, model.tree),
+        choose_cutoff(logs),
+        fixture_of(run),
     )
 
 
@@ -151,7 +155,7 @@ class FreeSwing:
     Attributes:
         joint: Its name.
         stiffness: Of the virtual spring [N.m/rad].
-        links: Inertia M of what swings with the joint, from the URDF [kg.m^2].
+        links: Inertia M of the links that swing with the joint, from the URDF [kg.m^2].
         frequency: Of the swing [rad/s].
         decay: Of the swing [1/s].
         plain: I_r if links and rotor move as one [kg.m^2].
@@ -190,7 +194,7 @@ def swinging_joint(task: str) -> str:
 
 
 def _struck(task: str) -> tuple[str, str]:
-    """Names the joint, and its limb, that a task leaves without a damper: it is the one that swings."""
+    """Returns the joint, and its limb, that a task leaves without a damper: the one that swings."""
     spec, robot = read_task(task)
     limb = next(iter(spec.arms))
     damped = spec.document.data["arms"][limb]["joint_bias"]["damping"]

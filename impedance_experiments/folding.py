@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How soft may joints be that carry a force, before the links fold? (thesis 5.1.2 and 6.2.2)."""
+"""How soft may joints be that carry a force before the links fold? (thesis 5.1.2 and 6.2.2)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from impedance_modules.tools.spring_tuning import (
     unloaded_arm,
     unloading,
 )
-from impedance_modules.tools.tuned_task import WINDING, trial_task
+from impedance_modules.tools.tuned_task import RAMP_TIME, trial_task
 
 Array = NDArray[np.float64]
 
@@ -40,31 +40,31 @@ def reproduce(settings: Settings) -> Page:
     """Tunes the thesis's arm for its 25 N, and tries the answer on the plant."""
     assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
     down = np.array([0.0, 0.0, -1.0])
-    question = TuningRequest(
+    request = TuningRequest(
         only_arm(assembly), down, 0.0, FORCE, postures=1, reach=0.75, softest=0.5, alone=False
     )
-    own = tune(assembly, question).best
+    own = tune(assembly, request).best
     settings.on_progress(0.1, "elbows")
-    elbows = tune(assembly, replace(question, postures=settings.choose(3, 15, 15)))
-    borne = thesis_bears(assembly, question)
+    elbows = tune(assembly, replace(request, postures=settings.choose(3, 15, 15)))
+    borne = thesis_bears(assembly, request)
     shares = SHARES[: settings.choose(0, 3, 3)]
     runs = {}
     for step, share in enumerate(shares):
         settings.on_progress(0.2 + 0.8 * step / len(shares), f"{share:g} of the springs")
-        runs[share] = trial(settings, assembly, question, own, share)
+        runs[share] = trial(settings, assembly, request, own, share)
     settings.on_progress(1.0, "done")
     growth = {share: _growth(time, away) for share, (time, away) in runs.items()}
     return Page(
         summary=(
-            "Joint springs that carry a force at the hand must outweigh what the force takes from them as the levers "
-            "turn, K_j + J^T K_end J - Gamma positive definite (docs/tune.md). `impedance tune net-stiffness "
+            "Joint springs that carry a force at the hand must exceed what the force takes from them as its moment "
+            "arms turn, K_j + J^T K_end J - Gamma positive definite (docs/tune.md). `impedance tune net-stiffness "
             "--force 0:25 --direction=-z --reach 0.75` finds the springs of the smallest sum at the thesis's posture "
-            "for the 25 N of its first task. On the plant, springs and load are wound up together, so that the "
+            "for the 25 N of its first task. On the plant, springs and load are increased together, so that the "
             "posture is an equilibrium throughout: with the springs found the arm stays, with 5 % less it leaves "
             "slowly, with 20 % less it folds."
         ),
         comparisons=_comparisons(assembly, own, elbows, borne, growth),
-        tables=(_joints(assembly, question, own), _elbows(elbows)),
+        tables=(_joints(assembly, request, own), _elbows(elbows)),
         plots=(_picture(elbows, runs),),
         differences=(
             "The thesis found 5 N.m/rad on S1, E0, W1 and W2 by trial, in another load case: it pressed with the "
@@ -84,14 +84,14 @@ def reproduce(settings: Settings) -> Page:
     )
 
 
-def thesis_bears(assembly: Assembly, question: TuningRequest) -> float:
+def thesis_bears(assembly: Assembly, request: TuningRequest) -> float:
     """Finds the largest force that the thesis's own joint springs carry without folding [N]."""
-    bias = assembly.modules.arm(question.arm).bias
+    bias = assembly.modules.arm(request.arm).bias
     springs = np.zeros(0) if bias is None else np.asarray(bias.stiffness)
-    jacobian, others = unloaded_arm(assembly, question, Posture(0.0, assembly.modules.posture))
+    jacobian, others = unloaded_arm(assembly, request, Posture(0.0, assembly.modules.posture))
 
     def folds(force: float) -> bool:
-        wrench = np.append(-force * question.direction, np.zeros(3))
+        wrench = np.append(-force * request.direction, np.zeros(3))
         return folding_share(springs, unloading(jacobian, others, [wrench])) > 1.0
 
     low, high = 0.0, FORCE
@@ -102,27 +102,27 @@ def thesis_bears(assembly: Assembly, question: TuningRequest) -> float:
 
 
 def trial(
-    settings: Settings, assembly: Assembly, question: TuningRequest, tuned: TunedPosture, share: float
+    settings: Settings, assembly: Assembly, request: TuningRequest, tuned: TunedPosture, share: float
 ) -> tuple[Array, Array]:
-    """Winds springs and load up together; gives time [s] and how far the joints are from their posture [rad]."""
+    """Increases springs and load together; returns time [s] and how far the joints are from their posture [rad]."""
     path = settings.work / f"folding-{share:g}.yaml"
-    path.write_text(trial_task(TASK, assembly.model, question, tuned, share), encoding="utf-8")
-    wound = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
-    joints = wound.model.limbs[question.arm].joints
+    path.write_text(trial_task(TASK, assembly.model, request, tuned, share), encoding="utf-8")
+    loaded = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
+    joints = loaded.model.limbs[request.arm].joints
     log: list[tuple[float, float]] = []
 
-    def look(_state: RobotState, plant: Plant, _supervisor: Supervisor) -> None:
-        away = plant.position[joints] - wound.modules.posture[joints]
+    def observe(_state: RobotState, plant: Plant, _supervisor: Supervisor) -> None:
+        away = plant.position[joints] - loaded.modules.posture[joints]
         log.append((plant.time, float(np.linalg.norm(away))))
 
-    watch_task(wound, look, seed=settings.seed)
+    watch_task(loaded, observe, seed=settings.seed)
     time, away = np.array(log).T
     return time, away
 
 
 def _growth(time: Array, away: Array) -> float:
     """Gives how far the joints are at the end over how far they were when the load was complete."""
-    return float(away[-1] / away[int(np.searchsorted(time, WINDING + 1.0))])
+    return float(away[-1] / away[int(np.searchsorted(time, RAMP_TIME + 1.0))])
 
 
 def _comparisons(
@@ -152,14 +152,14 @@ def _comparisons(
     ]
     for share, factor in growth.items():
         name = f"departure at the end over that at full load, {share:g} of the springs"
-        told = "dies out: holds" if factor < 1.0 else "grows: folds"
-        rows.append(ThesisValue(name, None, round(factor, 2), "1", told))
+        outcome = "decays: holds" if factor < 1.0 else "grows: folds"
+        rows.append(ThesisValue(name, None, round(factor, 2), "1", outcome))
     return tuple(rows)
 
 
-def _joints(assembly: Assembly, question: TuningRequest, own: TunedPosture) -> ResultTable:
-    limb = assembly.model.limbs[question.arm]
-    bias = assembly.modules.arm(question.arm).bias
+def _joints(assembly: Assembly, request: TuningRequest, own: TunedPosture) -> ResultTable:
+    limb = assembly.model.limbs[request.arm]
+    bias = assembly.modules.arm(request.arm).bias
     springs = np.zeros(limb.joints.size) if bias is None else np.asarray(bias.stiffness)
     rows: list[list[Cell]] = [
         [name, float(k), float(found), round(float(torque), 6) + 0.0, float(rest)]
@@ -200,7 +200,7 @@ def _picture(elbows: TuningResult, runs: dict[float, tuple[Array, Array]]) -> Pl
     )
     for (share, (time, away)), color in zip(runs.items(), ("C0", "C1", "C3"), strict=False):
         right.semilogy(time, np.maximum(away, 1e-5), color=color, label=f"{share:g} of the springs")
-    right.axvline(WINDING, color="0.7", linewidth=1)
+    right.axvline(RAMP_TIME, color="0.7", linewidth=1)
     right.set(xlabel="time [s], full load from the line on", ylabel="joints away from the posture [rad]")
     if runs:
         right.legend(fontsize=8)

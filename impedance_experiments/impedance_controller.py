@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impedance_experiments.loaded_hand import (
-    AMPLE,
+    LARGE_TANK,
     LOST,
     TASK,
     Displaced,
@@ -54,7 +54,7 @@ _SUMMARY = (
     "**Inertia by posture.** The same palm with the elbow out and up, and an arm stretched almost straight "
     "(fig. 4-4).\n\n"
     "**Soft and deep, stiff and shallow.** Two springs press with the same 20 N; then the support is gone (fig. 4-8). "
-    "The hand goes as the one-degree-of-freedom example of 4.1 says (page one-joint), as long as it has not gone far."
+    "The hand moves as the one-degree-of-freedom example of 4.1 (page one-joint), as long as it has not gone far."
 )
 POSTURES = {"elbow-out": 0.04, "elbow-up": 0.04, "arm-stretched": 0.0004}
 """Task -> length that stands for a kilogram in its picture [m/kg]."""
@@ -67,13 +67,13 @@ NAMES = "xyz"
 def reproduce(settings: Settings) -> Page:
     """Displaces a hand, compares postures, and takes a support away."""
     quick = settings.size is Size.SHORT
-    worn = (None,) if quick else (None, patch_of(TASK, FRICTION))
+    patches = (None,) if quick else (None, patch_of(TASK, FRICTION))
     runs = []
-    for index, patch in enumerate(worn):
+    for index, patch in enumerate(patches):
         settings.on_progress(0.3 * index, "hand displaced")
         runs.append(displace(patch, 1 if quick else 6, settings.seed))
     settings.on_progress(0.7, "support lost")
-    lost = [press_and_lose(name, AMPLE, settings.seed) for name in PRESSES]
+    lost = [press_and_lose(name, LARGE_TANK, settings.seed) for name in PRESSES]
     if not quick:
         lost += [press_and_lose(name, None, settings.seed) for name in PRESSES]
     hands = {name: hand_inertia(name) for name in POSTURES}
@@ -106,11 +106,11 @@ _DIFFERENCES = (
     "the push goes, most of all along z, where 0.1 to 0.4 N.m are worth 1 N of its 4 N: the way back is steep until "
     "the joints move again. The thesis moved the hand by hand, at no stated speed, and its 10 to 20 % lie in the same "
     "range. Friction's size is assumed.\n\n"
-    "**The tank.** With the task's tank and with one of 50 J the hand darts off alike: the tank has paid for "
-    "winding the "
-    "spring before, and a passive spring may give back what it holds. What the tank limits is how much can be wound: a "
+    "**The tank.** With the task's tank and with one of 50 J the hand accelerates alike: the energy for "
+    "loading the spring came out of the tank before, and a passive spring may release what it holds. The tank limits "
+    "how far the spring can be loaded: a "
     "tank below the need that `check` prints (2.7 J soft, 1.7 J stiff) is refused. Schindlbeck's tank, which brakes a "
-    "force axis that runs away, has nothing to brake in a spring.\n\n"
+    "force axis that accelerates without contact, does not act on a spring.\n\n"
     "**One degree of freedom.** Joint springs, the turning of the hand and the robot's late speeds are not in eq. 4.8; "
     "its peak speed is higher than the plant's."
 )
@@ -118,7 +118,7 @@ _DIFFERENCES = (
 
 def _stiffness_rows(runs: list[Displaced]) -> list[ThesisValue]:
     rows, loaded = [], thesis_net_stiffness().at_hand
-    for run, worn in zip(runs, ("no dry friction", "dry friction worn"), strict=False):
+    for run, friction in zip(runs, ("no dry friction", "with dry friction"), strict=False):
         for item in run.found:
             name, direction = AXES[item.axis], "+" if item.sign > 0 else "-"
             predicted = run.stiffness[item.axis, item.axis]
@@ -126,7 +126,7 @@ def _stiffness_rows(runs: list[Displaced]) -> list[ThesisValue]:
             old = "" if loaded is None else f"; the thesis's own eq. 5.1 {loaded[item.axis, item.axis]:.1f}"
             rows.append(
                 ThesisValue(
-                    f"slope along {direction}{name}, {worn}",
+                    f"slope along {direction}{name}, {friction}",
                     printed,
                     round(item.out.slope, 1),
                     "N/m",
@@ -153,11 +153,11 @@ def _press_rows(lost: list[LostSupport]) -> list[ThesisValue]:
 
 def _slopes(runs: list[Displaced]) -> ResultTable:
     rows: list[list[Cell]] = []
-    for run, worn in zip(runs, ("none", "worn"), strict=False):
+    for run, friction in zip(runs, ("none", "dry"), strict=False):
         for item in run.found:
             lines = (item.out.slope, item.out.intercept, item.back.slope, item.back.intercept)
             way = ("+" if item.sign > 0 else "-") + AXES[item.axis]
-            rows.append([way, worn, *(round(v, 2) for v in lines), round(np.degrees(item.turned), 1)])
+            rows.append([way, friction, *(round(v, 2) for v in lines), round(np.degrees(item.turned), 1)])
     columns = (
         "push",
         "friction",
@@ -180,7 +180,7 @@ def _presses(lost: list[LostSupport]) -> ResultTable:
         "task",
         "tank [J]",
         "force [N]",
-        "wound [m]",
+        "deflection [m]",
         "energy [J]",
         "speed [m/s]",
         "eq. 4.8 [m/s]",
@@ -224,8 +224,8 @@ def _drawn_losses(lost: list[LostSupport]) -> Plot:
         speed.plot(run.trace.time[after] - LOST, -run.trace.twist[after, 2], color=f"C{index}")
         _, times, speeds = one_degree_of_freedom(run)
         speed.plot(times - LOST, -speeds, "--", color=f"C{index}", linewidth=0.8)
-    force.set(xlabel="wound by [cm]", ylabel="force [N]")
-    energy.set(xlabel="wound by [cm]", ylabel="energy [J]")
+    force.set(xlabel="deflection [cm]", ylabel="force [N]")
+    energy.set(xlabel="deflection [cm]", ylabel="energy [J]")
     speed.set(xlabel="since the loss [s]", ylabel="downward speed [m/s]", title="dashed: eq. 4.8")
     force.legend(fontsize=8)
     return Plot(

@@ -28,12 +28,12 @@ Array = NDArray[np.float64]
 
 TASK = "net-stiffness"
 SHARE = (0.15, 0.98)
-"""Part of the full push between which the lines are fitted; at the ends the hand turns round."""
+"""Part of the full push between which the lines are fitted; at the ends the hand reverses."""
 Z = 2
 BEFORE, LOST = 3.9, 4.0
-"""When the press is looked at, and when the support goes [s]; as the tasks' pushes say."""
-AMPLE = 50.0
-"""A tank that never says no [J]."""
+"""When the press is measured, and when the support is removed [s]; as in the tasks' pushes."""
+LARGE_TANK = 50.0
+"""A tank that never limits the run [J]."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Displacement:
     Attributes:
         axis: 0, 1 or 2.
         sign: Of the push along it.
-        out, back: The lines of the way out and of the way back, both counted along the push.
+        out, back: The lines while the force grows and while it falls, both counted along the push.
         turned: Largest turn of the hand [rad].
     """
 
@@ -69,7 +69,7 @@ class Displacement:
 
 @dataclass(frozen=True)
 class Displaced:
-    """A whole run: what K_net says, and what the plant did."""
+    """A whole run: the predicted K_net, and the measured motion."""
 
     stiffness: Array
     trace: PushTrace
@@ -77,7 +77,7 @@ class Displaced:
 
 
 def displace(effects: Path | None, pushes: int, seed: int) -> Displaced:
-    """Runs the task, on a plant that wears ``effects``, with its first pushes."""
+    """Runs the task, on a plant with ``effects``, with its first pushes."""
     assembly = first_pushes(assemble(TASK, effects=effects, rate=None, scale=1.0, arm=None), pushes, 0.2)
     stiffness = analyse_task(assembly, None).arms[only_arm(assembly)].stiffness
     if stiffness is None:
@@ -164,7 +164,7 @@ def _spring(assembly: Assembly) -> tuple[float, float]:
     spring = assembly.task.arms[only_arm(assembly)].springs[0]
     rest = assembly.task.phases[0].equilibrium[f"{only_arm(assembly)}.{spring.name}"]["z"]
     if not isinstance(rest, float):
-        raise TypeError(f"task '{assembly.task.name}': its spring is to be wound to one height, not to swing")
+        raise TypeError(f"task '{assembly.task.name}': its spring must move to one height, not oscillate")
     return float(spring.stiffness[Z, Z]), rest
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A drive's nonlinear damping, excited by its own motor and from outside, and where the two differ (thesis 6.2.1)."""
+"""A drive's nonlinear damping, excited by its own motor and by an external force (thesis 6.2.1)."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ NAMES = {
 }
 
 _SUMMARY = (
-    "The drive of w1 wears friction that is not linear (patch `nonlinear-damping`): dry, dry in proportion to "
+    "The drive of w1 has friction that is not linear (patch `nonlinear-damping`): dry, dry in proportion to "
     "the torque that the gear passes on, and a drag with the square of the speed, beside the robot file's "
     "viscous one. It is excited twice: along the **forward path**, its motor swinging the links (task "
-    "`forward-path`), and **interactively**, somebody turning the hand to and fro (task `interactive`). The "
-    "diagnosis' residual between torque asked for and joint sensor is fitted by the catalogue's laws."
+    "`forward-path`), and **interactively**, an external force turning the hand to and fro (task `interactive`). The "
+    "diagnosis' residual between commanded torque and joint sensor is fitted by the catalogue's laws."
 )
 
 _DIFFERENCES = (
     "The thesis proposes the experiment and reports none; it expects that nonlinear friction parameters "
     "differ between the two excitations. They do, as long as friction is taken for a law of speed alone: its "
     "dry and viscous numbers then stand for the load that happened to be on the gear, here up to three times "
-    "too much. With the load among the laws each excitation finds the plant's own numbers, and foretells the "
+    "too much. With the load among the laws each excitation finds the plant's own numbers, and predicts the "
     "other. The sizes of the friction are assumed."
 )
 
@@ -127,10 +127,10 @@ def _shortened(task: str, folder: Path) -> str:
 
 
 def _accounts(measured: DriveFit, other: DriveFit) -> float:
-    """Says how much of one excitation's friction torque the numbers of the other excitation account for."""
+    """Returns the share of one excitation's friction torque that the numbers of the other excitation account for."""
     friction = measured.torque - measured.rotor
-    foretold = friction_torque(other.values, measured.speed, measured.load)
-    return 1.0 - float(np.var(friction - foretold) / np.var(friction))
+    predicted = friction_torque(other.values, measured.speed, measured.load)
+    return 1.0 - float(np.var(friction - predicted) / np.var(friction))
 
 
 def friction_torque(values: Mapping[str, Mapping[str, float]], speed: Array, load: Array) -> Array:
@@ -143,12 +143,12 @@ def friction_torque(values: Mapping[str, Mapping[str, float]], speed: Array, loa
 
 
 def _truth(run: TaskRun, joint: str) -> dict[tuple[str, str], float]:
-    """Collects what the plant wears on a joint, and the robot file's own damping and inertia."""
+    """Collects the effects that the plant has on a joint, and the robot file's own damping and inertia."""
     patch = run.assembly.patch
-    worn: tuple[EffectSpec, ...] = () if patch is None else patch.effects
+    applied: tuple[EffectSpec, ...] = () if patch is None else patch.effects
     found = {
         (spec.effect, symbol): quantity.value
-        for spec in worn
+        for spec in applied
         for symbol, quantity in spec.parameters.get(joint, {}).items()
     }
     drive = run.assembly.robot.joints[joint]

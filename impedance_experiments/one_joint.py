@@ -28,8 +28,8 @@ TURN = 5
 _SUMMARY = (
     "A wheel on an upright axis, driven by a motor with damping b of its own, is made to react like an inertia on a "
     "spring and a damper (robot `single_wheel`, task `one-joint`): the whole path of task, spring, filter, tank and "
-    "plant with one joint. Its equilibrium jumps by 0.3 rad, then somebody turns it with 0.5 N.m and lets go. The "
-    "inertia is not shaped (M_d = m), and the motor's damping counts towards B_d, both as in the thesis."
+    "plant with one joint. Its equilibrium jumps by 0.3 rad, then an external torque of 0.5 N.m turns it and is "
+    "removed. The inertia is not shaped (M_d = m), and the motor's damping counts towards B_d, both as in the thesis."
 )
 _DIFFERENCES = (
     "The thesis's mass slides and has no numbers; here it turns, because the joints of a limb do, and the numbers are "
@@ -48,12 +48,12 @@ class WheelNumbers:
 
 
 def reproduce(settings: Settings) -> Page:
-    """Runs the task once and lays eq. 4.8 beside it."""
+    """Runs the task once and compares it with eq. 4.8."""
     assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
     settings.on_progress(0.1, "wheel moved and pushed")
     trace = trace_pushed(assembly, only_arm(assembly), seed=settings.seed, noise=True)
     numbers = numbers_of(assembly)
-    foretold = equation(assembly, numbers, trace.time)
+    predicted = equation(assembly, numbers, trace.time)
     settings.on_progress(1.0, "done")
     angle = trace.place[:, TURN]
     push = assembly.task.pushes[0]
@@ -62,16 +62,16 @@ def reproduce(settings: Settings) -> Page:
     before = trace.over(push.start - 0.2, push.start)
     given_way = float(np.mean(angle[before]) - np.mean(angle[held]))
     felt = -push.wrench[TURN] / given_way
-    over, over_foretold = (float(np.max(x[trace.over(0.0, push.start)])) for x in (angle, foretold))
+    over, over_predicted = (float(np.max(x[trace.over(0.0, push.start)])) for x in (angle, predicted))
     rest = _rest(assembly)
-    worst = float(np.max(np.abs(angle - foretold)))
+    worst = float(np.max(np.abs(angle - predicted)))
     damped = f"damping ratio {numbers.damping / (2.0 * np.sqrt(numbers.stiffness * numbers.inertia)):.2f}"
     return Page(
         summary=_SUMMARY,
         comparisons=(
             ThesisValue("stiffness felt by a push", "K_d", round(felt, 3), "N.m/rad", f"K_d is {numbers.stiffness:g}"),
             ThesisValue(
-                "overshoot after the jump, plant", f"eq. 4.8: {100.0 * (over_foretold / rest - 1.0):.1f}",
+                "overshoot after the jump, plant", f"eq. 4.8: {100.0 * (over_predicted / rest - 1.0):.1f}",
                 round(100.0 * (over / rest - 1.0), 2), "%", damped,
             ),
             ThesisValue(
@@ -79,7 +79,7 @@ def reproduce(settings: Settings) -> Page:
                 "a command's delay of one period, the reported velocity's lag of 3 ms",
             ),
         ),
-        plots=(_drawn(trace, foretold, angle),),
+        plots=(_drawn(trace, predicted, angle),),
         differences=_DIFFERENCES,
         facts={"felt": felt, "stiffness": numbers.stiffness, "departure": worst / rest, "overshoot": over / rest - 1.0},
     )  # fmt: skip
@@ -119,17 +119,15 @@ def _rest(assembly: Assembly) -> float:
     coordinates = next(iter(assembly.task.phases[1].equilibrium.values()))
     rest = coordinates["rz"]
     if not isinstance(rest, float):
-        raise TypeError(
-            f"task '{assembly.task.name}': its equilibrium is to be moved to one angle, not to swing"
-        )
+        raise TypeError(f"task '{assembly.task.name}': its equilibrium must move to one angle, not oscillate")
     return rest
 
 
-def _drawn(trace: PushTrace, foretold: Array, angle: Array) -> Plot:
+def _drawn(trace: PushTrace, predicted: Array, angle: Array) -> Plot:
     figure = Figure(figsize=(7.0, 3.4), layout="constrained")
     axes = figure.subplots()
     axes.plot(trace.time, angle, color="C3", label="plant")
-    axes.plot(trace.time, foretold, "k--", linewidth=1.0, label="eq. 4.8")
+    axes.plot(trace.time, predicted, "k--", linewidth=1.0, label="eq. 4.8")
     axes.plot(trace.time, 0.1 * trace.push[:, TURN], color="C0", linewidth=1.0, label="push [10 N.m]")
     axes.set(xlabel="time [s]", ylabel="angle [rad]")
     axes.legend()

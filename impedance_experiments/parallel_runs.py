@@ -66,7 +66,7 @@ def _carry_out(work: tuple[Callable[[Any], object], Any, Path]) -> None:
 
 @cache
 def program() -> str:
-    """Says which program this is: a digest of its sources, tasks and robots."""
+    """Identifies the program: a digest of its sources, tasks and robots."""
     found = hashlib.sha256()
     sources = (Path(__file__).parent, Path(impedance_modules.__file__).parent)
     roots = (*sources, data_folder("tasks"), data_folder("robots"))
@@ -101,4 +101,4 @@ def _feed(found: hashlib._Hash, value: Any) -> None:
     elif value is None or isinstance(value, (str, float, int, Path, Enum)):
         found.update(f"{value!r}".encode())
     else:
-        raise TypeError(f"a {type(value).__name__} is no plain data")
+        raise TypeError(f"a {type(value).__name__} is not plain data")

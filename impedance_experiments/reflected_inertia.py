@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impedance_experiments.drive_fit import DriveFit, FreeSwing, bench_of, fit_drive, links_inertia, strike
+from impedance_experiments.drive_fit import DriveFit, FreeSwing, fit_drive, fixture_of, links_inertia, strike
 from impedance_experiments.task_run import TaskRun, patch_of, patch_with, record_task, task_with
 from impedance_experiments.thesis_page import (
     Cell,
@@ -53,7 +53,7 @@ SPRING = "effects.1.parameters.{}.k.value"
 
 
 def reproduce(settings: Settings) -> Page:
-    """Runs both methods on w1, the second on e1, and asks the diagnosis about the first spring's recordings."""
+    """Runs both methods on w1, the second on e1, and diagnoses the first spring's recordings."""
     quick = settings.size is Size.SHORT
     work = settings.work
     springs = SPRINGS[: settings.choose(1, 3, 3)]
@@ -144,7 +144,7 @@ _SUMMARY = (
     "robot nor its gravity compensation knows).\n\n"
     "**Torque steps on a real spring.** w1, its axis upright, drives a torsion spring with steps of about 1 to "
     "4 N.m (`impedance run torque-steps --effects robots/baxter/patches/torsion-spring.yaml`). The diagnosis' "
-    "residual between torque asked for and joint sensor is fitted by the catalogue's laws: rotor inertia, "
+    "residual between commanded torque and joint sensor is fitted by the catalogue's laws: rotor inertia, "
     "damping, dry friction of either direction. Three springs.\n\n"
     "**Blows on a virtual spring.** The joint's spring is virtual, its rest stands still, and the hand is "
     "struck (`blow-wrist`, `blow-elbow`). The frequency of the free swing gives the total inertia, the URDF the "
@@ -160,10 +160,10 @@ _DIFFERENCES = (
     "I_r (1 - M w^2 / K_s), the less the stiffer the virtual spring. With the joint's own spring and the "
     "delay in the equation the plant's number comes back. For E1 a little more remains: the wrists behind it "
     "give way.\n\n"
-    "**The diagnosis** is told of the bench and of the motor's damping (0.7, which the URDF prints), and "
+    "**The diagnosis** is given the test fixture and the motor's damping (0.7, which the URDF prints), and "
     "neither of the rotor nor of the friction. If the damping is withheld too, it settles on a lag of the "
     "actuator: causes join one at a time, and after a step of torque a lag alone explains more than a rotor "
-    "alone or damping alone. The least squares above need no such order, because they are told which laws "
+    "alone or damping alone. The least squares above need no such order, because they are given which laws "
     "act. Beside rotor and friction it names small things that are not there (rows above) and calls the gap "
     "partly explained: its speed residual is many times a noise that repeats too well. The sizes of spring, "
     "friction and clamp are assumed."
@@ -247,9 +247,9 @@ def _drawn_steps(steps: Sequence[StepsFit]) -> Plot:
     angle.plot(one.time, one.angle, color="C3", label="measured")
     angle.plot(one.time, one.fitted, color="C0", linestyle="--", label="second-order model")
     angle.set(xlabel="time [s]", ylabel="angle [rad]", title=f"real spring of {one.stiffness:g} N.m/rad")
-    torque.plot(one.fit.time, one.fit.torque, color="C3", label="asked for, less measured")
+    torque.plot(one.fit.time, one.fit.torque, color="C3", label="commanded less measured")
     torque.plot(one.fit.time, one.fit.fitted, color="C0", linestyle="--", label="I_r, D, dry friction")
-    torque.set(xlabel="time [s]", ylabel="torque [N.m]", title="what the drive takes for itself")
+    torque.set(xlabel="time [s]", ylabel="torque [N.m]", title="torque of the drive itself")
     for axes in (angle, torque):
         axes.legend(fontsize=8)
         axes.grid(alpha=0.3)
@@ -337,7 +337,7 @@ def read_steps(run: TaskRun, joint: str, stiffness: float) -> StepsFit:
 def _second_order(run: TaskRun, joint: str, fit: DriveFit) -> Array:
     r"""Integrates (I_r + M) \ddot q + (D + d) \dot q + friction + k (q - q_0) = u, links and rotor as one."""
     episode, delay = run.episode, run.assembly.robot.timing.command_delay
-    spring = next(spec.parameters[joint] for spec in bench_of(run) if joint in spec.parameters)
+    spring = next(spec.parameters[joint] for spec in fixture_of(run) if joint in spec.parameters)
     friction = fit.values["asymmetric_friction"]
     inertia = fit.values["reflected_inertia"]["Ia"] + links_inertia(run, joint)
     damping = fit.values["viscous_friction"]["fv"] + spring["d"].value
@@ -355,7 +355,7 @@ def _second_order(run: TaskRun, joint: str, fit: DriveFit) -> Array:
 
 
 def diagnose_steps(runs: Sequence[TaskRun], joint: str) -> Diagnosis:
-    """Asks the diagnosis, which knows the bench but neither this rotor's inertia nor the friction, what the gap is."""
+    """Diagnoses the recordings with the test fixture known, but neither this rotor's inertia nor the friction."""
     robot = runs[0].assembly.robot
     limb = next(limb for limb in robot.limbs.values() if joint in limb.joints.values())
     drives = {**robot.joints, joint: replace(robot.joints[joint], reflected_inertia=0.0)}
@@ -364,4 +364,4 @@ def diagnose_steps(runs: Sequence[TaskRun], joint: str) -> Diagnosis:
         replace(run.episode, metadata={**run.episode.metadata, "episode": run.episode.source.name})
         for run in runs
     ]
-    return diagnose(episodes, model, robot.urdf, worn=bench_of(runs[0]))
+    return diagnose(episodes, model, robot.urdf, known_effects=fixture_of(runs[0]))

@@ -95,11 +95,11 @@ def _summary(strikes: dict[float, Pair]) -> str:
     heavy, light = strikes[WITH_70_MS]
     return (
         "The planar arm of fig. 3-8, its apparent mass with and without reflected inertia; then `impact`, one task "
-        "run on the plant twice, as it is and wearing `without-reflected-inertia.yaml`. Plant, model and "
-        "damping design wear the patch alike; equilibria and springs are the same.\n\n"
+        "run on the plant twice, as it is and with `without-reflected-inertia.yaml`. Plant, model and "
+        "damping design use the same patch; equilibria and springs are the same.\n\n"
         f"On the same surface of {WITH_70_MS / 1000:g} kN/m the hand stays {1e3 * heavy.duration:.0f} ms with rotors "
         f"and {1e3 * light.duration:.0f} ms without. The surface feels {heavy.mass_felt:.1f} kg and "
-        f"{light.mass_felt:.1f} kg (impulse over change of speed), where (3.15) says {heavy.mass:.1f} kg and "
+        f"{light.mass_felt:.1f} kg (impulse over change of speed), where (3.15) gives {heavy.mass:.1f} kg and "
         f"{light.mass:.1f} kg along the normal at the touch: reflected inertia cannot be left out. Its effect on the "
         "*peak* force is far smaller than on the impulse."
     )
@@ -181,7 +181,7 @@ def _impact_rows(strikes: dict[float, Pair]) -> tuple[ThesisValue, ...]:
         "mass felt": "impulse over change of speed",
         "mean force, same contact time": f"{1e3 * heavy.duration:.0f} ms and {1e3 * slower.duration:.0f} ms, "
         "surfaces of 15 and 10.5 kN/m; the table of steps takes it apart",
-        "mean force, same surface": "a lighter arm is thrown back sooner",
+        "mean force, same surface": "a lighter arm rebounds sooner",
         "impulse": "for each m/s of arrival, same surface",
         "peak force": "the first peak is the links' alone: the springs shield the rotors",
     }

@@ -60,8 +60,8 @@ UNTIL_SMOOTH = "sand-until-smooth"
 TEXTURE = 12.0
 """Above this the spectrum is the texture's, below it the arm's [Hz]."""
 _SEPARATIONS = {
-    "shallow": "ours tells by both: rough wood is given more friction and more texture, and both wear together",
-    "deep": "the first eight windows scatter because the wood wears under them; worn, only friction's mean is left",
+    "shallow": "here both differ: rough wood is given more friction and more texture, and both wear together",
+    "deep": "the first eight windows scatter because the wood wears under them; then only friction's mean is left",
 }
 FREE = 5.0
 """From here on the deep hand is free of its first splinter [s]."""
@@ -198,19 +198,19 @@ class RuleEvaluation:
 
 
 def summary_of(shallow: DepthRuns, judged: RuleEvaluation, finished: Sanding) -> str:
-    """Says what was done and what came out; Markdown."""
+    """Returns what was done and what came out; Markdown."""
     run = shallow.rough
     _, left = wear_values(run)
     set_on, judged_on = judged.pieces
     return (
         "A point of sandpaper goes to and fro on a splintered board at 0.3 Hz with the gains of Tables B.3 and B.4 "
-        f"(tasks `{SHALLOW}`, `{DEEP}`, `{SLANTED}`). {_held(run)} Nobody had to notice: no phase, no condition "
-        f"and no message tells of it. In {run.time[-1]:.0f} s the hand did {run.work[-1]:.2f} J of work on the "
+        f"(tasks `{SHALLOW}`, `{DEEP}`, `{SLANTED}`). {_held(run)} No phase, condition or message "
+        f"refers to it. In {run.time[-1]:.0f} s the hand did {run.work[-1]:.2f} J of work on the "
         f"wood, of which {run.wood.rubbed:.2f} J were rubbed and {1e3 * run.wood.broken_work:.0f} mJ broke "
         f"splinters; where it rubbed, {100 * left:.0f} % of the roughness is left on average.\n\n"
         "Roughness is judged from joint efforts and positions alone, in windows of 0.8 s of the strokes towards the "
-        "robot ([docs/roughness.md](../roughness.md)). The rule 'finished' wants the tangential force from 15 to 25 Hz "
-        f"below {judged.bounds['band']:.3f} N rms and the coefficient of friction below "
+        "robot ([docs/roughness.md](../roughness.md)). The rule 'finished' requires the tangential force from 15 to 25 "
+        f"Hz below {judged.bounds['band']:.3f} N rms and the coefficient of friction below "
         f"{judged.bounds['friction']:.2f}, over {judged.windows} windows. It was set on {set_on} pieces of "
         f"each kind (seeds {judged.seeds[0]} on) and "
         f"judged on {judged_on} others (seeds {judged.seeds[1]} on); the ranges that pieces are drawn from were "
@@ -234,7 +234,7 @@ def _held(run: Sanding) -> str:
 def comparisons_of(
     shallow: DepthRuns, deep: DepthRuns, slanted: Sanding, judged: RuleEvaluation
 ) -> Iterator[ThesisValue]:
-    """Lays the thesis's words and numbers beside ours."""
+    """Compares the thesis's words and numbers with ours."""
     first, last = shallow.rough.stuck or (0.0, 0.0)
     yield ThesisValue(
         "stuck on splinters before breaking free", 7.0, last - first, "s", "the wood is ours: strength chosen"
@@ -303,32 +303,32 @@ def case_table(schemes: dict[str, DepthRuns]) -> ResultTable:
 
 
 def rule_table(judged: RuleEvaluation) -> ResultTable:
-    """Tabulates how well each measure tells smooth from rough."""
+    """Tabulates how well each measure separates smooth from rough."""
     rows = [(name, curve.area) for name, curve in judged.curves.items()]
     return table_of(
-        f"Telling smooth from rough wood, {judged.pieces[1]} pieces of each kind, shallow",
+        f"Separating smooth from rough wood, {judged.pieces[1]} pieces of each kind, shallow",
         ("by", "area"),
         rows,
     )
 
 
 DIFFERENCES = """\
-- The thesis describes its wood, sandpaper and tool in words only. Ours are assumptions (`sanding_woods.py`), so how
+- The thesis describes its wood, sandpaper and tool in words only. Ours are assumptions (`sanding_rule.py`), so how
   long splinters hold, how far a spectrum falls and what a coefficient of friction is are properties of the wood
   chosen, and only the kinds of behaviour can agree. The thesis sands for 15 minutes, 270 cycles; a minute, 18 cycles,
   stands for them here, on wood that wears as much faster.
 - Splinters hold until the damage done by load over time breaks them; that is why a spring that never gets
   stronger frees the hand after a few cycles. In the thesis the force grows slowly; ours has the same height every time.
-- The thesis finds a local maximum at 20 Hz and asks where it comes from. Here there are two: one near 6 Hz, on smooth
+- The thesis finds a local maximum at 20 Hz and leaves its cause open. Here there are two: one near 6 Hz, on smooth
   wood too, and a broad one at 24 to 28 Hz, about what hills 7.5 to 12.5 mm apart give when crossed at up to 0.2 m/s.
   Both fall as the wood wears.
-- The rule first asked the spectrum alone and fired on two of the ten rough pieces of seeds 0 to 9. Three kinds
+- The rule first used the spectrum alone and fired on two of the ten rough pieces of seeds 0 to 9. Three kinds
   of rough wood are weak in the band: hills 13 mm apart or more, which a hand of 0.2 m/s crosses below 15 Hz; a
-  backing below 5 kN/m, whose texture hardly presses back; low hills. Most of them rub as hard as other rough
-  wood. So it now asks both measures, over four windows instead of three (most of what smooth wood scatters is
+  backing below 5 kN/m, whose texture gives little force; low hills. Most of them rub as hard as other rough
+  wood. So it now uses both measures, over four windows instead of three (most of what smooth wood scatters is
   the windows' own). Its bound lay halfway between the two pieces next to it at first, too high with ten pieces
   (it fired on 4 of 10 rough ones, seeds 5000 to 5009); now all pieces count. Seeds 0 to 9, 1000 to 1017 and
-  5000 to 5009 were looked at for that; those judged on here were not, by anybody. What it may still fire on is
+  5000 to 5009 were looked at for that; those judged on here were not. What it may still fire on is
   rough wood that is weak in both: long or low hills on slippery wood (seed 5009: friction 0.36, of fresh wood
   0.57; the roughest smooth pieces have 0.63).
 - Near the surface the normal force is 2 to 3 N, and the links' own acceleration in the estimate biases the

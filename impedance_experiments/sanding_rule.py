@@ -37,7 +37,7 @@ from impedance_modules.spec.task import RoughnessSpec, SplintersSpec, SurfaceSpe
 Array = NDArray[np.float64]
 
 LEAST = 0.1
-"""A rough piece that feels smoother than smooth ones on average counts as so far from them [deviations]."""
+"""A rough piece whose score is below that of smooth ones on average counts as so far from them [deviations]."""
 SPREADS = (0.5, 0.3)
 """Least deviations of smooth pieces and of the logarithms of rough ones; a few pieces scatter less than many."""
 Range = tuple[float, float]
@@ -68,7 +68,7 @@ class RocCurve:
 
 @dataclass(frozen=True)
 class SmoothStatistics:
-    """What smooth wood feels like.
+    """Statistics of smooth wood.
 
     Attributes:
         mean, deviation: Measure -> over smooth pieces.
@@ -88,7 +88,7 @@ class SmoothStatistics:
 
 
 def smooth_statistics(scores: Mapping[str, Array]) -> SmoothStatistics:
-    """Takes the scores (m,) of smooth pieces by every measure; pieces without enough windows say nothing."""
+    """Takes the scores (m,) of smooth pieces by every measure; pieces without enough windows are left out."""
     known = {name: values[np.isfinite(values)] for name, values in scores.items()}
     deviations = {name: max(float(values.std()), 1e-3) for name, values in known.items()}
     return SmoothStatistics({name: float(values.mean()) for name, values in known.items()}, deviations)

@@ -43,7 +43,7 @@ MOST_WINDOWS = 8
 
 @dataclass(frozen=True)
 class Sanding:
-    """One run, N looks.
+    """One run, N samples.
 
     Attributes:
         touched: What the hand measured.
@@ -53,7 +53,7 @@ class Sanding:
         caught: (N,) whether a splinter held it.
         target: (N, 3) where the hand's spring is at rest [m].
         windows: All windows of strokes towards the robot.
-        refused: How many strokes gave none, by why.
+        refused: How many strokes gave none, by reason.
         wood: What became of the wood.
         tank: What the energy tank gave [J].
         ending: How the run ended, and after how many seconds.
@@ -111,8 +111,8 @@ def sanding_task(name: str, *, board: SurfaceSpec | None = None, seconds: float 
     return replace(assembly, task=task)
 
 
-class _Watcher:
-    """Looks on while a task sands, ``SAMPLE_RATE`` times in a second."""
+class _SandingRecorder:
+    """Measures while a task sands, ``SAMPLE_RATE`` times in a second."""
 
     def __init__(self, assembly: Assembly) -> None:
         limb = assembly.modules.arms[0].limb
@@ -125,7 +125,7 @@ class _Watcher:
         self.rows: list[tuple[Array, ...]] = []
         self.wood: WoodState | None = None
 
-    def look(self, state: RobotState, plant: Plant, supervisor: Supervisor) -> None:
+    def observe(self, state: RobotState, plant: Plant, supervisor: Supervisor) -> None:
         """Takes one control cycle into account."""
         self._cycle += 1
         if self._cycle % self._every:
@@ -157,24 +157,24 @@ def sand(assembly: Assembly, seed: int) -> Sanding:
     Raises:
         BadInput: The run ends before it has begun.
     """
-    watcher = _Watcher(assembly)
-    supervisor = watch_task(assembly, watcher.look, seed=seed)
-    if watcher.wood is None:
+    recorder = _SandingRecorder(assembly)
+    supervisor = watch_task(assembly, recorder.observe, seed=seed)
+    if recorder.wood is None:
         raise BadInput(f"task '{assembly.task.name}' ends before anything is sanded: {supervisor.reason}")
     time, position, force, true, place, velocity, caught, target = (
-        np.array(column) for column in zip(*watcher.rows, strict=True)
+        np.array(column) for column in zip(*recorder.rows, strict=True)
     )
     ending = supervisor.ending.value if supervisor.ending is not None else "went on"
     return Sanding(
-        touched=Touched(watcher.hand, "effort", time[:, 0], position, force),
+        touched=Touched(recorder.hand, "effort", time[:, 0], position, force),
         force=true,
         place=place,
         velocity=velocity,
         caught=caught[:, 0] > 0.0,
         target=target,
-        windows=tuple(watcher.windows),
-        refused=dict(watcher.finder.refused),
-        wood=watcher.wood,
+        windows=tuple(recorder.windows),
+        refused=dict(recorder.finder.refused),
+        wood=recorder.wood,
         tank=assembly.tank.initial - float(supervisor.controller.tank.level),
         ending=f"{ending} {supervisor.reason}".strip(),
         messages=tuple(text for _, text in supervisor.messages),
@@ -222,7 +222,7 @@ def smooth_board(board: SurfaceSpec) -> SurfaceSpec:
 
 
 def run_depth(task: str, seed: int, rough_seconds: float, smooth_seconds: float) -> DepthRuns:
-    """Sands the task's own wood and its smooth likeness."""
+    """Sands the task's own wood and a smooth board of the same shape."""
     rough = sand(sanding_task(task, seconds=rough_seconds), seed)
     board = smooth_board(board_of(sanding_task(task)))
     smooth = sand(sanding_task(task, board=board, seconds=smooth_seconds), seed)

@@ -19,7 +19,7 @@ from impedance_modules.superposition.series_elastic import SeriesElasticJoint, r
 Array = NDArray[np.float64]
 
 TASK = "soft-hold"
-"""Its posture is where the joints are looked at: a palm in front of the chest."""
+"""Its posture is where the joints are studied: a palm in front of the chest."""
 ELBOW = 3
 """The joint that is drawn, counted from the shoulder: the thesis's example of such a drive (fig. 2-2)."""
 BLOW_FORCE, BLOW_TIME, BLOW_WIDTH = 56.52, 0.2, 0.01775

@@ -137,11 +137,11 @@ _DIFFERENCES = (
     "little damping of their own: the controller's damping hardly reaches it, for the robot reports speeds 13.5 "
     "ms late. "
     "The plant's sensors do not round here and the knock is a thousandth of the task's: with rounded angles the loop "
-    "trembles below its limit already, and above it the robot's bound on the rate of torque keeps the ringing "
-    "small.\n\n"
-    "**Below.** Nothing special happens at 10 N/m: a hand sinks by the weight that nobody carries over the stiffness. "
+    "oscillates slightly below its limit already, and above it the robot's bound on the rate of torque keeps the "
+    "oscillation small.\n\n"
+    "**Below.** Nothing special happens at 10 N/m: a hand sinks by the uncompensated weight over the stiffness. "
     "The thesis does not print its robot's error; 2 N (0.2 kg) is assumed. Where the spring gives 10 N/m (and the "
-    "joint springs a little more) that is a decimetre, which anybody would call drift."
+    "joint springs a little more) that is a decimetre, which looks like drift."
 )
 
 
@@ -149,12 +149,12 @@ def _summary(limits: list[Limit]) -> str:
     first = limits[0]
     return (
         f"The thesis's hand springs at the posture of its eq. 5.1 are made stiffer (task `{TASK}`), their damping "
-        "ratio kept, the hand is knocked, and the plant's motors are watched: does the ringing die away or grow? "
-        f"Bisection finds the limit, {first.simulated:.0f} N/m at {first.loop.rate:g} Hz and ratio "
+        "ratio kept, the hand is hit lightly, and the motion of the plant's motors is measured: does the "
+        f"oscillation decay or grow? Bisection finds the limit, {first.simulated:.0f} N/m at {first.loop.rate:g} Hz and ratio "
         f"{first.loop.ratio:g}; "
-        f"`impedance check` says {first.predicted:.0f} N/m before anything moves, from elastic joints, delay, sampling "
-        "and the robot's velocity filter. At the other end a very soft hand "
-        f"(`{SOFT_TASK}`) holds 0.2 kg of which the robot does not know (`--effects {PATCH}.yaml`)."
+        f"`impedance check` predicts {first.predicted:.0f} N/m before anything moves, from elastic joints, delay, "
+        "sampling and the robot's velocity filter. At the other end a very soft hand "
+        f"(`{SOFT_TASK}`) holds 0.2 kg that the robot does not compensate (`--effects {PATCH}.yaml`)."
     )
 
 
@@ -172,7 +172,7 @@ def _comparisons(limits: list[Limit], drifts: list[tuple[float, float, float]]) 
     ]
     for stiffness, found, predicted in drifts:
         printed = "drifts below about 10 N/m" if stiffness <= 10.0 else None
-        reason = f"statics say {1e3 * predicted:.0f}; 2 N that the robot does not carry"
+        reason = f"statics predict {1e3 * predicted:.0f}; 2 N that the robot does not carry"
         rows.append(
             ThesisValue(f"hand sinks at {stiffness:g} N/m by", printed, round(1e3 * found), "mm", reason)
         )
@@ -202,14 +202,16 @@ def _limit_table(limits: list[Limit]) -> ResultTable:
         "left just above",
     )
     return table_of(
-        "The limit; what is left of the knock's ringing after one more second, just below and above it",
+        "The limit; what is left of the oscillation after one more second, just below and above it",
         columns,
         rows,
     )
 
 
 def _drift_table(drifts: list[tuple[float, float, float]]) -> ResultTable:
-    rows: list[list[Cell]] = [[k, round(1e3 * found, 1), round(1e3 * said, 1)] for k, found, said in drifts]
+    rows: list[list[Cell]] = [
+        [k, round(1e3 * found, 1), round(1e3 * predicted_drift, 1)] for k, found, predicted_drift in drifts
+    ]
     return table_of(
         "How far 0.2 kg let a soft hand sink", ("stiffness [N/m]", "plant [mm]", "statics [mm]"), rows
     )
@@ -226,18 +228,24 @@ def _knocks(limit: Limit) -> Plot:
             linewidth=0.8,
             label=f"{knock.stiffness:.0f} N/m",
         )
-    axes.set(xlabel="time [s]", ylabel="fast motion of the motors [rad/s]", title="knocked at 0.7 s")
+    axes.set(xlabel="time [s]", ylabel="fast motion of the motors [rad/s]", title="hit at 0.7 s")
     axes.legend()
-    return Plot("knock", "Just below the limit the motors' ringing dies away, just above it grows", figure)
+    return Plot("knock", "Just below the limit the motors' oscillation decays, just above it grows", figure)
 
 
 def _drifts(drifts: list[tuple[float, float, float]]) -> Plot:
     figure = Figure(figsize=(5.5, 3.6), layout="constrained")
     axes = figure.subplots()
     stiffness = [k for k, _, _ in drifts]
-    axes.loglog(stiffness, [1e3 * said for _, _, said in drifts], "-", color="0.6", label="statics")
+    axes.loglog(
+        stiffness,
+        [1e3 * predicted_drift for _, _, predicted_drift in drifts],
+        "-",
+        color="0.6",
+        label="statics",
+    )
     axes.loglog(stiffness, [1e3 * found for _, found, _ in drifts], "o", label="plant")
     axes.axvline(10.0, color="C3", linestyle=":", label="thesis: drifts below")
     axes.set(xlabel="endpoint stiffness [N/m]", ylabel="hand sinks by [mm]")
     axes.legend()
-    return Plot("drift", "A hand sinks by the weight that nobody carries", figure)
+    return Plot("drift", "A hand sinks by the uncompensated weight", figure)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A hand made stiffer until the loop on the plant rings on: the search, and the forecast beside it."""
+"""A hand made stiffer until the loop on the plant is unstable: the search, and the predicted limit."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from impedance_modules.spec.task import ArmSpec, PushSpec
 Array = NDArray[np.float64]
 
 BRACKET = 1.2
-"""The limit is first looked for within this factor of the forecast."""
+"""The limit is first searched within this factor of the prediction."""
 WIDEST = 12
 """Times the bracket is widened before the search gives up."""
 SMOOTHING = 0.1
 """Motion slower than this is the hand's own swinging, not the loop's ringing [s]."""
 EARLY, LATE = (1.7, 1.95), (2.7, 2.95)
 """When ringing is measured [s]: a second after ``stiff-hand`` is knocked, the faster dying modes gone, and later."""
-GENTLE = 1e-3
+SMALL_HIT = 1e-3
 """Part of the task's knock with which small ringing is started."""
-DEAD = 1e-7
-"""Ringing below this has died away, whatever there was to begin with [rad/s]."""
+LEAST_OSCILLATION = 1e-7
+"""Oscillation below this has decayed, whatever its initial size [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ def stiffened(assembly: Assembly, factor: float) -> Assembly:
 def finely_sensed(assembly: Assembly) -> Assembly:
     """Takes the rounding out of a robot's sensors and makes the knock small; delay, sampling and filter stay.
 
-    Rounded angles keep any loop with fast dampers trembling, and a torque that changes faster than the robot allows
-    bounds any ringing: both hide whether a small one dies or grows.
+    Rounded angles keep any loop with fast dampers oscillating slightly, and a torque that changes faster than the
+    robot allows bounds any oscillation: both hide whether a small one decays or grows.
     """
     pushes = tuple(_gentle(push) for push in assembly.task.pushes)
     sensors = replace(assembly.robot.sensors, position_resolution=0.0, effort_resolution=0.0)
@@ -87,7 +87,7 @@ def finely_sensed(assembly: Assembly) -> Assembly:
 
 
 def _gentle(push: PushSpec) -> PushSpec:
-    x, y, z, rx, ry, rz = (GENTLE * part for part in push.wrench)
+    x, y, z, rx, ry, rz = (SMALL_HIT * part for part in push.wrench)
     return replace(push, wrench=(x, y, z, rx, ry, rz))
 
 
@@ -146,10 +146,10 @@ def knocked(assembly: Assembly) -> Knock:
     """Runs a task with a knock on the plant, without noise, and measures how its motors ring."""
     rows: list[tuple[float, Array]] = []
 
-    def look(_: RobotState, plant: Plant, __: Supervisor) -> None:
+    def observe(_: RobotState, plant: Plant, __: Supervisor) -> None:
         rows.append((plant.time, plant.motor_velocity))
 
-    supervisor = watch_task(assembly, look, noise=False)
+    supervisor = watch_task(assembly, observe, noise=False)
     time, speeds = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     width = max(1, round(SMOOTHING * assembly.rate))
     window = np.ones(width) / width
@@ -158,7 +158,7 @@ def knocked(assembly: Assembly) -> Knock:
     if supervisor.ending is not Ending.DONE:
         return Knock(hand_stiffness(assembly), time, fast, np.inf)
     first, last = (_rms(fast[(time >= a) & (time < b)]) for a, b in (EARLY, LATE))
-    kept = 0.0 if last < DEAD else last / first
+    kept = 0.0 if last < LEAST_OSCILLATION else last / first
     return Knock(hand_stiffness(assembly), time, fast, kept)
 
 
@@ -170,7 +170,7 @@ def hand_drift(assembly: Assembly, stiffness: float, seed: int) -> tuple[float, 
     """Lets a hand sink under what the robot does not carry: on the plant, and by the statics [m].
 
     Args:
-        assembly: Wearing a payload.
+        assembly: With a payload in its patch.
         stiffness: Of the hand's spring in its stiffest direction [N/m].
         seed: Of the simulated noise.
     """
@@ -179,10 +179,10 @@ def hand_drift(assembly: Assembly, stiffness: float, seed: int) -> tuple[float, 
     hand = soft.model.limbs[limb].hand
     heights: list[float] = []
 
-    def look(_: RobotState, plant: Plant, __: Supervisor) -> None:
+    def observe(_: RobotState, plant: Plant, __: Supervisor) -> None:
         heights.append(float(plant.pose(hand).translation[2]))
 
-    watch_task(soft, look, seed=seed)
+    watch_task(soft, observe, seed=seed)
     return heights[0] - heights[-1], heights[0] - _sunk_height(soft, hand)
 
 

@@ -30,21 +30,22 @@ from impedance_modules.tools.surface_truth import MapErrors, TrueSurface, map_er
 
 TASK = "map-sheet"
 CELL, LEAST_FORCE = 0.01, 2.0
-"""Of ``impedance map`` unless it is told otherwise [m], [N]."""
+"""The defaults of ``impedance map`` [m], [N]."""
 
 TWO_STROKES = 5
 """Phases of the short form: down, lean, there, lean more, back."""
 
-HASTE = 0.6
+DURATION_SCALE = 0.6
 """And their durations over those of the task."""
 
 
 def reproduce(settings: Settings) -> Page:
-    """Strokes the sheet, maps it, and lays the map beside what the plant really had."""
+    """Strokes the sheet, maps it, and compares the map with what the plant really had."""
     assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
     if settings.size is Size.SHORT:
         phases = [
-            replace(phase, duration=HASTE * phase.duration) for phase in assembly.task.phases[:TWO_STROKES]
+            replace(phase, duration=DURATION_SCALE * phase.duration)
+            for phase in assembly.task.phases[:TWO_STROKES]
         ]
         assembly = replace(assembly, task=replace(assembly.task, phases=tuple(phases)))
     settings.on_progress(0.0, "stroking the sheet")
@@ -55,7 +56,7 @@ def reproduce(settings: Settings) -> Page:
     truths = {cell: true_surface(assembly.task.environment, found) for cell, found in maps.items()}
     errors = {cell: map_errors(found, truths[cell]) for cell, found in maps.items()}
     settings.on_progress(1.0, "done")
-    # Hasty strokes leave too little in a narrow cell.
+    # Fast strokes leave too little in a narrow cell.
     wide = 2.0 * CELL if settings.size is Size.SHORT else CELL
     return Page(
         summary=SUMMARY,
@@ -157,7 +158,7 @@ SUMMARY = (
     "time (about 10, 20 and 30 N). `impedance map EPISODE --out DIR --truth` makes two maps of the recording "
     "from the hand's position and the force estimated from joint torques alone: where the hand was (the "
     "thesis's tactile map, figure 5-5), and, from how height and force go together at each place, the shape "
-    "at rest and the local stiffness (the impedance map that the thesis asks for in 6.2.3)."
+    "at rest and the local stiffness (the impedance map that the thesis proposes in 6.2.3)."
 )
 
 CAPTION = (
@@ -167,10 +168,10 @@ CAPTION = (
 
 DIFFERENCES = """
 - **One stroke is not enough** for stiffness: the thesis's single pass shows shape and deflection together. Where the
-  force hardly varies, the map says nothing about stiffness and leaves the cell empty.
-- **Stiff places** are told less well than soft ones: on the table 20 N sink in by half a millimetre, about two steps of
-  the joint encoders at the hand. The standard errors count scatter, not the encoders' grid, and are too small there.
+  force hardly varies, the map gives no stiffness and leaves the cell empty.
+- **Stiff places** are measured less well than soft ones: on the table 20 N sink in by half a millimetre, about two
+  steps of the joint encoders at the hand. The standard errors count scatter, not the encoders' grid, and are too small there.
 - **The flat part** has no one stiffness: the sheet bulges by a tenth of a millimetre between supports, and where the
   hand reaches the table too, both carry. The line shows the sum where the mean pressed height reaches both.
-- **Friction** is taken out by the slope of the touched path; a hand that turns round within a cell is still told wrong.
+- **Friction** is taken out by the slope of the touched path; a hand that reverses within a cell gives wrong values.
 """

@@ -37,9 +37,9 @@ from impedance_modules.spec.task_text import changed, find_steps, task_document
 
 Array = NDArray[np.float64]
 
-Look = Callable[[RobotState, Plant, Supervisor], None]
+Observer = Callable[[RobotState, Plant, Supervisor], None]
 EVERY = 5
-"""Control periods from one look to the next."""
+"""Control periods from one sample to the next."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,12 @@ def record_task(task: str, out: Path, *, effects: Path | None = None, seed: int 
     return TaskRun(assembly, result, read_episode(out))
 
 
-def watch_task(assembly: Assembly, look: Look, *, seed: int = 0, noise: bool = True) -> Supervisor:
-    """Runs a task without files and shows the plant's truth to ``look`` once a cycle.
+def watch_task(assembly: Assembly, observe: Observer, *, seed: int = 0, noise: bool = True) -> Supervisor:
+    """Runs a task without files and calls ``observe`` with the plant's true state once a cycle.
 
     Args:
         assembly: The task, checked by the caller where it need be.
-        look: Called with what the robot measured, the plant, and the supervisor.
+        observe: Called with what the robot measured, the plant, and the supervisor.
         seed: Of the simulated noise.
         noise: Whether sensors are noisy.
     """
@@ -82,7 +82,7 @@ def watch_task(assembly: Assembly, look: Look, *, seed: int = 0, noise: bool = T
         supervisor,
         backend,
         first.state,
-        lambda state, _effort, _late, _asked: look(state, backend.plant, supervisor),
+        lambda state, _effort, _late, _asked: observe(state, backend.plant, supervisor),
         Interrupt(),
         duration=None,
         paced=False,
@@ -93,7 +93,7 @@ def watch_task(assembly: Assembly, look: Look, *, seed: int = 0, noise: bool = T
 
 @dataclass(frozen=True)
 class PushTrace:
-    """Motion of a pushed body, N looks; true, not sensed.
+    """Motion of a pushed body, N samples; true, not measured.
 
     Attributes:
         time: (N,) since the start [s].
@@ -112,18 +112,18 @@ class PushTrace:
     ending: str
 
     def over(self, first: float, last: float) -> NDArray[np.bool_]:
-        """Marks the looks between two times [s]."""
+        """Marks the samples between two times [s]."""
         return np.asarray((self.time >= first) & (self.time < last))
 
 
 def patch_of(task_name: str, patch: str) -> Path:
-    """Finds a patch that is shipped with the robot of a task."""
+    """Returns the path of a patch that is shipped with the robot of a task."""
     task, _ = read_task(task_name)
     return data_folder("robots") / task.robot / "patches" / f"{patch}.yaml"
 
 
 def only_arm(assembly: Assembly) -> str:
-    """Names a task's first arm."""
+    """Returns the name of a task's first arm."""
     return next(iter(assembly.task.arms))
 
 
@@ -137,11 +137,11 @@ def first_pushes(assembly: Assembly, count: int, settle: float) -> Assembly:
 
 
 def trace_pushed(assembly: Assembly, target: str, *, seed: int, noise: bool) -> PushTrace:
-    """Runs a task and follows one body that it pushes.
+    """Runs a task and records the motion of one body that it pushes.
 
     Args:
         assembly: The task.
-        target: Limb whose hand is followed, or ``object``.
+        target: Limb whose hand is recorded, or ``object``.
         seed: Of the simulated noise.
         noise: Whether sensors are noisy.
     """
@@ -149,14 +149,14 @@ def trace_pushed(assembly: Assembly, target: str, *, seed: int, noise: bool) -> 
     rows: list[tuple[float, Pose, Array, Array, Array]] = []
     count = 0
 
-    def look(_: RobotState, plant: Plant, __: Supervisor) -> None:
+    def observe(_: RobotState, plant: Plant, __: Supervisor) -> None:
         nonlocal count
         count += 1
         if count % EVERY == 0:
             q = plant.position
             rows.append((plant.time, *_motion(plant, target, q), q, push_wrench(pushes, target, plant.time)))
 
-    supervisor = watch_task(assembly, look, seed=seed, noise=noise)
+    supervisor = watch_task(assembly, observe, seed=seed, noise=noise)
     start = rows[0][1]
     ending = "" if supervisor.ending is None else supervisor.ending.value
     return PushTrace(

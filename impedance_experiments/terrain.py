@@ -40,11 +40,11 @@ ALL_PHASES, TO_THE_LEFT = 5, 3
 """Phases of the task: the whole slide to and fro, and the half of it that the short form makes."""
 SUMMARY = (
     "A hand leans on a table and slides 32 cm to the left and back, over the flat table that its map shows, then "
-    "over a bar (1 inch) and a block (2 inches) under a flexible sheet that it does not show. It is led by the "
+    "over a bar (1 inch) and a block (2 inches) under a flexible sheet that it does not show. It is controlled by the "
     "springs of the thesis's tables 5.1 and 5.2, or by the robot's own velocity or position mode, which plays "
     "back what the joints did on the flat table. The tasks are `slide-flat`, `slide-over`, `slide-over-velocity` "
-    "and `slide-over-position` in tasks/thesis. The springs keep contact and their way; velocity playback loses "
-    "contact at the bar and hangs there; position playback gives up at the bar, as in the thesis. What ends or "
+    "and `slide-over-position` in tasks/thesis. The springs keep contact and their path; velocity playback loses "
+    "contact at the bar and hangs there; position playback stops at the bar, as in the thesis. What ends or "
     "pauses a playback stands in robots/baxter/robot.yaml and was fixed before anything was played back; other "
     "values are tried below."
 )
@@ -115,7 +115,7 @@ def _facts(found: dict[tuple[str, str], Slide]) -> dict[str, float]:
 
 def _outcome(run: Slide) -> str:
     if run.stopped:
-        return f"gives up: {run.stopped}"
+        return f"stops: {run.stopped}"
     pauses = len(run.collisions)
     return f"to the end, {pauses} pauses after collisions" if pauses else "to the end"
 
@@ -126,8 +126,8 @@ def _table_of_slides(found: dict[tuple[str, str], Slide]) -> ResultTable:
         deviation = _deviation(found, way) if surface == "over" else None
         rows.append([way, surface, round(100.0 * run.contact, 1), deviation, run.peak, _outcome(run)])
     return table_of(
-        "The same slide, led in three ways, over the flat table and over bar and block under the sheet",
-        ("led by", "surface", "in contact [%]", "RMS dev. of y [m]", "peak force [N]", "how it ends"),
+        "The same slide, controlled in three ways, over the flat table and over bar and block under the sheet",
+        ("controlled by", "surface", "in contact [%]", "RMS dev. of y [m]", "peak force [N]", "how it ends"),
         rows,
     )
 
@@ -208,7 +208,7 @@ def _comparisons(
 
 
 DIFFERENCES = """
-- **Force.** The thesis says 25 N. With K_z = 50 N/m, 24 cm deep, the end spring gives 12 N, the net stiffness of eq.
+- **Force.** The thesis states 25 N. With K_z = 50 N/m, 24 cm deep, the end spring gives 12 N, the net stiffness of eq.
   5.1 (71.8 N/m) 17 N; on the plant the table feels about 11 N, the block 18 N. What was taken over is the stiffness.
 - **The surface** is ours: the thesis has a drawing without measures. The sheet is 0.5 mm of aluminium, 15 cm wide.
 - **The springs' dampers** are chosen here; the thesis prints none. E1, S0 and W0 have 0.005 N.m/rad as in appendix C.
@@ -254,7 +254,7 @@ def picture_of_slides(found: Mapping[tuple[str, str], Slide]) -> Plot:
         axes.legend(fontsize=7, loc="upper left")
     caption = (
         "Above: the hand's path over the surface (figure 5-3); middle: its way along y on the flat table (dashed) "
-        "and over bar and block (figure 5-4); below: the force of the surface. A cross: the robot gave up."
+        "and over bar and block (figure 5-4); below: the force of the surface. A cross: the robot stopped."
     )
     return Plot("slides", caption, figure)
 
@@ -299,7 +299,7 @@ def picture_of_errors(found: Robustness) -> Plot:
         axes.grid(alpha=0.3)
     deviation.legend(fontsize=8)
     caption = (
-        "Wrong maps. Above: contact against the map's errors (a cross: the robot gave up); below: distributions of the "
+        "Wrong maps. Above: contact against the map's errors (a cross: the robot stopped); below: distributions of the "
         "deviation along y and of the peak force."
     )
     return Plot("maps", caption, figure)

@@ -45,7 +45,7 @@ class SlideJob:
         phases: How many of the task's phases are carried out.
         playback: How the robot plays back; None takes the robot file's.
         tank: Energy to begin with [J]; None takes the task's.
-        effects: A patch that the plant wears; None for none.
+        effects: A patch applied to the plant; None for none.
         seed: Of the noise.
     """
 
@@ -127,13 +127,13 @@ def _led_by_springs(assembly: Assembly, job: SlideJob) -> Slide:
     rows: list[Array] = []
     hand, ticks = assembly.modules.arms[0].limb.hand, 0
 
-    def look(state: RobotState, plant: Plant, _: Supervisor) -> None:
+    def observe(state: RobotState, plant: Plant, _: Supervisor) -> None:
         nonlocal ticks
         if ticks % EVERY == 0:
             rows.append(_row(state, plant, hand, 0.0))
         ticks += 1
 
-    supervisor = watch_task(assembly, look, seed=job.seed)
+    supervisor = watch_task(assembly, observe, seed=job.seed)
     return _slide(rows, "" if supervisor.reason is None else supervisor.reason, ())
 
 

@@ -44,8 +44,8 @@ CLEARANCE = 0.001
 FLAT, OVER = "slide-flat", "slide-over"
 COEFFICIENTS = (0.2, 0.4, 0.5, 0.6)
 """Of the surface; the task's is the first."""
-AMPLE = 15.0
-"""A tank that pays for the harder way, too [J]; the task's own holds 5.4 J."""
+LARGE_TANK = 15.0
+"""A tank that is enough for higher friction, too [J]; the task's own holds 5.4 J."""
 PATCH = Path("patches", "dry-friction.yaml")
 SENSITIVITIES = (0.5, 1.0, 2.0, math.inf)
 """Collision thresholds over those of the robot file; with infinity nothing is a collision."""
@@ -63,7 +63,7 @@ class Robustness:
         flat: Over the map itself.
         errors: (N, 4) height [m], tilt about x and y [rad], stiffness [N/m].
         redrawn: How many tables stood over where the hand starts, and were drawn again.
-        slides: Way -> slides over the first rows of ``errors``.
+        slides: Way of control -> slides over the first rows of ``errors``.
     """
 
     flat: Slide
@@ -72,7 +72,7 @@ class Robustness:
     slides: Mapping[str, tuple[Slide, ...]]
 
     def kept(self, way: str) -> float:
-        """Share of the slides that came to their end in contact."""
+        """Share of the slides that ended in contact."""
         return float(np.mean([_keeps(run) for run in self.slides[way]]))
 
     def interval(self, way: str) -> str:
@@ -142,7 +142,7 @@ def wrong_table(table: SurfaceSpec, errors: Array) -> SurfaceSpec:
     """Returns a plane that is off by (4,) errors under the middle of the slide."""
     height, about_x, about_y, stiffness = (float(value) for value in errors)
     normal = exp3(np.array([about_x, about_y, 0.0]))[:, 2]
-    # A plane's height is said at the world's origin.
+    # A plane's height is given at the world's origin.
     at_origin = (
         (0.0 if table.height is None else table.height) + height + float(normal[:2] @ MIDDLE) / normal[2]
     )
@@ -170,7 +170,7 @@ def robustness_table(found: Robustness) -> ResultTable:
         f"and y, stiffness {STIFFNESS[0]:g} to {STIFFNESS[1]:g} N/m; 32 cm to the left. {found.redrawn} tables stood "
         "over where the hand starts and were drawn again. Median (10 % to 90 %)",
         (
-            "led by",
+            "controlled by",
             "runs",
             "keeps contact",
             "shut down",
@@ -193,9 +193,9 @@ def friction_table(settings: Settings) -> tuple[ResultTable, dict[float, float]]
     Returns:
         The table, and coefficient -> RMS deviation of y [m] without friction in the joints.
     """
-    worn = assemble(FLAT, effects=None, rate=None, scale=1.0, arm=None).robot.folder / PATCH
+    friction_patch = assemble(FLAT, effects=None, rate=None, scale=1.0, arm=None).robot.folder / PATCH
     ways: list[tuple[float, Path | None]] = [(mu, None) for mu in COEFFICIENTS]
-    ways += [(mu, worn) for mu in COEFFICIENTS[:3]]
+    ways += [(mu, friction_patch) for mu in COEFFICIENTS[:3]]
     jobs = [_friction_job(task, mu, patch, settings.seed) for mu, patch in ways for task in (FLAT, OVER)]
     done = slide_all(jobs, settings, (0.2, 0.3), "other frictions")
     rows: list[list[Cell]] = []
@@ -212,14 +212,14 @@ def friction_table(settings: Settings) -> tuple[ResultTable, dict[float, float]]
         "in contact [%]",
         "peak force [N]",
     )
-    caption = f"Led by the springs over bar and block: what friction does (tank of {AMPLE:g} J)"
+    caption = f"Controlled by the springs over bar and block: what friction does (tank of {LARGE_TANK:g} J)"
     return table_of(caption, columns, rows), found
 
 
 def _friction_job(task: str, friction: float, patch: Path | None, seed: int) -> SlideJob:
     surfaces = assemble(task, effects=None, rate=None, scale=1.0, arm=None).task.environment
     rubbed = tuple(replace(surface, friction=friction) for surface in surfaces)
-    return SlideJob(task, surfaces=rubbed, tank=AMPLE, effects=patch, seed=seed)
+    return SlideJob(task, surfaces=rubbed, tank=LARGE_TANK, effects=patch, seed=seed)
 
 
 def _whole(over: Slide) -> tuple[float, float]:
@@ -228,9 +228,9 @@ def _whole(over: Slide) -> tuple[float, float]:
 
 
 def threshold_tables(flat: Slide, settings: Settings) -> list[ResultTable]:
-    """Plays the path back in both modes, with collisions found more or less easily, and never giving up by distance.
+    """Plays the path back in both modes, with collisions found more or less easily, and never stopping by distance.
 
-    Where position mode would have given up with a tolerance is read from the distance of such a run: up to that moment
+    Where position mode would have stopped with a tolerance is read from the distance of such a run: up to that moment
     both are the same.
     """
     robot = assemble("slide-over-position", effects=None, rate=None, scale=1.0, arm=None).robot
@@ -279,7 +279,7 @@ def _position_table(runs: Mapping[tuple[str, float], Slide], spec: PlaybackSpec)
         rows.append([*row, float(run.away.max()), run.peak])
     columns = (f"{tolerance:g} rad" for tolerance in TOLERANCES)
     return table_of(
-        f"Position playback: where it gives up, by tolerance (fixed: {spec.position_tolerance:g} rad) and collision "
+        f"Position playback: where it stops, by tolerance (fixed: {spec.position_tolerance:g} rad) and collision "
         "thresholds; - plays to the end",
         ("collision thresholds", *columns, "largest distance [rad]", "peak force [N]"),
         rows,

@@ -17,7 +17,7 @@ class Experiment:
 
     Attributes:
         name: As in ``impedance reproduce NAME``.
-        section: Where the thesis tells of it.
+        section: Of the thesis.
         question: What it answers, in one line.
         module: Of this package; its function ``reproduce(settings)`` returns the page.
     """
@@ -45,7 +45,7 @@ _ALL: tuple[Experiment, ...] = (
         "reflected_inertia_matters",
     ),
     Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
-    Experiment("one-joint", "4.1", "Does one joint do what eq. 4.8 says?", "one_joint"),
+    Experiment("one-joint", "4.1", "Does one joint follow eq. 4.8?", "one_joint"),
     Experiment(
         "impedance-controller",
         "4.1 to 4.7, 5.1.3",

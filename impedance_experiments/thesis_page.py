@@ -19,7 +19,7 @@ class ThesisValue:
 
     Attributes:
         quantity: What is measured, with its symbol.
-        thesis: The printed value, as printed; None where the thesis asks for it and prints none.
+        thesis: The printed value, as printed; None where the thesis prints none.
         ours: What came out here.
         unit: Of both.
         spread: Of ours, as text (standard deviation, interval, range); empty for a deterministic number.

@@ -34,8 +34,8 @@ AT_REST, STEADY = 0.5, 0.3
 """Last part of a push over which a place, or a speed, is averaged [s]."""
 PUSHES_PER_AXIS = 4
 """Of ``two-arms-inertia``: it starts the object, stops it, sends it back and stops it."""
-LISTENED = 0.9
-"""How long the answer to the first of them is listened to [s]."""
+FIT_TIME = 0.9
+"""How long after the first of them the answer is fitted [s]."""
 NOTHING_HELD = "nothing is held in this task: there is no object to push"
 
 
@@ -69,7 +69,7 @@ def reproduce(settings: Settings) -> Page:
         comparisons=_comparisons(found),
         tables=_tables(found),
         plots=(_picture(found),),
-        differences="The thesis asks for this experiment (6.2.4) and prints no number. Left over: the robot rounds "
+        differences="The thesis proposes this experiment (6.2.4) and prints no number. What remains: the robot rounds "
         "joint angles (0.4 mrad) and estimates speeds with 13.5 ms of lag; the inertia is fitted from the first "
         "0.9 s after a push, in which the motors' friction takes a third of the momentum away.",
         facts=_facts(found),
@@ -135,13 +135,13 @@ def _facts(found: _Found) -> dict[str, float]:
 def _summary(found: _Found) -> str:
     _, within = _joint_errors(found)
     return (
-        "Both arms of the robot hold one box of 1.2 kg, welded to the palms, and somebody pushes the box on the "
+        "Both arms of the robot hold one box of 1.2 kg, welded to the palms, and the box is pushed on the "
         "simulated plant: slowly against springs (`two-arms-stiffness`), steadily against dampers "
         "(`two-arms-damping`), shortly against nothing but inertia (`two-arms-inertia`), along and about every axis. "
         "The predictions are sums: each arm's 6x6 matrix carried to the box's centre, plus the box's own inertia. No "
         "closed chain is computed for them; the plant knows only two arms, a box and two stiff couplings.\n\n"
         "**Redundancy.** The fourteen joints have eight ways to move with the box in both hands: six move the box, two "
-        "turn an elbow and leave the box alone. Nobody projects anything; under a push the elbows go where the joint "
+        "turn an elbow and leave the box alone. Nothing is projected; under a push the elbows go where the joint "
         f"springs let them: up to {100.0 * float(within.max()):.0f} % of the joints' move is such self-motion. The "
         "sums contain it, and the joints' moves agree, too."
     )
@@ -363,7 +363,7 @@ def inertia_of(assembly: Assembly, trace: PushTrace) -> Array:
     impulse = _integral(trace.push, trace.time)
     regressors, impulses = [], []
     for push in assembly.task.pushes[::PUSHES_PER_AXIS]:
-        during = trace.over(push.start - 0.5 * EVERY * assembly.period, push.start + LISTENED)
+        during = trace.over(push.start - 0.5 * EVERY * assembly.period, push.start + FIT_TIME)
         first = int(np.argmax(during))
         moved = trace.place[during] - trace.place[first]
         faster = trace.twist[during] - trace.twist[first]
@@ -374,7 +374,7 @@ def inertia_of(assembly: Assembly, trace: PushTrace) -> Array:
 
 
 def _integral(values: Array, time: Array) -> Array:
-    """Integrates (N, 6) over time from the first look on, by trapezoids: pushes rise within a few looks."""
+    """Integrates (N, 6) over time from the first sample on, by trapezoids: pushes rise within a few samples."""
     pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(time)[:, None]
     return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(pieces, axis=0)])
 

@@ -27,7 +27,7 @@ TASK, PATCH = "under-water", "under-water"
 PERIOD = 0.85
 """Over which a rest is averaged: one swing along z [s]."""
 SWING = 1.2
-"""For how long a swing is fitted after the hand is let go [s]."""
+"""How long a swing is fitted after the hand is released [s]."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class PushResponse:
 
 @dataclass(frozen=True)
 class LinearPrediction:
-    """What linear statics and dynamics say at the start posture.
+    """Prediction of linear statics and dynamics at the start posture.
 
     Attributes:
         shift: (3,) of the hand by buoyancy, J H^-1 J_b^T m g [m].
@@ -63,45 +63,45 @@ class LinearPrediction:
 
 
 def reproduce(settings: Settings) -> Page:
-    """Draws the hand aside and lets go, in air and under water."""
+    """Displaces the hand and releases it, in air and under water."""
     pushes = settings.choose(1, 2, 2)
     worlds = {"air": None, "water": patch_of(TASK, PATCH)}
     traces: dict[str, PushTrace] = {}
-    felt: dict[str, list[PushResponse]] = {}
-    told: dict[str, LinearPrediction] = {}
+    measured: dict[str, list[PushResponse]] = {}
+    linear: dict[str, LinearPrediction] = {}
     for step, (name, effects) in enumerate(worlds.items()):
         settings.on_progress(step / 2.0, name)
         assembly = assemble(TASK, effects=effects, rate=None, scale=1.0, arm=None)
-        told[name] = predict_linear(assembly)
+        linear[name] = predict_linear(assembly)
         assembly = first_pushes(assembly, pushes, SWING + 0.3)
         traces[name] = trace_pushed(assembly, only_arm(assembly), seed=settings.seed, noise=True)
-        felt[name] = [_felt(traces[name], push) for push in assembly.task.pushes]
+        measured[name] = [_measured(traces[name], push) for push in assembly.task.pushes]
     settings.on_progress(1.0, "done")
     start = assembly.task.pushes[0].start
     shift = _rest(traces["water"], start) - _rest(traces["air"], start)
     return Page(
         summary=(
-            "A hand on springs of 400 N/m is drawn aside by 20 N slowly and let go, once in air and once with the "
+            "A hand on springs of 400 N/m is slowly displaced by 20 N and released, once in air and once with the "
             "forearm's outer half and the wrist in sea water (`--effects robots/baxter/patches/under-water.yaml`: "
-            "buoyancy, added mass, quadratic drag). Springs do not care what the arm hangs in: the hand is about as "
+            "buoyancy, added mass, quadratic drag). The springs do not depend on the medium: the hand is about as "
             "stiff under water as in air. But it rests higher, because the robot goes on carrying the dry weight, and "
             "it swings slower, as if it were heavier across the forearm. At these speeds the drag hardly shows."
         ),
-        comparisons=_comparisons(felt, told, shift),
-        tables=(_table(felt, told),),
+        comparisons=_comparisons(measured, linear, shift),
+        tables=(_table(measured, linear),),
         plots=(_picture(traces),),
         differences=(
             "The thesis names the ocean as future work and prints no numbers; the sizes of what is immersed are "
-            "assumed. A seven-joint arm swings in several modes at once, so the swing is foretold by the whole linear "
+            "assumed. A seven-joint arm swings in several modes at once, so the swing is predicted by the whole linear "
             "joint-space model, links and rotors as one body, and not by one mass on one spring. The water is still "
             "and without bound: no waves, no current, no wall nearby, no lift across a flow."
         ),
-        facts=_facts(felt, told, shift),
+        facts=_facts(measured, linear, shift),
     )
 
 
 def predict_linear(assembly: Assembly) -> LinearPrediction:
-    """Computes rest, stiffness, apparent mass and swing at the start posture, water included if it is worn."""
+    """Computes rest, stiffness, apparent mass and swing at the start posture, water included if it is applied."""
     model, modules, q = assembly.model, assembly.modules, assembly.modules.posture
     mechanism = Mechanism(assembly)
     mechanism.update(q, np.zeros_like(q))
@@ -110,10 +110,10 @@ def predict_linear(assembly: Assembly) -> LinearPrediction:
     joints = model.limbs[only_arm(assembly)].joints
     lift, inertia = np.zeros(model.n), model.mass_matrix(q)
     if assembly.patch is not None:
-        worn = apply_to_plant(model, assembly.patch)
-        lift = sum((t.lift(q) for t in worn.torques if isinstance(t, BuoyancyTorque)), lift)
+        applied = apply_to_plant(model, assembly.patch)
+        lift = sum((t.lift(q) for t in applied.torques if isinstance(t, BuoyancyTorque)), lift)
         links = link_model(model, np.zeros(3))
-        inertia = inertia + water_inertia(links, link_table(links, worn.added_mass), q)
+        inertia = inertia + water_inertia(links, link_table(links, applied.added_mass), q)
     inertia = inertia[np.ix_(joints, joints)]
     J, hessian = arm.jacobian[:3], arm.system.stiffness
     damping = arm.system.damping + np.diag(model.column("motor_damping")[joints])
@@ -126,7 +126,7 @@ def predict_linear(assembly: Assembly) -> LinearPrediction:
 
 
 def _swing_back(inertia: Array, damping: Array, stiffness: Array, row: Array) -> float:
-    """Lets M q'' + D q' + H q = 0 go from H^-1 row and finds when row . q changes sign [s]."""
+    """Releases M q'' + D q' + H q = 0 from H^-1 row and finds when row . q changes sign [s]."""
     n = row.size
     free = np.hstack([np.zeros((n, n)), np.eye(n)])
     pulled = -np.linalg.solve(inertia, np.hstack([stiffness, damping]))
@@ -142,12 +142,12 @@ def _rest(trace: PushTrace, start: float) -> Array:
     return np.asarray(np.mean(trace.place[trace.over(start - PERIOD, start), :3], axis=0))
 
 
-def _felt(trace: PushTrace, push: PushSpec) -> PushResponse:
+def _measured(trace: PushTrace, push: PushSpec) -> PushResponse:
     axis = int(np.argmax(np.abs(push.wrench)))
-    let_go = push.start + push.rise + push.hold
+    released = push.start + push.rise + push.hold
     rest = _rest(trace, push.start)[axis]
-    way = _rest(trace, let_go)[axis] - rest
-    swing = trace.over(let_go, let_go + SWING)
+    way = _rest(trace, released)[axis] - rest
+    swing = trace.over(released, released + SWING)
     away = np.sign(push.wrench[axis]) * (trace.place[swing, axis] - rest)
     first = int(np.argmax(away < 0.0))
     share = away[first - 1] / (away[first - 1] - away[first])
@@ -155,17 +155,17 @@ def _felt(trace: PushTrace, push: PushSpec) -> PushResponse:
     return PushResponse(
         axis,
         float(push.wrench[axis] / way),
-        float(time[first - 1] + share * (time[first] - time[first - 1]) - let_go),
+        float(time[first - 1] + share * (time[first] - time[first - 1]) - released),
     )
 
 
 def _comparisons(
-    felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction], shift: Array
+    measured: dict[str, list[PushResponse]], linear: dict[str, LinearPrediction], shift: Array
 ) -> tuple[ThesisValue, ...]:
-    foretold = round(1e3 * float(told["water"].shift[2]), 1)
+    rise = round(1e3 * float(linear["water"].shift[2]), 1)
     rows = [
         ThesisValue(
-            "the hand floats up, foretold", None, foretold, "mm", "J H^-1 J_b^T m g, at the start posture"
+            "the hand floats up, predicted", None, rise, "mm", "J H^-1 J_b^T m g, at the start posture"
         ),
         ThesisValue(
             "the hand floats up, on the plant",
@@ -175,11 +175,11 @@ def _comparisons(
             "the arm turns as it rises",
         ),
     ]
-    for air, water in zip(felt["air"], felt["water"], strict=True):
+    for air, water in zip(measured["air"], measured["water"], strict=True):
         name, axis = "xyz"[air.axis], air.axis
         stiffness = round(water.stiffness / air.stiffness, 3)
-        mass = round(float(told["water"].mass[axis] / told["air"].mass[axis]), 3)
-        slower = round(float(told["water"].back[axis] / told["air"].back[axis]), 3)
+        mass = round(float(linear["water"].mass[axis] / linear["air"].mass[axis]), 3)
+        slower = round(float(linear["water"].back[axis] / linear["air"].back[axis]), 3)
         rows += [
             ThesisValue(
                 f"net stiffness along {name}, water over air",
@@ -192,7 +192,7 @@ def _comparisons(
                 f"apparent mass along {name}, water over air", None, mass, "1", "J (M + I_r + A)^-1 J^T"
             ),
             ThesisValue(
-                f"time to swing back along {name}, water over air, foretold",
+                f"time to swing back along {name}, water over air, predicted",
                 None,
                 slower,
                 "1",
@@ -209,40 +209,40 @@ def _comparisons(
     return tuple(rows)
 
 
-def _table(felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction]) -> ResultTable:
+def _table(measured: dict[str, list[PushResponse]], linear: dict[str, LinearPrediction]) -> ResultTable:
     rows: list[list[Cell]] = [
         [
             f"{name}, {'xyz'[f.axis]}",
-            float(told[name].stiffness[f.axis]),
+            float(linear[name].stiffness[f.axis]),
             f.stiffness,
-            float(told[name].mass[f.axis]),
-            float(told[name].back[f.axis]),
+            float(linear[name].mass[f.axis]),
+            float(linear[name].back[f.axis]),
             f.back,
         ]
-        for name, found in felt.items()
+        for name, found in measured.items()
         for f in found
     ]
     columns = (
         "",
-        "stiffness, foretold [N/m]",
+        "stiffness, predicted [N/m]",
         "on the plant [N/m]",
         "apparent mass [kg]",
-        "back after, foretold [s]",
+        "back after, predicted [s]",
         "on the plant [s]",
     )
     return table_of("What the hand feels like", columns, rows)
 
 
 def _facts(
-    felt: dict[str, list[PushResponse]], told: dict[str, LinearPrediction], shift: Array
+    measured: dict[str, list[PushResponse]], linear: dict[str, LinearPrediction], shift: Array
 ) -> dict[str, float]:
-    facts = {"shift": float(shift[2]), "shift_foretold": float(told["water"].shift[2])}
-    for air, water in zip(felt["air"], felt["water"], strict=True):
+    facts = {"shift": float(shift[2]), "shift_predicted": float(linear["water"].shift[2])}
+    for air, water in zip(measured["air"], measured["water"], strict=True):
         name, axis = "xyz"[air.axis], air.axis
         facts[f"stiffness_ratio_{name}"] = water.stiffness / air.stiffness
-        facts[f"mass_ratio_{name}"] = float(told["water"].mass[axis] / told["air"].mass[axis])
+        facts[f"mass_ratio_{name}"] = float(linear["water"].mass[axis] / linear["air"].mass[axis])
         facts[f"slower_{name}"] = water.back / air.back
-        facts[f"slower_foretold_{name}"] = float(told["water"].back[axis] / told["air"].back[axis])
+        facts[f"slower_predicted_{name}"] = float(linear["water"].back[axis] / linear["air"].back[axis])
     return facts
 
 
@@ -255,4 +255,4 @@ def _picture(traces: dict[str, PushTrace]) -> Plot:
         axes.grid(alpha=0.3)
     figure.axes[0].legend(loc="upper right")
     figure.axes[1].set_xlabel("time [s]")
-    return Plot("swings", "The hand drawn aside along y, then along z, and let go", figure)
+    return Plot("swings", "The hand displaced along y, then along z, and released", figure)

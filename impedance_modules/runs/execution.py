@@ -37,7 +37,7 @@ FREE_PART = 0.5
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What the command line says about a run.
+    """Options of a run, from the command line.
 
     Attributes:
         out: Directory of its files.
@@ -65,7 +65,7 @@ class RunResult:
         reason: Why it stopped; empty after a task that is done.
         interrupted: Somebody pressed Ctrl-C or sent SIGTERM.
         directory: Of the files.
-        summary: What ``summary.json`` says.
+        summary: Content of ``summary.json``.
     """
 
     ending: Ending | None

@@ -55,7 +55,7 @@ class PlaybackResult:
         stopped: Why the robot gave up; empty when it played to the end.
         interrupted: Somebody pressed Ctrl-C or sent SIGTERM.
         directory: Of the files.
-        summary: What ``summary.json`` says.
+        summary: Content of ``summary.json``.
     """
 
     stopped: str
@@ -118,7 +118,7 @@ def play_back(
     options: RunOptions,
     on_progress: Callable[[float, str], None],
 ) -> PlaybackResult:
-    """Plays a path to its end, or until the robot gives up, and writes the run's files.
+    """Plays a path to its end, or until the robot stops, and writes the run's files.
 
     Raises:
         ImpedanceError: The files cannot be written.

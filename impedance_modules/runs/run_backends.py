@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The robot that a run asks for: the built-in plant, or a recording that is fed back."""
+"""The backend of a run: the built-in plant, a recording that is fed back, or the real robot."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ ATTRIBUTED = 5
 """One in so many of the cycles that the filter changed is attributed to rows and modules."""
 Indices = NDArray[np.intp]
 BLOCK = 128
-"""Rows that are gathered before they are looked at."""
+"""Rows that are gathered before they are summed."""
 
 
 class Summary:
@@ -143,7 +143,7 @@ class HandTally:
     Attributes:
         frame: Of the hand.
         error_peak: Largest distance to the target [m]; 0 for a hand without a spring.
-        force_start, force_peak: Estimated force, at first and at most [N]; what is felt before anything has happened is
+        force_start, force_peak: Estimated force, at first and at most [N]; the estimate before any contact is
             mostly what the model does not know of the robot.
     """
 
@@ -175,7 +175,7 @@ class HandTally:
 
 
 class Tally:
-    """What a run's rows come to; complete after ``finish``.
+    """Peaks and sums of a run's rows; complete after ``finish``.
 
     Attributes:
         cycles: Rows taken.

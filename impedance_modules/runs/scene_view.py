@@ -208,7 +208,9 @@ def _object_shape(held: ObjectSpec) -> BodyShape:
 def _surface(index: int, surface: SurfaceSpec) -> SceneBody:
     rotation = exp3(np.array(surface.rotation))
     if surface.sheet is not None:
-        return SceneBody(f"{surface.surface} {index}", _strips(surface, Sheet(surface.sheet), rotation), "surface")
+        return SceneBody(
+            f"{surface.surface} {index}", _strips(surface, Sheet(surface.sheet), rotation), "surface"
+        )
     if surface.position is not None and surface.size is not None:
         centre, size = np.array(surface.position), surface.size
     else:

@@ -25,8 +25,8 @@ from impedance_modules.spec.robot_reader import read_robot
 
 Array = NDArray[np.float64]
 
-FELT = 1.0
-"""A hand that never feels this much along the normal touched nothing [N]."""
+CONTACT_FORCE = 1.0
+"""A hand whose normal force is never this large touched nothing [N]."""
 SLOWEST = 0.9 * SAMPLE_RATE
 """Least rate of a recording [Hz]."""
 _KINDS = ("position", "velocity", "effort")
@@ -34,7 +34,7 @@ _KINDS = ("position", "velocity", "effort")
 
 @dataclass(frozen=True)
 class Touched:
-    """What one hand did and felt, ``SAMPLE_RATE`` samples in a second.
+    """Motion of one hand and force on it, ``SAMPLE_RATE`` samples in a second.
 
     Attributes:
         hand: Its frame.
@@ -53,17 +53,17 @@ class Touched:
 
 @dataclass(frozen=True)
 class Roughness:
-    """What a recording says about the surface.
+    """Roughness of a surface from a recording.
 
     Attributes:
         touched: The samples.
-        ways: Direction of the strokes and normal of the surface.
+        directions: Direction of the strokes and normal of the surface.
         windows: In order of time.
-        refused: How many strokes gave no window, by why.
+        refused: How many strokes gave no window, by reason.
     """
 
     touched: Touched
-    ways: Directions
+    directions: Directions
     windows: tuple[Window, ...]
     refused: dict[str, int]
 
@@ -96,42 +96,42 @@ def judge_roughness(
     """
     pressed = touched.force @ normal
     strongest = float(np.percentile(pressed, 99.0))
-    if strongest < FELT:
+    if strongest < CONTACT_FORCE:
         raise BadInput(
-            f"no contact: {touched.hand} never feels {FELT:g} N along the surface's normal "
-            f"({_words(normal)}), at most {strongest:.2f} N (valid: an episode in which the hand rubs a surface; "
+            f"no contact: {touched.hand} never has {CONTACT_FORCE:g} N along the surface's normal "
+            f"({_vector_text(normal)}), at most {strongest:.2f} N (valid: an episode in which the hand rubs a surface; "
             "--normal if the surface faces another way)"
         )
-    ways = Directions(_main_way(touched, normal) if along is None else along, normal)
-    finder = WindowFinder(ways)
+    directions = Directions(_main_direction(touched, normal) if along is None else along, normal)
+    finder = WindowFinder(directions)
     windows = []
     for time, position, force in zip(touched.time, touched.position, touched.force, strict=True):
         if span[0] <= time <= span[1] and (found := finder.add(float(time), position, force)) is not None:
             windows.append(found)
     if len(windows) < least:
-        raise BadInput(_too_few(len(windows), least, ways, finder))
-    return Roughness(touched, ways, tuple(windows), dict(finder.refused))
+        raise BadInput(_too_few(len(windows), least, directions, finder))
+    return Roughness(touched, directions, tuple(windows), dict(finder.refused))
 
 
-def _too_few(found: int, least: int, ways: Directions, finder: WindowFinder) -> str:
+def _too_few(found: int, least: int, directions: Directions, finder: WindowFinder) -> str:
     strokes = "".join(f"; {count} strokes were {why}" for why, count in finder.refused.items())
     return (
-        f"too few windows: {found} strokes along {_words(ways.along)} keep contact for {LENGTH:g} s, {least} are "
-        f"needed{strokes} (valid: a longer episode, another --along, a wider --from and --to, or fewer --windows)"
+        f"too few windows: {found} strokes along {_vector_text(directions.along)} keep contact for {LENGTH:g} s, "
+        f"{least} are needed{strokes} (valid: a longer episode, another --along, a wider --from and --to, or fewer --windows)"
     )
 
 
-def _words(way: Array) -> str:
-    return "(" + ", ".join(f"{value:.2g}" for value in way + 0.0) + ")"
+def _vector_text(direction: Array) -> str:
+    return "(" + ", ".join(f"{value:.2g}" for value in direction + 0.0) + ")"
 
 
-def _main_way(touched: Touched, normal: Array) -> Array:
+def _main_direction(touched: Touched, normal: Array) -> Array:
     """Finds the direction (3,) along the surface in which the touching hand moves most, towards the origin."""
     places = touched.position[touched.force @ normal > LEAST_FORCE]
     along = places - places.mean(axis=0)
     along = along - np.outer(along @ normal, normal)
-    way: Array = np.linalg.svd(along, full_matrices=False)[2][0]
-    return -way if way @ places.mean(axis=0) > 0.0 else way
+    direction: Array = np.linalg.svd(along, full_matrices=False)[2][0]
+    return -direction if direction @ places.mean(axis=0) > 0.0 else direction
 
 
 def touched_by(episode: Episode, hand: str | None) -> Touched:

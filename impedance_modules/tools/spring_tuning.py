@@ -62,7 +62,7 @@ HAND_TOLERANCE = 1e-8
 
 @dataclass(frozen=True)
 class TuningRequest:
-    """What is asked.
+    """A load case, and the bounds of its springs.
 
     Attributes:
         arm: Limb whose joints carry the force.
@@ -96,7 +96,7 @@ class TunedPosture:
     Attributes:
         posture: Which.
         stiffness: (k,) joint springs [N.m/rad], a little above the bound.
-        folds_at: Share of ``stiffness`` at which the arm folds; 0 where other springs hold it anyhow.
+        folds_at: Share of ``stiffness`` at which the arm folds; 0 where other springs alone hold it.
         torque: (k,) that the springs exert at the end of the range with the larger force [N.m].
         rest: (k,) where the springs then rest [rad].
         share: Largest torque, the arm's own weight included, over its limit.
@@ -124,7 +124,7 @@ class TuningResult:
     Attributes:
         best: Needs the least joint stiffness.
         found: In the order of the self-motion.
-        refused: Way along the self-motion -> why a posture cannot.
+        refused: Position along the self-motion [rad] -> why a posture cannot.
     """
 
     best: TunedPosture
@@ -132,46 +132,46 @@ class TuningResult:
     refused: dict[float, str]
 
 
-def tune(assembly: Assembly, question: TuningRequest) -> TuningResult:
+def tune(assembly: Assembly, request: TuningRequest) -> TuningResult:
     """Compares postures and finds each one's least joint springs.
 
     Raises:
-        BadInput: The task holds an object, or no posture can carry the force; says why for each.
+        BadInput: The task holds an object, or no posture can carry the force, with the reason of each.
     """
     if assembly.task.object is not None:
         raise BadInput(
             f"task '{assembly.task.name}' holds an object: tune looks at one free arm (valid: a task without object)"
         )
-    limb = assembly.model.limbs[question.arm]
+    limb = assembly.model.limbs[request.arm]
     found, refused = list[TunedPosture](), dict[float, str]()
-    for posture in self_motion(assembly.model, limb, assembly.modules.posture, question.postures):
+    for posture in self_motion(assembly.model, limb, assembly.modules.posture, request.postures):
         try:
-            found.append(tune_posture(assembly, question, posture))
+            found.append(tune_posture(assembly, request, posture))
         except BadInput as error:
             refused[posture.along] = str(error)
     if not found:
         reasons = "; ".join(f"at {along:+.2f} rad: {why}" for along, why in refused.items())
-        raise BadInput(f"no posture of arm '{question.arm}' carries this: {reasons}")
+        raise BadInput(f"no posture of arm '{request.arm}' carries this: {reasons}")
     best = min(found, key=lambda tuned: (round(tuned.total, 6), abs(tuned.posture.along)))
     return TuningResult(best, tuple(found), refused)
 
 
-def tune_posture(assembly: Assembly, question: TuningRequest, posture: Posture) -> TunedPosture:
+def tune_posture(assembly: Assembly, request: TuningRequest, posture: Posture) -> TunedPosture:
     """Finds the least joint springs of one posture.
 
     Raises:
         BadInput: A torque passes its limit, a rest cannot lie far enough, or no stiffness is enough.
     """
-    jacobian, others = unloaded_arm(assembly, question, posture)
-    forces = [np.append(f * question.direction, np.zeros(3)) for f in question.ends]
+    jacobian, others = unloaded_arm(assembly, request, posture)
+    forces = [np.append(f * request.direction, np.zeros(3)) for f in request.ends]
     torques = np.array([jacobian.T @ force for force in forces])
-    share = _share(assembly, question, posture, torques)
+    share = _share(assembly, request, posture, torques)
     loads = unloading(jacobian, others, [-force for force in forces])
-    room = _room(assembly, question, posture, torques)
-    least = np.maximum(np.max(np.abs(torques) / room, axis=0), question.softest)
+    room = _room(assembly, request, posture, torques)
+    least = np.maximum(np.max(np.abs(torques) / room, axis=0), request.softest)
     stiffness = MARGIN * least_stiffness(loads, least, STIFFEST)
-    largest = int(np.argmax(np.abs(question.ends)))
-    limb = assembly.model.limbs[question.arm]
+    largest = int(np.argmax(np.abs(request.ends)))
+    limb = assembly.model.limbs[request.arm]
     return TunedPosture(
         posture=posture,
         stiffness=stiffness,
@@ -179,49 +179,49 @@ def tune_posture(assembly: Assembly, question: TuningRequest, posture: Posture) 
         torque=torques[largest],
         rest=posture.q[limb.joints] + torques[largest] / stiffness,
         share=share,
-        hand=tuple(_along(jacobian, np.diag(stiffness) - load, question.direction) for load in loads),
+        hand=tuple(_along(jacobian, np.diag(stiffness) - load, request.direction) for load in loads),
     )
 
 
-def unloaded_arm(assembly: Assembly, question: TuningRequest, posture: Posture) -> tuple[Array, Array]:
+def unloaded_arm(assembly: Assembly, request: TuningRequest, posture: Posture) -> tuple[Array, Array]:
     """Gives the hand's Jacobian (6, k) and S (k, k), the task's other springs in joint space, at a posture."""
-    limb = assembly.model.limbs[question.arm]
-    arm = assembly.task.arms[question.arm]
+    limb = assembly.model.limbs[request.arm]
+    arm = assembly.task.arms[request.arm]
     angles = dict(zip(limb.short_names, map(float, posture.q[limb.joints]), strict=True))
     moved = replace(arm, posture=angles)
-    if question.alone:
+    if request.alone:
         moved = replace(moved, springs=())
-    task = replace(assembly.task, arms={**assembly.task.arms, question.arm: moved})
+    task = replace(assembly.task, arms={**assembly.task.arms, request.arm: moved})
     modules = build_modules(task, assembly.model)
     mechanism = Mechanism(replace(assembly, task=task, modules=modules))
     mechanism.update(posture.q, np.zeros_like(posture.q))
     setting = Setting(modules, start_equilibrium(modules), phase_damping(modules, mechanism.kinematics))
-    seen = analyse_state(mechanism, setting, posture.q).arms[question.arm]
-    bias = modules.arm(question.arm).bias
+    seen = analyse_state(mechanism, setting, posture.q).arms[request.arm]
+    bias = modules.arm(request.arm).bias
     own = np.zeros(limb.joints.size) if bias is None else np.asarray(bias.stiffness)
     return seen.jacobian.copy(), seen.system.stiffness - np.diag(own)
 
 
-def _share(assembly: Assembly, question: TuningRequest, posture: Posture, torques: Array) -> float:
+def _share(assembly: Assembly, request: TuningRequest, posture: Posture, torques: Array) -> float:
     """Gives the largest torque over its limit, the arm's own weight included; refuses what passes it."""
-    model, limb = assembly.model, assembly.model.limbs[question.arm]
+    model, limb = assembly.model, assembly.model.limbs[request.arm]
     limit, weight = model.column("effort_max")[limb.joints], model.gravity(posture.q)[limb.joints]
     shares = np.abs(torques + weight) / limit
     end, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
     if shares[end, joint] > 1.0:
         raise BadInput(
-            f"{question.ends[end]:g} N ask {abs(torques[end, joint] + weight[joint]):.1f} N.m of"
+            f"{request.ends[end]:g} N ask {abs(torques[end, joint] + weight[joint]):.1f} N.m of"
             f" {limb.joint_names[joint]} with the arm's weight (valid: up to {limit[joint]:g} N.m)"
         )
     return float(shares.max())
 
 
-def _room(assembly: Assembly, question: TuningRequest, posture: Posture, torques: Array) -> Array:
-    """Gives how far each spring's rest may lie from the posture, the way it pulls, (2, k) [rad]."""
-    model, limb = assembly.model, assembly.model.limbs[question.arm]
+def _room(assembly: Assembly, request: TuningRequest, posture: Posture, torques: Array) -> Array:
+    """Gives how far each spring's rest may lie from the posture, in the direction of its torque, (2, k) [rad]."""
+    model, limb = assembly.model, assembly.model.limbs[request.arm]
     q = posture.q[limb.joints]
     up, down = model.column("position_max")[limb.joints] - q, q - model.column("position_min")[limb.joints]
-    room = np.minimum(question.reach, np.where(torques > 0.0, up, down))
+    room = np.minimum(request.reach, np.where(torques > 0.0, up, down))
     if np.any(room <= 0.0):
         joint = limb.joint_names[int(np.argmin(np.min(room, axis=0)))]
         raise BadInput(f"{joint} stands at its limit: its spring's rest cannot lie beyond")
@@ -240,7 +240,7 @@ def named(values: Array, names: Sequence[str], digits: int) -> dict[str, float]:
 
 
 def unloading(jacobian: Array, others: Array, wrenches: Sequence[Array]) -> list[Array]:
-    r"""Gives sym(\Gamma(F_b)) - S (k, k) for each wrench (6,): what diag(K) must outweigh [N.m/rad].
+    r"""Gives sym(\Gamma(F_b)) - S (k, k) for each wrench (6,): what diag(K) must exceed [N.m/rad].
 
     Args:
         jacobian: (6, k) of the hand.
@@ -266,7 +266,7 @@ def folding_share(stiffness: Array, loads: Sequence[Array]) -> float:
 def least_stiffness(loads: Sequence[Array], least: Array, most: float) -> Array:
     """Finds K (k,) of the smallest sum with diag(K) - load positive semidefinite for all loads.
 
-    By cutting planes: every direction u in which a K still folds says u^2 . K >= u . load u, which is linear.
+    By cutting planes: every direction u in which a K still folds requires u^2 . K >= u . load u, which is linear.
 
     Args:
         loads: From ``unloading``.
@@ -308,7 +308,7 @@ class Posture:
     """One posture of the self-motion.
 
     Attributes:
-        along: Way along the self-motion from the task's posture, in joint space [rad].
+        along: Distance along the self-motion from the task's posture, in joint space [rad].
         q: (n,) all joints [rad].
     """
 
@@ -356,7 +356,7 @@ class _Follower:
         return kept, self._kinematics.jacobian_of(hand)[:, self._limb.joints].copy()
 
     def walk(self, sign: float) -> list[Posture]:
-        """Steps one way until a joint's limit, a singular posture, or far enough."""
+        """Steps in one direction until a joint's limit, a singular posture, or far enough."""
         q, along, found = self._start.copy(), 0.0, list[Posture]()
         direction = sign * _null(self._look(q)[1])
         while along < FARTHEST:

@@ -24,22 +24,22 @@ from impedance_modules.errors import BadInput, nearest
 Array = NDArray[np.float64]
 
 FORCE_RANGE = 3.0
-"""A cell whose force varied by less says nothing about stiffness [N]."""
+"""A cell whose force varied by less has no stiffness [N]."""
 FEWEST_IN_CELL = 6
 """Blocks without which a cell is left out of the fit: it has three unknowns."""
-TELLING = 2.0
-"""A compliance is told from none when it is so many standard errors above it."""
+SIGNIFICANT = 2.0
+"""A compliance counts as different from zero if it exceeds so many standard errors."""
 LEAST_STROKE = 3
 """Cells that a stroke must cover."""
 BLOCK = 0.05
-"""Samples are averaged over so long, to quieten the force estimate [s]."""
+"""Samples are averaged over so long, to reduce the noise of the force estimate [s]."""
 FEWEST = 20
 """Blocks in contact without which there is nothing to map: a second."""
 
 
 @dataclass(frozen=True)
 class SurfaceMap:
-    """A map along the main direction of the hand's stroke; NaN where a cell does not tell.
+    """A map along the main direction of the hand's stroke; NaN where a cell has too little data.
 
     Attributes:
         origin: (3,) where s = 0: the middle of the touches, at height 0 [m].
@@ -50,7 +50,7 @@ class SurfaceMap:
         pressed: (M,) mean height at which the hand was: the tactile map [m].
         rest: (M,) height without load, and ``rest_error`` its standard error [m].
         compliance: (M,) and ``compliance_error`` [m/N].
-        stiffness: (M,) 1 / compliance where that is told from zero [N/m].
+        stiffness: (M,) 1 / compliance where that is different from zero [N/m].
         force: (M, 2) least and largest upward force, friction taken out [N].
         blocks: (M,) touches in the cell.
     """
@@ -98,7 +98,7 @@ def map_surface(touches: Touches, cell: float) -> SurfaceMap:
     ]
     table = np.array(rows)
     compliance, error = table[:, 5], table[:, 6]
-    told = compliance > TELLING * error
+    known = compliance > SIGNIFICANT * error
     return SurfaceMap(
         origin=origin,
         direction=direction,
@@ -110,7 +110,7 @@ def map_surface(touches: Touches, cell: float) -> SurfaceMap:
         rest_error=table[:, 4],
         compliance=compliance,
         compliance_error=error,
-        stiffness=np.where(told, 1.0 / np.where(told, compliance, 1.0), np.nan),
+        stiffness=np.where(known, 1.0 / np.where(known, compliance, 1.0), np.nan),
         force=table[:, 7:9],
         blocks=table[:, 9].astype(np.int64),
     )
@@ -227,7 +227,7 @@ def _hand(episode: Episode, frame: str | None) -> str:
     """Names the hand to map."""
     if not episode.wrench:
         raise BadInput(
-            f"{episode.source}: no force was recorded, so contact cannot be told from free motion (missing:"
+            f"{episode.source}: no force was recorded, so contact cannot be distinguished from free motion (missing:"
             " columns wrench.FRAME.fx, fy, fz; poses alone give a path, not a map)"
         )
     both = tuple(name for name in episode.wrench if name in episode.pose)

@@ -40,7 +40,7 @@ COLUMNS = (
     "force_high",
     "blocks",
 )
-"""Of ``map.csv``: m, m, m, m, m, m, m/N, m/N, N/m, N, N, 1; empty where a cell does not tell."""
+"""Of ``map.csv``: m, m, m, m, m, m, m/N, m/N, N/m, N, N, 1; empty where a cell has too little data."""
 
 
 def write_map(
@@ -50,7 +50,7 @@ def write_map(
     found: SurfaceMap,
     compared: tuple[TrueSurface, MapErrors] | None,
 ) -> dict[str, Any]:
-    """Writes the files and returns what ``map.json`` says.
+    """Writes the files and returns the content of ``map.json``.
 
     Raises:
         BadInput: The folder holds a map already, or cannot be written.
@@ -58,14 +58,14 @@ def write_map(
     present = [name for name in FILES if (out / name).exists()]
     if present:
         raise BadInput(f"{out}: holds {', '.join(present)} already (valid: another --out)")
-    said = _summary(source, touches, found, compared)
+    summary = _summary(source, touches, found, compared)
     figure = draw_map(found, None if compared is None else compared[0])
     FigureCanvasAgg(figure)
     image = io.BytesIO()
     figure.savefig(image, format="png", dpi=RESOLUTION)
     contents = {
         "map.csv": _table(found, None if compared is None else compared[0]).encode(),
-        "map.json": (json.dumps(said, indent=2, allow_nan=False) + "\n").encode(),
+        "map.json": (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode(),
         "map.png": image.getvalue(),
     }
     try:
@@ -77,7 +77,7 @@ def write_map(
                 (Path(folder) / name).rename(out / name)
     except OSError as error:
         raise BadInput(f"{out}: the map cannot be written there: {error.strerror}") from error
-    return said
+    return summary
 
 
 def _table(found: SurfaceMap, truth: TrueSurface | None) -> str:
@@ -103,7 +103,7 @@ def _table(found: SurfaceMap, truth: TrueSurface | None) -> str:
 def _summary(
     source: str, touches: Touches, found: SurfaceMap, compared: tuple[TrueSurface, MapErrors] | None
 ) -> dict[str, Any]:
-    said: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "format": 1,
         "episode": source,
         "hand": touches.frame,
@@ -118,12 +118,12 @@ def _summary(
     }
     if compared is not None:
         errors = {key: None if math.isnan(value) else value for key, value in asdict(compared[1]).items()}
-        said["errors_against_the_plant"] = errors
-    return said
+        summary["errors_against_the_plant"] = errors
+    return summary
 
 
 def draw_map(found: SurfaceMap, truth: TrueSurface | None) -> Figure:
-    """Draws shape above, stiffness below, over the way along the stroke.
+    """Draws shape above, stiffness below, over the position along the stroke.
 
     Args:
         found: The map.

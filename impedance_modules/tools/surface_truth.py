@@ -67,7 +67,7 @@ def true_surface(surfaces: Sequence[SurfaceSpec], found: SurfaceMap) -> TrueSurf
                 f"the task has no surface under x = {x:.3f}, y = {y:.3f} m, where the hand was pressed"
             )
         height, compliance = max(seen)
-        carrying = [1.0 / give for level, give in seen if level > pressed]
+        carrying = [1.0 / yielding for level, yielding in seen if level > pressed]
         rows.append((height, 1.0 / sum(carrying) if carrying else compliance))
     table = np.array(rows)
     return TrueSurface(table[:, 0], table[:, 1])
@@ -111,8 +111,8 @@ def _under_sheet(surface: PlacedSurface, x: float, y: float) -> tuple[float, flo
 def map_errors(found: SurfaceMap, truth: TrueSurface) -> MapErrors:
     """Compares a map with the truth."""
     fitted = np.isfinite(found.rest)
-    told = np.isfinite(found.stiffness)
-    ratio = np.abs(found.stiffness[told] * truth.compliance[told] - 1.0)
+    known = np.isfinite(found.stiffness)
+    ratio = np.abs(found.stiffness[known] * truth.compliance[known] - 1.0)
     within = np.abs(found.compliance - truth.compliance)[fitted] <= 2.0 * found.compliance_error[fitted]
     nothing = float("nan")
     return MapErrors(
@@ -121,6 +121,6 @@ def map_errors(found: SurfaceMap, truth: TrueSurface) -> MapErrors:
         pressed=float(np.sqrt(np.mean((found.pressed - truth.height) ** 2))),
         stiffness=float(np.median(ratio)) if ratio.size else nothing,
         stiffness_worst=float(ratio.max()) if ratio.size else nothing,
-        stiffness_cells=int(np.count_nonzero(told)),
+        stiffness_cells=int(np.count_nonzero(known)),
         covered=float(within.mean()) if within.size else nothing,
     )

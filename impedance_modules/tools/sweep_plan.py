@@ -53,7 +53,7 @@ class SweepJob:
         values: Path -> value.
         seed: Of the simulated noise.
         task: Text of the task file as it will run.
-        patch: Text of the patch that is worn, or None.
+        patch: Text of the patch that is applied, or None.
         rate: Control rate [Hz], or None for the robot's.
         duration: Ends the run after this time [s]; None lets the task decide.
         keep: Folder for the run's recording, or None to keep none.
@@ -76,7 +76,7 @@ class SweepPlan:
     Attributes:
         task: Name or path of the task.
         ranges: What is varied, the first slowest.
-        effects: Patch that is worn, or None; a path that begins with ``effects.`` varies one of its numbers.
+        effects: Patch that is applied, or None; a path that begins with ``effects.`` varies one of its numbers.
         draws: Number of random draws, uniform in all ranges; None for the whole grid.
         seeds: Noise seeds per point.
         seed: First of them, and of the draws.
@@ -141,13 +141,13 @@ def make_jobs(plan: SweepPlan) -> list[SweepJob]:
     read_task(plan.task)
     task = task_document(plan.task)
     patch = None if plan.effects is None else read_patch(plan.effects).document
-    homes = {found.path: _home(found, task, patch) for found in plan.ranges}
-    if len(homes) < len(plan.ranges):
+    numbers = {found.path: _find_number(found, task, patch) for found in plan.ranges}
+    if len(numbers) < len(plan.ranges):
         raise BadInput("--vary names the same path twice (valid: each path once)")
     points = plan.points()
     if len(points) * plan.seeds > MOST_RUNS:
         raise BadInput(f"{len(points) * plan.seeds} runs are too many (valid: up to {MOST_RUNS})")
-    files = _SourceTexts(task, patch, homes)
+    files = _SourceTexts(task, patch, numbers)
     return [
         _job(plan, files, number, point, seed)
         for number, (point, seed) in enumerate(itertools.product(points, range(plan.seeds)))
@@ -160,12 +160,12 @@ class _SourceTexts:
 
     task: Document
     patch: Document | None
-    homes: Mapping[str, tuple[bool, Steps]]
+    numbers: Mapping[str, tuple[bool, Steps]]
 
     def texts(self, point: Mapping[str, float]) -> tuple[str, str | None]:
         """Writes both with one run's numbers."""
-        in_task = {steps: point[path] for path, (worn, steps) in self.homes.items() if not worn}
-        in_patch = {steps: point[path] for path, (worn, steps) in self.homes.items() if worn}
+        in_task = {steps: point[path] for path, (from_patch, steps) in self.numbers.items() if not from_patch}
+        in_patch = {steps: point[path] for path, (from_patch, steps) in self.numbers.items() if from_patch}
         return changed(self.task, in_task), None if self.patch is None else changed(self.patch, in_patch)
 
 
@@ -185,14 +185,14 @@ def _job(
     )
 
 
-def _home(found: Range, task: Document, patch: Document | None) -> tuple[bool, Steps]:
+def _find_number(found: Range, task: Document, patch: Document | None) -> tuple[bool, Steps]:
     """Finds where a varied number stands: whether in the patch, and its steps."""
-    worn = found.path.partition(".")[0] == "effects" and "effects" not in task.data
-    if worn and patch is None:
+    from_patch = found.path.partition(".")[0] == "effects" and "effects" not in task.data
+    if from_patch and patch is None:
         raise BadInput(
-            f"--vary {found.path}: varies an effect, but no patch is worn (valid: --effects PATCH)"
+            f"--vary {found.path}: varies an effect, but no patch is applied (valid: --effects PATCH)"
         )
-    data = patch.data if worn and patch is not None else task.data
+    data = patch.data if from_patch and patch is not None else task.data
     steps = find_steps(data, found.path)
     here = data
     for step in steps:
@@ -201,4 +201,4 @@ def _home(found: Range, task: Document, patch: Document | None) -> tuple[bool, S
         raise BadInput(
             f"--vary {found.path}: stands for {type(here).__name__} '{str(here)[:40]}' (valid: a path to a number)"
         )
-    return worn, steps
+    return from_patch, steps

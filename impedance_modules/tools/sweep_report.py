@@ -27,7 +27,7 @@ class TableFile:
         self._rows: list[SweepRow] = []
 
     def add(self, row: SweepRow) -> None:
-        """Adds a run; the first one that was not refused says which results there are."""
+        """Adds a run; the first one that was not refused defines the result columns."""
         self._rows.append(row)
         if row.results and not self._names:
             self._names = tuple(row.results)
@@ -51,7 +51,7 @@ class TableFile:
 
 
 def spread(rows: Sequence[SweepRow]) -> dict[str, tuple[float, float, float, float, float]]:
-    """Gives each result's least, 5 %, median, 95 % and largest value over the runs that ran."""
+    """Gives each result's least, 5 %, median, 95 % and largest value over the runs that were not refused."""
     ran = [row for row in rows if row.results]
     if not ran:
         return {}

@@ -34,13 +34,13 @@ CONNECTING = 10.0
 
 @dataclass(frozen=True)
 class SweepRow:
-    """What one run came to.
+    """Result of one run.
 
     Attributes:
         number: Of the job.
         values: Path -> value.
         seed: Of the simulated noise.
-        ending: As ``summary.json`` says it, or ``refused``.
+        ending: As in ``summary.json``, or ``refused``.
         reason: Why it stopped or was refused; empty after a task that is done.
         results: Name with its unit -> number; empty for a refused run.
     """
@@ -54,7 +54,7 @@ class SweepRow:
 
 
 def run_one(job: SweepJob) -> SweepRow:
-    """Carries one job out; a refusal is a result, too."""
+    """Runs one job; a refusal is a result, too."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         out = folder / "run" if job.keep is None else job.keep
@@ -138,7 +138,7 @@ def run_on_cluster(jobs: Sequence[SweepJob], address: str) -> Iterator[SweepRow]
     """Runs on an existing Dask cluster, whose workers have this package.
 
     Raises:
-        BadInput: Dask is not installed here, or nobody answers at the address.
+        BadInput: Dask is not installed here, or no scheduler answers at the address.
     """
     try:
         distributed: Any = import_module("distributed")

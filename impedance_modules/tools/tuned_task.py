@@ -21,25 +21,25 @@ from impedance_modules.spec.document import Document
 from impedance_modules.spec.task_text import Steps, changed, task_document
 from impedance_modules.tools.spring_tuning import TunedPosture, TuningRequest, named
 
-AMPLE = 50.0
-"""Tank with which a task is rehearsed to find what it needs [J]."""
+LARGE_TANK = 50.0
+"""Tank with which a task is simulated to find the energy that it needs [J]."""
 
-SPARE = 1.3
-"""Times the need, what goes into a tank that was too small."""
+TANK_RESERVE = 1.3
+"""Energy over the need that is put into a tank that was too small."""
 
-WINDING, HOLDING = 3.0, 12.0
+RAMP_TIME, HOLD_TIME = 3.0, 12.0
 """Phases of a trial [s]."""
 
 
 def tuned_task(
-    name: str, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float
+    name: str, model: RobotModel, request: TuningRequest, tuned: TunedPosture, share: float
 ) -> str:
     """Writes the task with the tuned posture and joint springs; the rest is the task's own.
 
     Args:
         name: Of the task, or its path.
         model: Its robot.
-        question: What was asked.
+        request: The load case.
         tuned: What was found.
         share: Multiplies the springs; below 1 to see an arm fold.
 
@@ -47,23 +47,23 @@ def tuned_task(
         BadInput: The arm is written as another one's mirror image.
     """
     document = task_document(name)
-    return _with_tank(document, _arm_changes(document, model, question, tuned, share), question, "")
+    return _with_tank(document, _arm_changes(document, model, request, tuned, share), request, "")
 
 
 def trial_task(
-    name: str, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float
+    name: str, model: RobotModel, request: TuningRequest, tuned: TunedPosture, share: float
 ) -> str:
-    """Writes a task that winds the joint springs while somebody resists with the same force.
+    """Writes a task that loads the joint springs while an external force of the same size resists.
 
     Both follow the same minimum-jerk course, so that the posture is an equilibrium at every moment: what the arm does
     there shows only whether the equilibrium is stable.
     """
     document = task_document(name)
-    changes = _arm_changes(document, model, question, tuned, share)
-    if question.alone:
-        changes[("arms", question.arm)].pop("springs", None)
-    limb = model.limbs[question.arm]
-    force = max(question.ends, key=abs)
+    changes = _arm_changes(document, model, request, tuned, share)
+    if request.alone:
+        changes[("arms", request.arm)].pop("springs", None)
+    limb = model.limbs[request.arm]
+    force = max(request.ends, key=abs)
     rest = tuned.posture.q[limb.joints] + tuned.torque / (share * tuned.stiffness)
     low, high = (model.column(side)[limb.joints] for side in ("position_min", "position_max"))
     if np.any(rest < low) or np.any(rest > high):
@@ -75,69 +75,71 @@ def trial_task(
         ("name",): f"{document.data['name']}-trial"[:64],
         ("phases",): [
             {
-                "name": "wind",
-                "posture": {question.arm: named(rest, limb.short_names, 6)},
-                "duration": WINDING,
+                "name": "load",
+                "posture": {request.arm: named(rest, limb.short_names, 6)},
+                "duration": RAMP_TIME,
             },
-            {"name": "hold", "duration": HOLDING},
+            {"name": "hold", "duration": HOLD_TIME},
         ],
         ("pushes",): [
             {
-                "target": question.arm,
+                "target": request.arm,
                 "wrench": {
                     axis: round(float(-force * part), 6)
-                    for axis, part in zip("xyz", question.direction, strict=True)
+                    for axis, part in zip("xyz", request.direction, strict=True)
                     if part != 0.0
                 },
                 "start": 0.0,
-                "rise": WINDING,
-                "hold": HOLDING,
+                "rise": RAMP_TIME,
+                "hold": HOLD_TIME,
             }
         ],
     }
     return _with_tank(
-        document, changes, question, "# A trial: joint springs are wound while somebody resists.\n"
+        document, changes, request, "# A trial: joint springs are loaded against an external force.\n"
     )
 
 
 def _arm_changes(
-    document: Document, model: RobotModel, question: TuningRequest, tuned: TunedPosture, share: float
+    document: Document, model: RobotModel, request: TuningRequest, tuned: TunedPosture, share: float
 ) -> dict[Steps, Any]:
-    arm: Mapping[str, Any] = document.data["arms"][question.arm]
+    arm: Mapping[str, Any] = document.data["arms"][request.arm]
     if "mirror" in arm:
         raise BadInput(
-            f"arm '{question.arm}' is the mirror image of '{arm['mirror']}' (valid: --arm {arm['mirror']}; the image"
+            f"arm '{request.arm}' is the mirror image of '{arm['mirror']}' (valid: --arm {arm['mirror']}; the image"
             " follows)"
         )
-    limb = model.limbs[question.arm]
+    limb = model.limbs[request.arm]
     bias = {
         # A spring without any damping would swing for ever.
         **arm.get("joint_bias", {"damping_ratio": 0.7}),
         "stiffness": named(share * tuned.stiffness, limb.short_names, 6),
     }
     posture = named(tuned.posture.q[limb.joints], limb.short_names, 8)
-    return {("arms", question.arm): {**arm, "posture": posture, "joint_bias": bias}}
+    return {("arms", request.arm): {**arm, "posture": posture, "joint_bias": bias}}
 
 
-def _with_tank(document: Document, changes: dict[Steps, Any], question: TuningRequest, heading: str) -> str:
+def _with_tank(document: Document, changes: dict[Steps, Any], request: TuningRequest, heading: str) -> str:
     """Fills the tank if what it holds is not enough for the changed task."""
-    direction = ", ".join(f"{part:g}" for part in question.direction)
+    direction = ", ".join(f"{part:g}" for part in request.direction)
     heading = (
-        f"# Written by `impedance tune`: arm {question.arm}, {question.low:g} to {question.high:g} N along"
+        f"# Written by `impedance tune`: arm {request.arm}, {request.low:g} to {request.high:g} N along"
         f" ({direction}).\n{heading}"
     )
     text = changed(document, changes, heading)
     tank = document.data["safety"]["tank"]
-    need = _need(changed(document, {**changes, ("safety", "tank"): {**tank, "initial": AMPLE, "max": AMPLE}}))
+    need = _need(
+        changed(document, {**changes, ("safety", "tank"): {**tank, "initial": LARGE_TANK, "max": LARGE_TANK}})
+    )
     if need <= tank["initial"]:
         return text
-    filled = math.ceil(10.0 * SPARE * need) / 10.0
+    filled = math.ceil(10.0 * TANK_RESERVE * need) / 10.0
     enough = {**tank, "initial": filled, "max": max(float(tank["max"]), 2.0 * filled)}
     return changed(document, {**changes, ("safety", "tank"): enough}, heading)
 
 
 def _need(text: str) -> float:
-    """Rehearses a task and says what its tank needs [J]."""
+    """Returns the energy that a task's tank needs [J], from a quasi-static simulation."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "task.yaml"
         path.write_text(text, encoding="utf-8")
