@@ -73,7 +73,7 @@ def diagnose_command(
     episodes = [episode for found in read for episode in found]
     tested = [episode for found in read[len(logs) :] for episode in found]
     model, file = _model(robot, urdf, episodes)
-    worn = _applied(effects, model)
+    known = _applied(effects, model)
     console = Console()
     try:
         with console.status("diagnosing") as status:
@@ -84,7 +84,7 @@ def diagnose_command(
                 heldout=[episode.name for episode in tested],
                 without=without,
                 under_water=under_water,
-                worn=worn,
+                known_effects=known,
                 progress=status.update,
             )
     except InsufficientData as error:

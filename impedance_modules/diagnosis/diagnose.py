@@ -1,5 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""All stages in order: recordings and a model in, a diagnosis out."""
+"""All stages of a diagnosis in order: recordings and a model in, a `Diagnosis` out.
+
+    recordings -> data -> residuals -> regression -> model_selection -> rollout -> report
+
+data             checks and an even time base (`admit`), folds and hold-out (`assign_folds`)
+residuals        measured minus predicted torque, all in one frequency band (`prepare`)
+regression       candidate columns, noise floor and least squares, used by the search
+model_selection  search of the causes (`search_causes`), their names and rivals, verdict (`conclude`)
+rollout          the plant simulated with the causes, on held-out recordings (`with_rollouts`)
+report           JSON, patch and HTML of the result (the command line calls it)
+
+Each folder imports only from those before it.
+"""
 
 from __future__ import annotations
 
@@ -41,19 +53,19 @@ def diagnose(
     heldout: Collection[str] = (),
     without: Collection[str] = (),
     under_water: bool = False,
-    worn: Sequence[EffectSpec] = (),
+    known_effects: Sequence[EffectSpec] = (),
     progress: Progress = lambda _: None,
 ) -> Diagnosis:
     """Says where recordings and model differ, what causes it, and how far the gap shrinks.
 
     Args:
         episodes: Recordings, held-out ones included.
-        model: What was believed.
+        model: The nominal model.
         urdf: File of the model's links.
-        heldout: Names of recordings that no step of the fit may see; empty lets it choose.
+        heldout: Names of recordings that no step of the fit may use; empty: it chooses them.
         without: Ids of effects that are left out of the catalogue.
-        under_water: The robot was under water; only then is what water does looked for.
-        worn: Effects of a patch that the model wears to begin with.
+        under_water: The robot was under water; only then are the effects of water candidates.
+        known_effects: Effects of a patch that the nominal model includes from the beginning.
         progress: Called with a sentence for each step.
 
     Raises:
@@ -62,13 +74,13 @@ def diagnose(
     """
     progress("admitting the recordings")
     logs, report = admit(episodes, model)
-    model, worn = with_known_effects(model, worn, logs)
+    model, known_effects = with_known_effects(model, known_effects, logs)
     cutoff = choose_cutoff(logs)
     run_in = filter_length(cutoff)
     split = assign_folds(logs, heldout, least_duration(cutoff, ROWS_MIN + 2), run_in)
     progress("computing residuals")
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
-    prepared = tuple(prepare(log, model, rigid, cutoff, worn) for log in split.logs)
+    prepared = tuple(prepare(log, model, rigid, cutoff, known_effects) for log in split.logs)
     split, prepared = _long_enough(split, prepared)
     prepared = without_links_in_contact(prepared)
     progress("evaluating candidates")
@@ -79,12 +91,12 @@ def diagnose(
     progress("concluding")
     notes = (*split.warnings, *contact_note(prepared), *compensation_note(prepared, causes))
     found = conclude(evidence, causes, model, replace(report, warnings=(*report.warnings, *notes)))
-    progress("letting the plant live the held-out recordings again")
-    return with_rollouts(found, evidence, model, urdf, worn)
+    progress("simulating the held-out recordings")
+    return with_rollouts(found, evidence, model, urdf, known_effects)
 
 
 def _long_enough(split: DataSplit, prepared: tuple[Prepared, ...]) -> tuple[DataSplit, tuple[Prepared, ...]]:
-    """Leaves recordings out, or stretches of one, of which hardly anything is left behind the band's filter."""
+    """Leaves out recordings, or segments of one, of which the band's filter leaves hardly a sample."""
     short = [i for i, item in enumerate(prepared) if item.samples < ROWS_MIN]
     if not short:
         return split, prepared

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a diagnosis says, as frozen data: everything that JSON, report and terminal print."""
+"""The result of a diagnosis, as frozen data: everything that JSON, report and terminal print."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EXIT_CODES: Mapping[str, int] = {
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The whole answer."""
+    """The whole result."""
 
     verdict: str
     robot: str
@@ -76,7 +76,7 @@ class JointGap:
 
 @dataclass(frozen=True)
 class GapLocation:
-    """A part of the gap: joint, port, regime and band [Hz], with its share of the excess residual power."""
+    """A part of the gap: joint, port, regime of motion and band [Hz], with its share of the excess residual power."""
 
     joint: str
     port: str
@@ -96,10 +96,10 @@ class Cause:
         parameters: Carrier -> symbol -> estimate.
         weight: Its part of the explained gap.
         shrink: Held-out shrink with this cause alone; None without a gap.
-        equivalent: Candidates that these recordings cannot tell from it.
-        rivals: Others, and why they lost.
+        equivalent: Candidates that these recordings cannot distinguish from it.
+        rivals: Other candidates, and why they were rejected.
         position_range, velocity_range: Joint -> range of the data that the fit rests on.
-        rollout: What it does to the rollouts; None where it was not worn there.
+        rollout: Its effect on the rollouts; None where it was not simulated.
     """
 
     effect: str
@@ -126,7 +126,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Rival:
-    """A candidate that lost, or could not be told apart."""
+    """A candidate that was rejected, or is indistinguishable from the cause."""
 
     effect: str
     joints: tuple[str, ...]
@@ -135,7 +135,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the causes leave: lack of fit (worst residual power over noise), whether that is fine, and words."""
+    """What the causes leave: lack of fit (largest residual power over noise), whether it passes, and a description."""
 
     lack_of_fit: float
     explained: bool
@@ -144,7 +144,7 @@ class Remainder:
 
 @dataclass(frozen=True, eq=False)
 class ResidualSeries:
-    """One joint's residual in one held-out recording, for report and viewer.
+    """Time series of one joint's residual in one held-out recording, for report and viewer.
 
     Attributes:
         joint: Name.
@@ -152,9 +152,9 @@ class ResidualSeries:
         unit: Of the values.
         episode: The recording.
         time: (M,) [s].
-        measured: (M,) what a prediction is compared with; a prediction is it minus its residual.
+        measured: (M,) measured quantity; the prediction is this minus the residual.
         before, after: (M,) residual of the nominal model, and with the causes.
-        regimes: What the joint does at each sample.
+        regimes: Regime of motion at each sample.
     """
 
     joint: str
@@ -170,7 +170,7 @@ class ResidualSeries:
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """All of it.
+    """The result of all rollouts.
 
     Attributes:
         drive: Which torque drove the plant: ``command``, ``effort`` (at the link) or ``motor``; empty if nothing
@@ -178,13 +178,13 @@ class Rollout:
         window: Length of a window [s].
         windows: Number of windows.
         episodes: Recordings they are cut from.
-        floor: ``repeats``, or ``weak``: from the noise of the seeds alone.
+        floor: ``repeats``, or ``weak``: from the noise of the initial states alone.
         position, velocity: Joint -> its error.
         growth: Over the horizon.
         shrink: Of position and velocity of all joints, squares summed in units of their floors'; None without a gap.
-        whole: What all causes do together, the links adjusted; None where nothing was rolled out.
-        causes: Effect and port -> what the cause does; those that were worn.
-        left_out: What was not rolled out.
+        whole: All causes together, the links adjusted; None without a rollout.
+        causes: Effect and port -> comparison with and without the cause; the simulated ones.
+        left_out: What was not simulated.
         traces: For the report.
     """
 
@@ -208,8 +208,8 @@ class RolloutError:
     """Rms error of one joint's rollouts in one quantity, over all windows.
 
     Attributes:
-        before, after: Of the nominal plant, and of the one that wears the causes; in ``unit``.
-        noise_floor: What seeds and repetition alone would give.
+        before, after: Of the nominal plant, and of the plant with the causes; in ``unit``.
+        noise_floor: Error from initial states and repetition alone.
         unit: rad, rad/s, m or m/s.
     """
 
@@ -240,11 +240,11 @@ class ErrorGrowth:
 
 @dataclass(frozen=True)
 class CauseRollout:
-    """What wearing something does to the rollouts: with a cause against without it, or all against nothing.
+    """Rollouts with a cause compared with those without it, or all causes with none.
 
     Attributes:
-        without, with_it: Error power over that of the noise, or of what all causes leave, whichever is more; mean
-            over windows and over the joints that the cause acts on.
+        without, with_it: Error power over that of the noise or, if larger, of the remainder after all causes; mean over
+            windows and over the joints that the cause acts on.
         ratio: Geometric mean over windows of ``without`` over ``with_it``.
         standard_error: Of its logarithm.
         verdict: ``helps``, ``worsens`` or ``no difference``.
@@ -259,7 +259,7 @@ class CauseRollout:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something that was not rolled out, and why."""
+    """Something that was not simulated, and why."""
 
     what: str
     why: str
@@ -267,7 +267,7 @@ class LeftOut:
 
 @dataclass(frozen=True, eq=False)
 class RolloutTrace:
-    """One joint's held-out window that the nominal plant misses most, for the report.
+    """One joint's held-out window with the largest error of the nominal plant, for the report.
 
     Attributes:
         time: [s] of the recording.
@@ -283,7 +283,7 @@ class RolloutTrace:
 
 
 def no_rollout(*reasons: LeftOut) -> Rollout:
-    """The outcome where no window could be lived through, with the reasons."""
+    """The result where no window could be simulated, with the reasons."""
     return Rollout("", 0.0, 0, (), "", {}, {}, ErrorGrowth((), {}, {}), None, None, {}, reasons, ())
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 1: turns recordings into logs that can be compared, or says why they cannot."""
+"""Admission: turns recordings into `Log`s on an even time base, or says why they cannot be used."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from impedance_modules.diagnosis.data.dataset_consistency import (
     refuse_mixed_recordings,
 )
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
-from impedance_modules.diagnosis.data.long_recordings import stretch_note, stretch_origin
+from impedance_modules.diagnosis.data.long_recordings import segment_note, segment_origin
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.time_base import (
     common_delay,
@@ -35,22 +35,22 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 RATE_MIN = 25.0
-"""Below it joint-level causes blur into each other [Hz]."""
+"""Lowest sampling rate: below it causes at a joint cannot be told apart [Hz]."""
 
 SAMPLES_MIN = 100
-"""Fewer say nothing about a joint with a dozen possible causes."""
+"""Fewest samples of a recording; a joint has a dozen possible causes."""
 
 MOTION_MIN, SLIDE_MIN = 0.02, 0.002
-"""A joint that moves less than this about its mean is called weak: turning [rad rms], sliding [m rms]."""
+"""A joint with less motion about its mean is reported as weak: revolute [rad rms], prismatic [m rms]."""
 
-WORD = re.compile(r"(^|[^a-z])(in_)?contact([^a-z]|$)")
-"""A phase with this name, or with this word in its name, is spent in contact ..."""
+CONTACT_WORD = re.compile(r"(^|[^a-z])(in_)?contact([^a-z]|$)")
+"""A phase whose name is or contains this word is a phase of contact ..."""
 
 NEGATION = re.compile(r"(^|[^a-z])(no|non|without|before|until|free)([^a-z]|$)")
-"""... unless the rest of the name takes it back."""
+"""... unless its name also contains one of these words."""
 
-FOUND = 0.5
-"""How long before the end of a phase that waits for contact the contact begins: it must be felt for a while [s]."""
+CONTACT_DETECTION_TIME = 0.5
+"""In a phase that ends on contact, contact begins this long before the end: detection takes time [s]."""
 
 
 def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, ...], DataReport]:
@@ -60,7 +60,11 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
         BadInput: A recording that contradicts itself, its robot or the others.
         InsufficientData: Nothing is wrong, but there is too little to tell a cause.
     """
-    warnings = [*_cut_short(episodes), *_stranger(episodes, model), *_standing(model)]
+    warnings = [
+        *_note_partial_recordings(episodes),
+        *_note_other_robot(episodes, model),
+        *_note_unrecorded_joints(model),
+    ]
     refuse_mixed_recordings(episodes)
     found = [_log(episode, model, warnings) for episode in episodes]
     logs = [unwrapped(log, model, warnings) for log, _ in found]
@@ -69,7 +73,7 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
         refuse_faulty_channels(log, model)
     if len({log.effort_source for log in logs} - {None}) > 1:
         raise BadInput("the recordings measure torque in different places (valid: one effort_source for all)")
-    _say_what_some_lack(logs, warnings)
+    _note_missing_channels(logs, warnings)
     logs = unify_rates(logs, warnings)
     grouped = group_repeats(logs, [episode.repeat_of for episode in episodes], warnings)
     weak = _weak_joints(grouped, model)
@@ -99,7 +103,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
         raise InsufficientData(f"{place}: {count} (valid: {SAMPLES_MIN} or more)")
     time, rate, jitter = uniform_time(episode.time, str(place), warnings)
-    stamps = _stamps(episode, model, warnings)
+    stamps = _times_of_samples(episode, model, warnings)
     if stamps is not episode.time:
         time, rate, _ = uniform_time(stamps, str(place), [])
     if rate < RATE_MIN:
@@ -115,7 +119,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         missing = [joint for joint in model.joints if joint not in recorded]
         if missing:
             if recorded and kind != "velocity":
-                warnings.append(f"{episode.name}: {kind} lacks {', '.join(missing)} and is left aside")
+                warnings.append(f"{episode.name}: {kind} lacks {', '.join(missing)} and is not used")
             return None
         return resampled(np.column_stack([recorded[j] for j in model.joints]), stamps, time, kind)
 
@@ -124,7 +128,7 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         raise BadInput(f"{place}: position is missing for a joint (valid: {', '.join(model.joints)})")
     effort, command = take("effort"), take("effort_command")
     if command is not None:
-        command = delayed(command, time - time[0], 0.5 * _held_for(episode))
+        command = delayed(command, time - time[0], 0.5 * _hold_time(episode))
     if effort is None and command is None:
         raise InsufficientData(
             f"{place}: no torque was recorded for all joints, measured or commanded: causes cannot be told"
@@ -135,46 +139,46 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         group=episode.name,
         rate=rate,
         position=position,
-        velocity=_speaking(take("velocity"), position, episode.name, warnings),
+        velocity=_usable_velocity(take("velocity"), position, episode.name, warnings),
         effort=effort,
         command=command,
         position_command=take("position_command"),
         effort_source=episode.effort_source if effort is not None else None,
         gravity_compensation=episode.gravity_compensation,
-        start=float(time[0] - stretch_origin(episode)),
+        start=float(time[0] - segment_origin(episode)),
         in_contact=in_contact(episode, time),
         grid=np.array([quantisation_step(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
     )
     return log, jitter
 
 
-def _stamps(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:
-    """When samples were taken; says so where that is not when they were stamped."""
+def _times_of_samples(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:
+    """Gives the times (N,) [s] at which samples were taken; warns where they differ from the time stamps."""
     joints = [joint for joint in model.joints if joint in episode.position]
     stamps = sampling_times(episode.time, np.column_stack([episode.position[joint] for joint in joints]))
     if stamps is not episode.time:
         off = 1e3 * float(np.sqrt(np.mean((stamps - episode.time) ** 2)))
         warnings.append(
-            f"{episode.name}: stamps are off by {off:.2g} ms rms, the samples are not: taken as evenly sampled"
+            f"{episode.name}: time stamps are off by {off:.2g} ms rms, the samples are not: taken as evenly sampled"
         )
     return stamps
 
 
-def _held_for(episode: Episode) -> float:
+def _hold_time(episode: Episode) -> float:
     """Time for which the robot held each command [s]; 0 where the recording does not say.
 
-    A command acts from ``command_delay`` after its row until as long after the next one: half of that later on average.
+    A command acts from ``command_delay`` after its row until the next one does: on average half a period later.
     """
     rate = episode.metadata.get("rate")
     return 1.0 / rate if isinstance(rate, int | float) and rate > 0.0 else 0.0
 
 
-def _speaking(velocity: Array | None, position: Array, name: str, warnings: list[str]) -> Array | None:
-    """Leaves velocities aside of which one stands still although its joint moves."""
+def _usable_velocity(velocity: Array | None, position: Array, name: str, warnings: list[str]) -> Array | None:
+    """Returns the reported velocities; None where one of them is constant although its joint moves."""
     if velocity is None:
         return None
     if np.any((np.ptp(velocity, axis=0) == 0.0) & (np.ptp(position, axis=0) > 0.0)):
-        warnings.append(f"{name}: a velocity is constant while its joint moves; velocities are left aside")
+        warnings.append(f"{name}: a velocity is constant while its joint moves; velocities are not used")
         return None
     return velocity
 
@@ -190,7 +194,7 @@ def in_contact(episode: Episode, time: Array) -> Mask | None:
     for phase in phases - named:
         if phase in by_task:
             inside = episode.phase == phase
-            marks |= inside & (episode.time > episode.time[inside][-1] - FOUND)
+            marks |= inside & (episode.time > episode.time[inside][-1] - CONTACT_DETECTION_TIME)
     if not marks.any():
         return None
     nearest = np.searchsorted(episode.time, time - 1e-9).clip(0, len(marks) - 1)
@@ -199,16 +203,20 @@ def in_contact(episode: Episode, time: Array) -> Mask | None:
 
 def _is_contact(phase: str) -> bool:
     name = phase.lower()
-    return WORD.search(name) is not None and NEGATION.search(name) is None
+    return CONTACT_WORD.search(name) is not None and NEGATION.search(name) is None
 
 
-def _cut_short(episodes: Sequence[Episode]) -> list[str]:
-    """Says which recordings are too long to be used whole, and which were not ended cleanly."""
-    said = list(dict.fromkeys(note for episode in episodes if (note := stretch_note(episode))))
-    return said + [f"{e.name}: the run was killed; what it left is used" for e in episodes if not e.complete]
+def _note_partial_recordings(episodes: Sequence[Episode]) -> list[str]:
+    """Says which recordings are used in part only, and which did not end cleanly."""
+    said = list(dict.fromkeys(note for episode in episodes if (note := segment_note(episode))))
+    return said + [
+        f"{e.name}: the run was killed; the samples written until then are used"
+        for e in episodes
+        if not e.complete
+    ]
 
 
-def _stranger(episodes: Sequence[Episode], model: NominalModel) -> list[str]:
+def _note_other_robot(episodes: Sequence[Episode], model: NominalModel) -> list[str]:
     robot = episodes[0].robot
     if robot in model.robot or model.robot in robot:
         return []
@@ -217,19 +225,19 @@ def _stranger(episodes: Sequence[Episode], model: NominalModel) -> list[str]:
     ]
 
 
-def _standing(model: NominalModel) -> list[str]:
-    """Joints of the model that carry, or are carried by, recorded ones, and are taken as standing."""
-    still = model.tree.standing
-    return [f"not recorded, taken as standing at 0: {', '.join(still)}"] if still else []
+def _note_unrecorded_joints(model: NominalModel) -> list[str]:
+    """Says which joints of the kinematic chain were not recorded; they are assumed to stay at 0."""
+    fixed = model.tree.standing
+    return [f"not recorded, assumed fixed at 0: {', '.join(fixed)}"] if fixed else []
 
 
-def _say_what_some_lack(logs: Sequence[Log], warnings: list[str]) -> None:
+def _note_missing_channels(logs: Sequence[Log], warnings: list[str]) -> None:
     for what, name in (("effort", "effort"), ("command", "effort_command"), ("velocity", "velocity")):
         lacking = [log.name for log in logs if getattr(log, what) is None]
         if 0 < len(lacking) < len(logs):
             warnings.append(
-                f"{name} is missing in {', '.join(lacking[:3])}: it is compared in no recording, because only what"
-                " all have in common is"
+                f"{name} is missing in {', '.join(lacking[:3])}: it is used in no recording, because only channels"
+                " that all of them have are compared"
             )
 
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mistakes of recordings that would otherwise be diagnosed as physics: echoes, stuck channels, units, signs."""
+"""Checks of single channels: commands recorded as readings, constant channels, wrapped angles, units, signs.
+
+Undetected, each of these faults would be diagnosed as physics. Wrong units (degrees for radians, milliseconds,
+newton-millimetres) are reported with the unit that the numbers look like.
+"""
 
 from __future__ import annotations
 
@@ -11,33 +15,37 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_tree import Body
-from impedance_modules.diagnosis.data.torque_sign import compare_coarsely, refuse_flipped_torque, without
+from impedance_modules.diagnosis.data.torque_sign import (
+    compare_coarsely,
+    refuse_flipped_torque,
+    residual_of_fit,
+)
 from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
 
-JUMP = 1.0
-"""No joint turns so far from one sample to the next [rad], at any rate that is admitted."""
+STEP_MAX = 1.0
+"""Largest step between two samples that a real joint makes at any admitted rate [rad]."""
 
-FULL_TURN = 0.05
-"""A jump that differs from a full turn by less is a wrapped angle [rad]."""
+TURN_TOLERANCE = 0.05
+"""A jump within this distance of a full turn is a wrapped angle [rad]."""
 
 DEGREES = 180.0 / np.pi
 
-FARTHEST, FASTEST, STRONGEST = 1e4, 1e4, 1e6
-"""Beyond it no joint goes, in any unit that is meant."""
+POSITION_MAX, VELOCITY_MAX, TORQUE_MAX = 1e4, 1e4, 1e6
+"""Bounds on position [rad], velocity [rad/s] and torque [N.m] in any unit that may be meant."""
 
-OVERLOAD = 50.0
-"""Multiple of a joint's stated largest torque that no sensor reports."""
+OVERLOAD_MAX = 50.0
+"""Readings beyond this multiple of a joint's stated largest torque are glitches or in another unit."""
 
-TURNS = 2.0
-"""Positions beyond as many turns are no joint's, if its URDF does not allow them [rev]."""
+TURNS_MAX = 2.0
+"""Largest plausible position of a joint whose URDF states no limits [rev]."""
 
-OVER_LIMIT = 1.3
-"""Positions beyond this part of the range's half width about its middle are doubted."""
+RANGE_TOLERANCE = 1.3
+"""Positions beyond this part of half the joint range, from its middle, are refused."""
 
-SAME_RATE = (0.67, 1.5)
-"""Velocity over the position's rate of change that a slow filter can still explain."""
+RATE_RATIO = (0.67, 1.5)
+"""Ratios of velocity to the position's rate of change that a slow filter can explain."""
 
 SPEED_UNITS = {
     DEGREES: "deg/s for rad/s",
@@ -48,13 +56,13 @@ SPEED_UNITS = {
     1e-3: "velocities in thousandths",
     -1.0: "opposite signs",
 }
-"""Velocity over rate of change -> what it looks like."""
+"""Ratio of velocity to rate of change -> the unit that it looks like."""
 
-BETTER = 0.2
-"""Part of the torque's remainder that another unit of position must leave at most, to be asked about."""
+BETTER_UNIT = 0.2
+"""Another unit of position is suspected if it leaves less than this part of the torque's remainder."""
 
-THOUSAND = (300.0, 3000.0)
-"""Torque over the model's torque that looks like thousandths."""
+FACTOR_OF_1000 = (300.0, 3000.0)
+"""Ratios of measured to model torque that look like a factor of a thousand."""
 
 
 def refuse_faulty_channels(log: Log, model: NominalModel) -> None:
@@ -71,21 +79,24 @@ def refuse_faulty_channels(log: Log, model: NominalModel) -> None:
 
 
 def unwrapped(log: Log, model: NominalModel, warnings: list[str]) -> Log:
-    """Undoes the jumps of angles that are counted from zero again after each turn.
+    """Unwraps angles that are counted from zero again after each turn.
 
     Raises:
         BadInput: A position jumps otherwise.
     """
     steps = np.diff(log.position, axis=0)
     turns = np.array([not body.prismatic for body in model.tree.bodies])
-    jumps = (np.abs(steps) > JUMP) & turns
+    jumps = (np.abs(steps) > STEP_MAX) & turns
     if not jumps.any():
         return log
     joint = int(np.argmax(jumps.any(axis=0)))
     size = steps[jumps[:, joint], joint]
     row = int(np.argmax(jumps[:, joint])) + 1
     name = model.joints[joint]
-    if np.abs(np.abs(size) - 2.0 * np.pi).max() > FULL_TURN + np.abs(steps[~jumps[:, joint], joint]).max():
+    if (
+        np.abs(np.abs(size) - 2.0 * np.pi).max()
+        > TURN_TOLERANCE + np.abs(steps[~jumps[:, joint], joint]).max()
+    ):
         return (
             log if np.abs(log.position).max() > 4.0 * np.pi else _refuse_jump(log, name, row, float(size[0]))
         )
@@ -143,15 +154,15 @@ def refuse_units(log: Log, model: NominalModel) -> None:
 
 
 def _refuse_absurd(log: Log, model: NominalModel) -> None:
-    """Refuses single numbers that no robot reaches: a glitch would outweigh everything else."""
+    """Refuses single numbers that no robot reaches; one glitch would dominate every fit."""
     n = model.n
-    _refuse_beyond(log, model, "position", log.position, np.full(n, FARTHEST))
-    _refuse_beyond(log, model, "velocity", log.velocity, np.full(n, FASTEST))
+    _refuse_beyond(log, model, "position", log.position, np.full(n, POSITION_MAX))
+    _refuse_beyond(log, model, "velocity", log.velocity, np.full(n, VELOCITY_MAX))
     for name, values in (("effort", log.effort), ("effort_command", log.command)):
-        _refuse_beyond(log, model, name, values, np.full(n, STRONGEST))
+        _refuse_beyond(log, model, name, values, np.full(n, TORQUE_MAX))
     _refuse_thousandths(log, model)
     for name, values in (("effort", log.effort), ("effort_command", log.command)):
-        _refuse_beyond(log, model, name, values, OVERLOAD * model.effort_max)
+        _refuse_beyond(log, model, name, values, OVERLOAD_MAX * model.effort_max)
 
 
 def _refuse_beyond(log: Log, model: NominalModel, name: str, values: Array | None, most: Array) -> None:
@@ -170,23 +181,23 @@ def _refuse_range(log: Log, body: Body, q: Array) -> None:
         return
     reach = float(np.abs(q).max())
     limits = body.limits
-    allowed = TURNS * 2.0 * np.pi
+    allowed = TURNS_MAX * 2.0 * np.pi
     if limits is not None and limits.upper > limits.lower:
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-        allowed = max(abs(middle + OVER_LIMIT * half), abs(middle - OVER_LIMIT * half))
+        allowed = max(abs(middle + RANGE_TOLERANCE * half), abs(middle - RANGE_TOLERANCE * half))
     if reach > allowed:
         looks = "which looks like degrees" if reach < 1.1 * DEGREES * allowed else "which is no angle"
         raise BadInput(
             f"{log.name}: position.{body.joint} reaches {reach:.4g}, {looks}: the joint's range ends at"
-            f" {allowed / OVER_LIMIT:.3g} rad. Is it in degrees? (valid: rad; state 'unit: deg' in the import map)"
+            f" {allowed / RANGE_TOLERANCE:.3g} rad. Is it in degrees? (valid: rad; state 'unit: deg' in the import map)"
         )
 
 
 def _refuse_speed(log: Log, body: Body, q: Array, v: Array) -> None:
     step = max(1, round(log.rate / 20.0))
     moved = q[2 * step :] - q[: -2 * step]
-    slope = _slope(moved * (log.rate / (2.0 * step)), _boxed(v, step))
-    if slope is None or SAME_RATE[0] < slope < SAME_RATE[1]:
+    slope = _slope(moved * (log.rate / (2.0 * step)), _interval_mean(v, step))
+    if slope is None or RATE_RATIO[0] < slope < RATE_RATIO[1]:
         return
     near = min(SPEED_UNITS, key=lambda unit: abs(unit / slope - 1.0))
     looks = f": {SPEED_UNITS[near]}?" if abs(near / slope - 1.0) < 0.2 else ": a gear ratio, or a wrong rate?"
@@ -196,14 +207,14 @@ def _refuse_speed(log: Log, body: Body, q: Array, v: Array) -> None:
     )
 
 
-def _boxed(v: Array, step: int) -> Array:
-    """Mean velocity over the same stretches as the positions' differences."""
+def _interval_mean(v: Array, step: int) -> Array:
+    """Mean velocity over the same intervals as the positions' differences."""
     total = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
     return np.asarray((total[2 * step :] - total[: -2 * step]) / (2.0 * step))
 
 
 def _slope(cause: Array, effect: Array) -> float | None:
-    """Least-squares slope about the means where the two clearly are one quantity; else None."""
+    """Least-squares slope about the means; None where the two hardly correlate."""
     a, b = cause - cause.mean(), effect - effect.mean()
     power, size = float(a @ a), float(b @ b)
     if power == 0.0 or size == 0.0 or abs(float(a @ b)) < 0.9 * np.sqrt(power * size):
@@ -213,13 +224,13 @@ def _slope(cause: Array, effect: Array) -> float | None:
 
 def _refuse_by_torque(log: Log, model: NominalModel) -> None:
     """Asks whether another unit of position, or of torque, would agree with the model far better."""
-    left = {scale: _left(log, model, scale) for scale in (1.0, DEGREES, 1.0 / DEGREES)}
+    left = {scale: _unexplained_share(log, model, scale) for scale in (1.0, DEGREES, 1.0 / DEGREES)}
     now = left[1.0]
     if now is None:
         return
     for scale, words in ((1.0 / DEGREES, "degrees"), (DEGREES, "radians that were divided by 57.3")):
         other = left[scale]
-        if other is not None and other < BETTER * now and other < BETTER:
+        if other is not None and other < BETTER_UNIT * now and other < BETTER_UNIT:
             raise BadInput(
                 f"{log.name}: the torques agree with the links' weight and inertia far better if the positions"
                 f" are {words} ({100 * other:.0f} % of the torque's power is left over, now {100 * now:.0f} %)."
@@ -227,8 +238,8 @@ def _refuse_by_torque(log: Log, model: NominalModel) -> None:
             )
 
 
-def _left(log: Log, model: NominalModel, scale: float) -> float | None:
-    """Part of the torque's power that the model and the joints' own effects leave, over all joints."""
+def _unexplained_share(log: Log, model: NominalModel, scale: float) -> float | None:
+    """Part of the torque's power that the model leaves, over all revolute joints."""
     if all(body.prismatic for body in model.tree.bodies):
         return None
     found = compare_coarsely(log, model, scale)
@@ -239,8 +250,8 @@ def _left(log: Log, model: NominalModel, scale: float) -> float | None:
         if body.prismatic:
             continue
         own = np.ones((len(found.position), 1))
-        whole = float(np.sum(without(found.effort[:, index], own) ** 2))
-        rest += float(np.sum(without(found.effort[:, index] - found.model[:, index], own) ** 2))
+        whole = float(np.sum(residual_of_fit(found.effort[:, index], own) ** 2))
+        rest += float(np.sum(residual_of_fit(found.effort[:, index] - found.model[:, index], own) ** 2))
         power += whole
     return rest / power if power > 0.0 else None
 
@@ -252,7 +263,8 @@ def _refuse_thousandths(log: Log, model: NominalModel) -> None:
     for index, joint in enumerate(model.joints):
         slope = _slope(found.model[:, index], found.effort[:, index])
         if slope is None or not (
-            THOUSAND[0] < abs(slope) < THOUSAND[1] or THOUSAND[0] < 1 / abs(slope) < THOUSAND[1]
+            FACTOR_OF_1000[0] < abs(slope) < FACTOR_OF_1000[1]
+            or FACTOR_OF_1000[0] < 1 / abs(slope) < FACTOR_OF_1000[1]
         ):
             continue
         looks = "mN.m" if abs(slope) > 1.0 else "kN.m"

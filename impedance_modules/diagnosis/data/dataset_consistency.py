@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which recordings may stand beside each other: one robot, the same joints and sensors, each recording once."""
+"""Consistency of a data set: one robot, the same joints and sensors, each recording once; and which are repeats.
+
+Recordings that repeat one motion measure the noise floor without any model.
+"""
 
 from __future__ import annotations
 
@@ -17,26 +20,26 @@ Rows = NDArray[np.float64]
 Array = NDArray[np.float64]
 
 COPIED_SHARE = 0.5
-"""Part of a recording's samples that stand, to the last digit, in another one, too: noise never does that."""
+"""Recordings that share this part of their samples to the last digit are copies: noise never repeats."""
 
 DISTINCT_MIN = 50
-"""Fewer different samples prove no copy: simulated rest looks alike everywhere."""
+"""Fewer different samples prove no copy: a simulated robot at rest repeats its samples."""
 
-LIKENESS = 0.1
+REPEAT_TOLERANCE = 0.1
 """Two motions repeat each other if they differ by less than this part of their size."""
 
-LATE_MAX = 1.0
-"""Repeats that were started by hand may begin so much later in their recording [s]."""
+START_DIFFERENCE_MAX = 1.0
+"""Largest difference in start time of repeats that were started by hand [s]."""
 
-NEAR = 3
-"""Samples about the first guess of the lag among which the best one is looked for."""
+LAG_SEARCH = 3
+"""Lags searched on either side of the first estimate [samples]."""
 
-LENGTH = 0.05
-"""Repeats differ in length by less than this part, and by less than twice `LATE_MAX`."""
+LENGTH_TOLERANCE = 0.05
+"""Repeats differ in length by less than this part, and by less than twice `START_DIFFERENCE_MAX`."""
 
 
 def refuse_mixed_recordings(episodes: Sequence[Episode]) -> None:
-    """Refuses recordings that do not belong together.
+    """Refuses recordings that are not of one robot, one set of joints and one kind of torque.
 
     Raises:
         BadInput: One given twice or under two names, two robots, other joints, another meaning of the torque.
@@ -55,7 +58,7 @@ def refuse_mixed_recordings(episodes: Sequence[Episode]) -> None:
 
 
 def refuse_copies(logs: Sequence[Log]) -> None:
-    """Refuses a recording whose samples stand in another one: as a repeat or a test it would prove nothing.
+    """Refuses a recording whose samples are also in another one: it could serve neither as a repeat nor as a test.
 
     Raises:
         BadInput: Two names for the same samples, all of them or a part.
@@ -74,7 +77,7 @@ def refuse_copies(logs: Sequence[Log]) -> None:
 
 
 def group_repeats(logs: Sequence[Log], said: Sequence[str | None], warnings: list[str]) -> tuple[Log, ...]:
-    """Puts recordings of one motion into one group, and brings them to one beginning and end.
+    """Puts recordings of one motion into one group, and cuts them to a common start and end.
 
     Args:
         logs: Recordings.
@@ -88,7 +91,7 @@ def group_repeats(logs: Sequence[Log], said: Sequence[str | None], warnings: lis
         others = [by_name[original]] if original in by_name else list(range(index))
         if original in by_name and _lag(logs[by_name[original]], log) is None:
             warnings.append(
-                f"{log.name} says it repeats {original}, but moves otherwise: not taken as a repeat"
+                f"{log.name} says it repeats {original}, but its motion differs: not taken as a repeat"
             )
             continue
         for other in others:
@@ -131,7 +134,7 @@ def _refuse_other_joints(first: Episode, episode: Episode) -> None:
 
 
 def _rows(log: Log, kinds: Sequence[str]) -> Rows:
-    """The different samples of a recording, one mark for each."""
+    """The different samples of a recording, as one number each."""
     table = np.hstack([log.position, *(getattr(log, kind) for kind in kinds)])
     weights = np.random.default_rng(0).normal(size=table.shape[1])
     return np.unique(table @ weights)
@@ -156,12 +159,12 @@ def _lag(log: Log, other: Log) -> int | None:
     longer, shorter = max(log.samples, other.samples), min(log.samples, other.samples)
     if abs(log.rate - other.rate) > 0.01 * log.rate:
         return None
-    if longer - shorter > min(LENGTH * longer, 2.0 * LATE_MAX * log.rate):
+    if longer - shorter > min(LENGTH_TOLERANCE * longer, 2.0 * START_DIFFERENCE_MAX * log.rate):
         return None
-    near = _shift(log.position, other.position, int(LATE_MAX * log.rate))
-    late = min(range(near - NEAR, near + NEAR + 1), key=lambda shift: _apart(log, other, shift))
+    near = _shift(log.position, other.position, int(START_DIFFERENCE_MAX * log.rate))
+    late = min(range(near - LAG_SEARCH, near + LAG_SEARCH + 1), key=lambda shift: _apart(log, other, shift))
     size = float(np.sqrt(np.mean((log.position - log.position.mean(axis=0)) ** 2)))
-    return late if _apart(log, other, late) < LIKENESS * size else None
+    return late if _apart(log, other, late) < REPEAT_TOLERANCE * size else None
 
 
 def _apart(log: Log, other: Log, late: int) -> float:

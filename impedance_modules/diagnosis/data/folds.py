@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 2b: which recordings are fitted, in which folds, and which no step of the fit ever sees."""
+"""Cross-validation folds and the hold-out: which recordings are fitted, and which no step of the fit uses.
+
+One motion with its repeats makes one fold. A single motion is cut into segments of about equal motion.
+"""
 
 from __future__ import annotations
 
@@ -15,34 +18,34 @@ from impedance_modules.errors import BadInput
 Array = NDArray[np.float64]
 
 FOLDS_MIN = 2
-"""Fewest folds that a fit is tested on, beside what is held out."""
+"""Fewest folds for cross-validation, the hold-out not counted."""
 
 TAILS = (0.02, 0.98)
-"""Quantiles between which a joint's positions and speeds are taken to reach."""
+"""Quantiles that bound the range of a joint's positions and speeds."""
 
-AS_GOOD = 0.05
-"""Motions that leave this little less of the reach behind are spared as well."""
+RANGE_TOLERANCE = 0.05
+"""Motions without which the others cover nearly the same range, to this part, are equally good hold-outs."""
 
 RUN_IN = 0.13
-"""What a filter of the widest band (20 Hz) throws away at each end [s]; a filter of a narrower one throws more away."""
+"""Length that the filter of the widest band (20 Hz) removes at each end [s]; that of a narrower band removes more."""
 
-STRETCHES = 6
-"""Most stretches that one motion is cut into."""
+SEGMENTS_MAX = 6
+"""Most segments that one motion is cut into."""
 
-STRETCH_MIN = 2.0
-"""Stretches are at least so long where there is time for it [s]."""
+SEGMENT_LENGTH = 2.0
+"""Least length of a segment where the recording is long enough [s]."""
 
-SHORTEST = 0.6
-"""Part of it that is enough for the fewest stretches; shorter ones of equal motion give way to those of equal time."""
+SHORTEST_PART = 0.6
+"""Part of that length which is enough for the fewest segments; below it segments of equal time are used."""
 
-STRETCHES_MIN = 4
-"""Fewest: one is held out, and what is left still makes folds."""
+SEGMENTS_MIN = 4
+"""Fewest segments: one is held out, the others make folds."""
 
-CALM_SHARE = 0.3
-"""Part of a stretch's worth that goes by time alone, so that rest is not one endless stretch."""
+TIME_SHARE = 0.3
+"""Part of a segment's weight that counts time instead of motion, so that rest does not become one long segment."""
 
-PACE = 20.0
-"""Rate at which motion is summed up; faster differences are mostly noise [Hz]."""
+MOTION_RATE = 20.0
+"""Rate at which motion is summed; differences at a higher rate are mostly noise [Hz]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,7 @@ class DataSplit:
     Attributes:
         logs: All, in the order of every index below.
         folds: Indices of the fitted logs, one tuple per fold: one motion with its repeats.
-        heldout: Indices of the logs that no step of the fit sees.
+        heldout: Indices of the logs that no step of the fit uses.
         warnings: What the reader should know about it.
     """
 
@@ -89,15 +92,15 @@ class DataSplit:
 def assign_folds(
     logs: Sequence[Log], heldout: Collection[str], useful: float = 0.0, run_in: float = 0.0
 ) -> DataSplit:
-    """Gives every log its role.
+    """Assigns every log to a fold or to the hold-out.
 
-    A motion and its repeats stay together. Without a named holdout the motion that can best be spared is held out.
+    A motion and its repeats stay together. Where the user names no hold-out, `select_holdout` chooses a motion.
 
     Args:
         logs: Admitted recordings.
-        heldout: Names of those the user holds out; empty lets their motions decide (`spare`).
-        useful: What must be left of a stretch behind the band's filter [s].
-        run_in: What the filter throws away at each end [s].
+        heldout: Names of those the user holds out; empty: `select_holdout` chooses.
+        useful: Least length of a segment after the band's filter [s].
+        run_in: Length that the filter removes at each end [s].
 
     Raises:
         BadInput: All recordings are held out.
@@ -118,16 +121,16 @@ def assign_folds(
         tested = motions.pop(select_holdout(motions))
     else:
         motions, tested = list(groups.values()), []
-        warnings.append("one motion only: held-out parts are stretches of the same recording")
+        warnings.append("one motion only: held-out parts are segments of the same recording")
     if not tested or len(motions) == 1:
-        return _stretched(tested, warnings, cut(motions[0], useful, run_in))
+        return _segmented(tested, warnings, segments_of(motions[0], useful, run_in))
     return _numbered(motions, tested, warnings)
 
 
-def _stretched(tested: Sequence[Log], warnings: list[str], pieces: list[list[Log]]) -> DataSplit:
-    """Takes stretches of the only fitted motion, the same ones of each repeat, as motions."""
+def _segmented(tested: Sequence[Log], warnings: list[str], pieces: list[list[Log]]) -> DataSplit:
+    """Takes the segments of the only fitted motion, the same ones of each repeat, as motions."""
     if tested:
-        warnings.append("one fitted motion only: the folds are stretches of it")
+        warnings.append("one fitted motion only: the folds are segments of it")
         return _numbered(pieces, tested, warnings)
     held = pieces.pop(select_holdout_segment(pieces))
     return _numbered(pieces, held, warnings)
@@ -143,39 +146,39 @@ def _numbered(motions: Sequence[Sequence[Log]], tested: Sequence[Log], warnings:
 
 
 def select_holdout(motions: Sequence[Sequence[Log]]) -> int:
-    """Chooses the motion to hold out: nothing is tested outside what was fitted, and nothing is fitted too little.
+    """Chooses the motion to hold out so that the fitted ones still cover its range of positions and speeds.
 
-    A motion that was repeated stays with those that are fitted, as long as there are others: repeats measure the
-    noise. Of the rest the one is taken without which the others still reach furthest; of those that are as good,
-    the one in which the joint that moves least moves most; then the last by name.
+    Repeated motions are fitted as long as there are others, because repeats measure the noise. Of the others the
+    motion is chosen without which the rest covers the largest range; among equally good ones the one whose least
+    moving joint moves most; then the last by name. The order of the recordings does not matter.
 
     Args:
         motions: Two or more, each with its repeats.
     """
     single = [i for i, found in enumerate(motions) if len(found) == 1]
     asked = single or list(range(len(motions)))
-    reach = np.array([np.max([_reach(log) for log in found], axis=0) for found in motions])
+    reach = np.array([np.max([_range_covered(log) for log in found], axis=0) for found in motions])
     whole = np.maximum(reach.max(axis=0), 1e-9)
     left = {i: float(np.mean(np.delete(reach, i, axis=0).max(axis=0) / whole)) for i in asked}
-    spared = [i for i in asked if left[i] >= max(left.values()) - AS_GOOD]
+    spared = [i for i in asked if left[i] >= max(left.values()) - RANGE_TOLERANCE]
     return max(spared, key=lambda i: (round(float((reach[i] / whole).min()), 3), motions[i][0].name))
 
 
-def _reach(log: Log) -> Array:
-    """How far a recording's positions and speeds reach, each joint's, (2 n,)."""
+def _range_covered(log: Log) -> Array:
+    """Range of positions and speeds of each joint in a recording, (2 n,)."""
     speed = np.diff(log.position, axis=0) * log.rate
     return np.concatenate([np.subtract(*np.quantile(x, TAILS[::-1], axis=0)) for x in (log.position, speed)])
 
 
-def cut(motion: Sequence[Log], useful: float, run_in: float = 0.0) -> list[list[Log]]:
-    """Cuts one motion, its repeats alike, into stretches of about equal motion, in order of time.
+def segments_of(motion: Sequence[Log], useful: float, run_in: float = 0.0) -> list[list[Log]]:
+    """Cuts one motion, its repeats alike, into segments of about equal motion, in order of time.
 
-    A stretch overlaps its neighbours by what the filter throws away, so that no sample counts twice and none is lost.
+    A segment overlaps its neighbours by what the filter removes, so that each sample is used once.
 
     Args:
         motion: A recording and its repeats.
-        useful: What must be left of a stretch [s].
-        run_in: What the filter throws away at each end [s].
+        useful: Least length of a segment after the filter [s].
+        run_in: Length that the filter removes at each end [s].
 
     Raises:
         InsufficientData: Too short to fit on one part and to test on another.
@@ -183,26 +186,26 @@ def cut(motion: Sequence[Log], useful: float, run_in: float = 0.0) -> list[list[
     shortest = min(motion, key=lambda log: log.samples)
     run_in = max(run_in, RUN_IN)
     left = shortest.duration - 2.0 * run_in
-    least = max(SHORTEST * STRETCH_MIN, useful)
-    pieces = min(STRETCHES, max(int((left + 2.0 * RUN_IN) / max(STRETCH_MIN, useful)), STRETCHES_MIN))
+    least = max(SHORTEST_PART * SEGMENT_LENGTH, useful)
+    pieces = min(SEGMENTS_MAX, max(int((left + 2.0 * RUN_IN) / max(SEGMENT_LENGTH, useful)), SEGMENTS_MIN))
     if left < pieces * least:
         raise InsufficientData(
             f"{shortest.name}: {shortest.duration:.3g} s is too short to fit one part and test on another"
             f" (valid: {pieces * least + 2.0 * run_in:.2g} s, or several recordings)"
         )
     edges = _edges(shortest, pieces, least, run_in)
-    return [[_piece(log, edges, index, run_in) for log in motion] for index in range(pieces)]
+    return [[_segment(log, edges, index, run_in) for log in motion] for index in range(pieces)]
 
 
 def _edges(log: Log, pieces: int, least: float, run_in: float) -> list[int]:
-    """Sample numbers between which every stretch is worth the same, or lasts as long if one were too short [s]."""
-    step = max(1, round(log.rate / PACE))
+    """Sample numbers that bound segments of equal motion, or of equal time where one would be too short."""
+    step = max(1, round(log.rate / MOTION_RATE))
     path = np.abs(np.diff(log.position[::step], axis=0))
     whole = path.sum(axis=0)
     moving = whole > 0.0
     motion = (path[:, moving] / whole[moving]).mean(axis=1) if moving.any() else np.zeros(len(path))
-    worth = np.concatenate([[0.0], np.cumsum((1.0 - CALM_SHARE) * motion + CALM_SHARE / len(path))])
-    found = np.interp(np.linspace(0.0, worth[-1], pieces + 1), worth, step * np.arange(len(worth)))
+    weight = np.concatenate([[0.0], np.cumsum((1.0 - TIME_SHARE) * motion + TIME_SHARE / len(path))])
+    found = np.interp(np.linspace(0.0, weight[-1], pieces + 1), weight, step * np.arange(len(weight)))
     lost = run_in * log.rate
     kept = np.diff(np.concatenate([[lost], found[1:-1], [log.samples - lost]]))
     if kept.min() < least * log.rate:
@@ -210,7 +213,7 @@ def _edges(log: Log, pieces: int, least: float, run_in: float) -> list[int]:
     return [0, *(round(edge) for edge in found[1:-1]), log.samples]
 
 
-def _piece(log: Log, edges: Sequence[int], index: int, run_in: float) -> Log:
+def _segment(log: Log, edges: Sequence[int], index: int, run_in: float) -> Log:
     over = int(run_in * log.rate)
     last = index + 2 == len(edges)
     first, stop = max(0, edges[index] - over), log.samples if last else edges[index + 1] + over
@@ -218,7 +221,7 @@ def _piece(log: Log, edges: Sequence[int], index: int, run_in: float) -> Log:
 
 
 def select_holdout_segment(pieces: Sequence[Sequence[Log]]) -> int:
-    """Finds the stretch in which the joint that moves least, compared with its average, moves most."""
+    """Chooses the segment in which the joint that moves least, compared with its average, moves most."""
     size = np.array([np.ptp(piece[0].position, axis=0) for piece in pieces])
     usual = size.mean(axis=0)
     moving = usual > 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Admitted recordings: one even time base, one joint order, and what was said about them."""
+"""Admitted recordings on one even time base in one joint order, and the report about them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Mask = NDArray[np.bool_]
 
 
 class InsufficientData(ImpedanceError):  # noqa: N818 - as its siblings are called
-    """Recordings from which no cause can be told, however they are read."""
+    """Recordings that are too short, too slow or too still to tell a cause."""
 
     exit_code = 7
 
@@ -35,10 +35,10 @@ class Log:
         position_command: (N, n) [rad].
         effort_source: ``joint_sensor`` or ``motor``; None without ``effort``.
         gravity_compensation: ``robot``, ``command`` or ``none``.
-        start: Of its first sample since the recording began [s]; a stretch of a recording begins later.
+        start: Time of its first sample since the recording began [s]; a segment of a recording begins later.
         in_contact: (N,) samples whose phase says that the robot is in contact; None without phases.
-        grid: (n,) step of the grid that positions were recorded on, over the root of the rate they were recorded
-            at [rad s^0.5]: what filters and thinning leave as it is. Zero where there is none.
+        grid: (n,) quantisation step of the positions over the root of their original rate [rad s^0.5]: filters and
+            thinning do not change this density. Zero where there is none.
     """
 
     name: str

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads recordings within bounds: of a long one a few stretches, spread over it, where the joints move most.
+"""Reads recordings of any length: of a long one a few segments, spread over it, in which the joints move most.
 
-A day's log is no better than some minutes of it, once these show every joint moving, early and late. Only the
-positions are looked through, thinned; of everything else only the stretches are kept.
+Some minutes of a day's log suffice if every joint moves in them, early and late. The choice needs the thinned
+positions only; all other channels are read in the chosen segments alone.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ ONE_MAX = 300.0
 SHARE_MIN = 30.0
 """Seconds that each contributes at least, however many there are."""
 
-STRETCH = 60.0
-"""Length of the stretches of a long recording [s]."""
+SEGMENT = 60.0
+"""Length of the segments of a long recording [s]."""
 
-LOOKED_AT = 40_000
-"""Samples of a recording that are looked through to choose its stretches."""
+SAMPLES_READ = 40_000
+"""Samples of a recording that are read to choose its segments."""
 
-SPARSE = 25.0
-"""A recording with fewer samples per second is not worth choosing from [Hz]."""
+RATE_MIN_SEGMENTED = 25.0
+"""Recordings with fewer samples per second are not segmented, and refused later [Hz]."""
 
-KEY = "stretch"
-"""Of the metadata that a stretch carries in memory."""
+KEY = "segment"
+"""Key of the metadata that describes a segment; in memory only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class _Plan:
     Attributes:
         coarse: Time and positions, thinned.
         every: Rows per thinned sample.
-        rows: First and last + 1 of each stretch; empty where the recording is used whole.
+        rows: First and last + 1 of each segment; empty where the recording is used whole.
     """
 
     coarse: Episode
@@ -66,78 +66,80 @@ class _Plan:
 
 
 def read_recordings(paths: Sequence[Path]) -> list[list[Episode]]:
-    """Reads each recording: whole as one episode, or as the stretches that stand for it.
+    """Reads each recording: whole as one episode, or as segments of it.
 
     Args:
         paths: Episode files or directories of runs.
 
     Returns:
-        The episodes of each path. Recordings of one motion give the same stretches.
+        The episodes of each path. Recordings of one motion give the same segments.
 
     Raises:
         BadInput: A file that cannot be read.
     """
-    looked = [_look(path) for path in paths]
+    looked = [_read_coarse(path) for path in paths]
     share = float(np.clip(TOTAL_MAX / len(paths), SHARE_MIN, ONE_MAX))
     plans: list[_Plan] = []
     for coarse, every in looked:
-        known = next((plan for plan in plans if plan.every == every and _alike(plan.coarse, coarse)), None)
+        known = next(
+            (plan for plan in plans if plan.every == every and _same_motion(plan.coarse, coarse)), None
+        )
         rows = known.rows if known else _choose(coarse, every, share)
         plans.append(_Plan(coarse, every, rows))
     return [_read(path, plan) for path, plan in zip(paths, plans, strict=True)]
 
 
-def stretch_origin(episode: Episode) -> float:
+def segment_origin(episode: Episode) -> float:
     """Time at which the whole recording began [s]."""
-    stretch: dict[str, Any] | None = episode.metadata.get(KEY)
-    return float(episode.time[0]) if stretch is None else float(stretch["began"])
+    segment: dict[str, Any] | None = episode.metadata.get(KEY)
+    return float(episode.time[0]) if segment is None else float(segment["began"])
 
 
-def stretch_note(episode: Episode) -> str | None:
-    """Says what stands for a long recording; None for one that is used whole."""
-    stretch: dict[str, Any] | None = episode.metadata.get(KEY)
-    if stretch is None:
+def segment_note(episode: Episode) -> str | None:
+    """Says which segments of a long recording are used; None for one that is used whole."""
+    segment: dict[str, Any] | None = episode.metadata.get(KEY)
+    if segment is None:
         return None
-    places = ", ".join(f"{first:.0f}-{last:.0f} s" for first, last in stretch["used"])
+    places = ", ".join(f"{first:.0f}-{last:.0f} s" for first, last in segment["used"])
     return (
-        f"{stretch['of']}: {stretch['seconds']:.0f} s are more than is looked at; the stretches where the joints"
-        f" move most stand for it: {places}"
+        f"{segment['of']}: {segment['seconds']:.0f} s are more than is used; these segments are used, in which"
+        f" the joints move most: {places}"
     )
 
 
-def _look(path: Path) -> tuple[Episode, int]:
-    """Time and positions of a recording, thinned, and how many rows stand for one."""
-    coarse = read_episode(path, ("position",), most_samples=LOOKED_AT)
+def _read_coarse(path: Path) -> tuple[Episode, int]:
+    """Time and positions of a recording, thinned, and the number of rows per thinned sample."""
+    coarse = read_episode(path, ("position",), most_samples=SAMPLES_READ)
     return coarse, int(coarse.metadata["kept_every"])
 
 
 def _choose(coarse: Episode, every: int, share: float) -> tuple[tuple[int, int], ...]:
     time = coarse.time
     seconds = float(time[-1] - time[0]) if len(time) > 1 else 0.0
-    if seconds <= share or np.any(np.diff(time) <= 0.0) or len(time) * every < SPARSE * seconds:
+    if seconds <= share or np.any(np.diff(time) <= 0.0) or len(time) * every < RATE_MIN_SEGMENTED * seconds:
         return ()  # short enough; or of a disordered time, or a slow rate, which are refused later
-    count = max(1, int(share / STRETCH))
-    length = min(STRETCH, share)
+    count = max(1, int(share / SEGMENT))
+    length = min(SEGMENT, share)
     moved = np.abs(np.diff(coarse.matrix("position"), axis=0))
     whole = moved.sum(axis=0)
-    worth = np.concatenate([[0.0], np.cumsum((moved / np.where(whole > 0.0, whole, np.inf)).sum(axis=1))])
+    travel = np.concatenate([[0.0], np.cumsum((moved / np.where(whole > 0.0, whole, np.inf)).sum(axis=1))])
     edges = np.linspace(time[0], time[-1], count + 1)
-    return tuple(_best(time, worth, edges[i], edges[i + 1], length, every) for i in range(count))
+    return tuple(_best(time, travel, edges[i], edges[i + 1], length, every) for i in range(count))
 
 
 def _best(  # noqa: PLR0917 - all of them belong together
-    time: Array, worth: Array, begin: float, end: float, length: float, every: int
+    time: Array, travel: Array, begin: float, end: float, length: float, every: int
 ) -> tuple[int, int]:
-    """Rows of the stretch of a length within bounds in which most moves."""
+    """First and last + 1 row of the segment of a given length, within bounds, with the most motion."""
     starts = np.flatnonzero((time >= begin) & (time <= end - length))
     if starts.size == 0:
         starts = np.array([int(np.searchsorted(time, begin))])
     stops = np.searchsorted(time, time[starts] + length).clip(max=len(time) - 1)
-    best = int(np.argmax(worth[stops] - worth[starts]))
+    best = int(np.argmax(travel[stops] - travel[starts]))
     return int(starts[best]) * every, int(stops[best]) * every
 
 
-def _alike(one: Episode, other: Episode) -> bool:
+def _same_motion(one: Episode, other: Episode) -> bool:
     """Whether two long recordings show one motion."""
     samples = min(len(one), len(other))
     if one.joints != other.joints or abs(len(one) - len(other)) > 0.02 * samples:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The model that was supposed to predict the recordings: rigid links, drives, and what the robot adds itself.
+r"""The nominal model that the recordings are compared with: rigid links, drives, and what the robot adds itself.
 
 link port      \tau_s = M(q) a + C(q, v) v + g(q)                              (thesis eq. 3.1)
 actuator port  \tau_m = \tau_s + I_r \ddot\theta + D \dot\theta,  \theta = q + \tau_s / K   (thesis eq. 3.2-3.3)
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
-    """What is believed about the robot before the recordings are asked.
+    """What is assumed about the robot before any recording is used.
 
     Attributes:
         robot: Its name.
@@ -90,7 +91,7 @@ def model_of_robot(name: str | Path, joints: Sequence[str]) -> NominalModel:
 
 
 def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
-    """Builds the model of a robot file that was read already, worn patches included."""
+    """Builds the model of a robot file that was read already, with its patches applied."""
     tree = read_tree(spec.urdf, joints)
     missing = [joint for joint in tree.joints if joint not in spec.joints]
     if missing:
@@ -115,21 +116,24 @@ def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
 
 
 def with_known_effects(
-    model: NominalModel, worn: Sequence[EffectSpec], logs: Sequence[Log]
+    model: NominalModel, known_effects: Sequence[EffectSpec], logs: Sequence[Log]
 ) -> tuple[NominalModel, tuple[EffectSpec, ...]]:
-    """Puts into a model what a patch replaces there.
+    """Applies the known effects of a patch to the nominal model, as far as they replace its numbers.
+
+    A rotor inertia in a patch is the model's from then on: recordings then show what is beyond it, and causes report
+    the sum, not the robot file's number plus the whole.
 
     Args:
         model: As the robot file has it.
-        worn: Effects of the patch.
-        logs: The recordings; without a joint sensor springs of the model do not count, and a patch's adds.
+        known_effects: Effects of the patch.
+        logs: The recordings; without a joint sensor the model's joint springs are not used, and a patch's spring adds.
 
     Returns:
         The model, and the effects that add to it.
     """
     link_effort = logs[0].effort_source == "joint_sensor"
     adding = []
-    for spec in worn:
+    for spec in known_effects:
         numbers = {
             key: CATALOGUE[spec.effect].joint_numbers(
                 {symbol: quantity.value for symbol, quantity in symbols.items()}, link_effort=link_effort
@@ -144,8 +148,8 @@ def with_known_effects(
 
 
 def _with(model: NominalModel, numbers: Mapping[str, Mapping[str, float]]) -> NominalModel:
-    """Replaces joints' numbers in a model; joints that were not recorded count for nothing."""
-    changed: dict[str, Array] = {}
+    """Replaces joints' numbers in a model; joints that were not recorded are ignored."""
+    changed: dict[str, Any] = {}
     for joint, own in numbers.items():
         if joint in model.joints:
             for name, value in own.items():

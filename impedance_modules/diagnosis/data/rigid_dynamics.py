@@ -27,7 +27,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 
 class BatchedRigidModel(RigidModel):
-    """A `RigidModel` whose inverse dynamics and body columns come from `dynamics`.
+    """The effects' `RigidModel`, computed for all samples at once: the same numbers, many times faster.
 
     Attributes:
         tree: The rigid bodies.
@@ -52,8 +52,8 @@ class BatchedRigidModel(RigidModel):
 
     def weight(self, q: Array) -> Array:
         """Computes g(q), (N, n) [N.m]."""
-        still = np.zeros_like(q)
-        return inverse_dynamics(self.tree, q, still, still)
+        rest = np.zeros_like(q)
+        return inverse_dynamics(self.tree, q, rest, rest)
 
     def body_columns(self, body: str, q: Array, v: Array, a: Array) -> Array:
         r"""Computes d ID / d\pi of a link, (N, n, 10)."""
@@ -74,11 +74,11 @@ class BatchedRigidModel(RigidModel):
         return self.tree.bodies[links.index(link)].own if link in links else super().link_inertia(link)
 
     def keep(self) -> None:
-        """Remembers the regressor (N, n, 10 n) of the motion that is asked for last, until told to forget."""
+        """Keeps the regressor (N, n, 10 n) of the motion that was used last, until `forget`."""
         self._keeping = True
 
     def forget(self) -> None:
-        """Gives the remembered regressor's memory back."""
+        """Releases the memory of the kept regressor."""
         self._kept, self._keeping = None, False
 
     def _whole(self, q: Array, v: Array, a: Array) -> Array:

@@ -2,7 +2,7 @@
 r"""The rigid bodies of a URDF as arrays: what moves, about which axis, with which inertia.
 
 Only the joints that a recording names move; every other joint stays at zero, and whatever hangs on it is
-welded to the body that carries it. A body's inertia is ten numbers at its joint's origin,
+fixed to the body that carries it. A body's inertia is ten numbers at its joint's origin,
 
     \pi = (m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz),
 
@@ -64,7 +64,7 @@ class RigidTree:
 
     Attributes:
         bodies: One per recorded joint.
-        standing: Movable joints that carry recorded ones, or hang on them, and were not recorded.
+        standing: Movable joints in the same chain as recorded ones that were not recorded, taken as fixed.
     """
 
     bodies: tuple[Body, ...]
@@ -122,7 +122,7 @@ def pseudo_inertia(parameters: Array) -> Array:
 def can_exist(nominal: Array, change: Array) -> bool:
     """Says whether a body whose parameters change by (10,) still can exist.
 
-    A description that is itself no body (rounded, or drawn without care) may not become less of one.
+    A nominal description that is not physical itself (rounded, or careless) may not become less physical.
     """
     before = np.linalg.eigvalsh(pseudo_inertia(nominal))
     after = np.linalg.eigvalsh(pseudo_inertia(nominal + change))

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Time stamps and delays of recordings: an even time base, and the lag of effort behind command."""
+r"""Time base of recordings: time stamps, resampling, one rate for all, the delay of effort, encoder resolution.
+
+A drive samples by its own clock, a logger stamps when it receives the sample. A stamp that is wrong by \delta makes a
+position wrong by v \delta, and two differentiations turn that into torque. Which of both times is right shows in the
+positions: at the right times they are smooth.
+"""
 
 from __future__ import annotations
 
@@ -19,40 +24,40 @@ from impedance_modules.errors import BadInput
 Array = NDArray[np.float64]
 
 JITTER_WARNING = 0.1
-"""Rms deviation of the steps, as a part of the step, that is worth a sentence."""
+"""Rms deviation of the steps, as a part of the step, from which on a warning is given."""
 
-GAP_STEPS = 20
-"""A hole longer than this many steps cannot be bridged."""
+GAP_MAX = 20
+"""A gap longer than this many steps is not interpolated."""
 
-STILL_STEPS = 1e-3
+EVEN_STEPS = 1e-3
 """Stamps that are even to this part of a step need no resampling."""
 
 LAG_MAX = 0.6
-"""Longest delay that is looked for [s]."""
+"""Longest delay that is searched [s]."""
 
-SMOOTHER = 0.8
-"""Evenly counted samples are believed if they leave less than this part of the stamps' roughness."""
+SMOOTHER_PART = 0.8
+"""Evenly counted times are taken if the positions are rougher than this part at the stamps."""
 
-EVEN = 1e-3
-"""Stamps that are even to this part of a step need no second opinion."""
+EVEN_STAMPS = 1e-3
+"""Stamps that are even to this part of a step are taken as they are."""
 
-APART = 0.5
+COUNT_TOLERANCE = 0.5
 """Counted times further from any stamp than this part of a step mean that samples were not even."""
 
-SAME = 1.01
-"""Rates that differ by less are one rate."""
+SAME_RATE = 1.01
+"""Rates within this factor of each other count as equal."""
 
-PASS = 0.4
+PASSBAND = 0.4
 """End of the band that is kept, over the new rate."""
 
-FINEST = 1e-9
-"""Differences below it are rounding of the file [rad]."""
+FILE_ROUNDING = 1e-9
+"""Differences below it come from the rounding of the file [rad]."""
 
-FEWEST = 20
-"""Fewer gaps than this say nothing about a grid."""
+DIFFERENCES_MIN = 20
+"""Fewest differences from which a quantisation step is read."""
 
-NEAR = 20.0
-"""Gaps of up to so many steps are compared with whole numbers of them."""
+STEPS_MAX = 20.0
+"""Differences of up to this many steps are compared with whole multiples of the step."""
 
 
 def uniform_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, float, float]:
@@ -62,7 +67,7 @@ def uniform_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, f
         Even times [s], their rate [Hz], and the jitter: rms deviation of the steps over the median step.
 
     Raises:
-        BadInput: Time stands still, runs backwards, changes its rate, or has a long hole.
+        BadInput: Time repeats, decreases, changes its rate, or has a long gap.
     """
     steps = np.diff(time)
     bad = np.flatnonzero(steps <= 0.0)
@@ -75,13 +80,13 @@ def uniform_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, f
     first, second = float(np.median(steps[:half])), float(np.median(steps[half:]))
     if max(first, second) > 1.5 * min(first, second):
         raise BadInput(
-            f"{place}: the rate changes from {1 / first:.4g} to {1 / second:.4g} Hz on the way"
+            f"{place}: the rate changes from {1 / first:.4g} to {1 / second:.4g} Hz within the recording"
             " (valid: one rate per recording; split it)"
         )
-    if steps.max() > GAP_STEPS * step:
+    if steps.max() > GAP_MAX * step:
         row = int(np.argmax(steps))
         raise BadInput(
-            f"{place}: a hole of {steps.max():.3g} s after row {row} (valid: split the recording there)"
+            f"{place}: a gap of {steps.max():.3g} s after row {row} (valid: split the recording there)"
         )
     typical = steps[steps < 3.0 * step]
     jitter = float(np.sqrt(np.mean((typical - step) ** 2)) / step)
@@ -108,9 +113,9 @@ def sampling_times(time: Array, position: Array) -> Array:
     index = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(steps / step), 1.0))])
     counted = np.polyval(np.polyfit(index, time, 1), index)
     off = np.abs(counted - time).max() / step
-    if off < EVEN or off > APART:
+    if off < EVEN_STAMPS or off > COUNT_TOLERANCE:
         return time
-    return counted if _roughness(counted, position) < SMOOTHER * _roughness(time, position) else time
+    return counted if _roughness(counted, position) < SMOOTHER_PART * _roughness(time, position) else time
 
 
 def _roughness(time: Array, position: Array) -> float:
@@ -124,12 +129,12 @@ def _roughness(time: Array, position: Array) -> float:
 
 
 def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
-    """Brings (N, n) samples to even times: what was measured by a cubic spline, what was asked for by holding.
+    """Brings (N, n) samples to even times: measurements by a cubic spline, commands by a zero-order hold.
 
-    A straight line between samples would lose a twentieth of a tenth of the rate's frequency.
+    Linear interpolation would attenuate a tenth of the sampling rate by a twentieth.
     """
     if len(time) == len(even) and np.allclose(
-        time, even, rtol=0.0, atol=STILL_STEPS * float(even[1] - even[0])
+        time, even, rtol=0.0, atol=EVEN_STEPS * float(even[1] - even[0])
     ):
         return values
     if kind == "effort_command":
@@ -138,26 +143,29 @@ def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
 
 
 def delayed(values: Array, time: Array, late: float) -> Array:
-    """Gives samples (N, n) of what is late by a time, by cubic pieces; before the start the first value stands."""
+    """Delays samples (N, n) by a time [s], by cubic interpolation; before the start the first value is held."""
     if late == 0.0:
         return values
     return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
 
 
 def unify_rates(logs: Sequence[Log], warnings: list[str]) -> list[Log]:
-    """Brings all recordings to the lowest rate among them, behind a zero-phase low-pass, and says so."""
+    """Brings all recordings to the lowest rate among them, after a zero-phase low-pass filter, and warns.
+
+    The lowest, so that no recording shows detail that the others lack.
+    """
     lowest = min(log.rate for log in logs)
-    faster = [log for log in logs if log.rate > SAME * lowest]
+    faster = [log for log in logs if log.rate > SAME_RATE * lowest]
     if not faster:
         return list(logs)
     said = ", ".join(f"{log.name} {log.rate:.4g} Hz" for log in faster[:5])
     more = f" and {len(faster) - 5} more" if len(faster) > 5 else ""
     warnings.append(f"mixed rates: {said}{more} brought to {lowest:.4g} Hz, the lowest of all")
-    return [_slowed(log, lowest) if log.rate > SAME * lowest else log for log in logs]
+    return [_slowed(log, lowest) if log.rate > SAME_RATE * lowest else log for log in logs]
 
 
 def _slowed(log: Log, rate: float) -> Log:
-    sections = butter(6, PASS * rate / (0.5 * log.rate), output="sos")
+    sections = butter(6, PASSBAND * rate / (0.5 * log.rate), output="sos")
     old = np.arange(log.samples) / log.rate
     new = np.arange(int(old[-1] * rate) + 1) / rate
 
@@ -184,11 +192,11 @@ def _slowed(log: Log, rate: float) -> Log:
 
 
 def common_delay(logs: Sequence[Log], tree: RigidTree) -> float | None:
-    """Estimates the lag of measured effort behind the torque asked for that all joints share [s].
+    """Estimates the delay of measured effort behind commanded torque that all joints share [s].
 
     The peak of the cross-correlation of the two rates of change, refined by a parabola, as the median over
     joints and recordings; None where command or effort is missing or their shapes do not agree, and where the
-    effort would come first, which only another effect can feign.
+    effort would come before the command, which only another effect can cause.
     """
     found = []
     for log in logs:
@@ -224,17 +232,19 @@ def _lag(cause: Array, effect: Array, rate: float) -> float | None:
 
 
 def quantisation_step(positions: Array) -> float:
-    """Finds the step of the grid that positions (N,) lie on; zero where they lie on none.
+    """Finds the quantisation step of positions (N,); zero where they are not quantised.
 
     Args:
         positions: One joint's [rad or m].
     """
-    places = np.unique(np.round(positions / FINEST)) * FINEST
+    places = np.unique(np.round(positions / FILE_ROUNDING)) * FILE_ROUNDING
     gaps = np.diff(places)
-    if len(gaps) < FEWEST:
+    if len(gaps) < DIFFERENCES_MIN:
         return 0.0
     step = float(gaps.min())
-    near = gaps[gaps < NEAR * step]
+    near = gaps[gaps < STEPS_MAX * step]
     counts = near / step
-    on_grid = np.abs(counts - np.round(counts)) < 0.02 + FINEST / step
-    return float(np.median(near / np.round(counts))) if len(near) >= FEWEST and on_grid.all() else 0.0
+    on_grid = np.abs(counts - np.round(counts)) < 0.02 + FILE_ROUNDING / step
+    return (
+        float(np.median(near / np.round(counts))) if len(near) >= DIFFERENCES_MIN and on_grid.all() else 0.0
+    )

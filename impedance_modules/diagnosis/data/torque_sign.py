@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""A torque whose sign is flipped: it falls where the links' rises, or friction would drive instead of brake.
+"""Torque channels with the wrong sign, found by a coarse comparison with the rigid links.
 
-Both torques are first freed of what the joint's own spring, damper and friction could do, so that neither a
-balancing spring nor strong friction looks like a sign. Where a command was recorded too, a reading that follows it
-has its sign: a hand that is pushed turns the links' torque, not the drive's.
+A sign is wrong if the torque falls where that of the links rises, or if friction would feed energy into the joint.
+What a spring, damper or friction of the joint itself could do is first regressed out of both torques, so that
+neither a balancing spring nor strong friction looks like a wrong sign. Where a command was recorded too, a reading
+that correlates with it has its sign: an external push changes the torque of the links, not that of the drive.
 """
 
 from __future__ import annotations
@@ -21,32 +22,32 @@ from impedance_modules.errors import BadInput
 
 Array = NDArray[np.float64]
 
-OPPOSED = -0.8
-"""Correlation with the links' torque below which a sign is flipped."""
+OPPOSITE = -0.8
+"""A correlation with the links' torque below this value means a wrong sign."""
 
-SEEN = 0.05
-"""Least part of a torque's size that is left beside the joint's own effects, for a sign to show in it."""
+VISIBLE_PART = 0.05
+"""The sign is judged by correlation if at least this part of the links' torque is no effect of the joint itself."""
 
-LIGHT = 0.005
-"""Part of the most loaded joint's torque below which a joint shows no sign: a light tool turns its torque round."""
+LIGHT_PART = 0.005
+"""Joints with less than this part of the most loaded joint's torque are not judged: a light tool changes their sign."""
 
-SIZE = (0.4, 2.5)
-"""Slopes of torque over the links' torque, but for the sign, that are the same physical quantity."""
+SLOPE_RANGE = (0.4, 2.5)
+"""Slopes of torque over the links' torque, without the sign, at which both are the same physical quantity."""
 
-FOLLOWS = 0.5
-"""Correlation with what was asked of the motor above which a reading has its sign."""
+COMMAND_CORRELATION = 0.5
+"""A reading that correlates more with the commanded torque has the right sign."""
 
-DRIVEN = 0.5
-"""Part of a torque that must follow the speed for it to be judged by friction."""
+FRICTION_PART = 0.5
+"""Part of a torque's power that must follow the speed for its sign to be judged by friction."""
 
 CUTOFF = 3.0
-"""Motion above it hardly matters to a sign [Hz]."""
+"""Cutoff of the low-pass filter for the comparison [Hz]."""
 
 SAMPLES = 600
 """Samples that a compare_coarsely comparison takes."""
 
-FAST = 0.05
-"""Share of its greatest speed above which a joint is taken as moving one way."""
+SATURATION = 0.05
+"""Part of its greatest speed at which the smoothed sign of a joint's velocity saturates."""
 
 
 def refuse_flipped_torque(log: Log, model: NominalModel) -> None:
@@ -72,14 +73,14 @@ def refuse_flipped_torque(log: Log, model: NominalModel) -> None:
 
 @dataclass(frozen=True, eq=False)
 class CoarseComparison:
-    """A smoothed selection of samples, (M, n) each.
+    """A smoothed, thinned recording beside the torque of the rigid links, (M, n) each.
 
     Attributes:
         position, velocity, acceleration: [rad], [rad/s], [rad/s^2].
         effort: Measured, or commanded where none was measured [N.m].
-        model: What the rigid links would take [N.m]; less the weight where the robot adds that to a command.
-        drive: What was asked of the motors and the weight that the robot added [N.m]; None where it adds none, or
-            only one torque was recorded. With both torques' signs flipped the sum no longer fits the reading.
+        model: Torque of the rigid links [N.m]; without the weight where the robot adds that to a command.
+        drive: Commanded torque plus the weight that the robot added [N.m]; None where it adds none, or only one torque
+            was recorded. If the signs of both torques are wrong, this sum does not fit the reading.
     """
 
     position: Array
@@ -89,10 +90,10 @@ class CoarseComparison:
     model: Array
     drive: Array | None
 
-    def own(self, joint: int) -> Array:
-        """What a joint's own spring, damper and friction could do, (M, 5)."""
+    def joint_basis(self, joint: int) -> Array:
+        """Columns (M, 5) of a spring, damper and friction of one joint."""
         q, v = self.position[:, joint], self.velocity[:, joint]
-        sign = np.clip(v / max(FAST * float(np.abs(v).max()), 1e-12), -1.0, 1.0)
+        sign = np.clip(v / max(SATURATION * float(np.abs(v).max()), 1e-12), -1.0, 1.0)
         return np.column_stack([np.ones_like(q), q, v, sign, q * q])
 
 
@@ -109,9 +110,9 @@ def compare_coarsely(log: Log, model: NominalModel, scale: float = 1.0) -> Coars
     rows = np.arange(log.samples)[inner][:: max(1, log.samples // SAMPLES)]
     q, v, a = q[rows], v[rows], a[rows]
     torque = inverse_dynamics(model.tree, q, v, a)
-    still = np.zeros_like(q)
+    rest = np.zeros_like(q)
     compensated = log.gravity_compensation == "robot"
-    weight = inverse_dynamics(model.tree, q, still, still) if compensated else still
+    weight = inverse_dynamics(model.tree, q, rest, rest) if compensated else rest
     effort = sosfiltfilt(sections, effort, axis=0)[rows]
     if log.effort is None:
         return CoarseComparison(q, v, a, effort, torque - weight, None)
@@ -122,8 +123,8 @@ def compare_coarsely(log: Log, model: NominalModel, scale: float = 1.0) -> Coars
     )
 
 
-def without(values: Array, basis: Array) -> Array:
-    """What is left of values (M,) after a least-squares fit of a basis (M, p)."""
+def residual_of_fit(values: Array, basis: Array) -> Array:
+    """Residual of values (M,) after a least-squares fit of a basis (M, p)."""
     solution = np.linalg.lstsq(basis, values, rcond=None)[0]
     return np.asarray(values - basis @ solution)
 
@@ -132,34 +133,34 @@ def _flipped(found: CoarseComparison, joint: int) -> bool:
     effort, model = found.effort[:, joint], found.model[:, joint]
     if _follows_command(found, joint):
         return False
-    own = found.own(joint)
-    e, m = without(effort, own), without(model, own)
+    own = found.joint_basis(joint)
+    e, m = residual_of_fit(effort, own), residual_of_fit(model, own)
     heaviest = float(found.model.std(axis=0).max())
-    if _size(model) < LIGHT * heaviest:
+    if _size(model) < LIGHT_PART * heaviest:
         return False
-    if _size(m) > SEEN * max(_size(effort), 1e-9) and _size(e) > 0.0:
+    if _size(m) > VISIBLE_PART * max(_size(effort), 1e-9) and _size(e) > 0.0:
         correlation = float(e @ m) / (len(e) * _size(e) * _size(m))
         slope = float(e @ m) / float(m @ m)
-        return correlation < OPPOSED and SIZE[0] < -slope < SIZE[1]
+        return correlation < OPPOSITE and SLOPE_RANGE[0] < -slope < SLOPE_RANGE[1]
     return _drives(effort - model, own) and not _drives(-effort - model, own)
 
 
 def _follows_command(found: CoarseComparison, joint: int) -> bool:
-    """Whether a measured torque rises where more was asked for."""
+    """Whether a measured torque correlates with the commanded one."""
     if found.drive is None:
         return False
     effort, drive = found.effort[:, joint], found.drive[:, joint]
     if min(_size(effort), _size(drive)) == 0.0:
         return False
-    return float(np.corrcoef(effort, drive)[0, 1]) > FOLLOWS
+    return float(np.corrcoef(effort, drive)[0, 1]) > COMMAND_CORRELATION
 
 
 def _drives(rest: Array, own: Array) -> bool:
-    """Whether a torque beyond the links' mostly follows the speed and feeds energy into the joint."""
+    """Whether the torque beyond the links' mostly follows the speed and feeds energy into the joint."""
     basis = own[:, [0, 1, 2, 3]]
     solution = np.linalg.lstsq(basis, rest, rcond=None)[0]
     friction = basis[:, 2:] @ solution[2:]
-    follows = _size(friction) > np.sqrt(DRIVEN) * _size(rest)
+    follows = _size(friction) > np.sqrt(FRICTION_PART) * _size(rest)
     return bool(follows and friction @ own[:, 2] < 0.0)
 
 

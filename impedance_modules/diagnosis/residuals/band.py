@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The frequency band in which recordings are compared, and the zero-phase filter for everything.
+r"""The frequency band in which recordings are compared, and its zero-phase filter.
 
-Differentiating a noisy position twice multiplies its noise by (2 \pi f)^2. The band ends where that noise
-would reach a twentieth of the acceleration itself; one symmetric filter then treats measured torque,
-predicted torque and every candidate's column alike, so that it can favour none of them.
+Differentiating a noisy position twice multiplies its noise by (2 \pi f)^2. The band ends where that noise would reach
+a twentieth of the acceleration. Measured torque, predicted torque and every candidate's column pass the same filter,
+so that it favours none of them.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ BAND_MIN, BAND_MAX = 3.0, 20.0
 """Least and greatest end of the band [Hz]."""
 
 WORK_RATE = 200.0
-"""Recordings above it are thinned to it, behind a zero-phase filter [Hz]."""
+"""Recordings with a higher rate are thinned to it, after a zero-phase filter [Hz]."""
 
-REACH = 2.6
-"""Half the filter's length, in periods of the end of the band; so much is cut off at both ends."""
+HALF_LENGTH = 2.6
+"""Half the filter's length, in periods of the end of the band; this much is cut off at both ends."""
 
-CHUNK = 4_000_000
-"""Values that are filtered in one go: enough to be quick, too few to need memory."""
+CHUNK_SIZE = 4_000_000
+"""Values that are filtered at once, to limit memory."""
 
 
 @dataclass(frozen=True)
@@ -53,25 +53,25 @@ class Band:
 
     @property
     def motion_cutoff(self) -> float:
-        """Far enough above the band to leave it flat."""
+        """Cutoff of the motion filter, far enough above the band to leave it flat [Hz]."""
         return min(2.5 * self.cutoff, 0.4 * self.rate)
 
     @property
     def step(self) -> int:
-        """Every which sample is kept: at least two and a half per period of the highest frequency."""
+        """Decimation: every so many samples one is kept, at least 2.5 per period of the cutoff."""
         return max(1, int(self.rate / (2.5 * self.cutoff)))
 
     @property
     def margin(self) -> int:
         """Samples cut off at each end: whole steps, so that the kept samples fall into place."""
-        return self.step * max(1, round(REACH / self.cutoff * self.rate / self.step))
+        return self.step * max(1, round(HALF_LENGTH / self.cutoff * self.rate / self.step))
 
     @cached_property
     def _taps(self) -> Array:
         return np.asarray(firwin(2 * self.margin + 1, self.cutoff, fs=self.rate, window=("kaiser", 4.0)))
 
     def smooth(self, values: Array) -> Array:
-        """Filters motion without a phase, along the first axis."""
+        """Filters motion with zero phase, along the first axis."""
         return _zero_phase(values, self.rate, self.motion_cutoff)
 
     def kept(self, samples: int) -> int:
@@ -83,7 +83,7 @@ class Band:
         flat = values.reshape(len(values), -1)
         out = np.empty((self.kept(len(values)), flat.shape[1]), dtype=values.dtype)
         taps, first = self._taps.astype(values.dtype), 2 * self.margin // self.step
-        width = max(1, CHUNK // len(values))
+        width = max(1, CHUNK_SIZE // len(values))
         for start in range(0, flat.shape[1], width):
             part = np.ascontiguousarray(flat[:, start : start + width].T)
             slow = upfirdn(taps, part, 1, self.step, axis=1)
@@ -96,7 +96,7 @@ class Band:
 
 
 def choose_cutoff(logs: Sequence[Log]) -> float:
-    """Finds the end of the band that all recordings can bear [Hz]."""
+    """Finds the end of the band that suits all recordings [Hz]."""
     found = [
         _cutoff(log.position[:, joint], log.rate) for log in logs for joint in range(log.position.shape[1])
     ]
@@ -106,12 +106,12 @@ def choose_cutoff(logs: Sequence[Log]) -> float:
 
 
 def filter_length(cutoff: float) -> float:
-    """About what the band's filter throws away at each end of a recording [s]."""
-    return REACH / cutoff
+    """About the length that the band's filter removes at each end of a recording [s]."""
+    return HALF_LENGTH / cutoff
 
 
 def least_duration(cutoff: float, rows: int) -> float:
-    """About how long a stretch [s] so many samples in the band make."""
+    """About how long a segment must be [s] to give so many samples in the band."""
     return rows / 2.5 / cutoff
 
 
@@ -124,7 +124,7 @@ def thin(values: Array, rate: float) -> tuple[Array, float]:
 
 
 def thin_mask(values: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
-    """Thins (N,) marks as `thin` does samples: one stands for all up to the next."""
+    """Thins (N,) marks as `thin` does samples: a kept mark is set if any up to the next one is."""
     step = int(rate * (1.0 + 1e-3) // WORK_RATE)
     return values if step < 2 else np.logical_or.reduceat(values, np.arange(0, len(values), step))
 

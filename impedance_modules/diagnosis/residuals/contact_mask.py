@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Moments in which the robot touches something, as the recording's own phases say: they are left aside.
+"""Contact mask: samples in contact with the environment, by the recording's phases, are not used for the links.
 
-What the surroundings do to the hand is no property of the arm, and a contact that is commanded comes back in every
-repeat: unlike a push it cannot be told from the arm's own torques by its absence. It shows where the links' motion is
-compared with a torque, and there alone: between command and torque sensor, and in velocities, all rows count.
+Forces of the environment are no property of the arm. A commanded contact happens in every repeat, so it cannot be
+recognised as a push is, by its absence in a repeat. It changes only residuals that compare a torque with the motion
+of the links; between command and torque sensor, and in velocities, all rows are used.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from impedance_modules.effects.residual_kinds import Residual, uses_motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Place = TypeVar("Place", bound=Hashable)
+MaskKey = TypeVar("MaskKey", bound=Hashable)
 
 MARGIN = 0.2
-"""Before and after a contact that is left aside with it: the filter's reach [s]."""
+"""Time before and after a contact that is masked with it: the filter's half length [s]."""
 
-MOST = 0.8
-"""Part of all samples that contact may fill; beyond it hardly a motion of the links is left to compare."""
+CONTACT_MAX = 0.8
+"""Part of all samples that may be in contact; beyond it too little free motion is left."""
 
 
 def contact_free_rows(prepared: Sequence[Prepared]) -> dict[int, Mask]:
-    """Recording -> (M,) rows that no contact touches; empty without contact, or with hardly anything else."""
+    """Recording -> (M,) rows free of contact; empty without contact, or where nearly all is contact."""
     out = _contact_free(prepared)
     return {} if _mostly_in_contact(out, prepared) else out
 
@@ -38,7 +38,7 @@ def contact_free_rows(prepared: Sequence[Prepared]) -> dict[int, Mask]:
 def rows_of_link_residuals(
     clear: Mapping[int, Mask], groups: Sequence[tuple[Residual, int]]
 ) -> dict[tuple[int, int], Mask]:
-    """Recording and group -> (M,) rows that count: what touches the robot shows where its links' motion is compared."""
+    """Recording and group -> (M,) rows to use, for the groups whose residual depends on the links' motion."""
     return {
         (r, g): mask
         for r, mask in clear.items()
@@ -48,7 +48,7 @@ def rows_of_link_residuals(
 
 
 def without_links_in_contact(prepared: tuple[Prepared, ...]) -> tuple[Prepared, ...]:
-    """Leaves the links' residuals out where contact fills nearly all, if the drives have residuals of their own."""
+    """Drops the links' residuals where nearly all samples are in contact, if the drives have residuals of their own."""
     rest = [name for name in prepared[0].residuals if not uses_motion(name) and name != "velocity"]
     if not rest or not _mostly_in_contact(_contact_free(prepared), prepared):
         return prepared
@@ -59,33 +59,33 @@ def without_links_in_contact(prepared: tuple[Prepared, ...]) -> tuple[Prepared, 
 
 
 def contact_note(prepared: Sequence[Prepared]) -> tuple[str, ...]:
-    """Says what the phases of contact mean for the answer; nothing without any."""
+    """Says what the phases of contact mean for the result; empty without any."""
     if all(item.log.in_contact is None for item in prepared):
         return ()
-    aside = contact_free_rows(prepared)
-    if not aside and any(uses_motion(name) for name in prepared[0].residuals):
+    free = contact_free_rows(prepared)
+    if not free and any(uses_motion(name) for name in prepared[0].residuals):
         if not _contact_free(prepared):
             return ()
         return (
-            "nearly everything is spent in contact, by the phases; nothing is left aside for it, and what the"
-            " surroundings do may be taken for the arm's (record a motion in free air)",
+            "nearly everything is spent in contact, by the phases; nothing is masked for it, and forces of the"
+            " environment may be taken for the arm's (record a motion in free air)",
         )
-    if not aside:
+    if not free:
         return (
             "nearly everything is spent in contact, by the phases: only drives and sensors are judged, not the links"
             " (record a motion in free air)",
         )
     seconds = sum(
         float((~mask).sum()) * item.band.step / item.band.rate
-        for mask, item in ((mask, prepared[r]) for r, mask in aside.items())
+        for mask, item in ((mask, prepared[r]) for r, mask in free.items())
     )
     return (
-        f"{seconds:.3g} s in contact, by the phases, are left aside for the links: they say nothing about the arm",
+        f"{seconds:.3g} s in contact, by the phases, are not used for the links: forces of the environment act there",
     )
 
 
-def intersect_masks(first: Mapping[Place, Mask], second: Mapping[Place, Mask]) -> dict[Place, Mask]:
-    """Rows that count for two reasons at once."""
+def intersect_masks(first: Mapping[MaskKey, Mask], second: Mapping[MaskKey, Mask]) -> dict[MaskKey, Mask]:
+    """Rows that both masks keep; a place that only one mask has keeps that one."""
     out = dict(first)
     for place, mask in second.items():
         out[place] = out[place] & mask if place in out else mask
@@ -102,7 +102,7 @@ def _contact_free(prepared: Sequence[Prepared]) -> dict[int, Mask]:
 
 def _mostly_in_contact(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) -> bool:
     lost = sum(int((~mask).sum()) for mask in clear.values())
-    return lost > MOST * sum(item.samples for item in prepared)
+    return lost > CONTACT_MAX * sum(item.samples for item in prepared)
 
 
 def _near_contact(item: Prepared) -> Mask:

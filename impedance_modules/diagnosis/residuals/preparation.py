@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Stage 2: from a log to residuals, all in one band: torque that the real joints consume beyond the model.
+r"""From a log to its residuals: torque that the real joints need beyond the model, in one frequency band.
 
 Which residuals exist follows from what was measured (see `effects.residuals`): actuator and link with a joint
 sensor, motor with a motor's torque, whole with a command alone, and velocity, the reported against the
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """One recording, ready to be explained.
+    """One recording with its residuals and the columns of what is uncertain in the nominal model.
 
     Attributes:
         log: The recording, thinned.
@@ -49,8 +49,8 @@ class Prepared:
         residuals: Name -> (M, n) residual in the band, thinned to M samples.
         link_nuisance: (M, n, 10 n) columns of the bodies' inertial parameters.
         weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
-        timing_nuisance: (M, n) by how much the residual changes per second that the drive is later than believed.
-        reading_nuisance: (M, n) likewise per second that readings of effort are early, in the effort itself.
+        timing_nuisance: (M, n) change of the residual per second of additional command delay.
+        reading_nuisance: (M, n) change of the effort per second that its readings are early.
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
     """
 
@@ -76,7 +76,7 @@ class Prepared:
 
     @contextmanager
     def remembered(self) -> Iterator[None]:
-        """Keeps the regressor of all bodies while candidates are evaluated; it is too large to stay."""
+        """Keeps the regressor of all bodies while candidates are evaluated; it is too large to be kept for longer."""
         rigid = self.signals.model
         if not isinstance(rigid, BatchedRigidModel):
             yield
@@ -87,9 +87,13 @@ class Prepared:
 
 
 def prepare(
-    log: Log, model: NominalModel, rigid: BatchedRigidModel, cutoff: float, worn: Sequence[EffectSpec] = ()
+    log: Log,
+    model: NominalModel,
+    rigid: BatchedRigidModel,
+    cutoff: float,
+    known_effects: Sequence[EffectSpec] = (),
 ) -> Prepared:
-    """Computes a log's residuals against the model that wears some effects of a patch."""
+    """Computes a log's residuals against the model with the known effects of a patch applied."""
     log = _thinned(log)
     band = Band(log.rate, cutoff)
     q = band.smooth(log.position)
@@ -112,13 +116,13 @@ def prepare(
         position_command=log.position_command,
         reflected_inertia=model.reflected_inertia,
         motor_damping=model.motor_damping,
-        # Without a measured effort nobody asks where it was measured.
+        # Without a measured effort this is not used.
         effort_source="motor" if log.effort_source == "motor" else "joint_sensor",
         spring_compliance=model.compliance if log.effort_source == "joint_sensor" else 0.0 * model.compliance,
     )
     torque = regressor @ model.tree.inertia
     residuals = {
-        name: band.condense(values - _worn(worn, signals, name))
+        name: band.condense(values - _effect_torque(known_effects, signals, name))
         for name, values in _residuals(log, model, signals, torque).items()
     }
     load = effort if effort is not None else torque
@@ -143,11 +147,11 @@ def prepare(
 
 
 def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict[Residual, Array]:
-    """What goes in at one place minus what the model says comes out at the next."""
+    """Torque that enters a port minus the torque that the model predicts behind it, (N, n) each."""
     found: dict[Residual, Array] = {}
     rotor = s.motor_acceleration * model.reflected_inertia + s.motor_velocity * model.motor_damping
     if s.effort is not None and log.effort_source == "joint_sensor":
-        # The sensor is the spring: what its own damping passes on is not in the reading.
+        # The spring is the sensor: torque through the spring's damping is not in the reading.
         through = s.effort + model.spring_damping * s.spring_compliance * s.rate_of(s.effort)
         found["link"] = through - torque
         if s.drive is not None:
@@ -163,10 +167,10 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
     return found
 
 
-def _worn(worn: Sequence[EffectSpec], signals: Signals, residual: Residual) -> Array:
-    """What the effects of a patch add to a residual, (N, n); joints that were not recorded count for nothing."""
+def _effect_torque(known_effects: Sequence[EffectSpec], signals: Signals, residual: Residual) -> Array:
+    """What known effects add to a residual, (N, n); effects on joints that were not recorded are ignored."""
     total = np.zeros((signals.samples, signals.n))
-    for spec in worn:
+    for spec in known_effects:
         effect = CATALOGUE[spec.effect]
         for key, symbols in spec.parameters.items():
             values = {symbol: quantity.value for symbol, quantity in symbols.items()}
@@ -177,7 +181,7 @@ def _worn(worn: Sequence[EffectSpec], signals: Signals, residual: Residual) -> A
 
 
 def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | None:
-    """Torque asked of the motors: the command when it acts, plus the weight where the robot adds it."""
+    """Torque of the motors: the delayed command, plus the weight where the robot adds it."""
     if log.command is None:
         return None
     time = np.arange(log.samples) / log.rate
@@ -187,7 +191,7 @@ def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | 
 
 
 def _lagged(values: Array, time_constant: float, time: Array) -> Array:
-    """Follows velocities (N, n) with the reported ones' first-order lag."""
+    """Passes velocities (N, n) through the first-order lag of the reported ones."""
     return np.column_stack([lagged(column, time, time_constant) for column in values.T])
 
 
