@@ -61,7 +61,7 @@ def module_columns(module: str, joints: Iterable[str]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class ColumnLayout:
+class EpisodeColumns:
     """Column names sorted by what they mean.
 
     Attributes:
@@ -76,7 +76,7 @@ class ColumnLayout:
     extra: tuple[str, ...]
 
 
-def parse_columns(names: Sequence[str], place: str) -> ColumnLayout:
+def parse_columns(names: Sequence[str], place: str) -> EpisodeColumns:
     """Sorts column names by meaning.
 
     Args:
@@ -113,7 +113,7 @@ def parse_columns(names: Sequence[str], place: str) -> ColumnLayout:
         }
         for kind in FRAME_KINDS
     }
-    return ColumnLayout(joints, frames, tuple(extra))
+    return EpisodeColumns(joints, frames, tuple(extra))
 
 
 def _some(names: Sequence[str], most: int = 6) -> str:

@@ -22,7 +22,7 @@ from impedance_modules.episode.columns import (
     PHASE,
     TANK,
     TIME,
-    ColumnLayout,
+    EpisodeColumns,
     parse_columns,
 )
 from impedance_modules.episode.data import Episode, Matrix, Texts, Vector
@@ -128,11 +128,11 @@ class _Columns:
     def has(self, kind: str) -> bool:
         return kind in self._kinds and kind in self._schema.names
 
-    def joints(self, kind: str, layout: ColumnLayout) -> Mapping[str, Vector]:
+    def joints(self, kind: str, layout: EpisodeColumns) -> Mapping[str, Vector]:
         wanted = layout.joints[kind] if kind in self._kinds else {}
         return MappingProxyType({joint: self.number(name) for joint, name in wanted.items()})
 
-    def frames(self, kind: str, layout: ColumnLayout, rows: int) -> Mapping[str, Matrix]:
+    def frames(self, kind: str, layout: EpisodeColumns, rows: int) -> Mapping[str, Matrix]:
         wanted = layout.frames[kind] if kind in self._kinds else {}
         return MappingProxyType({frame: self._frame(names, rows) for frame, names in wanted.items()})
 

@@ -146,7 +146,7 @@ class Clock:
             )
 
 
-class Plausibility:
+class PlausibilityCheck:
     """Finds numbers that cannot mean what the map says; takes the blocks of one recording in order.
 
     Attributes:
@@ -284,7 +284,7 @@ class SpeedMatch:
     """
 
     def __init__(self, mapping: ImportMap, path: Path, *, rate_stated: bool) -> None:
-        """Starts before the first sample; arguments as of `Plausibility`."""
+        """Starts before the first sample; arguments as of `PlausibilityCheck`."""
         self._path = path
         self._prismatic = mapping.prismatic
         self._rate = mapping.rate
@@ -312,7 +312,7 @@ class SpeedMatch:
         ).cumsum(0)
         moved, said = np.diff(position[::SPAN], axis=0), np.diff(summed[::SPAN], axis=0)
         self._spans += len(moved)
-        with np.errstate(over="ignore", invalid="ignore"):  # Plausibility refuses absurd numbers
+        with np.errstate(over="ignore", invalid="ignore"):  # PlausibilityCheck refuses absurd numbers
             self._sums += np.array([(moved * moved).sum(0), (moved * said).sum(0), (said * said).sum(0)])
 
     def ratios(self) -> dict[str, float]:

@@ -22,7 +22,7 @@ from impedance_modules.episode.imports.binary_tables import ParquetTable
 from impedance_modules.episode.imports.convert import MappedTable, blocks, column_order, decimated, map_table
 from impedance_modules.episode.imports.generated_maps import bag_map, recorder_map
 from impedance_modules.episode.imports.import_map import ImportMap
-from impedance_modules.episode.imports.log_checks import Clock, Plausibility, SpeedMatch
+from impedance_modules.episode.imports.log_checks import Clock, PlausibilityCheck, SpeedMatch
 from impedance_modules.episode.imports.log_sources import (
     RecordingFiles,
     kind_of,
@@ -117,7 +117,7 @@ def import_recording(
     ]
     path, row_word = recording.paths[0], parts[0].table.row_word
     stated = _stated_rate(parts, mapping, rate)
-    watch = _CheckedStream(Clock(path, row_word), Plausibility(mapping, path, rate_stated=stated is not None))
+    watch = _CheckedStream(Clock(path, row_word), PlausibilityCheck(mapping, path, rate_stated=stated is not None))
     stream = decimated(watch.passing(blocks(parts, mapping, stated)), mapping)
     names = (TIME, *column_order(mapping))
     place = str(path)
@@ -178,7 +178,7 @@ def copy_episode(path: Path, target: Path) -> Imported:
 class _CheckedStream:
     """Hands blocks on and shows each to the checks, which finish after the last one."""
 
-    def __init__(self, clock: Clock, plausibility: Plausibility) -> None:
+    def __init__(self, clock: Clock, plausibility: PlausibilityCheck) -> None:
         self.clock = clock
         self.plausibility = plausibility
 
