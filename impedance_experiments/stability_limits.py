@@ -150,8 +150,8 @@ def _summary(limits: list[Limit]) -> str:
     return (
         f"The thesis's hand springs at the posture of its eq. 5.1 are made stiffer (task `{TASK}`), their damping "
         "ratio kept, the hand is hit lightly, and the motion of the plant's motors is measured: does the "
-        f"oscillation decay or grow? Bisection finds the limit, {first.simulated:.0f} N/m at {first.loop.rate:g} Hz and ratio "
-        f"{first.loop.ratio:g}; "
+        f"oscillation decay or grow? Bisection finds the limit, {first.simulated:.0f} N/m at {first.loop.rate:g} Hz "
+        f"and ratio {first.loop.ratio:g}; "
         f"`impedance check` predicts {first.predicted:.0f} N/m before anything moves, from elastic joints, delay, "
         "sampling and the robot's velocity filter. At the other end a very soft hand "
         f"(`{SOFT_TASK}`) holds 0.2 kg that the robot does not compensate (`--effects {PATCH}.yaml`)."

@@ -170,7 +170,8 @@ DIFFERENCES = """
 - **One stroke is not enough** for stiffness: the thesis's single pass shows shape and deflection together. Where the
   force hardly varies, the map gives no stiffness and leaves the cell empty.
 - **Stiff places** are measured less well than soft ones: on the table 20 N sink in by half a millimetre, about two
-  steps of the joint encoders at the hand. The standard errors count scatter, not the encoders' grid, and are too small there.
+  steps of the joint encoders at the hand. The standard errors count scatter, not the encoders' grid, and are too small
+  there.
 - **The flat part** has no one stiffness: the sheet bulges by a tenth of a millimetre between supports, and where the
   hand reaches the table too, both carry. The line shows the sum where the mean pressed height reaches both.
 - **Friction** is taken out by the slope of the touched path; a hand that reverses within a cell gives wrong values.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Records ten minutes at 1 kHz, as fast as it goes, and prints time, memory and size.
 
-Run: ``python benchmarks/episode_memory.py [minutes]``. The bound is 600 MB for the whole process.
+Run: ``python -m benchmarks.runs.episode_memory [minutes]``. The bound is 600 MB for the whole process.
 """
 
 from __future__ import annotations

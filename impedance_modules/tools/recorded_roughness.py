@@ -117,7 +117,8 @@ def _too_few(found: int, least: int, directions: Directions, finder: WindowFinde
     strokes = "".join(f"; {count} strokes were {why}" for why, count in finder.refused.items())
     return (
         f"too few windows: {found} strokes along {_vector_text(directions.along)} keep contact for {LENGTH:g} s, "
-        f"{least} are needed{strokes} (valid: a longer episode, another --along, a wider --from and --to, or fewer --windows)"
+        f"{least} are needed{strokes} (valid: a longer episode, another --along, a wider --from and --to, "
+        "or fewer --windows)"
     )
 
 
