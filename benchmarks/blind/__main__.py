@@ -54,11 +54,11 @@ def generate(
 @click.option("--answers", type=click.Path(path_type=Path), help="Kept here; OUT/answers when left out.")
 @click.option("--timeout", type=float, default=180.0, show_default=True, help="Processor time per case [s].")
 @click.option("--jobs", type=click.IntRange(1), default=2, show_default=True)
-def run(out: Path, answers: Path | None, **wish: Any) -> None:
+def run(out: Path, answers: Path | None, **selection: Any) -> None:
     """Diagnoses the cases that have no answer yet; answers go to OUT/answers/TOOL."""
-    from benchmarks.blind.run import ANSWERS, Wish, run_all
+    from benchmarks.blind.run import ANSWERS, Selection, run_all
 
-    run_all(out, answers or out / ANSWERS, Wish(**wish), lambda text: click.echo(text, err=True))
+    run_all(out, answers or out / ANSWERS, Selection(**selection), lambda text: click.echo(text, err=True))
 
 
 @main.command()

@@ -24,7 +24,7 @@ from benchmarks.blind.case import (
     plant_effect,
     rich_episodes,
     task_episodes,
-    twins_of,
+    equivalents_of,
     write_logs,
 )
 from benchmarks.blind.catalogue import CATALOGUE, CONFUSABLE, OPEN_SET, are_one
@@ -136,19 +136,19 @@ def _plant(
         wishes = [(CATALOGUE[usual[int(rng.integers(len(usual)))]], 3.0, None)]
     if not wishes:
         return []
-    yardstick = measure(bench, episodes, int(rng.integers(2**31)))
+    scale = measure(bench, episodes, int(rng.integers(2**31)))
     planted: list[Planted] = []
     for draw, size, at in wishes:
-        one = plant_effect(draw, bench, yardstick, episodes, size, rng, at, block == "F")
+        one = plant_effect(draw, bench, scale, episodes, size, rng, at, block == "F")
         while any(_same_place(one, other) for other in planted):
-            one = plant_effect(draw, bench, yardstick, episodes, size, rng, at)
-        twins = twins_of(one, bench, yardstick, episodes, rng) if block in "ACFG" else ()
-        for _ in range(REDRAWN if block == "F" and twins else 0):
-            one = plant_effect(draw, bench, yardstick, episodes, size, rng, at, True)
-            twins = twins_of(one, bench, yardstick, episodes, rng)
-            if not twins:
+            one = plant_effect(draw, bench, scale, episodes, size, rng, at)
+        equivalents = equivalents_of(one, bench, scale, episodes, rng) if block in "ACFG" else ()
+        for _ in range(REDRAWN if block == "F" and equivalents else 0):
+            one = plant_effect(draw, bench, scale, episodes, size, rng, at, True)
+            equivalents = equivalents_of(one, bench, scale, episodes, rng)
+            if not equivalents:
                 break
-        planted.append(replace(one, twins=twins))
+        planted.append(replace(one, equivalents=equivalents))
     return planted
 
 
@@ -201,7 +201,7 @@ def _write(
             "joints": list(one.injection.joints),
             "port": one.injection.port,
             "parameters": one.injection.parameters(one.amplitude),
-            "also": sorted({*one.injection.also, *one.twins}),
+            "also": sorted({*one.injection.also, *one.equivalents}),
             "size": one.size.net,
             "size_in_weakest_motion": one.size.weakest,
             "size_with_inertias": one.size.raw,

@@ -20,7 +20,7 @@ def payload(s: Situation) -> Injection:
     place = np.array([*s.rng.uniform(-0.03, 0.03, 2), s.rng.uniform(0.0, 0.08)])
     hand = hand_of(s.arm.side)
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return replace(
             arm,
             links=tuple(with_payload(link, a, place) if link.name == hand else link for link in arm.links),
@@ -29,7 +29,7 @@ def payload(s: Situation) -> Injection:
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {hand: {"m": a, "cx": float(place[0]), "cy": float(place[1]), "cz": float(place[2])}}
 
-    return Injection("payload", (s.drive.joints[-1],), "link", 0.1, 2.2, wear, truth)
+    return Injection("payload", (s.drive.joints[-1],), "link", 0.1, 2.2, apply, truth)
 
 
 def link_inertia(s: Situation) -> Injection:
@@ -37,7 +37,7 @@ def link_inertia(s: Situation) -> Injection:
     chosen = next(link for link in s.arm.links if link.joint == s.name)
     mass = chosen.inertial.mass if chosen.inertial is not None else 0.0
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return replace(
             arm,
             links=tuple(
@@ -48,27 +48,27 @@ def link_inertia(s: Situation) -> Injection:
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {chosen.name: {"dm": a}}
 
-    return Injection("link_inertia", (s.name,), "link", 0.1 * mass, 1.0 * mass, wear, truth)
+    return Injection("link_inertia", (s.name,), "link", 0.1 * mass, 1.0 * mass, apply, truth)
 
 
 def base_tilt(s: Situation) -> Injection:
     """The base leans: gravity turns by rx, ry in its axes."""
     way = float(s.rng.uniform(0, 2 * np.pi))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return replace(arm, gravity=tilted(a * np.cos(way), a * np.sin(way)))
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {"base": {"rx": a * float(np.cos(way)), "ry": a * float(np.sin(way))}}
 
-    return Injection("base_tilt", (), "link", 0.02, 0.3, wear, truth)
+    return Injection("base_tilt", (), "link", 0.02, 0.3, apply, truth)
 
 
 def external_contact(s: Situation) -> Injection:
     """Somebody pushes the hand now and then, each time differently."""
     seed = int(s.rng.integers(2**31))
 
-    def wear(arm: Arm, a: float, episode: int) -> Arm:
+    def apply(arm: Arm, a: float, episode: int) -> Arm:
         rng = np.random.default_rng((seed, episode))
         pushes = []
         for begin in (2.0, 7.0):
@@ -80,7 +80,7 @@ def external_contact(s: Situation) -> Injection:
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {hand_of(s.arm.side): {"F": a}}
 
-    return Injection("external_contact", (), "contact", 3.0, 60.0, wear, truth)
+    return Injection("external_contact", (), "contact", 3.0, 60.0, apply, truth)
 
 
 def tilted(rx: float, ry: float) -> Array:

@@ -19,7 +19,7 @@ from benchmarks.blind.injection import Draw, Injection, Situation
 from benchmarks.blind.logs import record, save
 from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
 from benchmarks.blind.records import Faults
-from benchmarks.blind.yardstick import ALIKE, Size, Yardstick
+from benchmarks.blind.noise_scale import ALIKE, Size, NoiseScale
 
 Array = NDArray[np.float64]
 
@@ -51,12 +51,12 @@ class Bench:
 
 @dataclass(frozen=True)
 class Planted:
-    """An effect with its amplitude, the size it turned out to have, and effects as good as it (`twins_of`)."""
+    """An effect with its amplitude, the size it turned out to have, and effects as good as it (`equivalents_of`)."""
 
     injection: Injection
     amplitude: float
     size: Size
-    twins: tuple[str, ...] = ()
+    equivalents: tuple[str, ...] = ()
 
 
 def draw_bench(rng: np.random.Generator, noise_level: float) -> Bench:
@@ -135,10 +135,10 @@ def on_a_surface(bench: Bench, episodes: Sequence[Episode]) -> Bench:
     return replace(bench, arm=replace(bench.arm, surface=Surface(height, 0.03, 1.0, 0.3)))
 
 
-def measure(bench: Bench, episodes: Sequence[Episode], seed: int) -> Yardstick:
-    """Returns the yardstick on the first run and one of another kind."""
+def measure(bench: Bench, episodes: Sequence[Episode], seed: int) -> NoiseScale:
+    """Returns the scale on the first run and one of another kind."""
     distinct = [one.motion for one in episodes if one.repeats is None and not one.held_out][:2]
-    return Yardstick(bench.arm, distinct, bench.gains, bench.noise_level, seed)
+    return NoiseScale(bench.arm, distinct, bench.gains, bench.noise_level, seed)
 
 
 def situation(bench: Bench, episodes: Sequence[Episode], joint: int, rng: np.random.Generator) -> Situation:
@@ -150,7 +150,7 @@ def situation(bench: Bench, episodes: Sequence[Episode], joint: int, rng: np.ran
 
 
 def plant_effect(
-    draw: Draw, bench: Bench, yardstick: Yardstick, episodes: Sequence[Episode], wanted: float,
+    draw: Draw, bench: Bench, scale: NoiseScale, episodes: Sequence[Episode], wanted: float,
     rng: np.random.Generator, joint: int | None = None, pure: bool = False,
 ) -> Planted:  # fmt: skip
     """Draws joint and shape until the effect has the wanted size and shows in every motion; or the best of six draws.
@@ -158,11 +158,11 @@ def plant_effect(
     Args:
         draw: The effect.
         bench: Arm without it.
-        yardstick: Measures sizes.
+        scale: Measures sizes.
         episodes: All runs of the case.
         wanted: Net size over noise.
         rng: Of the case.
-        joint: That must wear it, or None for any.
+        joint: That must apply it, or None for any.
         pure: Refuses shapes by which a second effect id would be true as well.
     """
     best: tuple[float, Planted] | None = None
@@ -171,7 +171,7 @@ def plant_effect(
         injection = draw(situation(bench, episodes, at, rng))
         if pure and injection.also:
             continue
-        amplitude, size = yardstick.tune(injection, wanted)
+        amplitude, size = scale.tune(injection, wanted)
         planted = Planted(injection, amplitude, size)
         misses = abs(np.log(max(size.net, 1e-6) / wanted))
         hidden = max(np.log(SHOWN * size.net / max(size.weakest, 1e-6)), 0.0) if size.net > 0 else 0.0
@@ -180,12 +180,12 @@ def plant_effect(
         if wanted <= size.net <= 1.5 * wanted and hidden == 0.0:
             return planted
     if best is None:
-        return plant_effect(draw, bench, yardstick, episodes, wanted, rng, joint, pure)
+        return plant_effect(draw, bench, scale, episodes, wanted, rng, joint, pure)
     return best[1]
 
 
-def twins_of(
-    one: Planted, bench: Bench, yardstick: Yardstick, episodes: Sequence[Episode], rng: np.random.Generator
+def equivalents_of(
+    one: Planted, bench: Bench, scale: NoiseScale, episodes: Sequence[Episode], rng: np.random.Generator
 ) -> tuple[str, ...]:
     """Returns the simpler effects that no method could tell from this one at its size, in these logs."""
     injection, found = one.injection, []
@@ -195,7 +195,7 @@ def twins_of(
     for name in SIMPLER.get(injection.effect, ()):
         place = situation(bench, episodes, joint, rng)
         other = draw_at(CATALOGUE[name], ports_beside(injection.port), place)
-        if yardstick.apart(injection, one.amplitude, other)[1] < ALIKE:
+        if scale.apart(injection, one.amplitude, other)[1] < ALIKE:
             found.append(name)
     return tuple(found)
 
@@ -213,11 +213,11 @@ def ports_beside(port: str) -> tuple[str, ...]:
     return ("timing", "actuator") if port == "timing" else (port, "timing")
 
 
-def wear_all(bench: Bench, planted: Sequence[Planted], episode: int) -> Arm:
+def apply_all(bench: Bench, planted: Sequence[Planted], episode: int) -> Arm:
     """Returns the arm of one episode with everything that is wrong."""
     arm = bench.arm
     for one in planted:
-        arm = one.injection.wear(arm, one.amplitude, episode)
+        arm = one.injection.apply(arm, one.amplitude, episode)
     return arm
 
 
@@ -233,7 +233,7 @@ def write_logs(
     folder.mkdir(parents=True, exist_ok=True)
     names: dict[str, list[str]] = {"logs": [], "holdout": []}
     for i, episode in enumerate(episodes):
-        arm = wear_all(bench, planted, i)
+        arm = apply_all(bench, planted, i)
         raw = simulate(arm, episode.motion, *bench.gains, Noise(seed + 1000 + i, bench.noise_level))
         columns = record(raw, arm.drive, arm.faults)
         touching = ["contact" if touch > 0.5 else "free" for touch in columns["touch"]] if phases else None

@@ -68,103 +68,103 @@ def soft_stop(s: Situation) -> Injection:
     """A rubber stop that the joint reaches on one side only."""
     at = float(s.centre[s.joint] + s.rng.uniform(0.02, 0.1))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, stop=a, stop_at=at)
 
-    return Injection("soft_stop", (s.name,), "link", 10.0, 300.0, wear, _none)
+    return Injection("soft_stop", (s.name,), "link", 10.0, 300.0, apply, _none)
 
 
 def torque_dropouts(s: Situation) -> Injection:
     """The driver loses part of the command for some tens of milliseconds, at random."""
     seed = int(s.rng.integers(2**31))
 
-    def wear(arm: Arm, a: float, episode: int) -> Arm:
+    def apply(arm: Arm, a: float, episode: int) -> Arm:
         faults = replace(arm.faults, drop_times=_times(seed, episode, 0.08, 0.25))
         return with_joint(replace(arm, faults=faults), s.joint, drop=a)
 
-    return Injection("torque_dropouts", (s.name,), "actuator", 0.5, 1.0, wear, _none)
+    return Injection("torque_dropouts", (s.name,), "actuator", 0.5, 1.0, apply, _none)
 
 
 def damaged_tooth(s: Situation) -> Injection:
     """One bad tooth of a belt pulls once per turn of its pulley."""
     at, every = float(s.rng.uniform(0, 0.3)), float(s.rng.uniform(0.25, 0.4))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, bump=a, bump_at=at, bump_every=every, bump_width=0.02)
 
-    return Injection("damaged_tooth", (s.name,), "actuator", 0.5, 12.0, wear, _none)
+    return Injection("damaged_tooth", (s.name,), "actuator", 0.5, 12.0, apply, _none)
 
 
 def cable_snag(s: Situation) -> Injection:
     """A cable catches, is stretched, and slips off."""
     at = float(s.centre[s.joint] + s.rng.uniform(-0.05, 0.05))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, snag=a / 0.12, snag_at=at, snag_force=a)
 
-    return Injection("cable_snag", (s.name,), "link", 0.5, 20.0, wear, _none)
+    return Injection("cable_snag", (s.name,), "link", 0.5, 20.0, apply, _none)
 
 
 def time_varying_torque_constant(s: Situation) -> Injection:
     """The motor's torque constant swings with time."""
     period = float(s.rng.uniform(2.5, 5.0))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, kt_a=a, kt_T=period)
 
-    return Injection("time_varying_torque_constant", (s.name,), "actuator", 0.05, 0.5, wear, _none)
+    return Injection("time_varying_torque_constant", (s.name,), "actuator", 0.05, 0.5, apply, _none)
 
 
 def vibration_tone(s: Situation) -> Injection:
     """A machine next door shakes the motor at its own frequency."""
     tone = float(2 * np.pi * s.rng.uniform(3.0, 6.0))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, vibration=a, tone=tone)
 
-    return Injection("vibration_tone", (s.name,), "actuator", 0.2, 8.0, wear, _none)
+    return Injection("vibration_tone", (s.name,), "actuator", 0.2, 8.0, apply, _none)
 
 
 def driver_dead_zone(s: Situation) -> Injection:
     """The driver ignores small commands."""
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, dead=a)
 
-    return Injection("driver_dead_zone", (s.name,), "actuator", 0.2, 5.0, wear, _none)
+    return Injection("driver_dead_zone", (s.name,), "actuator", 0.2, 5.0, apply, _none)
 
 
 def position_dependent_friction(s: Situation) -> Injection:
     """Friction that comes and goes along the stroke."""
     often = float(s.rng.uniform(10.0, 20.0))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(
             arm, "actuator", s.joint, fc=a, pa=0.9, pn=often, **bristles_of(s, "actuator", a, 4e-4)
         )
 
-    return Injection("position_dependent_friction", (s.name,), "actuator", 0.3, 12.0, wear, _none)
+    return Injection("position_dependent_friction", (s.name,), "actuator", 0.3, 12.0, apply, _none)
 
 
 def encoder_eccentricity(s: Situation) -> Injection:
     """The encoder's disc sits off its axis."""
     phase = float(s.rng.uniform(0, 2 * np.pi))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, eccentric=a, eccentric_phase=phase)
 
-    return Injection("encoder_eccentricity", (s.name,), "sensor", 0.02, 0.3, wear, _none)
+    return Injection("encoder_eccentricity", (s.name,), "sensor", 0.02, 0.3, apply, _none)
 
 
 def sensor_freeze(s: Situation) -> Injection:
     """All sensors of a joint repeat their last value for a while."""
     seed = int(s.rng.integers(2**31))
 
-    def wear(arm: Arm, a: float, episode: int) -> Arm:
+    def apply(arm: Arm, a: float, episode: int) -> Arm:
         faults = replace(arm.faults, freeze_times=_times(seed, episode, a, a))
         return with_joint(replace(arm, faults=faults), s.joint, freeze=1.0)
 
-    return Injection("sensor_freeze", (s.name,), "sensor", 0.04, 0.25, wear, _none)
+    return Injection("sensor_freeze", (s.name,), "sensor", 0.04, 0.25, apply, _none)
 
 
 def _none(_: float) -> Parameters:

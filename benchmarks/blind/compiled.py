@@ -181,7 +181,7 @@ def impedance_law(stiffness, damping, spring, reference, seen, estimate, limits,
         out[i] = min(max(torque, -limits[i]), limits[i])
 
 
-def calm(n: int, dtype: np.dtype) -> np.ndarray:
+def nominal_records(n: int, dtype: np.dtype) -> np.ndarray:
     """Returns the sensors' and frictions' state before the first sample."""
     state = np.zeros(n, dtype)
     state["last"] = np.nan

@@ -18,10 +18,10 @@ def torque_offset(s: Situation) -> Injection:
     where = {"actuator": "offset", "link": "preload", "sensor": "effort_offset"}[port]
     given = 1.0 if port == "sensor" else -1.0
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, **{where: given * sign * a})
 
-    return Injection("torque_offset", (s.name,), port, 0.1, 10.0, wear, lambda a: {s.name: {"c": sign * a}})
+    return Injection("torque_offset", (s.name,), port, 0.1, 10.0, apply, lambda a: {s.name: {"c": sign * a}})
 
 
 def torque_gain(s: Situation) -> Injection:
@@ -29,10 +29,10 @@ def torque_gain(s: Situation) -> Injection:
     port, sign = str(s.rng.choice(["actuator", "sensor"])), float(s.rng.choice([-1, 1]))
     where = "gain" if port == "actuator" else "effort_gain"
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, **{where: 1 + sign * a})
 
-    return Injection("torque_gain", (s.name,), port, 0.03, 0.6, wear, lambda a: {s.name: {"s": 1 + sign * a}})
+    return Injection("torque_gain", (s.name,), port, 0.03, 0.6, apply, lambda a: {s.name: {"s": 1 + sign * a}})
 
 
 def reflected_inertia(s: Situation) -> Injection:
@@ -40,7 +40,7 @@ def reflected_inertia(s: Situation) -> Injection:
     sign = float(s.rng.choice([-1, 1]))
     believed = float(s.drive.rotor_inertia[s.joint])
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return replace(
             arm, joints=replace(arm.joints, rotor_inertia=_set(arm.joints.rotor_inertia, s.joint, sign * a))
         )
@@ -49,23 +49,23 @@ def reflected_inertia(s: Situation) -> Injection:
         return {s.name: {"Ia": believed + sign * a}}
 
     most = 0.8 * believed if sign < 0 else 3 * believed
-    return Injection("reflected_inertia", (s.name,), "actuator", 0.1 * believed, most, wear, truth)
+    return Injection("reflected_inertia", (s.name,), "actuator", 0.1 * believed, most, apply, truth)
 
 
 def backlash(s: Situation) -> Injection:
     """A gap between motor and spring."""
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return replace(arm, joints=replace(arm.joints, gap=_set(arm.joints.gap, s.joint, a)))
 
-    return Injection("backlash", (s.name,), "actuator", 0.01, 0.1, wear, lambda a: {s.name: {"b": a}})
+    return Injection("backlash", (s.name,), "actuator", 0.01, 0.1, apply, lambda a: {s.name: {"b": a}})
 
 
 def joint_elasticity(s: Situation) -> Injection:
     """A spring softer than believed: K / (1 + a)."""
     believed = float(s.drive.spring_stiffness[s.joint])
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         stiffness = arm.joints.stiffness.copy()
         stiffness[s.joint] = believed / (1 + a)
         return replace(arm, joints=replace(arm.joints, stiffness=stiffness))
@@ -76,7 +76,7 @@ def joint_elasticity(s: Situation) -> Injection:
         "actuator",
         0.5,
         4.0,
-        wear,
+        apply,
         lambda a: {s.name: {"K": believed / (1 + a)}},
     )
 
@@ -85,24 +85,24 @@ def parallel_spring(s: Situation) -> Injection:
     """A spring beside the joint: -k (q - q0)."""
     rest = float(s.centre[s.joint] + s.rng.uniform(-0.5, 0.5))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, spring=a, preload=a * rest)
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {s.name: {"k": a, "q0": rest, "preload": a * rest}}
 
-    return Injection("parallel_spring", (s.name,), "link", 1.0, 60.0, wear, truth)
+    return Injection("parallel_spring", (s.name,), "link", 1.0, 60.0, apply, truth)
 
 
 def torque_ripple(s: Situation) -> Injection:
     """A sin(N theta + phase)."""
     order, phase = int(s.rng.integers(8, 50)), float(s.rng.uniform(0, 2 * np.pi))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, ripple=a, order=order, phase=phase)
 
     return Injection(
-        "torque_ripple", (s.name,), "actuator", 0.2, 5.0, wear, lambda a: {s.name: {"A": a, "N": order}}
+        "torque_ripple", (s.name,), "actuator", 0.2, 5.0, apply, lambda a: {s.name: {"A": a, "N": order}}
     )
 
 
@@ -110,7 +110,7 @@ def command_delay(s: Situation) -> Injection:
     """Commands arrive later than believed, at one joint or at all."""
     names = s.drive.joints if s.rng.random() < 0.5 else (s.name,)
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         for joint in names:
             arm = with_joint(arm, arm.drive.joints.index(joint), delay=a)
         return arm
@@ -118,16 +118,16 @@ def command_delay(s: Situation) -> Injection:
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {joint: {"T": a} for joint in names}
 
-    return Injection("command_delay", tuple(names), "timing", 0.004, 0.06, wear, truth)
+    return Injection("command_delay", tuple(names), "timing", 0.004, 0.06, apply, truth)
 
 
 def actuator_lag(s: Situation) -> Injection:
     """The motor's torque follows its command with a first-order lag."""
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, lag=a)
 
-    return Injection("actuator_lag", (s.name,), "actuator", 0.01, 0.08, wear, lambda a: {s.name: {"T": a}})
+    return Injection("actuator_lag", (s.name,), "actuator", 0.01, 0.08, apply, lambda a: {s.name: {"T": a}})
 
 
 def torque_saturation(s: Situation) -> Injection:
@@ -138,23 +138,23 @@ def torque_saturation(s: Situation) -> Injection:
     most = float(np.clip(1 - 1 / room[joint], 0.01, 0.5))
     name, least = s.drive.joints[joint], float(s.least[joint])
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, joint, limit=least * (1 - a))
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {name: {"limit": least * (1 - a)}}
 
-    return Injection("torque_saturation", (name,), "actuator", 0.5 * most, most, wear, truth)
+    return Injection("torque_saturation", (name,), "actuator", 0.5 * most, most, apply, truth)
 
 
 def controller_gain(s: Situation) -> Injection:
     """The robot adds torque in proportion to the tracking error."""
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, dkp=a)
 
     return Injection(
-        "controller_gain", (s.name,), "actuator", 10.0, 300.0, wear, lambda a: {s.name: {"dkp": a}}
+        "controller_gain", (s.name,), "actuator", 10.0, 300.0, apply, lambda a: {s.name: {"dkp": a}}
     )
 
 
@@ -165,7 +165,7 @@ def transmission_coupling(s: Situation) -> Injection:
     name = s.drive.joints[other]
     most = 15.0 * float(min(s.drive.rotor_inertia[s.joint], s.drive.rotor_inertia[other]))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         faults = replace(arm.faults, coupling=arm.faults.coupling.copy())
         faults.coupling[s.joint, other] = a
         return replace(arm, faults=faults)
@@ -173,7 +173,7 @@ def transmission_coupling(s: Situation) -> Injection:
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {f"{s.name}<-{name}": {"fc": a}}
 
-    return Injection("transmission_coupling", (s.name, name), "actuator", 0.1, most, wear, truth)
+    return Injection("transmission_coupling", (s.name, name), "actuator", 0.1, most, apply, truth)
 
 
 def _set(values: NDArray[np.float64], at: int, more: float) -> NDArray[np.float64]:
@@ -202,11 +202,11 @@ def encoder_offset(s: Situation) -> Injection:
     """The encoder reads q + dq0."""
     sign = float(s.rng.choice([-1, 1]))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, dq0=sign * a)
 
     return Injection(
-        "encoder_offset", (s.name,), "sensor", 0.02, 0.25, wear, lambda a: {s.name: {"dq0": sign * a}}
+        "encoder_offset", (s.name,), "sensor", 0.02, 0.25, apply, lambda a: {s.name: {"dq0": sign * a}}
     )
 
 
@@ -216,7 +216,7 @@ def crosstalk(s: Situation) -> Injection:
     other = s.joint - 1 if s.joint > 0 else 1 % n
     sign = float(s.rng.choice([-1, 1]))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         faults = replace(arm.faults, crosstalk=arm.faults.crosstalk.copy())
         faults.crosstalk[s.joint, other] = sign * a
         return replace(arm, faults=faults)
@@ -224,17 +224,17 @@ def crosstalk(s: Situation) -> Injection:
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {f"{s.name}<-{s.drive.joints[other]}": {"c": sign * a}}
 
-    return Injection("crosstalk", (s.name,), "sensor", 0.02, 0.5, wear, truth)
+    return Injection("crosstalk", (s.name,), "sensor", 0.02, 0.5, apply, truth)
 
 
 def velocity_filter_lag(s: Situation) -> Injection:
     """The reported velocity lags more than believed; T is the further time constant."""
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, velocity_lag=a)
 
     return Injection(
-        "velocity_filter_lag", (s.name,), "sensor", 0.01, 0.1, wear, lambda a: {s.name: {"T": a}}
+        "velocity_filter_lag", (s.name,), "sensor", 0.01, 0.1, apply, lambda a: {s.name: {"T": a}}
     )
 
 
@@ -245,13 +245,13 @@ def clock_drift(s: Situation) -> Injection:
     """
     which, sign = str(s.rng.choice(["stamps", "clock"])), float(s.rng.choice([-1, 1]))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         error = sign * a * 1e-6
         faults = replace(arm.faults, stamps=error) if which == "stamps" else replace(arm.faults, clock=error)
         return replace(arm, faults=faults)
 
     most = 30000.0 if which == "stamps" else 5000.0
-    return Injection("clock_drift", (), "timing", 1000.0, most, wear, lambda a: {"log": {"ppm": sign * a}})
+    return Injection("clock_drift", (), "timing", 1000.0, most, apply, lambda a: {"log": {"ppm": sign * a}})
 
 
 SENSING: dict[str, Draw] = {

@@ -35,11 +35,11 @@ def coulomb(s: Situation) -> Injection:
     """Fc sgn v."""
     port, (bend, also) = _port(s), _presliding(s)
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(arm, port, s.joint, fc=a, **bristles_of(s, port, a, bend))
 
     return Injection(
-        "coulomb_friction", (s.name,), port, 0.2, 15.0, wear, lambda a: {s.name: {"fc": a}}, also
+        "coulomb_friction", (s.name,), port, 0.2, 15.0, apply, lambda a: {s.name: {"fc": a}}, also
     )
 
 
@@ -47,10 +47,10 @@ def viscous(s: Situation) -> Injection:
     """Fv v."""
     port = _port(s)
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(arm, port, s.joint, fv=a)
 
-    return Injection("viscous_friction", (s.name,), port, 0.3, 20.0, wear, lambda a: {s.name: {"fv": a}})
+    return Injection("viscous_friction", (s.name,), port, 0.3, 20.0, apply, lambda a: {s.name: {"fv": a}})
 
 
 def stribeck(s: Situation) -> Injection:
@@ -58,24 +58,24 @@ def stribeck(s: Situation) -> Injection:
     port, (bend, also) = _port(s), _presliding(s)
     ratio, vs = float(s.rng.uniform(1.8, 3.0)), float(s.rng.uniform(0.03, 0.12))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         bristles = bristles_of(s, port, a * ratio, bend)
         return with_friction(arm, port, s.joint, fc=a, fs=a * (ratio - 1), vs=vs, **bristles)
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {s.name: {"fc": a, "fs": a * ratio, "vs": vs}}
 
-    return Injection("stribeck_friction", (s.name,), port, 0.2, 10.0, wear, truth, also)
+    return Injection("stribeck_friction", (s.name,), port, 0.2, 10.0, apply, truth, also)
 
 
 def quadratic(s: Situation) -> Injection:
     """C v |v|."""
     port = _port(s)
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(arm, port, s.joint, c=a)
 
-    return Injection("quadratic_drag", (s.name,), port, 0.5, 40.0, wear, lambda a: {s.name: {"c": a}})
+    return Injection("quadratic_drag", (s.name,), port, 0.5, 40.0, apply, lambda a: {s.name: {"c": a}})
 
 
 def asymmetric(s: Situation) -> Injection:
@@ -88,14 +88,14 @@ def asymmetric(s: Situation) -> Injection:
     def bent(a: float) -> float:
         return float(np.clip(dv * a, -most, most))  # beyond the joint's own damping it would drive the joint
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         bristles = bristles_of(s, port, a, bend)
         return with_friction(arm, port, s.joint, fc=a, da=share * a, dv=bent(a), **bristles)
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {s.name: {"fc": a, "da": share * a, "dv": bent(a)}}
 
-    return Injection("asymmetric_friction", (s.name,), port, 0.2, 10.0, wear, truth, also)
+    return Injection("asymmetric_friction", (s.name,), port, 0.2, 10.0, apply, truth, also)
 
 
 def load_dependent(s: Situation) -> Injection:
@@ -103,11 +103,11 @@ def load_dependent(s: Situation) -> Injection:
     port, (bend, also) = _port(s), _presliding(s)
     load = 0.5 * float(s.peak[s.joint])
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(arm, port, s.joint, kl=a, **bristles_of(s, port, a * load, bend))
 
     return Injection(
-        "load_dependent_friction", (s.name,), port, 0.03, 0.5, wear, lambda a: {s.name: {"kl": a}}, also
+        "load_dependent_friction", (s.name,), port, 0.03, 0.5, apply, lambda a: {s.name: {"kl": a}}, also
     )
 
 
@@ -116,13 +116,13 @@ def drift(s: Situation) -> Injection:
     port = _port(s)
     k, duration = float(s.rng.uniform(0.6, 0.9)), float(s.rng.uniform(10.0, 20.0))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(arm, port, s.joint, fv=a, k=k, T=duration)
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {s.name: {"fv": a, "k": k, "T": duration}}
 
-    return Injection("friction_drift", (s.name,), port, 0.5, 20.0, wear, truth)
+    return Injection("friction_drift", (s.name,), port, 0.5, 20.0, apply, truth)
 
 
 def hysteresis(s: Situation) -> Injection:
@@ -130,13 +130,13 @@ def hysteresis(s: Situation) -> Injection:
     port = _port(s)
     bend = float(np.exp(s.rng.uniform(np.log(0.006), np.log(0.04))))
 
-    def wear(arm: Arm, a: float, _: int) -> Arm:
+    def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_friction(arm, port, s.joint, fc=a, s0=a / bend, s1=0.0)
 
     def truth(a: float) -> dict[str, dict[str, float]]:
         return {s.name: {"fc": a, "s0": a / bend}}
 
-    return Injection("hysteresis", (s.name,), port, 0.3, 15.0, wear, truth)
+    return Injection("hysteresis", (s.name,), port, 0.3, 15.0, apply, truth)
 
 
 FRICTIONS: dict[str, Draw] = {

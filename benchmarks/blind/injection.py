@@ -23,7 +23,7 @@ class Situation:
 
     Attributes:
         arm: Without the effect.
-        joint: That is to wear it, for effects of one joint.
+        joint: That is to apply it, for effects of one joint.
         centre: (n,) middle of the motions [rad].
         peak: (n,) largest motor torque of the motions [N.m].
         least: (n,) the same of the motion where it is smallest [N.m].
@@ -56,11 +56,11 @@ class Injection:
 
     Attributes:
         effect: Id.
-        joints: That wear it.
+        joints: That apply it.
         port: Where it acts.
         first: Amplitude to try first, in the effect's own unit.
         most: Largest amplitude that is still physical.
-        wear: (arm, amplitude, episode) -> arm.
+        apply: (arm, amplitude, episode) -> arm.
         parameters: Amplitude -> truth as a diagnosis would have to report it.
         also: Other effect ids that are true as well.
     """
@@ -70,7 +70,7 @@ class Injection:
     port: str
     first: float
     most: float
-    wear: Callable[[Arm, float, int], Arm]
+    apply: Callable[[Arm, float, int], Arm]
     parameters: Callable[[float], Parameters]
     also: tuple[str, ...] = ()
 

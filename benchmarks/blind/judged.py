@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.blind.answers import NO_ANSWER, Answer, is_cause
 from benchmarks.blind.catalogue import SUPERSETS
 from benchmarks.blind.oracle import Gap
-from benchmarks.blind.yardstick import ALIKE, APART
+from benchmarks.blind.noise_scale import ALIKE, APART
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def truth_reported(case: Judged) -> bool:
     return all(set((effect["effect"], *effect["also"])) & case.answer.reported for effect in case.effects)
 
 
-def alarmed(case: Judged) -> bool:
+def false_alarm(case: Judged) -> bool:
     """A gap was seen."""
     return case.answer.verdict not in ("no_gap", "insufficient_data", NO_ANSWER)
 
@@ -128,7 +128,7 @@ def is_task(planted: bool) -> Test:
     )
 
 
-def blamed(case: Judged) -> bool:
+def any_cause_named(case: Judged) -> bool:
     """Any cause was named."""
     return bool(case.answer.causes)
 
@@ -138,7 +138,7 @@ def is_right(case: Judged) -> bool:
     if case.answer.verdict == NO_ANSWER:
         return False
     if case.block == "B":
-        return not alarmed(case)
+        return not false_alarm(case)
     if case.block in "EF":
         return left_open(case)
     if case.block == "C":
@@ -146,6 +146,6 @@ def is_right(case: Judged) -> bool:
     if case.block == "D" and case.truth["motion"] == "poor":
         return refused_with_pair(case) or not is_poor(case)
     if not case.effects:
-        return not blamed(case)
+        return not any_cause_named(case)
     small = case.size < 1.0 and not case.answer.named
     return case.first_right or small

@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.answers import read_answer
 from benchmarks.blind.blocks import SEALED, Drawn, draw_case
-from benchmarks.blind.case import wear_all
+from benchmarks.blind.case import apply_all
 from benchmarks.blind.logs import read_log
 from benchmarks.blind.plant import Arm
-from benchmarks.blind.wearing import wear_answer
-from benchmarks.blind.yardstick import Yardstick
+from benchmarks.blind.applied_answer import apply_answer
+from benchmarks.blind.noise_scale import NoiseScale
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Gap:
         oracle: 1 - what the oracle leaves / before.
         tool: 1 - what the tool leaves / before.
         promised: The tool's own ``shrink``, or None.
-        not_worn: Effects of the answer that the arm cannot wear.
+        not_worn: Effects of the answer that the arm cannot apply.
     """
 
     before: float
@@ -73,14 +73,14 @@ def gap_of(out: Path, answers: Path, tool: str, name: str, seeds: str, truth: di
         return None
     drawn = draw_case(truth["block"], truth["index"], seeds)
     unseen = next(i for i, episode in enumerate(drawn.episodes) if episode.held_out)
-    stick = Yardstick(
+    scale = NoiseScale(
         drawn.bench.arm, [drawn.episodes[unseen].motion], drawn.bench.gains, drawn.bench.noise_level, 1
     )
     amplitude = _fit(drawn, out / "cases" / name)
-    _, gap = stick.signature(lambda arm, _: _true(drawn, arm, unseen, None))
-    _, known = stick.signature(lambda arm, _: _true(drawn, arm, unseen, amplitude))
-    not_worn = wear_answer(drawn.bench.arm, list(answer.causes))[1]
-    _, said = stick.signature(lambda arm, _: wear_answer(arm, list(answer.causes))[0])
+    _, gap = scale.signature(lambda arm, _: _true(drawn, arm, unseen, None))
+    _, known = scale.signature(lambda arm, _: _true(drawn, arm, unseen, amplitude))
+    not_worn = apply_answer(drawn.bench.arm, list(answer.causes))[1]
+    _, said = scale.signature(lambda arm, _: apply_answer(arm, list(answer.causes))[0])
     before = _rms(gap)
     closed = [1.0 - _rms(gap - one) / before for one in (known, said)]
     return Gap(before, closed[0], closed[1], answer.shrink, not_worn)
@@ -88,7 +88,7 @@ def gap_of(out: Path, answers: Path, tool: str, name: str, seeds: str, truth: di
 
 def _true(drawn: Drawn, arm: Arm, episode: int, amplitude: float | None) -> Arm:
     one = drawn.planted[0]
-    return one.injection.wear(arm, one.amplitude if amplitude is None else amplitude, episode)
+    return one.injection.apply(arm, one.amplitude if amplitude is None else amplitude, episode)
 
 
 def _fit(drawn: Drawn, folder: Path) -> float:
@@ -96,16 +96,16 @@ def _fit(drawn: Drawn, folder: Path) -> float:
     true = drawn.planted[0].amplitude
     index = [i for i, one in enumerate(drawn.episodes) if one.repeats is None and not one.held_out][:2]
     motions = [drawn.episodes[i].motion for i in index]
-    stick = Yardstick(drawn.bench.arm, motions, drawn.bench.gains, drawn.bench.noise_level, 1)
-    _, at = stick.signature(partial(_worn, drawn, 1.0))
-    _, beyond = stick.signature(partial(_worn, drawn, 1.0 + STEP))
+    scale = NoiseScale(drawn.bench.arm, motions, drawn.bench.gains, drawn.bench.noise_level, 1)
+    _, at = scale.signature(partial(_applied, drawn, 1.0))
+    _, beyond = scale.signature(partial(_applied, drawn, 1.0 + STEP))
     slope = ((beyond - at) / (STEP * true)).reshape(-1)
     logs = [read_log(folder / f"run_{i + 1}.parquet").channels for i in index]
-    left = stick.excess(logs, [wear_all(drawn.bench, drawn.planted, i) for i in index])
+    left = scale.excess(logs, [apply_all(drawn.bench, drawn.planted, i) for i in index])
     return float(true + slope @ left.reshape(-1) / (slope @ slope))
 
 
-def _worn(drawn: Drawn, factor: float, arm: Arm, episode: int) -> Arm:
+def _applied(drawn: Drawn, factor: float, arm: Arm, episode: int) -> Arm:
     return _true(drawn, arm, episode, factor * drawn.planted[0].amplitude)
 
 

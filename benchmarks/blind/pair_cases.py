@@ -26,7 +26,7 @@ from benchmarks.blind.case import (
 from benchmarks.blind.catalogue import CATALOGUE
 from benchmarks.blind.excitation import PoorShape, held, one_speed, one_speed_small, one_way, slow_tone
 from benchmarks.blind.injection import Draw, Injection, Situation
-from benchmarks.blind.yardstick import ALIKE, APART
+from benchmarks.blind.noise_scale import ALIKE, APART
 
 SIZES = tuple(float(size) for size in np.linspace(1.6, 1.1, 12))
 """Sizes that are wanted of one arm after another: what is large is easily told, what is small is easily lost."""
@@ -83,22 +83,22 @@ def _poor(pair: Pair, bench: Bench, wanted: float, rng: np.random.Generator) -> 
     """Draws joint, motion and shape once; None where the cause cannot be seen or can be told."""
     joint = int(rng.choice(pair.joints))
     episodes = poor_episodes(bench, pair.motion, joint, rng)
-    stick = measure(bench, episodes, int(rng.integers(2**31)))
-    planted = plant_effect(_at_port(pair), bench, stick, episodes, wanted, rng, joint, True)
+    scale = measure(bench, episodes, int(rng.integers(2**31)))
+    planted = plant_effect(_at_port(pair), bench, scale, episodes, wanted, rng, joint, True)
     if planted.size.net < 1.0:
         return None
     place = situation(bench, episodes, joint, rng)
     partner = draw_at(CATALOGUE[pair.partner], ports_beside(planted.injection.port), place)
-    _, apart = stick.apart(planted.injection, planted.amplitude, partner)
+    _, apart = scale.apart(planted.injection, planted.amplitude, partner)
     return _Poor(Seen(episodes, planted, apart), partner) if apart < ALIKE else None
 
 
 def _rich(poor: _Poor, bench: Bench, rng: np.random.Generator) -> Seen:
     episodes = rich_episodes(bench, rng)
-    stick = measure(bench, episodes, int(rng.integers(2**31)))
+    scale = measure(bench, episodes, int(rng.integers(2**31)))
     injection, amplitude = poor.seen.planted.injection, poor.seen.planted.amplitude
-    size = stick.size(lambda arm, i: injection.wear(arm, amplitude, i))
-    _, apart = stick.apart(injection, amplitude, poor.partner)
+    size = scale.size(lambda arm, i: injection.apply(arm, amplitude, i))
+    _, apart = scale.apart(injection, amplitude, poor.partner)
     return Seen(episodes, Planted(injection, amplitude, size), apart)
 
 

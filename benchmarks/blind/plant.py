@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from benchmarks.blind.arm_model import GRAVITY, STEP, Drive, Joints, Link, Surface, hand_of, write_mjcf
-from benchmarks.blind.compiled import apply_drives, calm, impedance_law, read_sensors
+from benchmarks.blind.compiled import apply_drives, nominal_records, impedance_law, read_sensors
 from benchmarks.blind.excitation import Motion
 from benchmarks.blind.records import STATE, Faults
 
@@ -129,7 +129,7 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
     rows = np.zeros((count, 4, n))
     touch = np.zeros(count)
     noises = draw_noise(arm.drive, count, n, noise)
-    state, faults = calm(n, STATE), arm.faults
+    state, faults = nominal_records(n, STATE), arm.faults
     scale = np.array([arm.drive.position_resolution, arm.drive.effort_resolution, arm.drive.velocity_filter])
     seen, errors, out = np.zeros((3, n)), np.zeros((2, n)), np.zeros(2 * n)
     reference, estimate = np.zeros((3, n)), np.zeros((2, n))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the nominal arm leaves unexplained in a log: the yardstick that sizes effects against the noise.
+"""What the nominal arm leaves unexplained in a log: the scale that sizes effects against the noise.
 
 Actuator: command(t - delay) + g(q) - I theta'' - D theta' - tau - B tau' / K,   theta = q + tau / K;
 link: tau + B tau' / K - (M q'' + C + g): the spring's damping is not sensed;

@@ -25,7 +25,7 @@ from benchmarks.blind.blocks import CASES, COUNTS, SEALED
 from benchmarks.blind.three_names import FOLDER
 
 ANSWERS = "answers"
-PATIENCE = 10.0
+WALL_TIME_FACTOR = 10.0
 """Wall time allowed per second of processor time."""
 ROBOTS = {"arm5": str(FOLDER)}
 """Robots that are not the package's own, by their folders."""
@@ -33,7 +33,7 @@ TOOLS = ("impedance", "least-squares", "sysid")
 
 
 @dataclass(frozen=True)
-class Wish:
+class Selection:
     """Which cases to put before which tool, and how.
 
     Attributes:
@@ -53,23 +53,23 @@ class Wish:
     jobs: int = 2
 
 
-def run_all(out: Path, answers: Path, wish: Wish, tell: Callable[[str], None]) -> None:
+def run_all(out: Path, answers: Path, selection: Selection, tell: Callable[[str], None]) -> None:
     """Diagnoses all wanted cases that have no answer yet; stopped and started again it goes on."""
-    folder = answers / wish.tool
+    folder = answers / selection.tool
     folder.mkdir(parents=True, exist_ok=True)
-    blocks = wish.blocks or tuple(block for block in COUNTS if block != "N" or wish.tool == TOOLS[0])
-    names = [name for name in names_of(out, blocks) if not wish.cases or name in wish.cases]
-    waiting = [name for name in names if wish.again or not (folder / f"{name}.run.json").exists()]
+    blocks = selection.blocks or tuple(block for block in COUNTS if block != "N" or selection.tool == TOOLS[0])
+    names = [name for name in names_of(out, blocks) if not selection.cases or name in selection.cases]
+    waiting = [name for name in names if selection.again or not (folder / f"{name}.run.json").exists()]
 
     def one(name: str) -> str:
         (folder / f"{name}.json").unlink(missing_ok=True)
-        record = run_case(out / CASES / name, wish.tool, folder / f"{name}.json", wish.timeout)
+        record = run_case(out / CASES / name, selection.tool, folder / f"{name}.json", selection.timeout)
         (folder / f"{name}.run.json").write_text(json.dumps(record) + "\n")
         return f"{name} exit {record['exit']} {record['seconds']:.1f} s {record['memory_mb']:.0f} MB"
 
-    with ThreadPoolExecutor(wish.jobs) as pool:
+    with ThreadPoolExecutor(selection.jobs) as pool:
         for i, line in enumerate(pool.map(one, waiting)):
-            tell(f"{wish.tool} {i + 1}/{len(waiting)} {line}")
+            tell(f"{selection.tool} {i + 1}/{len(waiting)} {line}")
 
 
 def names_of(out: Path, blocks: Sequence[str]) -> list[str]:
@@ -107,7 +107,7 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
             )
             limit = math.ceil(timeout)
             resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
-            status, used, memory = _wait(process, PATIENCE * timeout)
+            status, used, memory = _wait(process, WALL_TIME_FACTOR * timeout)
         seconds = time.monotonic() - start
         said = errors.read_text(errors="replace")[-2000:]
     times = {"seconds": seconds, "processor_seconds": used}

@@ -34,14 +34,14 @@ from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
 from benchmarks.blind.residual import residual
 from benchmarks.blind.run import ANSWERS
 from benchmarks.blind.score import check_seals, judge, score_all
-from benchmarks.blind.wearing import wear_answer
-from benchmarks.blind.yardstick import Yardstick
+from benchmarks.blind.applied_answer import apply_answer
+from benchmarks.blind.noise_scale import NoiseScale
 
 Array = NDArray[np.float64]
 
 Result = tuple[bool, str]
 PARTLY_STATED = ("external_contact", "torque_ripple", "link_inertia", "clock_drift")
-"""Effects whose truth leaves out what would be needed to wear it: pushes, phase, moments, which of the clocks."""
+"""Effects whose truth leaves out what would be needed to apply it: pushes, phase, moments, which of the clocks."""
 TRUE: dict[str, Any] = {
     "effect": "viscous_friction",
     "joints": ["left_e1"],
@@ -126,18 +126,18 @@ def sizes_hold() -> Result:
     rng = np.random.default_rng(5)
     bench = draw_bench(rng, 1.0)
     episodes = rich_episodes(bench, rng)
-    yardstick = measure(bench, episodes, 6)
+    scale = measure(bench, episodes, 6)
     model, drive = rigid_model(bench.arm.believed, bench.arm.side), bench.arm.drive
     lines, fine = [], True
     for effect in ("viscous_friction", "torque_ripple", "crosstalk"):
-        one = plant_effect(CATALOGUE[effect], bench, yardstick, episodes, 3.0, rng)
-        worn = one.injection.wear(bench.arm, one.amplitude, 0)
-        change = _noisy_change(bench.arm, worn, episodes[0].motion, bench.gains)
+        one = plant_effect(CATALOGUE[effect], bench, scale, episodes, 3.0, rng)
+        changed = one.injection.apply(bench.arm, one.amplitude, 0)
+        change = _noisy_change(bench.arm, changed, episodes[0].motion, bench.gains)
         port = ("actuator", "link", "sensor").index(one.size.port)
         column = residual(change[0], drive, model) - residual(change[1], drive, model)
         rms = (
             float(np.sqrt(np.mean(column[port][:, one.size.joint] ** 2)))
-            / yardstick.noise[port, one.size.joint]
+            / scale.noise[port, one.size.joint]
         )
         expected = float(np.hypot(one.size.raw, np.sqrt(2.0)))
         fine &= 0.67 < rms / expected < 1.5
@@ -146,25 +146,25 @@ def sizes_hold() -> Result:
 
 
 def _noisy_change(
-    clean: Arm, worn: Arm, motion: Motion, gains: tuple[Array, Array]
+    clean: Arm, changed: Arm, motion: Motion, gains: tuple[Array, Array]
 ) -> list[dict[str, Array]]:
     logs = []
-    for i, arm in enumerate((worn, clean)):
+    for i, arm in enumerate((changed, clean)):
         logs.append(record(simulate(arm, motion, *gains, Noise(7 + i, 1.0)), arm.drive, arm.faults))
     return logs
 
 
-def truths_can_be_worn() -> Result:
+def truths_can_be_applied() -> Result:
     """An answer that states the truth, put on by its symbols and signs, leaves under 15 % of the effect's signature."""
     rng = np.random.default_rng(8)
     bench = draw_bench(rng, 1.0)
     episodes = rich_episodes(bench, rng)
-    stick = Yardstick(bench.arm, [episodes[0].motion], bench.gains, 1.0, 9)
+    scale = NoiseScale(bench.arm, [episodes[0].motion], bench.gains, 1.0, 9)
     left = {}
     for effect in (name for name in CATALOGUE if name not in PARTLY_STATED):
-        planted = plant_effect(CATALOGUE[effect], bench, stick, episodes, 3.0, rng, None, True)
-        _, true = stick.signature(partial(_wear_planted, planted))
-        _, said = stick.signature(partial(_wear_said, _as_cause(planted.injection, planted.amplitude)))
+        planted = plant_effect(CATALOGUE[effect], bench, scale, episodes, 3.0, rng, None, True)
+        _, true = scale.signature(partial(_apply_planted, planted))
+        _, said = scale.signature(partial(_apply_answered, _as_cause(planted.injection, planted.amplitude)))
         left[effect] = float(np.sqrt(np.sum((true - said) ** 2) / np.sum(true**2)))
     worst = max(left, key=lambda effect: left[effect])
     return left[worst] < 0.15, f"{len(left)} effects; most is left of {worst}, {100 * left[worst]:.1f} %"
@@ -178,12 +178,12 @@ def _as_cause(one: Injection, amplitude: float) -> dict[str, Any]:
     return {"effect": one.effect, "port": one.port, "parameters": parameters}
 
 
-def _wear_planted(planted: Planted, arm: Arm, episode: int) -> Arm:
-    return planted.injection.wear(arm, planted.amplitude, episode)
+def _apply_planted(planted: Planted, arm: Arm, episode: int) -> Arm:
+    return planted.injection.apply(arm, planted.amplitude, episode)
 
 
-def _wear_said(cause: dict[str, Any], arm: Arm, _: int) -> Arm:
-    return wear_answer(arm, [cause])[0]
+def _apply_answered(cause: dict[str, Any], arm: Arm, _: int) -> Arm:
+    return apply_answer(arm, [cause])[0]
 
 
 def nothing_leaks() -> Result:
@@ -205,7 +205,7 @@ def scorer_is_fair() -> Result:
     """Right answers score full marks in every block, confident wrong ones none, and a changed truth is refused."""
     with tempfile.TemporaryDirectory() as place:
         out = Path(place)
-        pretend(out)
+        write_made_up_cases(out)
         right = {figure.title: figure.count(judge(out, out / ANSWERS, "impedance")) for figure in FIGURES}
         wrong = {figure.title: figure.count(judge(out, out / ANSWERS, "least-squares")) for figure in FIGURES}
         text = score_all(out, out / ANSWERS)
@@ -237,7 +237,7 @@ CHECKS: tuple[Callable[[], Result], ...] = (
     keeps_energy,
     nominal_is_silent,
     sizes_hold,
-    truths_can_be_worn,
+    truths_can_be_applied,
     nothing_leaks,
 )
 
@@ -252,7 +252,7 @@ def main() -> int:
     return int(failed > 0)
 
 
-def pretend(out: Path) -> None:
+def write_made_up_cases(out: Path) -> None:
     """Writes truths, seals and the answers of both tools below ``out``."""
     for block, cases in _cases().items():
         sealed = out / SEALED / f"{block}.json"

@@ -22,17 +22,17 @@ BEND = 3e-4
 """Bristle deflection [rad] of dry friction whose answer says nothing of it."""
 
 
-def wear_answer(arm: Arm, causes: list[Mapping[str, Any]]) -> tuple[Arm, tuple[str, ...]]:
-    """Returns the arm with every cause put on, and the ids of those that this arm cannot wear."""
+def apply_answer(arm: Arm, causes: list[Mapping[str, Any]]) -> tuple[Arm, tuple[str, ...]]:
+    """Returns the arm with every cause put on, and the ids of those that this arm cannot apply."""
     left_out = []
     for cause in causes:
-        wear = _WEAR.get(cause["effect"])
+        apply = _APPLY.get(cause["effect"])
         for key, symbols in cause.get("parameters", {}).items():
             numbers = {symbol: float(quantity["value"]) for symbol, quantity in symbols.items()}
-            if wear is None:
+            if apply is None:
                 left_out.append(str(cause["effect"]))
             else:
-                arm = wear(arm, key, str(cause.get("port", "actuator")), numbers)
+                arm = apply(arm, key, str(cause.get("port", "actuator")), numbers)
     return arm, tuple(left_out)
 
 
@@ -57,11 +57,11 @@ def _friction(arm: Arm, key: str, port: str, n: Numbers) -> Arm:
 def _joint(**fields: str) -> Callable[[Arm, str, str, Numbers], Arm]:
     """Returns a hand that copies symbols into fields of the joint's record."""
 
-    def wear(arm: Arm, key: str, _: str, n: Numbers) -> Arm:
+    def apply(arm: Arm, key: str, _: str, n: Numbers) -> Arm:
         values = {field: n[symbol] for symbol, field in fields.items() if symbol in n}
         return with_joint(arm, arm.drive.joints.index(key), **values)
 
-    return wear
+    return apply
 
 
 def _offset(arm: Arm, key: str, port: str, n: Numbers) -> Arm:
@@ -77,12 +77,12 @@ def _gain(arm: Arm, key: str, port: str, n: Numbers) -> Arm:
 
 
 def _drive(field: str, symbol: str) -> Callable[[Arm, str, str, Numbers], Arm]:
-    def wear(arm: Arm, key: str, _: str, n: Numbers) -> Arm:
+    def apply(arm: Arm, key: str, _: str, n: Numbers) -> Arm:
         values = getattr(arm.joints, field).copy()
         values[arm.drive.joints.index(key)] = n[symbol]
         return replace(arm, joints=replace(arm.joints, **{field: values}))
 
-    return wear
+    return apply
 
 
 def _spring(arm: Arm, key: str, _: str, n: Numbers) -> Arm:
@@ -145,7 +145,7 @@ def _clock(arm: Arm, _: str, __: str, n: Numbers) -> Arm:
 
 _FRICTIONS = ("coulomb_friction", "viscous_friction", "stribeck_friction", "quadratic_drag", "asymmetric_friction",
               "load_dependent_friction", "friction_drift", "hysteresis")  # fmt: skip
-_WEAR: dict[str, Callable[[Arm, str, str, Numbers], Arm]] = {
+_APPLY: dict[str, Callable[[Arm, str, str, Numbers], Arm]] = {
     **dict.fromkeys(_FRICTIONS, _friction),
     "torque_offset": _offset,
     "torque_gain": _gain,

@@ -48,11 +48,11 @@ class Size:
     joint: int
 
 
-def _worn(injection: Injection, amplitude: float, arm: Arm, episode: int) -> Arm:
-    return injection.wear(arm, amplitude, episode)
+def _applied(injection: Injection, amplitude: float, arm: Arm, episode: int) -> Arm:
+    return injection.apply(arm, amplitude, episode)
 
 
-class Yardstick:
+class NoiseScale:
     """Runs the arm without and with an effect, both without noise, and compares."""
 
     def __init__(
@@ -72,11 +72,11 @@ class Yardstick:
         inertia = [inertia_columns(one, arm.believed, arm.side, PRIOR) for one in quiet]
         self._inertia = np.concatenate(inertia, axis=0)
 
-    def signature(self, wear: Callable[[Arm, int], Arm]) -> tuple[Array, Array]:
-        """Returns what ``wear(arm, episode)`` adds, (3, samples, n) in units of noise: raw, and net of inertias."""
+    def signature(self, apply: Callable[[Arm, int], Arm]) -> tuple[Array, Array]:
+        """Returns what ``apply(arm, episode)`` adds, (3, samples, n) in units of noise: raw, and net of inertias."""
         found = []
         for i, motion in enumerate(self._motions):
-            columns = self._columns(wear(self._arm, i), motion, None)
+            columns = self._columns(apply(self._arm, i), motion, None)
             found.append(residual(columns, self._arm.drive, self._model) - self._quiet[i])
         change = np.concatenate(found, axis=1)
         raw = change / self.noise[:, None, :]
@@ -96,9 +96,9 @@ class Yardstick:
         net[1] = net_of_inertias(change[1], self.noise[1], self._inertia)
         return net
 
-    def size(self, wear: Callable[[Arm, int], Arm]) -> Size:
-        """Returns the size of what ``wear(arm, episode)`` puts on."""
-        signatures = self.signature(wear)
+    def size(self, apply: Callable[[Arm, int], Arm]) -> Size:
+        """Returns the size of what ``apply(arm, episode)`` puts on."""
+        signatures = self.signature(apply)
         raw, net = (np.sqrt(np.mean(part**2, axis=1)) for part in signatures)
         port, joint = (int(i) for i in np.unravel_index(int(np.argmax(net)), net.shape))
         shares = np.split(signatures[1][port, :, joint], len(self._motions))
@@ -112,10 +112,10 @@ class Yardstick:
             Rms over noise where it is largest, and the sum of squares over all independent samples: below
             about 10 no method can tell the two apart, above 30 every good one can.
         """
-        _, seen = self.signature(partial(_worn, one, amplitude))
+        _, seen = self.signature(partial(_applied, one, amplitude))
         strength = float(np.sqrt(np.mean(seen**2, axis=1)).max())
         against, _ = self.tune(other, strength, tries=2)
-        _, imitation = self.signature(partial(_worn, other, against))
+        _, imitation = self.signature(partial(_applied, other, against))
         left = seen - np.sum(seen * imitation) / np.sum(imitation**2) * imitation
         return float(np.sqrt(np.mean(left**2, axis=1)).max()), float(np.sum(left**2))
 
@@ -123,7 +123,7 @@ class Yardstick:
         """Returns the amplitude that gives a net size of 1 to 1.3 times the wanted, or as near as physics lets."""
         amplitude, tried = injection.first, []
         for _ in range(tries):
-            size = self.size(partial(_worn, injection, amplitude))
+            size = self.size(partial(_applied, injection, amplitude))
             tried.append((abs(np.log(max(size.net, 1e-6) / (1.1 * wanted))), amplitude, size))
             if wanted <= size.net <= 1.3 * wanted:
                 break
