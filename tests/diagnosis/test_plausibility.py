@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A cause whose columns do not come back in comes_back of one motion is noise, and the arm's answer to it."""
+"""A cause whose columns do not come back in repeats of one motion is noise, and the arm's answer to it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.model_selection.plausibility import comes_back
+from impedance_modules.effects.catalogue import CATALOGUE
 
 
 def _trial(
@@ -19,10 +20,11 @@ def _trial(
     """A candidate with one column in two groups of each recording."""
     term = SimpleNamespace(
         key=key,
+        candidate=SimpleNamespace(effect=CATALOGUE[key[0]], port=key[2]),
         columns=tuple({0: c[:, None], 2: -0.5 * c[:, None]} for c in columns),
         fixed=({},) * len(columns),
     )
-    return SimpleNamespace(term=term, seen=SimpleNamespace(own=np.array([-2.0])))
+    return SimpleNamespace(term=term, in_sample=SimpleNamespace(own=np.array([-2.0])))
 
 
 @given(st.integers(0, 10_000), st.floats(0.0, 4.0))

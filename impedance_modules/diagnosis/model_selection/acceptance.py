@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""By which candidates are compared, and what a trial must show before its cause is named."""
+"""Acceptance criteria: how candidates are compared, and what a trial must show before its cause is named."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from impedance_modules.diagnosis.model_selection.screening import ScreenedCandid
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout
 
 SAME_REACH = 0.95
-"""Candidates that explain this part of what the best one does are as good; the cheaper one is taken."""
+"""Candidates that explain this part of what the best one does are as good; the one with the lower penalty is taken."""
 
 IN_PROPORTION = 0.99
 """A body that is heavier in proportion, one number, is taken before a thing at a place of its own, if it explains this
-part of what that explains: near its own centre a link's errors lend the place more than its bic_penalty."""
+part of what that explains: near its own centre a link's errors make up for the penalty of the place."""
 
 RICHER = 4.0
-"""Log-likelihood, its bic_penalty paid, by which a law must beat a simpler one that it contains [nats]."""
+"""Log-likelihood, less its penalty, by which a law must beat a simpler one that it contains [nats]."""
 
 BIC_MIN = 15.0
 """Least improvement of the Bayesian information criterion."""
@@ -31,7 +31,7 @@ TRIMMED_MIN = 3.0
 """... so much [nats], or half of all it gains: what happens in a few moments only can be confirmed by nothing else."""
 
 SPECIFIC = 8.0
-"""Log-likelihood by which a cause must beat the best generic stand-in [nats]."""
+"""Log-likelihood by which a cause must beat the best generic generic regressor [nats]."""
 
 SPREAD, NARROW = 0.3, 0.95
 """An effect of which more than this part falls on other joints must not gain more than that part on one."""
@@ -65,7 +65,7 @@ def promising(entries: Sequence[ScreenedCandidate], most: int) -> list[ColumnLay
 
 
 def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
-    """Sorts trials by what they explain; of those that explain the same, the one whose parameters cost least.
+    """Sorts trials by what they explain; of those that explain the same, the one with the lowest penalty.
 
     A law that contains a simpler one on the same joint comes before it only where it is better for certain.
     """
@@ -75,7 +75,9 @@ def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
         near = [item for item in left if item.reach >= SAME_REACH * left[0].reach]
         chosen = max(near, key=penalised_gain, default=left[0])
         simpler = [
-            item for item in near if _within(item, chosen) and penalised_gain(item) > penalised_gain(chosen) - RICHER
+            item
+            for item in near
+            if _within(item, chosen) and penalised_gain(item) > penalised_gain(chosen) - RICHER
         ]
         chosen = max(simpler, key=penalised_gain, default=chosen)
         heavier = [item for item in near if _in_proportion(item, chosen)]
@@ -100,12 +102,12 @@ def both_delay_torque(one: CandidateTrial, other: CandidateTrial) -> bool:
 
 
 def penalised_gain(trial: CandidateTrial) -> float:
-    """Held-out gain less the bic_penalty of its parameters [nats]: a simpler law is worth as much as it says."""
+    """Held-out gain less the penalty of its parameters [nats]."""
     return trial.gain - bic_penalty(trial)
 
 
 def bic_penalty(trial: CandidateTrial) -> float:
-    """Price of a candidate's parameters by the Bayesian information criterion, and of its choice of shapes [nats]."""
+    """Penalty of a candidate's parameters by the Bayesian information criterion, and of its choice of shapes [nats]."""
     shaped = trial.term.shaped
     samples = float(np.max(trial.model_fit.counts[list(trial.term.groups)]))
     searched = np.log(max(trial.model_fit.design.shapes[shaped.key], 1))
@@ -113,7 +115,7 @@ def bic_penalty(trial: CandidateTrial) -> float:
 
 
 def rejection_reason(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str | None:
-    """Why a candidate does not earn its place; None if it does."""
+    """Why a candidate is rejected; None if it passes."""
     gain = 2.0 * (trial.gain - bic_penalty(trial))
     lost, won = -float(np.minimum(trial.folds, 0.0).sum()), float(np.maximum(trial.folds, 0.0).sum())
     checks: tuple[tuple[bool, str], ...] = (
@@ -180,7 +182,7 @@ def _brief(trial: CandidateTrial) -> bool:
 
 
 def _as_good(rival: CandidateTrial, trial: CandidateTrial) -> bool:
-    """Whether a stand-in with no more coefficients does about as well where a candidate acts."""
+    """Whether a generic regressor with no more coefficients does about as well where a candidate acts."""
     own = trial.term.groups
     if not set(own) & set(rival.term.groups) or rival.term.layout.free > trial.term.layout.free:
         return False

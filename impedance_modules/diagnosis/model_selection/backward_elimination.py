@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which accepted causes still earn their place now that all of them are known.
+"""Backward elimination: removes accepted causes that no longer pass now that all of them are known; merges delays.
 
-A cause may fail because a later one took part of its work over, and the later one may be nothing without it: a friction
-whose asymmetry balances an offset outweighs itself once the offset is gone. Dropped one after the other, both would be
-lost; so what only leans on another goes first, if that other stands without it.
+A cause may fail because a later one explains part of what it explained, and the later one may fail without it: an
+asymmetric friction that balances an offset is too large once the offset is gone. Removed one after the other, both
+would be lost. So what passes only beside another is removed first, if that other passes without it.
+
+Joint by joint a delay and a lag of the motor differ by little; near the noise, chance would name some joints' one and
+some the other. A delayed bus delays all commands and is one cause: lags become delays where hardly anything is lost.
 """
 
 from __future__ import annotations
@@ -16,10 +19,10 @@ from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefi
 from impedance_modules.effects.effect import Effect
 
 JOINTS_MIN = 3
-"""Joints that must be late for a common reason to be thought of."""
+"""Joints that must be delayed for a common reason to be considered."""
 
-GIVEN_UP = 5.0
-"""Log-likelihood that the common name may cost on a joint [nats]."""
+LOSS_MAX = 5.0
+"""Log-likelihood that may be lost on a joint by the common cause [nats]."""
 
 
 def eliminate_backward(
@@ -27,31 +30,33 @@ def eliminate_backward(
     make: Callable[[Sequence[ModelTerm]], ModelFit],
     rejection_reason: Callable[[CandidateTrial], str | None],
 ) -> list[ModelTerm]:
-    """Removes causes that no longer earn their place beside the others.
+    """Removes causes that no longer pass beside the others.
 
     Args:
         model: Accepted causes, in the order they were found.
         make: Fits a model.
-        rejection_reason: Why a trial does not earn its place; None if it does.
+        rejection_reason: Why a trial is rejected; None if it passes.
     """
 
-    def stands(term: ModelTerm, beside: Sequence[ModelTerm]) -> bool:
+    def passes(term: ModelTerm, beside: Sequence[ModelTerm]) -> bool:
         return rejection_reason(try_term(make(beside), term)) is None
 
     kept = list(model)
     for term in model:
-        if term not in kept or stands(term, _without(kept, term)):
+        if term not in kept or passes(term, _without(kept, term)):
             continue
         rest = _without(kept, term)
         near = [other for other in rest if set(other.groups) & set(term.groups)]
-        leaning = [
+        dependent = [
             other
             for other in near
-            if stands(other, _without(kept, other)) and not stands(other, _without(rest, other))
+            if passes(other, _without(kept, other)) and not passes(other, _without(rest, other))
         ]
-        upright = _without(rest, *leaning)
+        independent = _without(rest, *dependent)
         kept = (
-            [other for other in kept if other not in leaning] if leaning and stands(term, upright) else rest
+            [other for other in kept if other not in dependent]
+            if dependent and passes(term, independent)
+            else rest
         )
     return kept
 
@@ -59,7 +64,7 @@ def eliminate_backward(
 def merge_delays(
     model: Sequence[ModelTerm], make: Callable[[Sequence[ModelTerm]], ModelFit], refiner: ShapeRefiner
 ) -> list[ModelTerm]:
-    """Exchanges lags for delays where most joints could be late alike and the recordings hardly mind.
+    """Replaces lags by delays where a common delay explains the recordings about as well.
 
     Args:
         model: Accepted causes.
@@ -67,9 +72,9 @@ def merge_delays(
         refiner: Moves shapes off their grid.
     """
     kept = list(model)
-    late = {term.key[1] for term in kept if term.candidate.effect.delays_torque}
+    delaying = {term.key[1] for term in kept if term.candidate.effect.delays_torque}
     delayed = {term.key[1] for term in kept if _shared_delay(term.candidate.effect)}
-    if len(late) < JOINTS_MIN or not delayed:
+    if len(delaying) < JOINTS_MIN or not delayed:
         return kept
     for index, term in enumerate(model):
         effect = term.candidate.effect
@@ -79,7 +84,7 @@ def merge_delays(
         if better is None:
             continue
         old, new = make(kept), make([*kept[:index], better, *kept[index + 1 :]])
-        if 0.5 * float((new.left - old.left) @ old.weights) <= GIVEN_UP:
+        if 0.5 * float((new.left - old.left) @ old.weights) <= LOSS_MAX:
             kept[index] = better
     return kept
 

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""What a candidate gains on recordings that its fit has not seen.
+r"""Tries a candidate beside a fitted model: what it gains on recordings that its fit has not seen, and on all.
 
     gain = \sum_g (n_g / 2) \log(SSE_g^{without} / SSE_g^{with})       [nats]
 
-over held-out folds: the log predictive likelihood of white rows with each group's level profiled out.
+over held-out folds: the log predictive likelihood of white rows with each group's level profiled out. The model is
+not fitted again; the candidate is added by the Schur complement of the normal matrix:
+
+    S = X^T W X - X^T W T A^{-1} T^T W X + \Lambda,      \beta = S^{-1} X^T W (y - T \beta_0)
+
+T are the model's columns and A their normal matrix, X the candidate's, \Lambda the precision of its prior.
 """
 
 from __future__ import annotations
@@ -45,14 +50,14 @@ class CandidateTrial:
         term: The candidate.
         coefficients: (folds, p) without each fold, scaled.
         unseen: What model and candidate leave.
-        seen: Gain on the fitted recordings themselves, and what the effect's contrasts weighs there.
+        in_sample: The fit of all fitted recordings.
     """
 
     model_fit: ModelFit
     term: ModelTerm
     coefficients: Array
     unseen: HeldOutResiduals
-    seen: InSampleFit
+    in_sample: InSampleFit
 
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
@@ -71,10 +76,10 @@ class CandidateTrial:
 
     @property
     def gain(self) -> float:
-        """What it gains for certain [nats].
+        """The smaller of the gains on unseen recordings and on the fitted ones [nats].
 
-        A candidate can gain on unseen recordings by luck, where it happens to mend what the nuisance extrapolates
-        badly; it then gains nothing once all are fitted. What is there gains both ways.
+        A candidate can gain on unseen recordings by luck, where it happens to correct what the nuisance extrapolates
+        badly; it then gains nothing once all are fitted. What is real gains both ways.
         """
         return min(self.unseen_gain, self.in_sample.gain)
 
@@ -128,8 +133,8 @@ class CandidateTrial:
     def discord(self) -> float:
         """By how much more it would gain if every group had its own number, over what it gains with one for all.
 
-        Where it shows without the links' inertias these groups alone are asked: there each link's own error of a few
-        percent would want a number of its own.
+        Groups without the links' inertias are preferred: in the others each link's own error of a few percent
+        would need a number of its own.
         """
         if self.term.shaped.size != 1:
             return 0.0
@@ -218,7 +223,7 @@ class InSampleFit:
 
     Attributes:
         gain: [nats].
-        contrasts: Chi-square of what makes it this effect.
+        contrast_chi_square: Of the effect's contrasts, which are zero if a simpler effect would do.
         displaced: A term of the model beside it that it drives out of its physical bounds; None where it does not.
         spread: (p,) standard deviations of its coefficients, scaled.
         beside: (K + P,) the model's coefficients beside it.
@@ -226,7 +231,7 @@ class InSampleFit:
     """
 
     gain: float
-    contrasts: float
+    contrast_chi_square: float
     displaced: ModelTerm | None
     spread: Array
     beside: Array
@@ -234,7 +239,7 @@ class InSampleFit:
 
 
 def fit_in_sample(model_fit: ModelFit, term: ModelTerm) -> InSampleFit:
-    """Looks at the fit of all recordings, in likelihood and prior together."""
+    """Adds a candidate to the fit of all fitted recordings; likelihood and prior together."""
     found, more, covariance = add_to_fit(model_fit, model_fit.fitted, model_fit.whole, term)
     squares = np.zeros(len(model_fit.design.groups))
     for r in model_fit.fitted:
@@ -242,16 +247,21 @@ def fit_in_sample(model_fit: ModelFit, term: ModelTerm) -> InSampleFit:
     ratio = np.log(np.maximum(model_fit.left, 1e-9) / np.maximum(squares, 1e-9))
     prior = float(model_fit.prior @ (model_fit.whole.coefficients**2 - found**2))
     own = float(term.layout.precision @ more**2)
-    known = _sharpening(model_fit, term, squares)
+    known = _weight_gain(model_fit, term, squares)
     gain = float(0.5 * (model_fit.counts @ ratio + prior - own))
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     return InSampleFit(
-        gain, known * _essence(term, more, covariance), _displaced(model_fit, found), spread, found, more
+        gain,
+        known * _contrast_chi_square(term, more, covariance),
+        _displaced(model_fit, found),
+        spread,
+        found,
+        more,
     )
 
 
 def less_term(left: Sequence[Array], term: ModelTerm, recording: int, coefficients: Array) -> list[Array]:
-    """Takes a candidate's part out of residuals."""
+    """Subtracts a candidate's part from residuals."""
     out = list(left)
     for g, block in term.columns[recording].items():
         out[g] = out[g] - block @ coefficients
@@ -286,7 +296,7 @@ def add_to_fit(
 
 
 def _displaced(model_fit: ModelFit, coefficients: Array) -> ModelTerm | None:
-    """The first term of a model that coefficients leave outside its bounds for certain, and which was inside."""
+    """The first term of a model that is significantly outside its bounds now, and was not before."""
     spread = np.sqrt(np.diag(model_fit.whole.inverse))
     for term, start in zip(model_fit.model, model_fit.starts, strict=False):
         own = slice(start, start + term.shaped.size)
@@ -301,19 +311,19 @@ def _displaced(model_fit: ModelFit, coefficients: Array) -> ModelTerm | None:
     return None
 
 
-def _sharpening(model_fit: ModelFit, term: ModelTerm, squares: Array) -> float:
-    """By how much the rows that a candidate touches weigh more once it takes part.
+def _weight_gain(model_fit: ModelFit, term: ModelTerm, squares: Array) -> float:
+    """By how much the rows that a candidate touches weigh more once it is part of the model.
 
-    A gap that is not understood counts for little, and so would everything that is read off its rows; where
-    the candidate closes it, its own numbers are known as well as what is left then allows.
+    Rows with a large unexplained residual have small weights, and the candidate's numbers would look uncertain; where
+    the candidate explains that residual, its numbers are known as well as what is left then allows.
     """
     touched = list(term.groups)
     weights = 1.0 / np.maximum(squares[touched] / model_fit.counts[touched], 1.0)
     return float(max(1.0, np.min(weights / model_fit.weights[touched])))
 
 
-def _essence(term: ModelTerm, coefficients: Array, covariance: Array) -> float:
-    """Chi-square of the sums that make an effect what it is (Wald); infinite where every coefficient does."""
+def _contrast_chi_square(term: ModelTerm, coefficients: Array, covariance: Array) -> float:
+    """Wald chi-square of an effect's contrasts; infinite for an effect without any."""
     rows = () if term.generic else term.candidate.effect.contrasts
     if not rows or len(rows[0]) != len(coefficients):
         return float("inf")

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 5: which causes there are. One is accepted at a time; each must earn its place on unseen recordings."""
+"""Stage 5, forward selection: one cause is accepted at a time, or a pair; each must pass on unseen recordings.
+
+A pair is tried where no single candidate passes: two causes on one joint (friction of its own and a coupled motor)
+may each be fitted to what the other does, and fail alone.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,12 @@ from dataclasses import dataclass
 
 from impedance_modules.diagnosis.model_selection.acceptance import (
     BIC_MIN,
-    penalised_gain,
     best_of_each,
-    by_merit,
-    rejection_reason,
-    promising,
     both_delay_torque,
+    by_merit,
+    penalised_gain,
+    promising,
+    rejection_reason,
 )
 from impedance_modules.diagnosis.model_selection.backward_elimination import eliminate_backward, merge_delays
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
@@ -34,7 +38,7 @@ CAUSES_MAX = 30
 ROUNDS = 3
 """How often the search goes on after causes were removed."""
 
-FALLS = 2
+REMOVALS_MAX = 2
 """What was removed so often is not accepted again: the search would end as it did before."""
 
 TRIED = 10
@@ -43,11 +47,11 @@ TRIED = 10
 REFINED = 4
 """Of these, so many of the best are moved off the grid of their shapes before they are compared."""
 
-STAND_INS = 6
-"""Generic stand-ins that are tried beside them."""
+GENERIC_TRIED = 6
+"""Generic regressors that are tried beside them."""
 
 FIRST, SECOND = 16, 4
-"""Candidates that are taken for granted in turn, and partners that are tried beside each."""
+"""Candidates that are assumed in turn, and partners that are tried beside each."""
 
 LACKING = 3.0
 """Residual power over noise above which a group is not understood and worth a search for pairs."""
@@ -80,7 +84,7 @@ class Selector:
     Attributes:
         design: All candidates.
         folds: Fitted recordings by fold.
-        screen: First entries.
+        screen: Ranks the candidates before they are tried.
         refiner: Moves shapes off their grid.
         resolution: Grid of the position sensors [rad]; zero where nothing is stated.
     """
@@ -88,15 +92,15 @@ class Selector:
     def __init__(
         self, design: Design, folds: Sequence[Sequence[int]], refiner: ShapeRefiner, resolution: float
     ) -> None:
-        """Prepares the first entry."""
+        """Prepares the screening."""
         self.design, self.folds, self.refiner, self.resolution = design, folds, refiner, resolution
         fitted = [index for fold in folds for index in fold]
         self.plausibility = Plausibility.of(refiner.prepared, fitted, resolution)
         self.screen = Screening(design, fitted)
-        self._falls: Counter[tuple[str, str, str]] = Counter()
-        self._stood: tuple[ModelFit | None, list[CandidateTrial]] = (None, [])
+        self._removals: Counter[tuple[str, str, str]] = Counter()
+        self._generic: tuple[ModelFit | None, list[CandidateTrial]] = (None, [])
         self._tried: tuple[ModelFit | None, list[CandidateTrial]] = (None, [])
-        self._looks: tuple[ModelFit | None, list[ScreenedCandidate]] = (None, [])
+        self._screened: tuple[ModelFit | None, list[ScreenedCandidate]] = (None, [])
 
     def on(self, design: Design) -> Selector:
         """The same search on a design with other rows."""
@@ -108,24 +112,26 @@ class Selector:
         return ModelFit(self.design, self.folds, model)
 
     def run(self, progress: Callable[[str], None]) -> Selection:
-        """Accepts causes until the next one does not earn its place, then removes those that no longer do.
+        """Accepts causes until the next one is rejected, then removes those that no longer pass.
 
-        What is removed makes room: the search goes on from what remains, a few times at most.
+        After a removal the search goes on from what remains, a few times at most.
         """
-        model = list(geared_start_model(self.model_fit([]), self.model_fit, self.trials, self.rejection_reason))
+        model = list(
+            geared_start_model(self.model_fit([]), self.model_fit, self.trials, self.rejection_reason)
+        )
         for term in model:
             progress(f"found {term.key[0]} on {term.key[1]}")
         refusal: Refusal | None = None
         for _ in range(ROUNDS):
-            model, refusal = self._grown(model, progress)
+            model, refusal = self._add_causes(model, progress)
             grown = merge_delays(model, self.model_fit, self.refiner)
             model = eliminate_backward(grown, self.model_fit, self.rejection_reason)
             if len(model) == len(grown):
                 break
-            self._falls.update(term.key for term in grown if term not in model)
+            self._removals.update(term.key for term in grown if term not in model)
         return Selection(tuple(model), refusal)
 
-    def _grown(
+    def _add_causes(
         self, model: list[ModelTerm], progress: Callable[[str], None]
     ) -> tuple[list[ModelTerm], Refusal | None]:
         """Accepts one cause, or a pair, at a time; each new one may exchange those beside it."""
@@ -143,7 +149,7 @@ class Selector:
             model = [*model, *more]
             progress(f"found {' and '.join(f'{term.key[0]} on {term.key[1]}' for term in more)}")
             if len(model) > 1:
-                model = self._exchanged(model)
+                model = self._exchange(model)
         return model, refusal
 
     def trial(self, model_fit: ModelFit, layout: ColumnLayout) -> CandidateTrial:
@@ -151,43 +157,49 @@ class Selector:
         return try_term(model_fit, term_of(self.design, layout))
 
     def rejection_reason(self, trial: CandidateTrial) -> str | None:
-        """Why a candidate does not earn its place; None if it does. Stand-ins are tried last, they cost most."""
+        """Why a candidate is rejected; None if it passes. The generic basis is tried last, it costs most."""
         return self._refused(trial, []) or rejection_reason(
-            trial, self.generic(trial.model_fit, self.screen.entry(trial.model_fit))
+            trial, self.generic(trial.model_fit, self.screen.rank(trial.model_fit))
         )
 
     def _refused(self, trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str | None:
-        """Why a candidate is not accepted beside some stand-ins; None if it is."""
-        if self._falls[trial.term.key] >= FALLS:
+        """Why a candidate is rejected beside some generic regressors; None if it passes."""
+        if self._removals[trial.term.key] >= REMOVALS_MAX:
             return "does not last beside the others: it was accepted and removed again twice"
         return rejection_reason(trial, generic) or self.plausibility.implausible(trial)
 
     def generic(self, model_fit: ModelFit, entries: Sequence[ScreenedCandidate]) -> list[CandidateTrial]:
-        """The best stand-ins beside a model, tried once."""
-        if self._stood[0] is not model_fit:
-            generic = [entry.layout for entry in entries if entry.layout.shaped.candidate is None][:STAND_INS]
-            self._stood = (model_fit, [self.trial(model_fit, layout) for layout in generic])
-        return self._stood[1]
+        """The best generic regressors beside a model, tried once."""
+        if self._generic[0] is not model_fit:
+            generic = [entry.layout for entry in entries if entry.layout.shaped.candidate is None][
+                :GENERIC_TRIED
+            ]
+            self._generic = (model_fit, [self.trial(model_fit, layout) for layout in generic])
+        return self._generic[1]
 
     def _next(self, model_fit: ModelFit) -> tuple[ModelTerm | None, Refusal | None]:
-        """The best candidate that earns its place, or why there is none."""
+        """The best candidate that passes, or why there is none."""
         trials = self.trials(model_fit)
-        generic = self.generic(model_fit, self._looked(model_fit))
+        generic = self.generic(model_fit, self._ranked(model_fit))
         refusal: Refusal | None = None
         for trial in by_merit(trials):
             reason = self._refused(trial, generic)
             if reason is None:
-                return self._settled(model_fit, trial, trials), None
+                return self._refined_term(model_fit, trial, trials), None
             refusal = refusal or Refusal(trial, reason)
         return None, refusal
 
-    def _settled(
+    def _refined_term(
         self, model_fit: ModelFit, trial: CandidateTrial, trials: Sequence[CandidateTrial]
     ) -> ModelTerm:
         """An accepted candidate off its grid; of a delay and a lag on one joint the better one at its own best time."""
         if not trial.term.candidate.effect.nearly_linear:
             return trial.term
-        alike = [other for other in trials if both_delay_torque(trial, other) and self.rejection_reason(other) is None]
+        alike = [
+            other
+            for other in trials
+            if both_delay_torque(trial, other) and self.rejection_reason(other) is None
+        ]
         return max((self.moved(model_fit, one) for one in [trial, *alike]), key=penalised_gain).term
 
     def moved(self, model_fit: ModelFit, trial: CandidateTrial) -> CandidateTrial:
@@ -197,15 +209,15 @@ class Selector:
     def trials(self, model_fit: ModelFit) -> list[CandidateTrial]:
         """Tries the most promising candidates beside a model, in their best shapes; done once for each model."""
         if self._tried[0] is not model_fit:
-            own = [self.trial(model_fit, layout) for layout in promising(self._looked(model_fit), TRIED)]
+            own = [self.trial(model_fit, layout) for layout in promising(self._ranked(model_fit), TRIED)]
             self._tried = (model_fit, self.refined(model_fit, own))
         return self._tried[1]
 
-    def _looked(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
-        """First entries beside a model, taken once."""
-        if self._looks[0] is not model_fit:
-            self._looks = (model_fit, self.screen.entry(model_fit))
-        return self._looks[1]
+    def _ranked(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
+        """The candidates beside a model, screened once."""
+        if self._screened[0] is not model_fit:
+            self._screened = (model_fit, self.screen.rank(model_fit))
+        return self._screened[1]
 
     def refined(self, model_fit: ModelFit, trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
         """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
@@ -217,7 +229,7 @@ class Selector:
             out.append(new if new.gain > old.gain else old)
         return [*out, *ranked[REFINED:]]
 
-    def _exchanged(self, model: list[ModelTerm]) -> list[ModelTerm]:
+    def _exchange(self, model: list[ModelTerm]) -> list[ModelTerm]:
         """Replaces an accepted cause by another that does better now that the last one is known, and then the last."""
         last = model[-1]
         for index, term in enumerate(model[:-1]):
@@ -233,7 +245,7 @@ class Selector:
         model_fit = self.model_fit(rest)
         own = try_term(model_fit, term)
         rivals = [
-            self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.entry(model_fit), 3)
+            self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.rank(model_fit), 3)
         ]
         better = max(self.refined(model_fit, rivals), key=penalised_gain, default=own)
         ahead = penalised_gain(better) - penalised_gain(own)
@@ -250,27 +262,25 @@ def find_pair(
     best: Best,
     rejection_reason: RejectionReason,
 ) -> tuple[ModelTerm, ModelTerm] | None:
-    """Finds two candidates of which each earns its place beside the other.
+    """Finds two candidates of which each passes beside the other.
 
     Args:
-        screen: First entries.
+        screen: Ranks the candidates before they are tried.
         model_fit: The model that no single candidate betters.
         make: Fits a model.
         best: The best physical shape of each candidate.
-        rejection_reason: Why a trial does not earn its place; None if it does.
+        rejection_reason: Why a trial is rejected; None if it passes.
     """
     lacking = model_fit.left / model_fit.counts > LACKING
     firsts = [
-        entry
-        for entry in best(screen.entry(model_fit), 4 * FIRST)
-        if lacking[list(entry.layout.groups)].any()
+        entry for entry in best(screen.rank(model_fit), 4 * FIRST) if lacking[list(entry.layout.groups)].any()
     ]
     for first in firsts[:FIRST]:
         one = term_of(model_fit.design, first.layout)
         beside = make([*model_fit.model, one])
         near = [
             entry
-            for entry in best(screen.entry(beside), 2 * SECOND)
+            for entry in best(screen.rank(beside), 2 * SECOND)
             if set(entry.layout.groups) & set(one.groups)
         ]
         for second in near[:SECOND]:

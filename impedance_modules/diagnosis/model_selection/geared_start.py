@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where a drive's plain losses and its rotor all lack at once: no single law of them is right before the others are.
+"""The start of the search at joints where the model lacks friction, damping and rotor of a geared drive at once.
 
-A model that knows links alone meets a geared_start_model robot: every joint lacks friction, damping and a rotor together. Taken one
-at a time, a richer law of one kind (bristles, directions) imitates two plain ones, and blocks the place of both.
+A model of bare links meets a geared robot: every joint lacks friction, damping and a rotor together. Taken one at a
+time, a richer law of one kind (bristles, directions) imitates two simple ones, and neither can be accepted after it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ RejectionReason = Callable[[CandidateTrial], str | None]
 LESS = 0.3
 """Part of what the best single law of the joint leaves that all of them together may leave at most."""
 
-HOPELESS = 3.0
-"""Multiple of what is allowed beyond which other shapes of the same laws are not looked at."""
+TRY_OTHERS_BELOW = 3.0
+"""Multiple of what is allowed beyond which other shapes of the same laws are not tried."""
 
 
 def geared_start_model(
@@ -36,23 +36,23 @@ def geared_start_model(
     single: Callable[[ModelFit], Sequence[CandidateTrial]],
     rejection_reason: RejectionReason,
 ) -> tuple[ModelTerm, ...]:
-    """Finds the plain laws of joints that lack all of them.
+    """Finds the laws of the drive at joints where the model lacks all of them.
 
     Args:
         model_fit: The model so far.
         make: Fits a model.
         single: Tries the best candidates beside a model, one by one.
-        rejection_reason: Why a trial does not earn its place; None if it does.
+        rejection_reason: Why a trial is rejected; None if it passes.
 
     Returns:
-        For each such joint its laws, each of which earns its place beside the others.
+        For each such joint its laws, each of which passes beside the others.
     """
     found: list[ModelTerm] = []
-    for joint, layouts in _plain(model_fit).items():
+    for joint, layouts in _drive_laws(model_fit).items():
         groups = layouts[0][0].groups
         most = LESS * _left(model_fit.unseen, groups)
         left, terms = _best(model_fit, make, layouts, most)
-        if left > most or not _all_earn(model_fit, make, terms, rejection_reason):
+        if left > most or not _all_pass(model_fit, make, terms, rejection_reason):
             continue
         alone = [trial for trial in single(model_fit) if joint in trial.term.candidate.joints]
         if all(left < LESS * _left(trial.unseen, groups) for trial in alone):
@@ -66,24 +66,24 @@ def _best(
     layouts: Sequence[Sequence[ColumnLayout]],
     most: float,
 ) -> tuple[float, list[ModelTerm]]:
-    """The shapes of a joint's laws that together leave least, and what they leave; one entry where that is hopeless."""
+    """The shapes of a joint's laws that together leave least, and what they leave; one try where it cannot succeed."""
     best: tuple[float, list[ModelTerm]] = (float("inf"), [])
     for choice in product(*layouts):
         terms = [term_of(model_fit.design, layout) for layout in choice]
         left = _left(make([*model_fit.model, *terms]).unseen, terms[0].groups)
         best = min(best, (left, terms), key=lambda found: found[0])
-        if left > HOPELESS * most:
+        if left > TRY_OTHERS_BELOW * most:
             break
     return best
 
 
-def _all_earn(
+def _all_pass(
     model_fit: ModelFit,
     make: Callable[[Sequence[ModelTerm]], ModelFit],
     terms: Sequence[ModelTerm],
     rejection_reason: RejectionReason,
 ) -> bool:
-    """Whether each of some terms earns its place beside the others."""
+    """Whether each of some terms passes beside the others."""
     rests = ([other for other in terms if other is not term] for term in terms)
     return all(
         rejection_reason(try_term(make([*model_fit.model, *rest]), term)) is None
@@ -91,8 +91,8 @@ def _all_earn(
     )
 
 
-def _plain(model_fit: ModelFit) -> dict[str, list[list[ColumnLayout]]]:
-    """Joint -> shapes of each plain law next to the motor, where all of them show in the same residuals."""
+def _drive_laws(model_fit: ModelFit) -> dict[str, list[list[ColumnLayout]]]:
+    """Joint -> shapes of each law of a drive at the motor, where all of them show in the same residuals."""
     layouts: dict[str, dict[str, list[ColumnLayout]]] = defaultdict(lambda: defaultdict(list))
     for layout in model_fit.design.layouts:
         one = layout.shaped.candidate

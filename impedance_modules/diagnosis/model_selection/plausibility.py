@@ -1,5 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Why a candidate's own numbers speak against it, however well it fits."""
+r"""Plausibility: reasons in a candidate's own numbers to reject it, however well it fits.
+
+One of them is that its torque does not come back when the motion is repeated, and is a response to noise:
+
+    \rho = \sum_{pairs} x_i \cdot x_j / \sum_{pairs} |x_i| |x_j|,      x what the candidate explains, whitened
+
+In slow motion accelerations are mostly noise of the velocity's reading that went through the controller's damping; an
+inertia or a lag fitted to them follows the very noise that the residual holds. Repeats tell: their noise differs.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +35,8 @@ CONTRAST_MIN = 12.0
 FAR = 1.5
 """Farthest place of a load on a link, over the robot's longest link."""
 
-TAKEN_BACK = 0.5
-"""Part of one that the other may take back."""
+CANCELLED_MAX = 0.5
+"""Part of one constant torque that another on the same joint may cancel."""
 
 REPEATED_MIN = 0.5
 """Least correlation: from there on more than half of a candidate's power belongs to the motion."""
@@ -66,20 +74,20 @@ class Plausibility:
         )
 
     def implausible(self, trial: CandidateTrial) -> str | None:
-        """Why a trial's own numbers speak against it."""
+        """Why a trial's own numbers reject it."""
         if trial.in_sample.contrast_chi_square < CONTRAST_MIN:
             return "what makes it this effect rather than a simpler one is not there for certain"
         return self.unphysical(trial)
 
     def unphysical(self, trial: CandidateTrial) -> str | None:
         """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
-        if any(_holds(other, trial.term) for other in trial.model_fit.model):
+        if any(_contains_law(other, trial.term) for other in trial.model_fit.model):
             return "another cause on the same joint contains it"
         if not comes_back(trial, self.pairs):
             return (
                 "what it rests on does not come back when the motion does: noise, and the arm's answer to it"
             )
-        if _taken_back(trial, self.signals):
+        if _constant_parts_cancel(trial, self.signals):
             return "an offset and an asymmetry on one joint take each other back wherever it moves"
         if trial.outside or joints_disagree(trial):
             return "its parameters are at the end of what is physical, or beyond"
@@ -125,7 +133,7 @@ def comes_back(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
     return whole <= 0.0 or shared >= REPEATED_MIN * whole
 
 
-def _holds(one: ModelTerm, other: ModelTerm) -> bool:
+def _contains_law(one: ModelTerm, other: ModelTerm) -> bool:
     """Whether one law of friction has the other's numbers among its own: they would share them out at will."""
     laws = [term.candidate.effect for term in (one, other)]
     if one.key[1:] != other.key[1:] or not all(isinstance(law, JointLaw) and law.dry for law in laws):
@@ -134,7 +142,7 @@ def _holds(one: ModelTerm, other: ModelTerm) -> bool:
     return more > less
 
 
-def _taken_back(trial: CandidateTrial, signals: Signals) -> bool:
+def _constant_parts_cancel(trial: CandidateTrial, signals: Signals) -> bool:
     """Whether the constant parts of two effects on one joint cancel, but where the joint is at rest.
 
     An asymmetry of dry friction is an offset wherever the joint moves.
@@ -152,7 +160,7 @@ def _taken_back(trial: CandidateTrial, signals: Signals) -> bool:
             found = candidate.effect.values(own, one.shaped.shape, signals, candidate.key, candidate.port)
             read = EFFORT_SIGN[model_fit.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
             sizes.append(read * found[str(candidate.effect.constant_part)])
-        if abs(sum(sizes)) < TAKEN_BACK * max(map(abs, sizes)):
+        if abs(sum(sizes)) < CANCELLED_MAX * max(map(abs, sizes)):
             return True
     return False
 

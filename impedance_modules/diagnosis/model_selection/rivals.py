@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impedance_modules.diagnosis.model_selection.acceptance import bic_penalty, promising, both_delay_torque
+from impedance_modules.diagnosis.model_selection.acceptance import bic_penalty, both_delay_torque, promising
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
 from impedance_modules.diagnosis.model_selection.plausibility import CONTRAST_MIN
@@ -31,7 +31,7 @@ DECISIVE = 150.0
 """Log-likelihood [nats] beyond which a few moments may make the difference: they are enough, where more than
 `EQUAL_LOSS` of the power lies between."""
 
-TWIN_DECIDED = 7.5
+DELAYS_DECIDED = 7.5
 """Log-likelihood by which a delay must lie ahead of a lag, or a lag of a delay, and by `EQUAL_SIGMA` too [nats]."""
 
 
@@ -50,7 +50,7 @@ def judge_rivals(
     lost: list[Rival] = []
     asked = [
         layout
-        for layout in promising(selector.screen.entry(model_fit), ASKED)
+        for layout in promising(selector.screen.rank(model_fit), ASKED)
         if layout.shaped.key not in held
     ]
     for found in selector.refined(model_fit, [selector.trial(model_fit, layout) for layout in asked]):
@@ -82,7 +82,11 @@ def contains(rival: CandidateTrial, own: CandidateTrial) -> bool:
     larger = set(more.effect.description.symbols) > set(less.effect.description.symbols)
     if "body" in more.effect.description.keys and "body" in less.effect.description.keys:
         larger = rival.term.layout.free > own.term.layout.free
-    empty = bool(more.effect.contrasts) and rival.in_sample.contrast_chi_square < CONTRAST_MIN and not less.effect.contrasts
+    empty = (
+        bool(more.effect.contrasts)
+        and rival.in_sample.contrast_chi_square < CONTRAST_MIN
+        and not less.effect.contrasts
+    )
     return more.key == less.key and (larger or empty)
 
 
@@ -98,7 +102,7 @@ def _equal(own: CandidateTrial, rival: CandidateTrial) -> bool:
     loss = (mine - its) / mine
     ahead = own.advantage(rival) >= EQUAL_SIGMA
     if both_delay_torque(own, rival):
-        return not (ahead and own.gain - rival.gain > TWIN_DECIDED)
+        return not (ahead and own.gain - rival.gain > DELAYS_DECIDED)
     if loss < EQUAL_LOSS:
         return not (ahead and own.gain - rival.gain > DECIDED)
     return loss < 5.0 * EQUAL_LOSS and not ahead and own.gain - rival.gain < DECISIVE

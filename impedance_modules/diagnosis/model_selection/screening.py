@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""A first entry at all candidates at once: what each would gain in the sample, nuisance and model refitted.
+r"""Screening of all candidates at once: what each would gain in the sample, nuisance and model refitted.
 
 With r and S the candidate's part of the normal equations after everything else is eliminated (a Schur
 complement), its coefficients are S^{-1} r and its gain is r^T S^{-1} r / 2. What a candidate has in common with
@@ -94,7 +94,7 @@ class Screening:
                 out[lag, : count - lag] += np.einsum("mc,mc->c", X[:, : count - lag], X[:, lag:])
         return out
 
-    def entry(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
+    def rank(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
         """Looks at all candidates that the model does not hold yet, best first."""
         cross, own, right = self._against(model_fit)
         pulled = cross @ model_fit.whole.inverse

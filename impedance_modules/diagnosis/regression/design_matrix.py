@@ -17,7 +17,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Group, ShapedCandidate, alike
+from impedance_modules.diagnosis.regression.candidates import (
+    CandidateRegressor,
+    Group,
+    ShapedCandidate,
+    alike,
+)
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.whitening import ORDER, Whitening
 

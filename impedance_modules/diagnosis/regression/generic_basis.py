@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, BatchFilter
+from impedance_modules.diagnosis.regression.candidates import BatchFilter, CandidateRegressor
 from impedance_modules.diagnosis.regression.cleaned_signals import with_stationary_joints
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import Signals

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 4: where the noise is seen: in the difference of repeats, or in what a flexible model leaves."""
+"""Stage 4, the noise floor: read from the difference of repeats, or from what a flexible model leaves.
+
+A short disturbance (a push, a knock) must not raise the floor that would then hide it. So the flexible model is fitted
+once more with windows of outlying power weighted down (iteratively reweighted least squares).
+"""
 
 from __future__ import annotations
 
@@ -31,8 +35,8 @@ RIDGE = 1e-4
 USED_MAX = 0.5
 """Part of all samples that a flexible model may use up: what is left of fewer says little about the noise."""
 
-STIFFER = 2.0
-"""Factor by which the ridge grows until then."""
+RIDGE_FACTOR = 2.0
+"""Factor by which the ridge grows until that holds."""
 
 LEAST = 1e-24
 """Power that stands for none at all."""
@@ -41,26 +45,26 @@ LEFT_MIN = 0.1
 """Least part of all samples that is taken to be left of a flexible model."""
 
 WINDOW = 0.5
-"""Length of a moment [s]."""
+"""Length of the windows whose power is compared [s]."""
 
 DISTURBED = 100.0
-"""Power of a moment over that of the median one, beyond which it is no noise on any joint: white noise comes to four,
-a real joint that sticks and slips to forty."""
+"""Power of a window over that of the median one, beyond which it is no noise on any joint: white noise reaches four,
+a real joint with stick-slip forty."""
 
 OUTLYING = 20.0
 """The same on the other joints, once one was disturbed."""
 
 USUAL = 4.0
-"""Power over that of the median moment up to which a moment counts fully."""
+"""Power over that of the median window up to which a window counts fully."""
 
 LEAST_POWER = 1e-30
 """Power that stands for none at all."""
 
-RARE = 0.2
-"""Part of all moments that may be so loud; what is loud more often belongs to the recording."""
+OUTLYING_SHARE_MAX = 0.2
+"""Part of all windows that may be outlying; what is more frequent belongs to the recording."""
 
 STEPS = 6
-"""Times that a fit is repeated with loud moments counting less."""
+"""Times that a fit is repeated with outlying windows counting less."""
 
 Left = tuple[list[Array], float]
 """What a fit leaves, one piece (M,) for each recording, and the samples of white noise that it uses up."""
@@ -132,26 +136,26 @@ def noise_by_smoothness(
     """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
 
     It is at least what the positions' own noise makes: functions of the acceleration hold that noise and hide it. Where
-    one joint was disturbed, moments that are too loud for noise are no part of it on any joint.
+    one joint was disturbed, windows of outlying power are no part of it on any joint.
 
     Args:
         left: Recording -> group -> (M,) residual.
         prepared: The recordings.
         nuisance: The links' columns.
-        flexible: Stand-ins and single-joint candidates.
+        flexible: Generic basis and single-joint candidates.
         recordings: Those that are fitted.
     """
     made = [differentiated(prepared[r], read_noise(prepared[r]), r) for r in recordings]
     rate = prepared[0].band.rate / prepared[0].band.step
-    heard = []
+    fits = []
     for index, group in enumerate(nuisance.groups):
         members = [regressor for regressor in flexible if all(group in blocks for blocks in regressor.blocks)]
-        heard.append(_left_by(members, group, index, left, nuisance, recordings, rate))
-    disturbed = any(one.disturbed for one in heard)
+        fits.append(_left_by(members, group, index, left, nuisance, recordings, rate))
+    disturbed = any(one.disturbed for one in fits)
     noise, lost = [], []
-    for group, one_heard in zip(nuisance.groups, heard, strict=True):
-        pieces, used = one_heard.robust if disturbed else one_heard.ordinary
-        noise.append(_no_quieter(pieces, used, [one.of(group) for one in made]))
+    for group, one in zip(nuisance.groups, fits, strict=True):
+        pieces, used = one.robust if disturbed else one.ordinary
+        noise.append(_no_quieter(pieces, used, [rounding.of(group) for rounding in made]))
         lost.append(used)
     share = np.ones((len(left), len(nuisance.groups)))
     return whitening_of(
@@ -164,9 +168,9 @@ class RobustFit:
     """What a fit leaves on one joint.
 
     Attributes:
-        ordinary: With all moments alike.
-        robust: By a fit that hardly looks at loud moments, which are then made as loud as the others.
-        disturbed: Whether some moment, and not too many, cannot be noise.
+        ordinary: With all windows weighted alike.
+        robust: With outlying windows weighted down, and then scaled to the power of the others.
+        disturbed: Whether some windows, and not too many, cannot be noise.
     """
 
     ordinary: Left
@@ -175,9 +179,9 @@ class RobustFit:
 
 
 def fit_robustly(fit: Callable[[Array | None], Left], rate: float) -> RobustFit:
-    """Fits twice: a flexible model that bends to a loud moment spoils all the others.
+    """Fits twice: a flexible model that follows one disturbance misfits all other windows.
 
-    The second fit is repeated with each moment weighted by the median power over its own.
+    The second fit is repeated with each window weighted by the median power over its own.
 
     Args:
         fit: Takes weights (sum of M,) of the squares, or None for none.
@@ -189,8 +193,8 @@ def fit_robustly(fit: Callable[[Array | None], Left], rate: float) -> RobustFit:
     for _ in range(STEPS):
         pieces, used = fit(np.concatenate(_each(pieces, size, lambda ratio: np.minimum(1.0, USUAL / ratio))))
     ratios = np.concatenate(_each(pieces, size, lambda ratio: ratio))
-    rare = float(np.mean(ratios > OUTLYING)) <= RARE
-    if not rare:
+    few = float(np.mean(ratios > OUTLYING)) <= OUTLYING_SHARE_MAX
+    if not few:
         return RobustFit(ordinary, ordinary, disturbed=False)
     gains = _each(pieces, size, lambda ratio: np.where(ratio > OUTLYING, ratio**-0.5, 1.0))
     robust = [piece * gain for piece, gain in zip(pieces, gains, strict=True)]
@@ -269,7 +273,7 @@ def _ridge(power: Array, samples: int) -> float:
     """Ridge of a regression with some eigenvalues of its normal matrix: the least that uses up no more than allowed."""
     ridge = RIDGE * samples
     while _used(power, ridge) > USED_MAX * samples:
-        ridge *= STIFFER
+        ridge *= RIDGE_FACTOR
     return ridge
 
 
