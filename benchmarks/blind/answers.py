@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A tool's answer laid beside the truth: what was right in one case."""
+"""A tool's answer to one case, and its comparison with the truth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NO_ANSWER = "no answer"
 
 @dataclass(frozen=True)
 class Answer:
-    """What a tool said of one case.
+    """A tool's answer to one case.
 
     Attributes:
         verdict: One of `VERDICTS`, or "no answer".
@@ -53,7 +53,7 @@ class Answer:
 
 
 def read_answer(folder: Path, name: str, surroundings: Sequence[str]) -> Answer | None:
-    """Reads what a tool said of a case; None where it was not asked."""
+    """Reads a tool's answer to a case; None where there is none."""
     record = folder / f"{name}.run.json"
     if not record.exists():
         return None

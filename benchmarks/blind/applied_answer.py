@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Puts a tool's answer onto the benchmark's own arm, with the symbols and signs of design 3.3."""
+"""Applies a tool's answer to the benchmark's own arm, with the symbols and signs of design 3.3."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BEND = 3e-4
 
 
 def apply_answer(arm: Arm, causes: list[Mapping[str, Any]]) -> tuple[Arm, tuple[str, ...]]:
-    """Returns the arm with every cause put on, and the ids of those that this arm cannot apply."""
+    """Returns the arm with every cause applied, and the ids of those that cannot be applied to it."""
     left_out = []
     for cause in causes:
         apply = _APPLY.get(cause["effect"])

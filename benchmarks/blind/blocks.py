@@ -19,12 +19,12 @@ from benchmarks.blind.case import (
     Episode,
     Planted,
     draw_bench,
+    equivalents_of,
     measure,
     on_a_surface,
     plant_effect,
     rich_episodes,
     task_episodes,
-    equivalents_of,
     write_logs,
 )
 from benchmarks.blind.catalogue import CATALOGUE, CONFUSABLE, OPEN_SET, are_one

@@ -17,9 +17,9 @@ from benchmarks.blind.catalogue import CATALOGUE, SIMPLER
 from benchmarks.blind.excitation import RATE, RICH, Motion, PoorShape, choose_centre, poor_motion, rich_motion
 from benchmarks.blind.injection import Draw, Injection, Situation
 from benchmarks.blind.logs import record, save
+from benchmarks.blind.noise_scale import ALIKE, NoiseScale, Size
 from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
 from benchmarks.blind.records import Faults
-from benchmarks.blind.noise_scale import ALIKE, Size, NoiseScale
 
 Array = NDArray[np.float64]
 
@@ -136,7 +136,7 @@ def on_a_surface(bench: Bench, episodes: Sequence[Episode]) -> Bench:
 
 
 def measure(bench: Bench, episodes: Sequence[Episode], seed: int) -> NoiseScale:
-    """Returns the scale on the first run and one of another kind."""
+    """Returns the noise scale on the first run and one of another kind."""
     distinct = [one.motion for one in episodes if one.repeats is None and not one.held_out][:2]
     return NoiseScale(bench.arm, distinct, bench.gains, bench.noise_level, seed)
 
@@ -162,7 +162,7 @@ def plant_effect(
         episodes: All runs of the case.
         wanted: Net size over noise.
         rng: Of the case.
-        joint: That must apply it, or None for any.
+        joint: That must have it, or None for any.
         pure: Refuses shapes by which a second effect id would be true as well.
     """
     best: tuple[float, Planted] | None = None

@@ -32,7 +32,9 @@ def torque_gain(s: Situation) -> Injection:
     def apply(arm: Arm, a: float, _: int) -> Arm:
         return with_joint(arm, s.joint, **{where: 1 + sign * a})
 
-    return Injection("torque_gain", (s.name,), port, 0.03, 0.6, apply, lambda a: {s.name: {"s": 1 + sign * a}})
+    return Injection(
+        "torque_gain", (s.name,), port, 0.03, 0.6, apply, lambda a: {s.name: {"s": 1 + sign * a}}
+    )
 
 
 def reflected_inertia(s: Situation) -> Injection:

@@ -23,9 +23,9 @@ from benchmarks.blind.blocks import COUNTS
 from benchmarks.blind.judged import (
     Cases,
     Judged,
-    false_alarm,
     all_found,
     any_cause_named,
+    false_alarm,
     first_right,
     in_block,
     is_clear,

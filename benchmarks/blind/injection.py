@@ -23,7 +23,7 @@ class Situation:
 
     Attributes:
         arm: Without the effect.
-        joint: That is to apply it, for effects of one joint.
+        joint: That is to have it, for effects of one joint.
         centre: (n,) middle of the motions [rad].
         peak: (n,) largest motor torque of the motions [N.m].
         least: (n,) the same of the motion where it is smallest [N.m].
@@ -56,7 +56,7 @@ class Injection:
 
     Attributes:
         effect: Id.
-        joints: That apply it.
+        joints: That have it.
         port: Where it acts.
         first: Amplitude to try first, in the effect's own unit.
         most: Largest amplitude that is still physical.

@@ -10,8 +10,8 @@ from typing import Any
 
 from benchmarks.blind.answers import NO_ANSWER, Answer, is_cause
 from benchmarks.blind.catalogue import SUPERSETS
-from benchmarks.blind.oracle import Gap
 from benchmarks.blind.noise_scale import ALIKE, APART
+from benchmarks.blind.oracle import Gap
 
 
 @dataclass(frozen=True)

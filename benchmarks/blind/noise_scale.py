@@ -97,7 +97,7 @@ class NoiseScale:
         return net
 
     def size(self, apply: Callable[[Arm, int], Arm]) -> Size:
-        """Returns the size of what ``apply(arm, episode)`` puts on."""
+        """Returns the size of what ``apply(arm, episode)`` adds."""
         signatures = self.signature(apply)
         raw, net = (np.sqrt(np.mean(part**2, axis=1)) for part in signatures)
         port, joint = (int(i) for i in np.unravel_index(int(np.argmax(net)), net.shape))

@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.answers import read_answer
+from benchmarks.blind.applied_answer import apply_answer
 from benchmarks.blind.blocks import SEALED, Drawn, draw_case
 from benchmarks.blind.case import apply_all
 from benchmarks.blind.logs import read_log
-from benchmarks.blind.plant import Arm
-from benchmarks.blind.applied_answer import apply_answer
 from benchmarks.blind.noise_scale import NoiseScale
+from benchmarks.blind.plant import Arm
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Gap:
         oracle: 1 - what the oracle leaves / before.
         tool: 1 - what the tool leaves / before.
         promised: The tool's own ``shrink``, or None.
-        not_worn: Effects of the answer that the arm cannot apply.
+        not_worn: Effects of the answer that cannot be applied to the arm.
     """
 
     before: float

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from benchmarks.blind.arm_model import GRAVITY, STEP, Drive, Joints, Link, Surface, hand_of, write_mjcf
-from benchmarks.blind.compiled import apply_drives, nominal_records, impedance_law, read_sensors
+from benchmarks.blind.compiled import apply_drives, impedance_law, nominal_records, read_sensors
 from benchmarks.blind.excitation import Motion
 from benchmarks.blind.records import STATE, Faults
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Puts every case before one tool, in processes of its own, and keeps its answer, time and memory.
+"""Runs one tool on every case, in processes of its own, and keeps its answer, time and memory.
 
 A tool sees copies of a case's logs in a folder of their own, nothing else.
 """
@@ -34,7 +34,7 @@ TOOLS = ("impedance", "least-squares", "sysid")
 
 @dataclass(frozen=True)
 class Selection:
-    """Which cases to put before which tool, and how.
+    """Which cases to run with which tool, and how.
 
     Attributes:
         tool: One of `TOOLS`.
@@ -57,7 +57,9 @@ def run_all(out: Path, answers: Path, selection: Selection, tell: Callable[[str]
     """Diagnoses all wanted cases that have no answer yet; stopped and started again it goes on."""
     folder = answers / selection.tool
     folder.mkdir(parents=True, exist_ok=True)
-    blocks = selection.blocks or tuple(block for block in COUNTS if block != "N" or selection.tool == TOOLS[0])
+    blocks = selection.blocks or tuple(
+        block for block in COUNTS if block != "N" or selection.tool == TOOLS[0]
+    )
     names = [name for name in names_of(out, blocks) if not selection.cases or name in selection.cases]
     waiting = [name for name in names if selection.again or not (folder / f"{name}.run.json").exists()]
 

@@ -22,6 +22,7 @@ import pinocchio as pin
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from benchmarks.blind.applied_answer import apply_answer
 from benchmarks.blind.arm_model import ROBOT_FOLDER, Joints, hand_of, read_arm, read_drive, write_mjcf
 from benchmarks.blind.blocks import SEALED, SEALS, make, seal_of
 from benchmarks.blind.case import Planted, draw_bench, measure, plant_effect, rich_episodes
@@ -30,12 +31,11 @@ from benchmarks.blind.excitation import Motion, inverse_dynamics
 from benchmarks.blind.figures import FIGURES
 from benchmarks.blind.injection import Injection
 from benchmarks.blind.logs import record
+from benchmarks.blind.noise_scale import NoiseScale
 from benchmarks.blind.plant import Arm, Noise, rigid_model, simulate
 from benchmarks.blind.residual import residual
 from benchmarks.blind.run import ANSWERS
 from benchmarks.blind.score import check_seals, judge, score_all
-from benchmarks.blind.applied_answer import apply_answer
-from benchmarks.blind.noise_scale import NoiseScale
 
 Array = NDArray[np.float64]
 
@@ -136,8 +136,7 @@ def sizes_hold() -> Result:
         port = ("actuator", "link", "sensor").index(one.size.port)
         column = residual(change[0], drive, model) - residual(change[1], drive, model)
         rms = (
-            float(np.sqrt(np.mean(column[port][:, one.size.joint] ** 2)))
-            / scale.noise[port, one.size.joint]
+            float(np.sqrt(np.mean(column[port][:, one.size.joint] ** 2))) / scale.noise[port, one.size.joint]
         )
         expected = float(np.hypot(one.size.raw, np.sqrt(2.0)))
         fine &= 0.67 < rms / expected < 1.5
