@@ -78,14 +78,14 @@ def run_command(
     """
     from rich.console import Console
 
-    from impedance_modules.cli.print_run import print_run, progress
+    from impedance_modules.cli.print_run import print_run
     from impedance_modules.control.assembly import assemble
     from impedance_modules.errors import BadInput
-    from impedance_modules.prediction.check import refuse_unfit
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")
     real = backend == "baxter"
+    console = Console()
     with ExitStack() as closing:
         found = closing.enter_context(_real_robot(transport)) if real else None
         assembly = assemble(
@@ -96,32 +96,10 @@ def run_command(
             arm=arm,
             calibrate=None if found is None else found.calibrate,
         )
+        asked = RunRequest(backend, log, duration, _directory(out, assembly), seed, view, read_only, approach)
         if assembly.task.playback is not None:
-            asked = PlaybackOptions(backend, log, duration, _directory(out, assembly), seed, view, read_only)
             return play_task_back(assembly, asked)
-        if (backend == "replay") != (log is not None):
-            raise BadInput("--backend replay and --log DIR go together: the log is the robot")
-        refuse_unfit(assembly)
-        # Imported only here: from this line on functions are compiled.
-        from impedance_modules.runs.execution import RunOptions, carry_out
-        from impedance_modules.runs.run_backends import baxter_backend, make_backend
-
-        robot = (
-            make_backend(assembly, backend=backend, log=log, seed=seed)
-            if found is None
-            else baxter_backend(assembly, found.session, read_only=read_only, approach=approach)
-        )
-        options = RunOptions(
-            out=_directory(out, assembly),
-            seed=seed,
-            duration=duration,
-            live=view,
-            read_only=read_only,
-            backend=backend,
-        )
-        console = Console()
-        with progress(sum(phase.duration for phase in assembly.task.phases), console) as on_progress:
-            result = carry_out(assembly, robot, options, on_progress)
+        result = _carry_out(assembly, found, asked, console)
     print_run(result, console)
     return _exit_code(result)
 
@@ -150,8 +128,8 @@ def replay_command(log: Path, view: bool, verify: bool) -> int:
 
 
 @dataclass(frozen=True)
-class PlaybackOptions:
-    """What the command line says: as in ``run``; ``log`` is a recording whose joint path is played."""
+class RunRequest:
+    """The options of ``impedance run``; ``log`` is the recording that is fed back, or whose joint path is played."""
 
     backend: str
     log: Path | None
@@ -160,9 +138,10 @@ class PlaybackOptions:
     seed: int
     view: bool
     read_only: bool
+    approach: bool
 
 
-def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
+def play_task_back(assembly: Assembly, options: RunRequest) -> int:
     """Teaches the path unless a recording gives it, plays it, and prints how it ended; returns the exit code.
 
     Raises:
@@ -193,6 +172,38 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
     if result.interrupted:
         return 130
     return 3 if result.stopped else 0
+
+
+def _carry_out(
+    assembly: Assembly, found: DeferredSession | None, asked: RunRequest, console: Console
+) -> RunResult:
+    """Runs a task whose springs command the torques."""
+    from impedance_modules.cli.print_run import progress
+    from impedance_modules.errors import BadInput
+    from impedance_modules.prediction.check import refuse_unfit
+
+    if (asked.backend == "replay") != (asked.log is not None):
+        raise BadInput("--backend replay and --log DIR go together: the log is the robot")
+    refuse_unfit(assembly)
+    # Imported only here: from this line on functions are compiled.
+    from impedance_modules.runs.execution import RunOptions, carry_out
+    from impedance_modules.runs.run_backends import baxter_backend, make_backend
+
+    robot = (
+        make_backend(assembly, backend=asked.backend, log=asked.log, seed=asked.seed)
+        if found is None
+        else baxter_backend(assembly, found.session, read_only=asked.read_only, approach=asked.approach)
+    )
+    options = RunOptions(
+        out=asked.out,
+        seed=asked.seed,
+        duration=asked.duration,
+        live=asked.view,
+        read_only=asked.read_only,
+        backend=asked.backend,
+    )
+    with progress(sum(phase.duration for phase in assembly.task.phases), console) as on_progress:
+        return carry_out(assembly, robot, options, on_progress)
 
 
 def _directory(out: Path | None, assembly: Assembly) -> Path:
@@ -245,7 +256,7 @@ def _verify(log: Path) -> None:
         click.echo(f"note: recorded with {name} {then}, recomputed with {now}")
 
 
-def _refuse_playback(options: PlaybackOptions) -> None:
+def _refuse_playback(options: RunRequest) -> None:
     from impedance_modules.errors import BadInput
 
     if options.backend != "sim":

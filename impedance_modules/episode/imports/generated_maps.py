@@ -63,6 +63,28 @@ def bag_map(path: Path) -> tuple[str, list[str]]:
     Raises:
         BadInput: No joint states, of no known robot, or several that could be meant.
     """
+    filled, unstamped = _filled_fields(path)
+    topic, robot, notes = _state_topic(path, filled)
+    fields = filled[topic]
+    joints = [joint for joint in robot.joints if joint in fields["position"]]
+    clock = "received" if topic in unstamped else "header"
+    if clock == "received":
+        notes.append(f"the messages of {topic} have no stamp: time is when they were received")
+    columns = {
+        field: f"{topic}.{field}.{{joint}}" for field in _UNITS if fields.get(field, set()).issuperset(joints)
+    }
+    notes += [
+        f"{field} is not filled in for every joint, and not imported"
+        for field in _UNITS
+        if field not in columns
+    ]
+    source = _effort_source(path, robot, joints) if "effort" in columns else None
+    text = _map_text(robot, joints, [f"time: {{clock: {clock}}}"], columns, effort_source=source)
+    return text, notes
+
+
+def _filled_fields(path: Path) -> tuple[dict[str, dict[str, set[str]]], set[str]]:
+    """Returns topic -> field -> joints with finite values in the first messages, and topics without stamps."""
     # The readers of bags take half a second to import: only when a bag is read.
     from impedance_modules.episode.imports.bag_file import open_bag  # noqa: PLC0415
     from impedance_modules.episode.imports.bag_table import column_places, first_messages  # noqa: PLC0415
@@ -83,23 +105,7 @@ def bag_map(path: Path) -> tuple[str, list[str]]:
                         if np.isfinite(value)
                     ]
                     filled.setdefault(message.topic, {}).setdefault(field, set()).update(kept)
-    topic, robot, notes = _state_topic(path, filled)
-    fields = filled[topic]
-    joints = [joint for joint in robot.joints if joint in fields["position"]]
-    clock = "received" if topic in unstamped else "header"
-    if clock == "received":
-        notes.append(f"the messages of {topic} have no stamp: time is when they were received")
-    columns = {
-        field: f"{topic}.{field}.{{joint}}" for field in _UNITS if fields.get(field, set()).issuperset(joints)
-    }
-    notes += [
-        f"{field} is not filled in for every joint, and not imported"
-        for field in _UNITS
-        if field not in columns
-    ]
-    source = _effort_source(path, robot, joints) if "effort" in columns else None
-    text = _map_text(robot, joints, [f"time: {{clock: {clock}}}"], columns, effort_source=source)
-    return text, notes
+    return filled, unstamped
 
 
 def _state_topic(

@@ -117,7 +117,9 @@ def import_recording(
     ]
     path, row_word = recording.paths[0], parts[0].table.row_word
     stated = _stated_rate(parts, mapping, rate)
-    watch = _CheckedStream(Clock(path, row_word), PlausibilityCheck(mapping, path, rate_stated=stated is not None))
+    watch = _CheckedStream(
+        Clock(path, row_word), PlausibilityCheck(mapping, path, rate_stated=stated is not None)
+    )
     stream = decimated(watch.passing(blocks(parts, mapping, stated)), mapping)
     names = (TIME, *column_order(mapping))
     place = str(path)
