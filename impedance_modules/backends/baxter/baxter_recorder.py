@@ -40,7 +40,7 @@ class RecordOptions:
     repeat_of: str | None
 
 
-def record(
+def record_episode(
     session: Session,
     options: RecordOptions,
     on_progress: Callable[[float], None],

@@ -11,6 +11,7 @@ JOINT_STATES = "/robot/joint_states"
 STATE_RATE_REQUEST = "/robot/joint_state_publish_rate"
 ENABLE = "/robot/set_super_enable"
 RESET = "/robot/set_super_reset"
+STOP = "/robot/set_super_stop"
 
 SOFTWARE_VERSION = "/rethink/software_version"
 DESCRIPTIONS = ("/robot_description", "/robot/armnav_robot_description")
@@ -74,9 +75,14 @@ def cuff(limb: str) -> str:
     return f"/robot/digital_io/{limb}_lower_cuff/state"
 
 
+def suppression(limb: str, name: str) -> str:
+    """Topic that switches one of a limb's safety functions off; the effect ends by itself after 0.2 s."""
+    return f"/robot/limb/{limb}/{name}"
+
+
 def suppress_avoidance(limb: str) -> str:
-    """Topic that switches a limb's collision avoidance off; the effect ends by itself after 0.2 s."""
-    return f"/robot/limb/{limb}/suppress_collision_avoidance"
+    """Topic that switches a limb's collision avoidance off, likewise."""
+    return suppression(limb, "suppress_collision_avoidance")
 
 
 def timeout_for(rate: float) -> float:

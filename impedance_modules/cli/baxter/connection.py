@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Options that the verbs of ``impedance baxter`` share, and a node for as long as a verb needs one."""
+"""What the verbs of ``impedance baxter`` share: options, a node for as long as a verb needs it, requests to stop."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType, TracebackType
 from typing import TYPE_CHECKING
 
 import click
@@ -30,9 +29,9 @@ robot_option = click.option(
 
 @contextmanager
 def node(kind: str, purpose: str) -> Iterator[Transport]:
-    """Brings a node up and takes it down, whatever happens in between.
+    """Opens a node and closes it, whatever happens in between.
 
-    Ctrl-C, SIGTERM and a closed terminal unwind everything; while the master is told, it takes three.
+    Ctrl-C, SIGTERM and a closed terminal end the verb; while the node unregisters, it takes three of them.
     """
     from impedance_modules.backends.baxter.ros.rospy_transport import connect
     from impedance_modules.control.signals import as_interrupt, stubborn
@@ -46,27 +45,9 @@ def node(kind: str, purpose: str) -> Iterator[Transport]:
                 transport.close()
 
 
-class StopRequest:
-    """Remembers that somebody asked for the end while it is entered."""
-
-    def __init__(self) -> None:
-        self._asked = False
-        self._listening = handled_by(self._ask)
-
-    def asked(self) -> bool:
-        """Says whether somebody did."""
-        return self._asked
-
-    def __enter__(self) -> StopRequest:
-        """Starts to listen."""
-        self._listening.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Gives the signals back."""
-        self._listening.__exit__(kind, error, trace)
-
-    def _ask(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signal module's signature
-        self._asked = True
+@contextmanager
+def stop_request() -> Iterator[Callable[[], bool]]:
+    """Turns Ctrl-C, SIGTERM and SIGHUP into a request; gives a function that says whether there was one."""
+    signals: list[int] = []
+    with handled_by(lambda number, frame: signals.append(number)):  # noqa: ARG005 - the signal module's signature
+        yield lambda: bool(signals)

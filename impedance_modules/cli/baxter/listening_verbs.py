@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance baxter check``: may a run command this robot now? Sends nothing."""
+"""Verbs of ``impedance baxter`` that only listen: ``check``, ``state`` and ``record``."""
 
 from __future__ import annotations
 
@@ -9,29 +9,25 @@ from typing import TYPE_CHECKING
 
 import click
 
-from impedance_modules.cli.baxter.connection import node, robot_option, transport_option
-from impedance_modules.errors import BadInput
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from impedance_modules.backends.baxter.session import Session
+from impedance_modules.cli.baxter.connection import node, robot_option, stop_request, transport_option
+from impedance_modules.errors import BadInput, RobotRefused
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from impedance_modules.backends.baxter.preflight_checks import PreflightResult
+    from impedance_modules.backends.baxter.session import Session
 
-ANSWERS = {True: "open", False: "CLOSED", None: "unknown"}
+ANSWERS = {True: "passed", False: "FAILED", None: "unknown"}
 
 
 @click.command("check")
 @robot_option
 @transport_option
 def check(robot: str, transport: str) -> int:
-    """Ask a robot everything that must be true before a run may command it; listen only.
+    """Check everything that must be true of a robot before a run may command it; listen only.
 
-    Exit: 0 every gate is open or the robot does not tell, 2 no robot or a gate is closed, with the remedy.
+    Exit: 0 no check failed, 2 no robot or a check failed, with the remedy.
     """
     from rich.console import Console
 
@@ -39,25 +35,24 @@ def check(robot: str, transport: str) -> int:
     from impedance_modules.spec.robot_reader import read_robot
 
     with node(transport, "check") as found:
-        gates = Session(found, read_robot(robot)).preflight(tuple(read_robot(robot).limbs))
-    console = Console()
-    console.print(gate_table(gates))
-    closed = [gate for gate in gates if gate.passed is False]
-    for gate in closed:
-        click.echo(f"{gate.name}: {gate.found} (valid: {gate.remedy})", err=True)
-    return 2 if closed else 0
+        results = Session(found, read_robot(robot)).preflight(tuple(read_robot(robot).limbs))
+    Console().print(_results_table(results))
+    failed = [result for result in results if result.passed is False]
+    for result in failed:
+        click.echo(f"{result.name}: {result.found} (valid: {result.remedy})", err=True)
+    return 2 if failed else 0
 
 
-def gate_table(gates: tuple[PreflightResult, ...]) -> Table:
-    """Puts every gate into a line."""
+def _results_table(results: tuple[PreflightResult, ...]) -> Table:
+    """One row per check."""
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title="gates", title_justify="left")
-    for name in ("gate", "", "found"):
+    table = Table(title="preflight checks", title_justify="left")
+    for name in ("check", "", "found"):
         table.add_column(name, no_wrap=name != "found")
-    for gate in gates:
-        table.add_row(Text(gate.name), ANSWERS[gate.passed], Text(gate.found))
+    for result in results:
+        table.add_row(Text(result.name), ANSWERS[result.passed], Text(result.found))
     return table
 
 
@@ -105,8 +100,6 @@ def _of_limbs(session: Session) -> list[str]:
 
 def _joints(session: Session) -> Table:
     from rich.table import Table
-
-    from impedance_modules.errors import RobotRefused
 
     sample = session.link.sample
     if sample is None:
@@ -158,24 +151,23 @@ def record(
     """
     from rich.console import Console
 
-    from impedance_modules.backends.baxter.baxter_recorder import RecordOptions, record
+    from impedance_modules.backends.baxter.baxter_recorder import RecordOptions, record_episode
     from impedance_modules.backends.baxter.preflight_checks import refuse_failed
     from impedance_modules.backends.baxter.session import Session
-    from impedance_modules.cli.baxter.connection import StopRequest
     from impedance_modules.spec.robot_reader import read_robot
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a recording needs some time (valid: above 0 s)")
     directory = out if out is not None else Path("out") / f"baxter-{time.strftime('%Y%m%d-%H%M%S')}"
-    with node(transport, "record") as found, StopRequest() as stop_request:
+    with node(transport, "record") as found, stop_request() as asked_to_stop:
         session = Session(found, read_robot(robot))
         refuse_failed(session.preflight(tuple(session.model.limbs)), commanding=False)
         with Console().status("recording; Ctrl-C ends it") as status:
-            episode = record(
+            episode = record_episode(
                 session,
                 RecordOptions(directory, duration, rate, repeat_of),
                 lambda t: status.update(f"recording, {t:.1f} s; Ctrl-C ends it"),
-                stop_request.asked,
+                asked_to_stop,
             )
     click.echo(f"recorded: {episode}")
     return 0

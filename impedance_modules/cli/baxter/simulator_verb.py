@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance baxter fake``: a robot to rehearse on, in a process of its own."""
+"""``impedance baxter fake``: a simulated Baxter in a process of its own, to practise on."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO, cast
 
 import click
 
+from impedance_modules.cli.baxter.connection import stop_request
 from impedance_modules.cli.shared_options import effects_option
 from impedance_modules.errors import BadInput
+
+if TYPE_CHECKING:
+    from impedance_modules.backends.baxter.simulator.parameters import OverTorque, TimeOutResult
 
 
 @click.command("fake")
@@ -78,9 +82,9 @@ def fake(
     log: Path | None,
     duration: float | None,
 ) -> int:
-    """Be a Baxter: topics, modes, safety and moods of the real one, on the built-in plant, in real time.
+    """Simulate a Baxter: topics, modes and safety functions of the real one, on the built-in plant, in real time.
 
-    Needs a ROS master (roscore), no ROS else. Faults can also be sent as texts to /fake_baxter/fault.
+    Needs a ROS master (roscore), nothing else of ROS. Faults can also be sent as texts to /fake_baxter/fault.
 
     Exit: 0 ended, 2 bad input or no master.
     """
@@ -92,12 +96,9 @@ def fake(
     from impedance_modules.backends.baxter.simulator.parameters import (
         SPRINGS,
         SimulatorOptions,
-        over_torque_of,
-        time_out_result_of,
     )
     from impedance_modules.backends.baxter.simulator.real_time import EventLog, run_in_real_time
     from impedance_modules.backends.baxter.simulator.simulator_node import RosNetwork, SimulatorNode
-    from impedance_modules.cli.baxter.connection import StopRequest
     from impedance_modules.spec.patch_file import read_patch
 
     if list_faults:
@@ -108,8 +109,8 @@ def fake(
     master = master_uri_of(os.environ)
     MasterClient(master, "/impedance_fake").check()
     options = SimulatorOptions(
-        time_out_result=time_out_result_of(time_out_result),
-        over_torque=over_torque_of(over_torque),
+        time_out_result=cast("TimeOutResult", time_out_result),
+        over_torque=cast("OverTorque", over_torque),
         enabled=enabled,
         head_nod=head_nod,
         springs={} if no_spring else SPRINGS,
@@ -121,15 +122,13 @@ def fake(
     script = [parse_fault(text, tuple(built.robot.limbs)) for text in faults]
     with ExitStack() as stack:
         log_file = None if log is None else stack.enter_context(_open_log(log))
-        stop_request = stack.enter_context(StopRequest())
+        asked_to_stop = stack.enter_context(stop_request())
         node = SimulatorNode(built.robot, RosNetwork(master), built.description)
         node.open()
         node.plan(script)
         click.echo(f"a {built.robot.model.spec.name} stands {posture} at {master}; Ctrl-C ends it")
-        slipped = run_in_real_time(
-            node, EventLog(built.robot, log_file), click.echo, stop_request.asked, duration
-        )
-    click.echo(f"ended after {built.robot.now:.1f} s; its clock fell behind by {slipped:.3f} s")
+        lag = run_in_real_time(node, EventLog(built.robot, log_file), click.echo, asked_to_stop, duration)
+    click.echo(f"ended after {built.robot.now:.1f} s; its clock fell behind by {lag:.3f} s")
     return 0
 
 

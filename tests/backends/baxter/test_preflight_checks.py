@@ -303,7 +303,7 @@ def test_a_task_that_waits_for_no_contact_is_not_asked() -> None:
 def feel(assembly: Assembly, out: Path, push: float = 0.0) -> RunResult:
     def meet(simulator: LockstepSimulator) -> None:
         # Somebody lays a hand under the palm half a second from now; the robot takes it for no collision.
-        simulator.robot.suppressions["right"].ask("suppress_contact_safety", 60.0)
+        simulator.robot.suppressions["right"].request("suppress_contact_safety", 60.0)
         if push:
             simulator.when(
                 0.5, lambda: simulator.robot.pushes.update(right=HandPush(np.array([0.0, 0.0, push]), 60.0))

@@ -10,7 +10,7 @@ import pytest
 
 from impedance_modules.backends.baxter.position_mode import named_posture
 from impedance_modules.backends.baxter.ros import messages
-from impedance_modules.backends.baxter.simulator.assembly_state import EstopButton, EstopSource, PowerMachine
+from impedance_modules.backends.baxter.simulator.assembly_state import PowerMachine
 from impedance_modules.backends.baxter.simulator.build_simulator import build_simulator
 from impedance_modules.backends.baxter.simulator.fault_injection import parse_fault
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, LimbActivity
@@ -66,7 +66,7 @@ def test_gravity_compensation_suppressed_lets_the_arm_fall_and_lapses() -> None:
     start = robot.state.position
     joints = robot.limbs["left"].limb.joints
     for _ in range(150):
-        robot.suppressions["left"].ask("suppress_gravity_compensation", robot.now)
+        robot.suppressions["left"].request("suppress_gravity_compensation", robot.now)
         torque(robot, {}, 0.001)
     fallen = np.abs(robot.state.velocity[joints]).max()
     live(robot, 0.25)
@@ -89,9 +89,9 @@ def test_a_silent_commander_is_given_up_within_its_time_out(result: str) -> None
     if result == "hold":
         assert robot.limbs["left"].activity is LimbActivity.HOLDS and speed < 0.05
     elif result == "disable":
-        assert not robot.machine.power.enabled
+        assert not robot.machine.state.enabled
     else:
-        assert robot.limbs["left"].activity is LimbActivity.FLOATS and robot.machine.power.enabled
+        assert robot.limbs["left"].activity is LimbActivity.FLOATS and robot.machine.state.enabled
         # Only the motor's own friction brakes it.
         assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) > 0.05
 
@@ -125,8 +125,8 @@ def test_torque_beyond_the_boards_is_clamped_or_faults() -> None:
     assert sorted(robot.limbs["left"].command)[0] == -50.0 and max(robot.limbs["left"].command) == 15.0
     robot = fake(replace(ON, over_torque="fault"))
     robot.command("left", CommandMode.TORQUE, ["left_w2"], [15.1])
-    standing = robot.machine.power
-    assert standing.stopped and standing.source is EstopSource.FAULT and not standing.enabled
+    state = robot.machine.state
+    assert state.stopped and state.estop_source == state.SOURCE_FAULT and not state.enabled
 
 
 @pytest.mark.parametrize("mode", [CommandMode.POSITION, CommandMode.RAW_POSITION])
@@ -169,17 +169,18 @@ def test_velocity_mode_runs_at_the_speed_and_stops_at_the_limit() -> None:
 def test_power_follows_the_sdk() -> None:
     machine = PowerMachine(enabled=True)
     machine.press()
-    assert (machine.power.button, machine.power.source) == (EstopButton.PRESSED, EstopSource.USER)
+    assert machine.state.estop_button == machine.state.BUTTON_PRESSED
+    assert machine.state.estop_source == machine.state.SOURCE_USER
     machine.reset()
-    assert machine.power.stopped and "pressed" in machine.refusal
+    assert machine.state.stopped and "pressed" in machine.refusal
     machine.release()
-    assert machine.power.button is EstopButton.RELEASED and machine.power.stopped
+    assert machine.state.estop_button == machine.state.BUTTON_RELEASED and machine.state.stopped
     machine.enable(blocked="")
-    assert not machine.power.enabled and "reset" in machine.refusal
+    assert not machine.state.enabled and "reset" in machine.refusal
     machine.reset()
-    assert not machine.power.stopped and not machine.power.enabled
+    assert not machine.state.stopped and not machine.state.enabled
     machine.enable(blocked="")
-    assert machine.power.enabled
+    assert machine.state.enabled
 
 
 def test_without_power_the_arm_sinks_slowly_and_ignores_commands() -> None:
@@ -194,11 +195,11 @@ def test_tucked_arms_can_only_be_powered_while_their_force_field_is_suppressed()
     robot = fake(replace(ON, enabled=False), "tucked")
     assert robot.field.near["left"] and robot.field.near["right"]
     robot.enable(True)
-    assert not robot.machine.power.enabled and "force field" in robot.machine.refusal
+    assert not robot.machine.state.enabled and "force field" in robot.machine.refusal
     for limb in robot.suppressions.values():
-        limb.ask("suppress_collision_avoidance", robot.now)
+        limb.request("suppress_collision_avoidance", robot.now)
     robot.enable(True)
-    assert robot.machine.power.enabled
+    assert robot.machine.state.enabled
 
 
 @pytest.mark.parametrize(("force", "kind"), [((0.0, 0.0, -60.0), "impact"), ((0.0, 0.0, -1.0), "")])
@@ -310,12 +311,12 @@ def test_pace_has_no_drift_and_slips_when_it_must() -> None:
     pacer = Pacer(lambda: now[0], lambda s: now.__setitem__(0, now[0] + s + 3e-4))
     for _ in range(1000):
         pacer.wait()
-    assert now[0] == pytest.approx(1.0, abs=1e-3) and pacer.slipped == 0.0
+    assert now[0] == pytest.approx(1.0, abs=1e-3) and pacer.lag == 0.0
     now[0] += 0.02
     assert pacer.wait() == 0.0
     now[0] += 1.0
     assert pacer.wait() == pytest.approx(1.02, abs=0.01)
-    assert pacer.wait() == 0.0 and pacer.slipped == pytest.approx(1.02, abs=0.01)
+    assert pacer.wait() == 0.0 and pacer.lag == pytest.approx(1.02, abs=0.01)
 
 
 class Network:
@@ -424,4 +425,4 @@ def test_faults_of_nodes() -> None:
     assert offers("wrong-md5 off") == [plain]
     assert offers("restart 0.1") == []
     net.live(0.2)
-    assert offers("duplicate off") == [plain] and not net.robot.machine.power.enabled
+    assert offers("duplicate off") == [plain] and not net.robot.machine.state.enabled

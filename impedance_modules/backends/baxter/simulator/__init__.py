@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A simulator of the robot on the built-in plant, to be talked to like the real one."""
+"""A simulated Baxter: the built-in plant with the topics, modes, time-outs and safety functions of the real robot."""

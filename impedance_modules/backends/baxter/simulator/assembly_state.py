@@ -10,63 +10,22 @@ nothing: it must be reset first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntEnum
+from impedance_modules.backends.baxter.ros.messages import AssemblyState
 
-
-class EstopButton(IntEnum):
-    """``estop_button`` of an AssemblyState."""
-
-    UNPRESSED = 0
-    PRESSED = 1
-    UNKNOWN = 2
-    RELEASED = 3
-
-
-class EstopSource(IntEnum):
-    """``estop_source`` of an AssemblyState."""
-
-    NONE = 0
-    USER = 1
-    UNKNOWN = 2
-    FAULT = 3
-    BRAIN = 4
-
-
-@dataclass(frozen=True)
-class PowerState:
-    """What an AssemblyState says."""
-
-    enabled: bool
-    stopped: bool
-    error: bool
-    button: EstopButton
-    source: EstopSource
-
-    @property
-    def ready(self) -> bool:
-        """False just means not enabled."""
-        return self.enabled
-
-
-OFF = PowerState(
-    enabled=False, stopped=False, error=False, button=EstopButton.UNPRESSED, source=EstopSource.NONE
-)
-ON = PowerState(
-    enabled=True, stopped=False, error=False, button=EstopButton.UNPRESSED, source=EstopSource.NONE
-)
+OFF = AssemblyState(False, False, False, False, AssemblyState.BUTTON_UNPRESSED, AssemblyState.SOURCE_NONE)
+ON = AssemblyState(True, True, False, False, AssemblyState.BUTTON_UNPRESSED, AssemblyState.SOURCE_NONE)
 
 
 class PowerMachine:
-    """Who may move the arms.
+    """Whether the arms have power, and why not.
 
     Attributes:
-        standing: Now.
+        state: Now; ``ready`` means the same as ``enabled``.
         refusal: Why the last request did nothing; empty after one that was carried out.
     """
 
     def __init__(self, *, enabled: bool) -> None:
-        self.power = ON if enabled else OFF
+        self.state = ON if enabled else OFF
         self.refusal = ""
 
     def enable(self, *, blocked: str) -> None:
@@ -75,43 +34,43 @@ class PowerMachine:
         Args:
             blocked: Why the arms must not be powered as they stand (a collision flag); empty if they may.
         """
-        if self.power.stopped:
+        if self.state.stopped:
             self.refusal = "stopped: reset first"
-        elif blocked and not self.power.enabled:
+        elif blocked and not self.state.enabled:
             self.refusal = blocked
         else:
-            self.power, self.refusal = ON, ""
+            self.state, self.refusal = ON, ""
 
     def disable(self) -> None:
         """Switches power off; a stop stays a stop."""
         self.refusal = ""
-        if not self.power.stopped:
-            self.power = OFF
+        if not self.state.stopped:
+            self.state = OFF
 
     def reset(self) -> None:
         """Clears faults and stops, and disables."""
-        if self.power.button is EstopButton.PRESSED:
+        if self.state.estop_button == AssemblyState.BUTTON_PRESSED:
             self.refusal = "the e-stop button is pressed: release it first"
         else:
-            self.power, self.refusal = OFF, ""
+            self.state, self.refusal = OFF, ""
 
     def stop(self) -> None:
         """Stops by software."""
-        self._stop(EstopButton.UNKNOWN, EstopSource.UNKNOWN, error=False)
+        self._stop(AssemblyState.BUTTON_UNKNOWN, AssemblyState.SOURCE_UNKNOWN, error=False)
 
     def press(self) -> None:
-        """Somebody presses the e-stop button."""
-        self._stop(EstopButton.PRESSED, EstopSource.USER, error=False)
+        """Presses the e-stop button."""
+        self._stop(AssemblyState.BUTTON_PRESSED, AssemblyState.SOURCE_USER, error=False)
 
     def release(self) -> None:
-        """Somebody releases it; the robot stays stopped."""
-        if self.power.button is EstopButton.PRESSED:
-            self._stop(EstopButton.RELEASED, EstopSource.USER, error=False)
+        """Releases the button; the robot stays stopped."""
+        if self.state.estop_button == AssemblyState.BUTTON_PRESSED:
+            self._stop(AssemblyState.BUTTON_RELEASED, AssemblyState.SOURCE_USER, error=False)
 
     def fault(self) -> None:
-        """A joint board reports a fault."""
-        self._stop(EstopButton.UNKNOWN, EstopSource.FAULT, error=True)
+        """Stops because a joint board reports a fault."""
+        self._stop(AssemblyState.BUTTON_UNKNOWN, AssemblyState.SOURCE_FAULT, error=True)
 
-    def _stop(self, button: EstopButton, source: EstopSource, *, error: bool) -> None:
+    def _stop(self, button: int, source: int, *, error: bool) -> None:
         self.refusal = ""
-        self.power = PowerState(enabled=False, stopped=True, error=error, button=button, source=source)
+        self.state = AssemblyState(False, False, True, error, button, source)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Puts a simulator together from a robot folder, a posture, a patch and options."""
+"""Builds a simulated Baxter from a robot folder, posture, patch and options, with the description that it serves."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from impedance_modules.spec.robot_spec import RobotSpec
 
 @dataclass(frozen=True)
 class BuiltSimulator:
-    """A simulator, and the description that it serves."""
+    """A simulated robot, and the URDF that it serves."""
 
     robot: SimulatedBaxter
     description: str
@@ -31,34 +31,34 @@ class BuiltSimulator:
 def build_simulator(
     robot: str, posture: str, patch: PatchSpec | None, options: SimulatorOptions
 ) -> BuiltSimulator:
-    """Builds a simulator; takes some seconds, for the compiler.
+    """Builds a simulated Baxter; takes some seconds to compile.
 
     Args:
         robot: Robot folder.
         posture: Where it stands, see ``named_posture``.
-        patch: Effects that it wears and does not tell, or None.
-        options: How it behaves.
+        patch: Effects of the plant that the served description does not have, or None.
+        options: Of the simulated robot.
 
     Raises:
         BadInput, BadFile: Something does not fit.
     """
     spec = read_robot(robot)
-    stands = named_posture(spec, posture)
+    start = named_posture(spec, posture)
     if patch is not None:
         spec = apply_patch(spec, patch)
-    text = served_description(spec, options.mount_offset)
+    text = calibrated_description(spec, options.mount_offset)
     with tempfile.TemporaryDirectory() as folder:
         model = RobotModel(replace(spec, urdf=write_description(text, Path(folder))))
-        worn = None if patch is None else apply_to_plant(model, patch)
-        return BuiltSimulator(SimulatedBaxter(model, worn, model.position(stands), options), text)
+        effects = None if patch is None else apply_to_plant(model, patch)
+        return BuiltSimulator(SimulatedBaxter(model, effects, model.position(start), options), text)
 
 
-def served_description(spec: RobotSpec, mount_offset: Mapping[str, tuple[float, float, float]]) -> str:
-    """Writes the URDF of a robot whose mounts are moved.
+def calibrated_description(spec: RobotSpec, mount_offset: Mapping[str, tuple[float, float, float]]) -> str:
+    """Returns the URDF of a robot with calibrated mounts.
 
     Args:
         spec: Of the robot.
-        mount_offset: Limb -> (3,) by how much its mount lies beside the nominal place, in its parent's axes [m].
+        mount_offset: Limb -> (3,) calibrated minus nominal place of its mount, in the parent's axes [m].
 
     Raises:
         BadInput: An offset is for a limb that the robot does not have, or the limb has no mount to move.
@@ -75,7 +75,7 @@ def served_description(spec: RobotSpec, mount_offset: Mapping[str, tuple[float, 
 
 
 def _mount(joints: Mapping[str, ElementTree.Element], first: str) -> ElementTree.Element:
-    """Finds the fixed joint that carries a limb's first joint."""
+    """Returns the fixed joint that carries a limb's first joint."""
     carrier = _link(joints[first], "parent")
     for joint in joints.values():
         if joint.get("type") == "fixed" and _link(joint, "child") == carrier:
@@ -97,7 +97,7 @@ def _move(mount: ElementTree.Element, offset: tuple[float, float, float]) -> Non
 
 
 def write_description(text: str, folder: Path) -> Path:
-    """Puts a description where a model can be built from it."""
+    """Writes a description to a file, from which a model can be built."""
     path = folder / "served.urdf"
     path.write_text(text)
     return path

@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The force field that keeps the arms off each other and off the body.
+r"""The robot's own safety functions of the arms: collision avoidance, collision detection, and their suppression.
+
+Collision avoidance keeps the arms away from each other and from the body by a repulsive force:
 
     f = k (margin - d) - c d'    where a pair of links is nearer than the margin;    tau = sum G^T max(f, 0)
 
-with the distance d and its gradient G of ``robot.distances``. The robot's own blocks are a little bigger than its
-links, which is why tucked arms are inside the field.
+with the distance d and its gradient G of ``robot.distances``. The robot's collision shapes are a little larger than its
+links, so tucked arms are inside the field.
+
+Collision detection (``plant.collision``) judges the torque tau = J^T (F, 0) of a push. The real robot judges from its
+torque sensors; the simulator knows the push and judges from it, so that no fast motion of its own is taken for a
+collision. Pushes are the only collisions it detects.
 """
 
 from __future__ import annotations
@@ -42,11 +48,11 @@ SUPPRESSIBLE = (
     "suppress_gravity_compensation",
     "suppress_hand_overwrench_safety",
 )
-"""Topics below /robot/limb/SIDE/ that the real robot listens to; nobody there listens to suppress_body_avoidance."""
+"""Topics below /robot/limb/SIDE/ to which the real robot subscribes; it does not to suppress_body_avoidance."""
 
 
 class ForceField:
-    """What each arm is too near to.
+    """Repulsion of links that are too near to each other.
 
     Attributes:
         near: Limb -> links or limbs that it is too near to.
@@ -54,7 +60,7 @@ class ForceField:
     """
 
     def __init__(self, kinematics: Kinematics, period: float) -> None:
-        """Watches the robot file's pairs; ``period`` [s] between updates."""
+        """Uses the pairs of the robot file; ``period`` [s] between updates."""
         model = kinematics.model
         collision = model.spec.collision
         self._margin = collision.margin
@@ -71,7 +77,7 @@ class ForceField:
         self.torque: Array = np.zeros(model.n)
 
     def update(self, q: Array, v: Array) -> None:
-        """Measures at the state of the kinematics' last update."""
+        """Updates distances and torque at the state of the kinematics' last update."""
         self._distances.update(q, v)
         found: dict[str, list[str]] = {name: [] for name in self.near}
         torque = np.zeros(q.size)
@@ -106,7 +112,7 @@ class HandPush:
 
 
 def contact_sense(short_names: Sequence[str]) -> ContactSense:
-    """Watches one limb for impacts and squeezes, with the robot's own thresholds."""
+    """Makes the collision detection of one limb, with the robot's own thresholds."""
     infinite = math.inf
     limits = CollisionLimits(
         impact=np.array([IMPACT_THRESHOLD * IMPACT_SCALERS.get(s, infinite) for s in short_names]),
@@ -119,15 +125,15 @@ def contact_sense(short_names: Sequence[str]) -> ContactSense:
 
 
 class Suppressions:
-    """When each suppression of one limb was asked for last."""
+    """Safety functions of one limb that a user keeps switched off by repeated requests."""
 
     def __init__(self) -> None:
-        self._asked = dict.fromkeys(SUPPRESSIBLE, -math.inf)
+        self._requested = dict.fromkeys(SUPPRESSIBLE, -math.inf)
 
-    def ask(self, name: str, now: float) -> None:
-        """Notes a request at a time [s]."""
-        self._asked[name] = now
+    def request(self, name: str, now: float) -> None:
+        """Takes a request at a time [s]."""
+        self._requested[name] = now
 
     def active(self, name: str, now: float) -> bool:
-        """Says whether it still holds."""
-        return now - self._asked[name] < SUPPRESSION_TIME_OUT
+        """Says whether a function is off."""
+        return now - self._requested[name] < SUPPRESSION_TIME_OUT

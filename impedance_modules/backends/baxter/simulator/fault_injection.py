@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What can be made to go wrong, as words: on the command line with a time, or on a topic at once.
+"""Fault injection: faults as text, on the command line with a time or on a topic at once, and their effect on messages.
 
     NAME            switches a fault on (or does it once)
     NAME VALUE      with a number, a side or a word
@@ -59,7 +59,7 @@ Send = Callable[[], None]
 
 @dataclass(frozen=True)
 class InjectedFault:
-    """One word of a script.
+    """One fault of a script.
 
     Attributes:
         at: When [s]; None for at once.
@@ -77,7 +77,7 @@ class InjectedFault:
 
 
 def describe() -> str:
-    """Lists every fault, one a line, as it is written and what it does."""
+    """Lists every fault, one per line, with its syntax and what it does."""
     rows = list(SWITCHES.items())
     rows += [(f"{name} VALUE", text) for name, (text, _, _) in NUMBERS.items()]
     rows += list(ACTS.items())
@@ -90,7 +90,7 @@ def parse_fault(text: str, limbs: tuple[str, ...]) -> InjectedFault:
     """Reads one fault.
 
     Raises:
-        BadInput: It is none; with what would be.
+        BadInput: It is none; the message lists what is valid.
     """
     words = text.split()
     at: float | None = None
@@ -138,10 +138,10 @@ def _number(word: str, text: str, low: float, high: float) -> float:
 
 @dataclass
 class MessageFaults:
-    """Faults in force.
+    """Faults of outgoing messages that are in force: lost, late, repeated, incomplete, or not a number.
 
     Attributes:
-        silence, freeze, partial, nan: See ``faults``.
+        silence, freeze, partial, nan: See ``SWITCHES``.
         drop: Share of messages lost.
         delay: Of the others [s].
         clock_step: Of the robot's clock [s].
@@ -157,7 +157,7 @@ class MessageFaults:
     drop: float = 0.0
     delay: float = 0.0
     clock_step: float = 0.0
-    _line: deque[tuple[float, Send]] = field(default_factory=deque)
+    _delayed: deque[tuple[float, Send]] = field(default_factory=deque)
     _frozen: dict[tuple[str, str], Message] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -166,19 +166,19 @@ class MessageFaults:
     def send_through(
         self, place: tuple[str, str], message: Message, now: float, send: Callable[[Message], None]
     ) -> None:
-        """Sends a message of one node's topic, as far as the faults let it through."""
+        """Sends a message of one node's topic, changed, delayed or dropped as the faults in force say."""
         message = self._distorted(place, message)
         if self.silence or (self.drop > 0.0 and self._random.random() < self.drop):
             return
-        if self.delay > 0.0 or self._line:
-            self._line.append((now + self.delay, lambda: send(message)))
+        if self.delay > 0.0 or self._delayed:
+            self._delayed.append((now + self.delay, lambda: send(message)))
         else:
             send(message)
 
     def release(self, now: float) -> None:
         """Sends what has been delayed long enough."""
-        while self._line and self._line[0][0] <= now:
-            self._line.popleft()[1]()
+        while self._delayed and self._delayed[0][0] <= now:
+            self._delayed.popleft()[1]()
 
     def _distorted(self, place: tuple[str, str], message: Message) -> Message:
         if self.freeze:

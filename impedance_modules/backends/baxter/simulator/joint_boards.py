@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One arm of the simulator: what it was commanded, how long ago, and what that makes of its joint boards."""
+"""Control modes of each limb and the joint boards: commands become torques and servo targets for the plant.
+
+``LimbDrive`` holds the command of one limb and its time-out; ``JointBoards`` combines all limbs into one set of orders
+and adds the robot's own gravity and spring compensation.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +37,7 @@ from impedance_modules.robot.state import RobotState
 Array = NDArray[np.float64]
 
 INERTIA_TICKS = 100
-"""The servos are told the arms' inertia every so many ticks."""
+"""The servos are adapted to the arms' inertia every so many ticks."""
 
 
 class CommandMode(IntEnum):
@@ -46,7 +50,7 @@ class CommandMode(IntEnum):
 
 
 class LimbActivity(Enum):
-    """What a powered limb does; without power it does nothing at all."""
+    """What a limb with power does; without power it does nothing."""
 
     HOLDS = "holds"
     OBEYS = "obeys"
@@ -55,9 +59,9 @@ class LimbActivity(Enum):
 
 @dataclass(frozen=True)
 class LimbOrders:
-    """For the joint boards, each (k,): torque [N.m], or where the servo pulls the motors [rad].
+    """For the joint boards, each (k,): torque [N.m], or target of the position servos [rad].
 
-    ``servo`` says which of the two acts.
+    ``servo`` says which of the two applies.
     """
 
     effort: Array
@@ -71,12 +75,12 @@ class LimbDrive:
     Attributes:
         doing: Now.
         mode: Of the last command that was taken; None before the first and after a time-out.
-        command: (k,) its numbers, clamped.
+        command: (k,) its numbers, clipped.
         fault: Why a joint board failed; empty while it has not.
         expired: Whether the commands in force have timed out in the present tick.
         received, last_received: How many commands came in all, and when the last did [s]; 0 before the first.
         last_torque: When the last torque command came [s].
-        ignored: Commands that made no sense, or came while the limb paused or had no power.
+        ignored: Invalid commands, and those that came while the limb paused or had no power.
     """
 
     def __init__(self, model: RobotModel, limb: Limb, options: SimulatorOptions) -> None:
@@ -101,12 +105,12 @@ class LimbDrive:
         self.last_received = self.last_torque = 0.0
         self.time_out = DEFAULT_TIME_OUT
         self.speed_ratio = SPEED_RATIO
-        self._heard = -math.inf
+        self._commanded_at = -math.inf
         self._pause_end = -math.inf
 
     @property
     def served(self) -> bool:
-        """Says whether the limb's servo acts, not a torque command or nothing."""
+        """Says whether the position servo controls the limb, not a torque command or nothing."""
         return self.activity is LimbActivity.HOLDS or (
             self.activity is LimbActivity.OBEYS and self.mode is not CommandMode.TORQUE
         )
@@ -116,7 +120,7 @@ class LimbDrive:
         return now < self._pause_end
 
     def set_time_out(self, seconds: float) -> None:
-        """Sets the patience with silent commanders, cut to what the robot accepts; NaN changes nothing."""
+        """Sets the command time-out [s], clipped to what the robot accepts; NaN changes nothing."""
         if math.isfinite(seconds):
             self.time_out = min(max(seconds, 0.0), LONGEST_TIME_OUT)
 
@@ -132,7 +136,7 @@ class LimbDrive:
         self.reference.settle(position)
 
     def float_free(self) -> None:
-        """Leaves every mode; only the robot's own help with the weight remains."""
+        """Leaves every mode; only the robot's own gravity compensation remains."""
         self.activity, self.mode = LimbActivity.FLOATS, None
         self.command = np.zeros(self._k)
 
@@ -144,35 +148,35 @@ class LimbDrive:
     def take(
         self, now: float, mode: int, names: Sequence[str], values: Sequence[float], position: Array
     ) -> None:
-        """Takes a JointCommand; one that makes no sense, or comes in a pause, is ignored.
+        """Takes a JointCommand; an invalid one, or one during a pause, is ignored.
 
         Args:
             now: Clock [s].
             mode: ``CommandMode``.
-            names: Joints; those left out keep still.
+            names: Joints; those left out do not move.
             values: Angle, rate or torque of each.
             position: (k,) measured [rad].
         """
         known = [self._index.get(name) for name in names]
         numbers = np.array(values, dtype=float)
-        sensible = (
+        valid = (
             mode in CommandMode._value2member_map_
             and len(known) == numbers.size > 0
             and None not in known
             and bool(np.isfinite(numbers).all())
         )
-        if not sensible or self.paused(now):
+        if not valid or self.paused(now):
             self.ignored += 1
             return
         self._enter(CommandMode(mode), position)
         places = [place for place in known if place is not None]
-        self._heard = now
+        self._commanded_at = now
         if self.mode is CommandMode.TORQUE:
             numbers = self._bounded(places, numbers)
         self.command[places] = numbers
 
     def _enter(self, mode: CommandMode, position: Array) -> None:
-        """Changes the mode: a servo starts where it holds already, or else where the arm is."""
+        """Changes the mode: a servo starts at its present reference, or else at the measured position."""
         moves = mode in (CommandMode.POSITION, CommandMode.RAW_POSITION)
         if mode is not self.mode:
             if self.activity is LimbActivity.FLOATS or self.mode is CommandMode.TORQUE:
@@ -183,7 +187,7 @@ class LimbDrive:
         self.mode, self.activity = mode, LimbActivity.OBEYS
 
     def _bounded(self, places: Sequence[int], torque: Array) -> Array:
-        """Keeps a torque within what the boards give, or faults."""
+        """Clips a torque to what the boards can give, or reports a fault."""
         limit = self.torque_limit[list(places)]
         beyond = np.abs(torque) > limit
         if beyond.any() and self._options.over_torque == "fault":
@@ -193,10 +197,10 @@ class LimbDrive:
 
     def check_time(self, now: float) -> None:
         """Leaves a mode whose commands have stopped coming; ``expired`` tells."""
-        self.expired = self.activity is LimbActivity.OBEYS and now - self._heard > self.time_out
+        self.expired = self.activity is LimbActivity.OBEYS and now - self._commanded_at > self.time_out
 
     def orders(self, sensed: Sensed, servo: Servo) -> LimbOrders:
-        """Moves on by one tick, with what the joints report and how their servo is set."""
+        """Advances by one tick; takes what the joints measure and their servos' settings."""
         if not self.served:
             return LimbOrders(self.command, sensed.position, servo=False)
         if self.activity is LimbActivity.HOLDS:
@@ -212,12 +216,12 @@ class LimbDrive:
 
 @dataclass(frozen=True)
 class BoardRequest:
-    """What one limb wants of its boards.
+    """What one limb requests of its boards.
 
     Attributes:
         drive: Its control mode.
         assisted: Gravity and shoulder springs are compensated.
-        kept_off: The force field pushes it.
+        kept_off: Collision avoidance acts on it.
     """
 
     drive: LimbDrive
@@ -241,33 +245,35 @@ class JointBoards:
         self._brake = model.column("effort_max") / BRAKE_SPEED
 
     def update_inertia(self, q: Array) -> None:
-        """Tells the servos the arms' inertia at positions (n,) [rad]: how gently each may begin to move."""
+        """Adapts the servos' damping of the links' oscillation to the inertia at positions (n,) [rad]."""
         inertia = np.diag(self._model.mass_matrix(q)) - self._model.reflected_inertia
         self._ease = EASE * np.sqrt(inertia / self.stiffness)
 
-    def orders(self, state: RobotState, claims: Sequence[BoardRequest] | None, field: Array) -> BoardOrders:
-        """Puts the limbs' claims together.
+    def orders(self, state: RobotState, requests: Sequence[BoardRequest] | None, field: Array) -> BoardOrders:
+        """Combines the limbs' requests.
 
         Args:
             state: What the sensors say.
-            claims: Of every limb; None without power, when brakes alone act.
-            field: (n,) torque of the force field [N.m].
+            requests: Of every limb; None without power, when only the brakes act.
+            field: (n,) torque of collision avoidance [N.m].
         """
         n = self._model.n
         nothing = np.zeros(n)
-        if claims is None:
+        if requests is None:
             return BoardOrders(nothing, nothing, self._brake, state.position, nothing)
         effort, position, servo, assisted = nothing.copy(), nothing.copy(), nothing.copy(), np.ones(n)
         ahead = nothing
-        if any(claim.drive.served for claim in claims):
+        if any(request.drive.served for request in requests):
             weight, springs = self._plant.compensation(state.position)
             ahead = (weight + springs) / self.stiffness
-        for claim in claims:
-            joints = claim.drive.limb.joints
+        for request in requests:
+            joints = request.drive.limb.joints
             sensed = Sensed(np.asarray(state.position[joints]), state.velocity[joints])
-            orders = claim.drive.orders(sensed, Servo(ahead[joints], self._lead[joints], self._ease[joints]))
+            orders = request.drive.orders(
+                sensed, Servo(ahead[joints], self._lead[joints], self._ease[joints])
+            )
             effort[joints], position[joints], servo[joints] = orders.effort, orders.position, orders.servo
-            assisted[joints] = claim.assisted
-            if claim.kept_off:
+            assisted[joints] = request.assisted
+            if request.kept_off:
                 effort[joints] += field[joints]
         return BoardOrders(effort, servo * self.stiffness, servo * self.damping, position, assisted)

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulator's constants. [param] parameter server of a real robot; [wiki], [sdk] Rethink's; [assumed] by us."""
+"""Constants and options of the simulated Baxter, with the source of every number.
+
+[param] parameter server of a real robot; [wiki] and [sdk] Rethink's; [assumed] by us. What is not known of the real
+robot can be chosen (``SimulatorOptions``).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, cast, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -16,10 +20,10 @@ TICK = 1e-3
 
 DEFAULT_TIME_OUT = 0.2
 LONGEST_TIME_OUT = 1.0
-"""Silence after which a control mode is left [s] [wiki]; longer ones are cut."""
+"""Time without a command after which a control mode is left [s] [wiki]; longer ones are clipped."""
 
 SUPPRESSION_TIME_OUT = 0.2
-"""A suppression is forgotten unless it is repeated within this time [s] [wiki]."""
+"""A suppression ends unless it is repeated within this time [s] [wiki]."""
 
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 100.0, 1.0, 1000.0
 """Of the joint states [Hz] [wiki]; the range is [assumed]."""
@@ -37,24 +41,24 @@ SPEED_RATIO = 0.3
 """Default of position mode [sdk]."""
 
 POSITION_LAG = 0.4
-"""Time by which position mode trails a moving command [s]: 0.23 rad/s trailed by 0.094 rad on a real arm."""
+"""Time by which position mode lags a moving command [s]: 0.094 rad at 0.23 rad/s on a real arm."""
 
 EASE = 0.4
-"""Feedback of the links' swing, over sqrt(M_ii / K_sea) [assumed]."""
+"""Gain of the feedback that damps the links' oscillation, times sqrt(M_ii / K_sea) [assumed]."""
 
 INTEGRAL_RATE = 1.0
 INTEGRAL_LIMIT = 0.05
 """Integral action of the position servo [1/s] and its limit [rad] [assumed]."""
 
 BRAKE_SPEED = 0.2
-"""Speed at which full effort would push a powerless joint through its brake [rad/s] [assumed]."""
+"""Speed at which full effort would move a joint without power against its viscous brake [rad/s] [assumed]."""
 
 COLLISION_PAUSE = 2.0
-"""Commands are ignored for so long after a collision [s] [wiki]."""
+"""Time for which commands are ignored after a collision [s] [wiki]."""
 
 IMPACT_TIME = 0.05
 SQUISH_TIME = 0.1
-"""A push that rises faster than this is an impact, one that lasts longer than that squishes [s] [assumed]."""
+"""A push that rises faster than the first is an impact, one longer than the second a squish [s] [assumed]."""
 
 IMPACT_THRESHOLD = 0.85
 IMPACT_SCALERS: Mapping[str, float] = {"s0": 3.0, "s1": 3.0, "e0": 2.7, "e1": 3.3, "w0": 1.2, "w1": 2.7}
@@ -77,47 +81,19 @@ SPEED_LIMITS: Mapping[str, float] = {"s0": 2, "s1": 2, "e0": 2, "e1": 2, "w0": 4
 """Of the joint boards [N.m], [rad/s] [param]."""
 
 STOP_MARGIN = 0.05
-"""The mechanical stops lie this far beyond the published limits [rad] [assumed]: tucked arms rest beyond one."""
+"""Distance of the mechanical stops beyond the published limits [rad] [assumed]: tucked arms rest beyond one limit."""
 
 SPRINGS: Mapping[str, tuple[float, float]] = {"s1": (24.3, -37.3)}
 """Counterbalance spring: stiffness [N.m/rad], torque at zero angle [N.m]. Least squares on public recordings of a
 real robot's left arm; a public node for the real robot takes -30 N.m instead."""
 
-
 TimeOutResult = Literal["hold", "disable", "float"]
 OverTorque = Literal["clamp", "fault"]
-
-TIME_OUT_RESULTS: tuple[str, ...] = get_args(TimeOutResult)
-OVER_TORQUE: tuple[str, ...] = get_args(OverTorque)
-
-
-def time_out_result_of(word: str) -> TimeOutResult:
-    """Reads what a time-out leads to.
-
-    Raises:
-        BadInput: It is no such word.
-    """
-    for result in get_args(TimeOutResult):
-        if word == result:
-            return cast(TimeOutResult, result)
-    raise BadInput(f"time-out result '{word}' (valid: {', '.join(TIME_OUT_RESULTS)})")
-
-
-def over_torque_of(word: str) -> OverTorque:
-    """Reads what too much torque leads to.
-
-    Raises:
-        BadInput: It is no such word.
-    """
-    for result in get_args(OverTorque):
-        if word == result:
-            return cast(OverTorque, result)
-    raise BadInput(f"over-torque reaction '{word}' (valid: {', '.join(OVER_TORQUE)})")
 
 
 @dataclass(frozen=True)
 class SimulatorOptions:
-    """How the simulator is built. Sources disagree about, or are silent on, what the first two say.
+    """Options of the simulated robot. On the first two, sources disagree or say nothing.
 
     Attributes:
         time_out_result: What follows when torque or velocity commands stop coming: hold in position mode,
@@ -125,9 +101,9 @@ class SimulatorOptions:
         over_torque: What a commanded torque beyond the boards' limit does: it is clamped, or a joint fault.
         enabled: Starts with power on.
         head_nod: Publishes the second head joint that older software has.
-        springs: Short joint name -> stiffness [N.m/rad] of the spring beside it and its torque at zero angle [N.m],
+        springs: Short joint name -> stiffness [N.m/rad] of its parallel spring and the torque at zero angle [N.m],
             on every limb.
-        software_version: As the parameter server tells it.
+        software_version: On the parameter server.
         mount_offset: Limb -> calibrated minus nominal position of its mount in the torso's frame (3,) [m].
         seed: Of the sensors' noise.
         noise: Sensor noise as the robot file declares it.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the simulator tells the world: its state as the robot's own messages."""
+"""What the simulated Baxter publishes: its state as the robot's own messages, on which topics and how often."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.ros.messages import Message
-from impedance_modules.backends.baxter.simulator.assembly_state import PowerState
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, LimbActivity
 from impedance_modules.backends.baxter.simulator.parameters import (
     DEFAULT_RATE,
@@ -30,11 +30,10 @@ from impedance_modules.robot.pose import carry
 from impedance_modules.robot.rotation import log3
 
 Array = NDArray[np.float64]
-Floats = tuple[float, ...]
 
 HEAD_NOD = "head_nod"
 GRIPPER_TIP = 0.025
-"""From the hand's frame to the tip that endpoint states speak of, along its z axis [m]."""
+"""From the hand's frame to the gripper's tip, which endpoint states describe, along its z axis [m]."""
 
 FINGERS = ("l_finger_joint", "r_finger_joint")
 FINGER_OPENING = 0.01
@@ -43,17 +42,8 @@ FINGER_OPENING = 0.01
 Make = Callable[[int], Message]
 """Builds a message from a stamp [ns]."""
 
-REALTIME_NODE, GRIPPER_NODE = "/realtime_loop", "/end_effector_publisher"
-"""The two nodes of a real robot that publish joint states."""
-
-STATE = "/robot/state"
-
-JOINT_STATES = "/robot/joint_states"
-
-
-def floats(array: Array) -> Floats:
-    """Turns an array into plain numbers."""
-    return tuple(array.tolist())
+GRIPPER_NODE = "/end_effector_publisher"
+"""Publishes the grippers' joint states, on the same topic as ``topics.REALTIME_NODE`` the arms'."""
 
 
 class MessageBuilder:
@@ -72,48 +62,48 @@ class MessageBuilder:
         self._seq = 0
 
     def header(self, stamp: int, frame: str) -> messages.Header:
-        """Numbers and stamps a message; ``stamp`` in ns on the robot's clock."""
+        """Counts and stamps a message; ``stamp`` in ns on the robot's clock."""
         self._seq += 1
         return messages.Header(self._seq, stamp, frame)
 
     def joint_states(self, stamp: int) -> messages.JointState:
-        """Head first, then both arms, alphabetically."""
+        """Head first, then both arms, in alphabetical order."""
         state, order = self._robot.state, self._sorted
-        still = (0.0,) * len(self._head_angles)
+        zeros = (0.0,) * len(self._head_angles)
         return messages.JointState(
             self.header(stamp, ""),
             self._names,
             self._head_angles + floats(state.position[order]),
-            still + floats(state.velocity[order]),
-            still + floats(state.effort[order]),
+            zeros + floats(state.velocity[order]),
+            zeros + floats(state.effort[order]),
         )
 
     def reference_states(self, stamp: int) -> messages.JointState:
-        """Where the arms' servos are led, in the joint states' order."""
+        """References of the arms' servos, in the joint states' order."""
         robot, order = self._robot, self._sorted
         position, velocity = robot.state.position.copy(), np.zeros(robot.model.n)
         for drive in robot.limbs.values():
             if drive.served:
                 position[drive.limb.joints] = drive.reference.position
                 velocity[drive.limb.joints] = drive.reference.velocity
-        still = (0.0,) * len(self._head_angles)
+        zeros = (0.0,) * len(self._head_angles)
         return messages.JointState(
             self.header(stamp, ""),
             self._names,
             self._head_angles + floats(position[order]),
-            still + floats(velocity[order]),
+            zeros + floats(velocity[order]),
             (0.0,) * len(self._names),
         )
 
     def gripper_states(self, stamp: int) -> messages.JointState:
-        """The fingers alone, which stand still."""
-        still = (0.0,) * len(self._fingers)
+        """The fingers alone, which do not move."""
+        zeros = (0.0,) * len(self._fingers)
         opening = (FINGER_OPENING,) * len(self._fingers)
-        return messages.JointState(self.header(stamp, ""), self._fingers, opening, still, still)
+        return messages.JointState(self.header(stamp, ""), self._fingers, opening, zeros, zeros)
 
-    def assembly(self) -> messages.AssemblyState:
+    def assembly(self, stamp: int) -> messages.AssemblyState:  # noqa: ARG002 - as every builder of messages
         """Power and stops."""
-        return assembly_message(self._robot.machine.power)
+        return self._robot.machine.state
 
     def sea_joints(self, limb: Limb, stamp: int) -> messages.SEAJointState:
         """One arm's joints in full, from the shoulder outwards.
@@ -123,18 +113,18 @@ class MessageBuilder:
         robot, joints = self._robot, limb.joints
         drive = robot.limbs[limb.name]
         weight, springs = robot.plant.compensation(robot.state.position)
-        powered = float(robot.machine.power.enabled)
+        powered = float(robot.machine.state.enabled)
         acting = powered * (not robot.suppressed(limb.name, "suppress_gravity_compensation"))
         reference = drive.reference
         torque = drive.activity is LimbActivity.OBEYS and drive.mode is CommandMode.TORQUE
         measured = robot.state.position[joints]
-        still = np.zeros(joints.size)
+        zeros = np.zeros(joints.size)
         return messages.SEAJointState(
             header=self.header(stamp, "base"),
             name=limb.joint_names,
             commanded_position=floats(reference.position if drive.served and powered else measured),
-            commanded_velocity=floats(reference.velocity if drive.served and powered else still),
-            commanded_acceleration=floats(still),
+            commanded_velocity=floats(reference.velocity if drive.served and powered else zeros),
+            commanded_acceleration=floats(zeros),
             commanded_effort=floats(drive.command if torque else robot.integral_effort(drive)),
             actual_position=floats(measured),
             actual_velocity=floats(robot.state.velocity[joints]),
@@ -142,12 +132,12 @@ class MessageBuilder:
             gravity_model_effort=floats(acting * weight[joints]),
             gravity_only=floats(weight[joints]),
             hysteresis_model_effort=floats(-acting * springs[joints]),
-            crosstalk_model_effort=floats(still),
+            crosstalk_model_effort=floats(zeros),
             hyst_state=0.0,
         )
 
     def endpoint(self, limb: Limb, stamp: int) -> messages.EndpointState:
-        """Where the gripper's tip is, how it moves, what it presses with: F with J^T F = effort - weight + springs."""
+        """Pose, twist and wrench of the gripper's tip; wrench F from J^T F = effort - weight + springs."""
         robot, kinematics = self._robot, self._robot.kinematics
         hand = kinematics.pose(limb.hand)
         arm = hand.rotation @ np.array([0.0, 0.0, GRIPPER_TIP])
@@ -178,20 +168,69 @@ class MessageBuilder:
         return messages.CollisionAvoidanceState(self.header(stamp, ""), bool(arms), near)
 
     def cuff(self, limb: Limb) -> messages.DigitalIOState:
-        """Whether somebody squeezes the cuff."""
+        """Whether the cuff is squeezed."""
         return messages.DigitalIOState(int(self._robot.cuffs[limb.name]), is_input_only=True)
 
 
-def assembly_message(standing: PowerState) -> messages.AssemblyState:
-    """Puts power and stops into a message."""
-    return messages.AssemblyState(
-        standing.ready,
-        standing.enabled,
-        standing.stopped,
-        standing.error,
-        int(standing.button),
-        int(standing.source),
-    )
+@dataclass
+class Publication:
+    """One topic of one node.
+
+    Attributes:
+        topic, kind: What is published.
+        make: Builds the message.
+        rate: How often [Hz].
+        node: Who publishes it.
+        faulty: Whether faults of the state topics apply to it.
+        on_change: A message unlike the last one is sent at once.
+    """
+
+    topic: str
+    kind: type[Message]
+    make: Make
+    rate: float
+    node: str = topics.REALTIME_NODE
+    faulty: bool = True
+    on_change: bool = False
+    _phase: float = 1.0
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Node and topic."""
+        return self.node, self.topic
+
+    def due(self) -> bool:
+        """Counts one tick; says whether the topic is due."""
+        self._phase += self.rate * TICK
+        if self._phase < 1.0 - 1e-9:
+            return False
+        self._phase -= 1.0
+        return True
+
+
+def publications(builder: MessageBuilder, limbs: tuple[Limb, ...]) -> list[Publication]:
+    """Lists every topic, the most urgent first."""
+    joints, kind = topics.JOINT_STATES, messages.JointState
+    found = [
+        Publication(joints, kind, builder.joint_states, DEFAULT_RATE),
+        Publication(topics.ROBOT_STATE, messages.AssemblyState, builder.assembly, STATE_RATE),
+        # Another node: the gripper goes on when the first one fails.
+        Publication(joints, kind, builder.gripper_states, GRIPPER_RATE, GRIPPER_NODE, faulty=False),
+        Publication("/robot/ref_joint_states", kind, builder.reference_states, DEFAULT_RATE),
+    ]
+    for limb in limbs:
+        found += _of_limb(builder, limb)
+    return found
+
+
+def bounded_rate(requested: float) -> float:
+    """Clips a requested rate of the joint states to what the robot can [Hz]; 0 requests the default."""
+    return min(max(requested, SLOWEST_RATE), FASTEST_RATE) if requested else DEFAULT_RATE
+
+
+def floats(array: Array) -> messages.Floats:
+    """Turns an array into a tuple of floats."""
+    return tuple(array.tolist())
 
 
 def pose_message(translation: Array, rotation: Array) -> messages.PoseMessage:
@@ -208,99 +247,19 @@ def _vector(numbers: NDArray[np.floating[Any]]) -> messages.Vector3:
     return messages.Vector3(*numbers.tolist())
 
 
-@dataclass
-class TopicPublisher:
-    """One topic of one node.
-
-    Attributes:
-        node, topic, kind: Who sends what where.
-        rate: How often [Hz].
-        make: Builds the message.
-        faulty: Whether faults of the state topics concern it.
-        on_change: A message unlike the last one is sent at once.
-    """
-
-    node: str
-    topic: str
-    kind: type[Message]
-    rate: float
-    make: Make
-    faulty: bool = True
-    on_change: bool = False
-    _phase: float = 1.0
-
-    def due(self) -> bool:
-        """Counts one tick; says whether the topic is due."""
-        self._phase += self.rate * TICK
-        if self._phase < 1.0 - 1e-9:
-            return False
-        self._phase -= 1.0
-        return True
-
-
-def bounded_rate(wish: float) -> float:
-    """Cuts a wished rate of the joint states to what the robot can [Hz]; 0 asks for the default."""
-    return min(max(wish, SLOWEST_RATE), FASTEST_RATE) if wish else DEFAULT_RATE
-
-
-def topic_publishers(readout: MessageBuilder, limbs: tuple[Limb, ...]) -> list[TopicPublisher]:
-    """Lists every topic, the most urgent first."""
-    found = [
-        TopicPublisher(REALTIME_NODE, JOINT_STATES, messages.JointState, DEFAULT_RATE, readout.joint_states),
-        TopicPublisher(
-            REALTIME_NODE, STATE, messages.AssemblyState, STATE_RATE, lambda _: readout.assembly()
-        ),
-        # Another node: whatever befalls the first, the gripper goes on.
-        TopicPublisher(
-            GRIPPER_NODE,
-            JOINT_STATES,
-            messages.JointState,
-            GRIPPER_RATE,
-            readout.gripper_states,
-            faulty=False,
-        ),
-        TopicPublisher(
-            REALTIME_NODE,
-            "/robot/ref_joint_states",
-            messages.JointState,
-            DEFAULT_RATE,
-            readout.reference_states,
-        ),
-    ]
-    for limb in limbs:
-        found += _of_limb(readout, limb)
-    return found
-
-
-def _of_limb(readout: MessageBuilder, limb: Limb) -> list[TopicPublisher]:
-    place = f"/robot/limb/{limb.name}"
+def _of_limb(builder: MessageBuilder, limb: Limb) -> list[Publication]:
+    place, name = f"/robot/limb/{limb.name}", limb.name
     fast: list[tuple[str, type[Message], Make]] = [
-        ("gravity_compensation_torques", messages.SEAJointState, partial(readout.sea_joints, limb)),
-        ("endpoint_state", messages.EndpointState, partial(readout.endpoint, limb)),
-        ("state", messages.AssemblyState, lambda _: readout.assembly()),
+        (topics.sea_state(name), messages.SEAJointState, partial(builder.sea_joints, limb)),
+        (topics.endpoint_state(name), messages.EndpointState, partial(builder.endpoint, limb)),
+        (f"{place}/state", messages.AssemblyState, builder.assembly),
     ]
+    avoidance = f"{place}/collision_avoidance_state"
     slow: list[tuple[str, type[Message], Make]] = [
-        (
-            f"{place}/collision_detection_state",
-            messages.CollisionDetectionState,
-            partial(readout.detection, limb),
-        ),
-        (
-            f"{place}/collision_avoidance_state",
-            messages.CollisionAvoidanceState,
-            partial(readout.avoidance, limb),
-        ),
-        (
-            f"/robot/digital_io/{limb.name}_lower_cuff/state",
-            messages.DigitalIOState,
-            lambda _: readout.cuff(limb),
-        ),
+        (topics.collision_state(name), messages.CollisionDetectionState, partial(builder.detection, limb)),
+        (avoidance, messages.CollisionAvoidanceState, partial(builder.avoidance, limb)),
+        (topics.cuff(name), messages.DigitalIOState, lambda _: builder.cuff(limb)),
     ]
-    found = [
-        TopicPublisher(REALTIME_NODE, f"{place}/{name}", kind, STATE_RATE, make) for name, kind, make in fast
+    return [Publication(*one, STATE_RATE) for one in fast] + [
+        Publication(*one, SLOW_RATE, faulty=False, on_change=True) for one in slow
     ]
-    found += [
-        TopicPublisher(REALTIME_NODE, topic, kind, SLOW_RATE, make, faulty=False, on_change=True)
-        for topic, kind, make in slow
-    ]
-    return found

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lets a simulator live in real time."""
+"""Runs a simulated Baxter in real time and writes its event log.
+
+Each tick waits for its time: there is no drift while the machine keeps up, and a lag that is stated when it does not.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,14 @@ from impedance_modules.backends.baxter.simulator.parameters import TICK
 from impedance_modules.backends.baxter.simulator.simulated_baxter import SimulatedBaxter
 from impedance_modules.backends.baxter.simulator.simulator_node import SimulatorNode
 
-TURN = 0.0005
-"""How long a thread may keep the others waiting [s]; commands come in threads of their own."""
+SWITCH_INTERVAL = 0.0005
+"""Longest time for which a thread may hold the interpreter lock [s]; commands come in threads of their own."""
 
-COMPLAINT_PAUSE = 5.0
-"""Slow machines are told about at most this often [s]."""
+WARNING_PERIOD = 5.0
+"""Shortest time between two warnings that the machine is too slow [s]."""
 
-PATIENCE = 0.05
-"""Ticks that are late are made up for; beyond this lateness they are given up [s]."""
+LARGEST_LATENESS = 0.05
+"""A lateness up to this is caught up; a larger one is added to the lag [s]."""
 
 
 def run_in_real_time(
@@ -31,47 +34,47 @@ def run_in_real_time(
     asked_to_end: Callable[[], bool],
     duration: float | None,
 ) -> float:
-    """Lives until somebody asks for the end, or a duration [s] is over; closes the node in any case.
+    """Runs until it is asked to end or a duration [s] is over; closes the node in any case.
 
     Args:
         node: Open.
-        event_log: Takes notes.
-        tell: Is told every event.
-        asked_to_end: Asked every millisecond.
-        duration: On the simulator's clock; None for no end.
+        event_log: Of the robot.
+        tell: Called with every event.
+        asked_to_end: Called every millisecond; True ends the run.
+        duration: In simulated time; None for no end.
 
     Returns:
-        By how much its clock fell behind the wall's [s].
+        By how much simulated time fell behind real time [s].
     """
     robot, pacer = node.robot, Pacer()
-    told, complained = 0.0, -COMPLAINT_PAUSE
-    turn = sys.getswitchinterval()
-    sys.setswitchinterval(TURN)
+    told, warned = 0.0, -WARNING_PERIOD
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL)
     gc.freeze()
     gc.disable()
     try:
         while not asked_to_end() and (duration is None or robot.now < duration):
             pacer.wait()
-            node.slipped = pacer.slipped
+            node.lag = pacer.lag
             node.tick()
             for text in event_log.update():
                 tell(f"{robot.now:9.3f} s  {text}")
-            if pacer.slipped - told > 0.0 and robot.now - complained >= COMPLAINT_PAUSE:
-                tell(f"{robot.now:9.3f} s  this machine is too slow: {pacer.slipped:.2f} s behind in all")
-                told, complained = pacer.slipped, robot.now
+            if pacer.lag - told > 0.0 and robot.now - warned >= WARNING_PERIOD:
+                tell(f"{robot.now:9.3f} s  this machine is too slow: {pacer.lag:.2f} s behind in all")
+                told, warned = pacer.lag, robot.now
     finally:
         gc.enable()
         gc.unfreeze()
-        sys.setswitchinterval(turn)
+        sys.setswitchinterval(usual)
         node.close()
-    return pacer.slipped
+    return pacer.lag
 
 
 class EventLog:
-    """Writes what a robot says; its clock is the robot's."""
+    """Writes one JSON line per event and per second: power, and each limb's mode, commands and their last times."""
 
     def __init__(self, robot: SimulatedBaxter, file: TextIO | None) -> None:
-        """``file`` is open for text, or None for no diary."""
+        """``file`` is open for text, or None to write nothing."""
         self._robot, self._file = robot, file
         self._told = 0
         self._next = 0.0
@@ -95,8 +98,8 @@ class EventLog:
         line = {
             "time": round(at, 6),
             "event": text,
-            "enabled": robot.machine.power.enabled,
-            "stopped": robot.machine.power.stopped,
+            "enabled": robot.machine.state.enabled,
+            "stopped": robot.machine.state.stopped,
             "commands": {name: drive.received for name, drive in robot.limbs.items()},
             "ignored": {name: drive.ignored for name, drive in robot.limbs.items()},
             "last_command": {name: round(drive.last_received, 6) for name, drive in robot.limbs.items()},
@@ -111,10 +114,10 @@ class EventLog:
 
 
 class Pacer:
-    """Says when the next tick is due.
+    """Keeps ticks at their time.
 
     Attributes:
-        slipped: By how much the simulator's clock is behind the wall's in all [s].
+        lag: By how much simulated time is behind real time in all [s].
     """
 
     def __init__(
@@ -125,16 +128,16 @@ class Pacer:
         self._clock, self._sleep = clock, sleep
         self._start = clock()
         self._ticks = 0
-        self.slipped = 0.0
+        self.lag = 0.0
 
     def wait(self) -> float:
-        """Sleeps until the next tick; returns how much time was given up just now [s]."""
+        """Sleeps until the next tick; returns by how much the lag has grown just now [s]."""
         self._ticks += 1
         early = self._start + self._ticks * TICK - self._clock()
         if early > 0.0:
             self._sleep(early)
-        if early >= -PATIENCE:
+        if early >= -LARGEST_LATENESS:
             return 0.0
         self._start -= early
-        self.slipped -= early
+        self.lag -= early
         return -early

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulator's mind: one tick of the robot's own loop after another, without any network.
+"""The simulated Baxter without its network: one tick of the robot's own loop after another.
 
     requests -> power and stops -> modes, time-outs, cuffs, collisions -> joint boards -> plant -> sensors
 
-Other threads only ``post`` requests; everything happens in the thread that calls ``tick``.
+Other threads only ``post`` requests; everything else happens in the thread that calls ``tick``.
 """
 
 from __future__ import annotations
@@ -47,26 +47,26 @@ Array = NDArray[np.float64]
 Request = Callable[[], None]
 
 FIELD_TICKS = 10
-"""The force field and the hands' poses are brought up to date every so many ticks."""
+"""Collision avoidance and the hands' poses are updated every so many ticks."""
 
 
 class SimulatedBaxter:
-    """A two-armed robot with modes, safety and moods of its own.
+    """A two-armed robot with the control modes, time-outs and safety functions of a Baxter.
 
     Attributes:
         model: Its kinematics and dynamics, calibrated mounts included.
-        plant: What really happens.
+        plant: The physics.
         machine: Power and stops.
         limbs: Name -> control modes and time-out.
-        suppressions: Name -> safety functions that are kept off.
+        suppressions: Name -> safety functions that are switched off.
         cuffs: Name -> whether its cuff is squeezed.
-        pushes: Name -> who pushes it; None while nobody does.
-        colliding: Name -> what it pauses for, ``impact`` or ``squish``; empty while it does not.
-        field: Force field.
-        kinematics: Of the hands, as fresh as the force field.
-        state: What the sensors said last.
+        pushes: Name -> push that acts on it, or None.
+        colliding: Name -> why it pauses, ``impact`` or ``squish``; empty while it does not.
+        field: Collision avoidance.
+        kinematics: Of the hands, at the last update of ``field``.
+        state: Last sensor readings.
         now: Clock [s], from 0.
-        events: (time, text) of everything worth telling.
+        events: (time, text) of everything that is logged.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class SimulatedBaxter:
         drive.last_received = self.now
         if mode == CommandMode.TORQUE:
             drive.last_torque = self.now
-        if not self.machine.power.enabled:
+        if not self.machine.state.enabled:
             drive.ignored += 1
             return
         drive.take(self.now, mode, names, values, self.position(drive))
@@ -122,15 +122,15 @@ class SimulatedBaxter:
             self.machine.fault()
             drive.fault = ""
 
-    def enable(self, wish: bool) -> None:
+    def enable(self, on: bool) -> None:
         """Takes a request to switch power on or off."""
-        before = self.machine.power
-        if wish:
+        before = self.machine.state
+        if on:
             self.machine.enable(blocked=self._blocked())
         else:
             self.machine.disable()
-        if self.machine.power != before:
-            self.log_event("enabled" if wish else "disabled")
+        if self.machine.state != before:
+            self.log_event("enabled" if on else "disabled")
         elif self.machine.refusal:
             self.log_event(f"not enabled: {self.machine.refusal}")
 
@@ -152,26 +152,26 @@ class SimulatedBaxter:
         return ""
 
     def log_event(self, text: str) -> None:
-        """Notes what happened; what is said again and again is noted once."""
+        """Logs an event; one that repeats is logged once."""
         if not self.events or self.events[-1][1] != text:
             self.events.append((self.now, text))
 
     def position(self, drive: LimbDrive) -> Array:
-        """Gives the measured positions of a limb (k,) [rad]."""
+        """Returns the measured positions of a limb (k,) [rad]."""
         return np.asarray(self.state.position[drive.limb.joints])
 
     def integral_effort(self, drive: LimbDrive) -> Array:
-        """Gives what a limb's position servo has built up against its error (k,) [N.m]."""
+        """Returns the integral part of a limb's position servo (k,) [N.m]."""
         return np.asarray(self._boards.stiffness[drive.limb.joints] * drive.reference.integral)
 
     def tick(self) -> None:
-        """Lives through one millisecond."""
+        """Simulates one millisecond."""
         while self._requests:
             self._requests.popleft()()
-        self._watch_power()
+        self._update_power()
         for name, drive in self.limbs.items():
-            self._watch_limb(name, drive)
-        self.plant.drive(self._boards.orders(self.state, self._claims(), self.field.torque))
+            self._update_limb(name, drive)
+        self.plant.drive(self._boards.orders(self.state, self._board_requests(), self.field.torque))
         self.state = self.plant.sense()
         self._ticks += 1
         self.now = self._ticks * TICK
@@ -184,15 +184,15 @@ class SimulatedBaxter:
         if self._ticks % INERTIA_TICKS == 0:
             self._boards.update_inertia(self.state.position)
 
-    def _watch_power(self) -> None:
-        """Without power every mode is forgotten; with it the arms hold where they are."""
-        powered = self.machine.power.enabled
+    def _update_power(self) -> None:
+        """When power goes or comes, every mode ends and the arms hold where they are."""
+        powered = self.machine.state.enabled
         if powered != self._powered:
             for drive in self.limbs.values():
                 drive.settle(self.position(drive))
             self._powered = powered
 
-    def _watch_limb(self, name: str, drive: LimbDrive) -> None:
+    def _update_limb(self, name: str, drive: LimbDrive) -> None:
         """Time-out, cuff and collisions of one limb."""
         self._detect_collision(name, drive)
         if not self._powered:
@@ -209,7 +209,7 @@ class SimulatedBaxter:
             self._time_out(name, drive)
 
     def _time_out(self, name: str, drive: LimbDrive) -> None:
-        """What silence leads to: sources disagree, so the options say."""
+        """Acts on a time-out; sources disagree about the result, so it is an option."""
         moving = drive.mode in (CommandMode.TORQUE, CommandMode.VELOCITY)
         result = self.options.time_out_result if moving else "hold"
         self.log_event(f"{name}: no command for {drive.time_out:g} s: {result}")
@@ -219,10 +219,10 @@ class SimulatedBaxter:
             drive.settle(self.position(drive))
         if result == "disable":
             self.machine.disable()
-            self._watch_power()
+            self._update_power()
 
     def _detect_collision(self, name: str, drive: LimbDrive) -> None:
-        """Lets a push act, and pauses the limb if it is a collision."""
+        """Applies a push, and pauses the limb if it is a collision."""
         push, joints = self.pushes[name], drive.limb.joints
         if push is None and self._senses[name].calm and not self.colliding[name]:
             return
@@ -241,8 +241,8 @@ class SimulatedBaxter:
                 drive.pause(self.now, COLLISION_PAUSE, self.position(drive))
             self.colliding[name] = felt
 
-    def _claims(self) -> list[BoardRequest] | None:
-        """What each limb wants of its boards; None without power."""
+    def _board_requests(self) -> list[BoardRequest] | None:
+        """What each limb requests of its boards; None without power."""
         if not self._powered:
             return None
         return [
@@ -255,5 +255,5 @@ class SimulatedBaxter:
         ]
 
     def suppressed(self, limb: str, what: str) -> bool:
-        """Says whether a safety function of a limb is kept off now."""
+        """Says whether a safety function of a limb is switched off now."""
         return self.suppressions[limb].active(what, self.now)
