@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every shipped task does what its first lines promise, on a plant with noise."""
+"""Every shipped task does what its first lines say, on a plant with noise."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EVERY_TASK = pytest.mark.parametrize("name", SHIPPED)
 
 
 def _well(watched: Watched, *, whole: bool = True) -> Watched:
-    """Checks what holds for every run: it ended as planned, paid in full, far from every limit."""
+    """Checks what holds for every run: it ended as planned, tank never slowed it, far from every limit."""
     assert watched.supervisor.ending is (Ending.DONE if whole else Ending.INTERRUPTED), (
         watched.supervisor.reason
     )
@@ -76,7 +76,7 @@ def _pressing(watched: Watched) -> float:
 def test_press_and_slide() -> None:
     run = _well(watch(shipped("press-and-slide")))
     force, path = run.seen(f"surface on {OBJECT}", "slide"), run.seen(f"at {OBJECT}", "slide")
-    # Two hands press with 8 N each; the table feels the sum, less what the soft joint springs take up.
+    # Two hands press with 8 N each; the force on the table is the sum, less what the soft joint springs take up.
     assert _pressing(run) == 16.0
     assert np.mean(force[:, 2]) == pytest.approx(_pressing(run), rel=0.2)
     assert np.min(force[:, 2]) > 0.5 * _pressing(run)

@@ -336,7 +336,7 @@ def test_summary_is_whole_and_plain(tmp_path):
     assert json.loads(path.read_text())["n"] == 3
 
 
-def test_a_long_recording_can_be_read_thinned_out(tmp_path: Path) -> None:
+def test_a_long_recording_can_be_read_decimated(tmp_path: Path) -> None:
     rows = {"time": np.arange(1001) / 1000.0, "position.j": np.arange(1001.0), "phase": ["a"] * 1001}
     metadata = episode_metadata(
         robot="r",

@@ -252,8 +252,8 @@ def test_arrays_and_structs(tmp_path, suffix):
 def test_memory_does_not_matter_to_the_result(tmp_path, monkeypatch):
     """However small the pieces, the episode is the same, filtered or not."""
     table_log(tmp_path / "log.csv")
-    thinned = base_map(decimate={"keep_every": 3, "low_pass": 8})
-    for name, data in (("plain", base_map()), ("thinned", thinned)):
+    decimated = base_map(decimate={"keep_every": 3, "low_pass": 8})
+    for name, data in (("plain", base_map()), ("decimated", decimated)):
         (tmp_path / name).mkdir()
         ((whole,), _) = imported(tmp_path / name, [tmp_path / "log.csv"], data)
         for module in (table, text_table, convert):
@@ -267,7 +267,7 @@ def test_memory_does_not_matter_to_the_result(tmp_path, monkeypatch):
 
 @settings(max_examples=15, deadline=None)
 @given(slow=st.floats(0.2, 18.0), fast=st.floats(51.0, 240.0), every=st.integers(2, 5))
-def test_thinning_keeps_what_is_slow_and_nothing_else(tmp_path_factory, slow, fast, every):
+def test_decimation_keeps_what_is_slow_and_nothing_else(tmp_path_factory, slow, fast, every):
     folder = tmp_path_factory.mktemp("thin")
     time = np.arange(3000) / 500.0
     line = 0.1 + 0.02 * time
@@ -280,7 +280,7 @@ def test_thinning_keeps_what_is_slow_and_nothing_else(tmp_path_factory, slow, fa
     del data["tables"][0]["velocity"]
     ((episode,), (done,)) = imported(folder, [source], data)
     np.testing.assert_array_equal(episode.time, time[::every])
-    inside = slice(300 // every, -300 // every)  # the ends feel the continuation
+    inside = slice(300 // every, -300 // every)  # the ends depend on the continuation
     assert np.abs(episode.position["a"] - line[::every])[inside].max() < 3e-4
     assert np.abs(episode.position["b"] - wave[::every])[inside].max() < 3e-4
     assert done.rate == pytest.approx(500 / every)

@@ -101,7 +101,7 @@ def bag_map_data(**more):
     }
 
 
-def two_rates(hole=False):
+def two_rates(gap=False):
     """States at 100 Hz in two messages, a maker's own type at 25 Hz that begins later."""
     bag = Bag()
     time, q, v = motion(400)
@@ -109,7 +109,7 @@ def two_rates(hole=False):
         bag.state("/states", t, ["a"], position=row[:1], velocity=speed[:1])
         bag.state("/states", t + 0.003, ["b"], position=row[1:], velocity=speed[1:])
     for step in range(10, 80):
-        if hole and 40 <= step < 60:
+        if gap and 40 <= step < 60:
             continue
         t = 0.04 * step
         bag.springs(
@@ -136,8 +136,8 @@ def test_streams_are_brought_to_one_clock(tmp_path):
     assert any("/limb/springs" in note for note in done.notes)
 
 
-def test_no_value_is_made_up_across_a_hole(tmp_path):
-    source = two_rates(hole=True).write(tmp_path / "log", "mcap")
+def test_no_value_is_made_up_across_a_gap(tmp_path):
+    source = two_rates(gap=True).write(tmp_path / "log", "mcap")
     ((episode,), (done,)) = imported(tmp_path, [source], bag_map_data())
     steps = np.diff(episode.time)
     assert steps.max() == pytest.approx(0.84, abs=0.02) and np.sort(steps)[-2] < 0.011

@@ -102,7 +102,7 @@ def test_time_that_does_not_run_evenly_forwards(tmp_path, time, words):
     assert words in refused(tmp_path, log, data)
 
 
-def test_jitter_and_a_stumble_are_no_other_rate(tmp_path):
+def test_jitter_and_a_late_sample_are_no_other_rate(tmp_path):
     dice = np.random.default_rng(1)
     steps = 0.01 * dice.uniform(0.4, 1.6, 2000)
     steps[900:930] = 0.03
@@ -285,7 +285,7 @@ def test_a_problem_of_a_map_has_its_line(tmp_path):
     assert "rads" in line[problem.column - 1 :] and problem.path == "tables[0].velocity.unit"
 
 
-def test_uneven_samples_are_not_thinned(tmp_path):
+def test_uneven_samples_are_not_decimated(tmp_path):
     time = motion()[0].copy()
     time[250:] += 0.05
     log = table_log(tmp_path / "log.csv", time=time)
@@ -352,7 +352,7 @@ def test_times_of_two_files_that_differ(tmp_path):
 # --- nothing half-written --------------------------------------------------------------------------------
 
 
-def test_one_bad_source_spoils_all_and_nothing_is_written(tmp_path):
+def test_with_one_bad_source_nothing_is_written(tmp_path):
     good, bad = table_log(tmp_path / "good.csv"), table_log(tmp_path / "bad.csv")
     change_line(bad, 390, lambda line: "nan" + line)
     with pytest.raises(BadInput):

@@ -158,7 +158,7 @@ def test_a_sample_that_does_not_fit_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("period", [0.001, 0.0025, 0.01])
-def test_the_view_takes_a_films_samples_and_loses_none(tmp_path, period):
+def test_the_view_takes_25_samples_a_second_and_loses_none(tmp_path, period):
     background = Background(0.05)
     view = RecordingView(tmp_path, SCENE, background, name="press", live=False)
     base, wanted = samples(1)[0], []

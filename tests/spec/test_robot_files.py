@@ -137,7 +137,7 @@ CASES = [
 @pytest.mark.parametrize(
     ("file", "old", "new", "fragments"), CASES, ids=[f"{c[0][:5]}-{c[2][:40]}" for c in CASES]
 )
-def test_refused_with_a_lesson(
+def test_refused_with_what_would_be_valid(
     tmp_path: Path, file: str, old: str, new: str, fragments: tuple[str, ...]
 ) -> None:
     refusal = broken(tmp_path, file, old, new)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The rules of meaning of a task file as laws: matrices, mirror images, axes that run free."""
+"""The rules of meaning of a task file as laws: matrices, mirror images, undamped axes."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def test_the_mirror_image_of_a_hand_has_the_axes_that_the_stiffness_assumes(robo
         np.testing.assert_allclose(image.rotation, reflection @ pose.rotation @ reflection, atol=1e-6)
 
 
-def test_a_task_survives_a_journey_to_another_process():
+def test_a_task_can_be_sent_to_another_process():
     task, _ = read_task(EVERY_KEY, cached_robot)
     assert str(pickle.loads(pickle.dumps(task))) == str(task)
 
