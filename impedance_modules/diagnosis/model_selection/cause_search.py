@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stages 3 to 6: candidates, noise, the search for causes, and contact set aside on the way."""
+r"""Search of the causes: candidate columns, noise floor, forward selection, contact, tests of significance.
+
+Three tests end the search. A cause must take more than a negligible part of a joint's load; an effect with a single
+parameter p must differ from its neutral value p_0,
+
+    |p - p_0| > 1.5 \sigma_p,
+
+because a law that filters the command also fits the command's noise; and where no repeats measure the noise floor,
+the cause must lower the residual of the held-out recordings.
+"""
 
 from __future__ import annotations
 
@@ -52,11 +61,11 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 """Called with a sentence for each step."""
 
-POORER = 1.2
-"""Squares that a search without moments of contact may leave, over those that the causes found with them leave."""
+SQUARES_RATIO_MAX = 1.2
+"""Largest ratio of the squares left by a search on masked rows to those left by the causes found on all rows."""
 
 SIGMA = 1.5
-"""Standard deviations, inflated as those in the answer are."""
+"""Standard deviations, inflated as those in the result."""
 
 
 def search_causes(
@@ -66,12 +75,12 @@ def search_causes(
     without: Collection[str],
     progress: Progress,
 ) -> Evidence:
-    """Finds the causes of what recordings leave, in all that is known of them.
+    """Finds the causes of the residuals of all recordings.
 
     Args:
         prepared: The recordings.
-        split: Which of them are fitted, in which folds, and which are unseen.
-        model: What was believed.
+        split: Which of them are fitted, in which folds, and which are held out.
+        model: The nominal model.
         without: Ids of effects that are left out of the catalogue.
         progress: Called with a sentence for each step.
     """
@@ -91,8 +100,8 @@ def search_causes(
     regressors = candidate_regressors(shaped, prepared, signals, residuals)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
-    aside = rows_of_link_residuals(contact_free_rows(prepared), nuisance.groups)
-    floor = _floor(raw, prepared, nuisance, [*generic, *_simple(regressors)], split.fitted, aside)
+    mask = rows_of_link_residuals(contact_free_rows(prepared), nuisance.groups)
+    floor = _floor(raw, prepared, nuisance, [*generic, *_simple_candidates(regressors)], split.fitted, mask)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]
     design = build_design([*regressors, *generic], nuisance, raw, floor, names=names, rate=rate)
@@ -100,8 +109,8 @@ def search_causes(
     selector = Selector(
         design, split.folds, ShapeRefiner(design, prepared, signals), model.position_resolution
     )
-    if aside:
-        selector = selector.on(design.without(aside))
+    if mask:
+        selector = selector.on(design.without(mask))
     contact = ExternalContact.description.id not in without
     return _search(selector, prepared, split, progress, contact=contact)
 
@@ -114,20 +123,20 @@ def _search(
     *,
     contact: bool,
 ) -> Evidence:
-    """Finds the causes, sets moments of contact aside, and judges the noise once more with all of that known."""
+    """Finds the causes, repeats the search with pushes masked, tests significance, and estimates the noise again."""
     found = selector.run(progress)
     pushes = find_pushes(selector.model_fit(found.causes), prepared) if contact else ()
     if pushes:
-        progress("setting moments of contact aside")
+        progress("masking moments of contact")
         touched = rows_of_link_residuals(rows_without_pushes(pushes, prepared), selector.design.groups)
         moments = intersect_masks(selector.design.whitening.clear, touched)
-        narrowed = selector.on(selector.design.without(moments))
-        again = narrowed.run(progress)
-        if _as_good(narrowed, again.causes, found.causes):
-            pushes = _measured(selector, narrowed, again.causes, prepared) or pushes
-            selector, found = narrowed, again
+        masked = selector.on(selector.design.without(moments))
+        again = masked.run(progress)
+        if _fits_as_well(masked, again.causes, found.causes):
+            pushes = _refitted_pushes(selector, masked, again.causes, prepared) or pushes
+            selector, found = masked, again
         else:
-            pushes = ()  # what the causes search_causes better on the very same rows was no push
+            pushes = ()  # the first causes explain the same rows better: there was no push
     model_fit, plain = selector.model_fit(found.causes), UnwhitenedFit(selector.refiner)
     for kept in (
         above_negligible(model_fit, plain, negligible(prepared, selector.design.groups)),
@@ -138,7 +147,7 @@ def _search(
         model_fit = model_fit if len(model) == len(model_fit.model) else selector.model_fit(model)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, split.fitted)
     if pairs:
-        # With the causes known, repeats that did not quite repeat no longer leak into the floor.
+        # With the causes known, differences between repeated motions no longer raise the noise floor.
         left = [plain.left(model_fit, r) for r in range(len(prepared))]
         clear = selector.design.whitening.clear
         floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, clear)
@@ -146,11 +155,13 @@ def _search(
 
 
 def significant_terms(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
-    """Terms of a fitted model whose number is there for significant_terms; those of several numbers are not judged here."""
-    return [term for index, term in enumerate(model_fit.model) if _certain(model_fit, refiner, index, term)]
+    """Terms whose parameter differs significantly from no effect; those with several parameters are not tested."""
+    return [
+        term for index, term in enumerate(model_fit.model) if _significant(model_fit, refiner, index, term)
+    ]
 
 
-def _certain(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: ModelTerm) -> bool:
+def _significant(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: ModelTerm) -> bool:
     effect = term.candidate.effect
     if len(effect.description.parameters) != 1 or effect.replaces:
         return True
@@ -162,12 +173,15 @@ def _certain(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: Model
 def validated_on_holdout(
     model_fit: ModelFit, refit: Callable[[Sequence[ModelTerm]], ModelFit], heldout: Sequence[int]
 ) -> list[ModelTerm]:
-    """Terms of a fitted model without which more is left of the unseen recordings; all of them where repeats exist.
+    """Terms that lower the residual of the held-out recordings; all terms where repeats measure the noise.
+
+    A weak noise floor lets small false causes in; a term that does not lower the held-out residual is one of them. With
+    repeats the floor is known, and a held-out motion that the nuisance extrapolates badly must not reject a cause.
 
     Args:
         model_fit: The model.
         refit: Fits a model with fewer terms.
-        heldout: The unseen recordings.
+        heldout: The held-out recordings.
     """
     if not model_fit.design.whitening.weak:
         return list(model_fit.model)
@@ -182,23 +196,23 @@ def validated_on_holdout(
     return kept
 
 
-def _measured(
-    selector: Selector, narrowed: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
+def _refitted_pushes(
+    selector: Selector, masked: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
 ) -> tuple[ExternalPush, ...]:
-    """The pushes again, by a model that was fitted without them: the links' numbers no longer bend to them."""
+    """The pushes again, by a model that was fitted without them, so that they no longer bias the links' parameters."""
     known = [selector.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in causes]
     model = [term for term in known if term is not None]
     if len(model) < len(known):
         return ()
-    return find_pushes(selector.model_fit(model), prepared, narrowed.model_fit(causes).whole.coefficients)
+    return find_pushes(selector.model_fit(model), prepared, masked.model_fit(causes).whole.coefficients)
 
 
-def _as_good(narrowed: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
-    """Whether causes found without some rows search_causes the others about as well as those found with all rows do."""
-    moved = [narrowed.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in first]
+def _fits_as_well(masked: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
+    """Whether causes found on masked rows explain these rows about as well as those found on all rows."""
+    moved = [masked.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in first]
     known = [term for term in moved if term is not None]
-    return float(narrowed.model_fit(causes).left.sum()) <= POORER * float(
-        narrowed.model_fit(known).left.sum()
+    return float(masked.model_fit(causes).left.sum()) <= SQUARES_RATIO_MAX * float(
+        masked.model_fit(known).left.sum()
     )
 
 
@@ -208,16 +222,16 @@ def _floor(  # noqa: PLR0917 - all of them belong together
     nuisance: NuisanceColumns,
     flexible: Sequence[CandidateRegressor],
     fitted: Sequence[int],
-    aside: Mapping[tuple[int, int], NDArray[np.bool_]],
+    mask: Mapping[tuple[int, int], NDArray[np.bool_]],
 ) -> Whitening:
     pairs = repeat_pairs(prepared, fitted)
     if pairs:
-        return noise_by_repeats(left, prepared, nuisance, pairs, aside)
+        return noise_by_repeats(left, prepared, nuisance, pairs, mask)
     return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
 
 
-def _simple(regressors: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
-    """Candidates of one joint in one shape: what a flexible model may use besides smooth functions."""
+def _simple_candidates(regressors: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
+    """Candidates of one joint in one shape, which the flexible model uses beside smooth functions."""
     return [
         regressor
         for regressor in regressors
@@ -231,8 +245,8 @@ def _simple(regressors: Sequence[CandidateRegressor]) -> list[CandidateRegressor
 def _in_proportion(regressor: CandidateRegressor) -> bool:
     """Whether a candidate is in proportion to the command.
 
-    A flexible model may not use it: a command knows the motion without the noise of its derivatives, and an inertia's
-    column with it. Together they are that noise, and would take it from any floor.
+    The flexible model may not use it: a command holds the motion without the noise of its derivatives. Together with
+    an inertia's column it equals that noise, and would remove it from the noise floor.
     """
     one = regressor.candidate
     return one is not None and one.effect.proportional_to_command(one.port)

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What all conclusions are drawn from: the accepted model, fitted, and what it leaves on unseen recordings."""
+r"""The accepted model, fitted, and its residuals on held-out recordings: the basis of all conclusions.
+
+A gap is negligible where it is less than a thousandth of what the joint carries, or of its speed,
+
+    |r|_{rms} \le 10^{-3} |\tau|_{rms}:
+
+masses and gravity are not known to more digits. Where sensors are noisier than that, the noise decides.
+"""
 
 from __future__ import annotations
 
@@ -24,17 +31,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What all causes are judged by.
+    """The result of the search.
 
     Attributes:
         selector: The candidates and how they were searched.
-        heldout: Recordings that no fit has seen.
+        heldout: Recordings that no fit has used.
         prepared: All recordings.
         model_fit: The accepted model, fitted.
-        floor: The noise, judged with the causes known.
-        plain: Rows in their own units.
+        floor: The noise floor, estimated with the causes known.
+        plain: The fit in its own units, not whitened.
         refusal: Why the next best candidate was not accepted.
-        pushes: From outside; the rows that they touch are left aside everywhere.
+        pushes: External pushes; their rows are masked everywhere.
     """
 
     selector: Selector
@@ -53,22 +60,22 @@ class Evidence:
 
     @cached_property
     def calibrated(self) -> ModelFit:
-        """The nominal model with the nuisance penalised_gain within its prior, and no cause."""
+        """The nominal model with the nuisance fitted within its prior, and no cause."""
         return self.selector.model_fit(())
 
     @cached_property
     def heldout_noise(self) -> Array:
-        """(groups,) rms of the noise on the unseen recordings."""
+        """(groups,) rms of the noise on the held-out recordings."""
         return np.asarray(np.sqrt(np.mean(self.floor.rms[list(self.heldout)] ** 2, axis=0)))
 
     @cached_property
     def negligible(self) -> Array:
-        """(groups,) rms below which what is left does not matter, in the residual's unit."""
+        """(groups,) rms below which a residual does not matter, in its unit."""
         return negligible(self.prepared, self.design.groups)
 
     @cached_property
     def unit_power(self) -> Array:
-        """(groups,) noise power of a residual's average joint: in its units powers of joints add as they are."""
+        """(groups,) mean noise power over the joints of a residual; powers of joints are added in this unit."""
         names = [residual for residual, _ in self.design.groups]
         power = self.heldout_noise**2
         return np.array(
@@ -76,33 +83,33 @@ class Evidence:
         )
 
     def rms(self, model_fit: ModelFit | None, recordings: Sequence[int] | None = None) -> Array:
-        """(groups,) rms that a model leaves on some recordings, the unseen ones; None is the nominal model itself."""
+        """(groups,) rms residual of a model (None: nominal) on some recordings, by default the held-out ones."""
         chosen = self.heldout if recordings is None else recordings
         left = [self.design.raw[r] if model_fit is None else self.plain.left(model_fit, r) for r in chosen]
         shown = [
-            np.concatenate([x[g][self.clear(r, g)] for r, x in zip(chosen, left, strict=True)])
+            np.concatenate([x[g][self.contact_free(r, g)] for r, x in zip(chosen, left, strict=True)])
             for g in range(len(self.design.groups))
         ]
         return np.array([np.sqrt(np.mean(values**2)) if values.size else 0.0 for values in shown])
 
-    def clear(self, recording: int, group: int) -> NDArray[np.bool_]:
-        """(M,) rows of a residual in a recording that no contact touches."""
+    def contact_free(self, recording: int, group: int) -> NDArray[np.bool_]:
+        """(M,) rows of a residual in a recording that are free of contact."""
         everything = np.ones(self.prepared[recording].samples, dtype=bool)
         return self.design.whitening.clear.get((recording, group), everything)
 
     @cached_property
     def pushed_share(self) -> float:
-        """Part of the excess power of all recordings, nuisance penalised_gain, that pushes make."""
+        """Part of the excess power of all recordings, with the nuisance fitted, that comes from pushes."""
         inside, total = 0.0, 0.0
         for r in range(len(self.prepared)):
             for g, values in enumerate(self.plain.left(self.calibrated, r)):
                 power = (values**2 - self.floor.rms[r, g] ** 2) / self.unit_power[g]
-                inside += float(power[~self.clear(r, g)].sum())
+                inside += float(power[~self.contact_free(r, g)].sum())
                 total += float(power.sum())
         return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
 
     def excess(self, model_fit: ModelFit | None) -> float:
-        """HeldOutResiduals residual power beyond the noise, over all groups, in units of the average joint's noise."""
+        """Held-out residual power beyond the noise, over all groups, in units of the average joint's noise."""
         power = self.rms(model_fit) ** 2 - self.heldout_noise**2
         return float(np.sum(np.clip(power, 0.0, None) / self.unit_power))
 
@@ -113,11 +120,11 @@ class Evidence:
 
 
 NEGLIGIBLE = 1e-3
-"""Part of a joint's own load, or speed."""
+"""Negligible part of a joint's own load, or speed."""
 
 
 def negligible(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:
-    """(groups,) rms below which nothing matters, in each residual's unit."""
+    """(groups,) rms below which a residual is negligible, in its unit."""
     load, speed = (
         NEGLIGIBLE * np.sqrt(np.mean(np.concatenate(values) ** 2, axis=0))
         for values in ([item.load for item in prepared], [item.velocity for item in prepared])
@@ -126,11 +133,11 @@ def negligible(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:
 
 
 def above_negligible(model_fit: ModelFit, plain: UnwhitenedFit, least: Array) -> list[ModelTerm]:
-    """Terms of a fitted model whose own part is more than negligible somewhere.
+    """Terms of a fitted model whose torque is more than negligible in some group.
 
     Args:
         model_fit: The model.
-        plain: Rows in their own units.
+        plain: The fit in its own units.
         least: (groups,) what is negligible.
     """
     recordings = range(len(model_fit.design.raw))

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Pushes from outside: moments in which one force on one link explains all joints at once.
 
-A push is bound to one recording's time, so no other recording can confirm it. Four things can:
+A push happens at one time of one recording, so no other recording can confirm it. Four conditions can:
 
-- *pattern*: r = -J^T(q) f(t), three numbers an instant for all joints, explains what free torques would;
+- *pattern*: r = -J^T(q) f(t), three numbers at each time for all joints, explains as much as free torques would;
 - *moment*: outside a few intervals nothing is needed;
-- *company*: no free torque of a single joint does nearly as well, as it would if that joint had a fault;
+- *several joints*: a free torque of a single joint does not do nearly as well, as it would if that joint had a fault;
 - *absence*: where the recording repeats another, the same force is not there at the same time.
 
-f(t) is piecewise linear, with hats of half a second, fitted to the links' whitened residual of a model.
+f(t) is piecewise linear, a sum of hat functions half a second wide, fitted to the links' whitened residual of a model.
 """
 
 from __future__ import annotations
@@ -28,41 +28,41 @@ from impedance_modules.effects.residual_kinds import uses_motion
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-STRONG = 16.3
-"""Chi-square of three numbers that noise passes once in a thousand times: a hat that may belong to a push."""
+SIGNIFICANT = 16.3
+"""Chi-square of three numbers that noise exceeds once in a thousand times: a hat that may belong to a push."""
 
 GAIN_MIN = 60.0
 """Chi-square beyond its degrees of freedom that a push must explain ..."""
 
-UNCERTAIN = 3.0
-"""... so many times over on a weak floor, whose remainders pass with about so many times the noise."""
+WEAK_FLOOR_FACTOR = 3.0
+"""... times this factor on a weak noise floor, where remainders of about this multiple of the noise pass."""
 
 PATTERN_MIN = 0.7
-"""Part of what free torques would explain."""
+"""Least part of what free torques would explain."""
 
 SECOND_MIN = 0.1
-"""Part of what it explains that falls on the second joint at least."""
+"""Least part of what a push explains that must fall on the second joint."""
 
-TAKES_PART = 0.02
-"""Part of what it explains that falls on a joint, from which on the joint counts as evidence."""
+PART_MIN = 0.02
+"""A joint takes part in a push if at least this part of what it explains falls on the joint."""
 
-ALONE_MAX = 0.8
-"""Part of what it explains that a free torque of one joint explains as well: beyond it the joint has a fault."""
+ONE_JOINT_MAX = 0.8
+"""Largest part of it that a free torque of one joint may explain as well: beyond it the joint has a fault."""
 
 LOCAL_MAX = 0.5
 """Part of a recording that pushes may fill; beyond it the gap is not local."""
 
 MARGIN = 0.2
-"""Before and after a push that is set aside with it [s]."""
+"""Time before and after a push that is masked with it [s]."""
 
-QUIETER, QUIETER_SQUARE = 0.25, 0.1015
-"""A quarter of white noise's squares, in units of its variance, lies below; a push may fill half of a recording."""
+QUIET_QUANTILE, QUIET_SQUARE = 0.25, 0.1015
+"""Quantile of squared residuals, and its value for white noise of unit variance; a push may fill half a recording."""
 
 REPEATED_MAX = 0.5
-"""Size of the difference to the repeat's force, over the push, below which it is the robot's own doing."""
+"""A repeat whose force differs by less than this part of the push shows that the robot itself causes it."""
 
 SPACING = 0.25
-"""Between the tips of two hats [s]."""
+"""Between the tips of two hat functions [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +90,12 @@ class ExternalPush:
 def find_pushes(
     model_fit: ModelFit, prepared: Sequence[Prepared], coefficients: Array | None = None
 ) -> tuple[ExternalPush, ...]:
-    """Looks for pushes in what a model leaves of each recording.
+    """Looks for pushes in the residual of a model in each recording.
 
     Args:
         model_fit: The model.
         prepared: The recordings.
-        coefficients: Of the model; None takes those that fit all rows.
+        coefficients: Of the model; None: those fitted to all rows.
     """
     known = model_fit.whole.coefficients if coefficients is None else coefficients
     groups = [g for g, (residual, _) in enumerate(model_fit.design.groups) if uses_motion(residual)]
@@ -106,17 +106,17 @@ def find_pushes(
     for r, item in enumerate(prepared):
         left = model_fit.residuals(known, r)
         if model_fit.design.whitening.weak:
-            left = [x / _usual(x) for x in left]
-        if _quiet(model_fit, item, r, left, groups):
+            left = [x / _quiet_rms(x) for x in left]
+        if _not_significant(model_fit, item, r, left, groups):
             continue
         best = [fit_forces(model_fit, item, r, left, body.link) for body in item.tree.bodies]
         found[r] = max(best, key=lambda forces: forces.gain)
         out += _intervals(model_fit, item, r, left, found[r])
-    return tuple(push for push in out if not _repeated(push, prepared, found))
+    return tuple(push for push in out if not _in_a_repeat(push, prepared, found))
 
 
 def rows_without_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]) -> dict[int, Mask]:
-    """Recording -> (M,) rows that no push touches, the filter's reach included."""
+    """Recording -> (M,) rows outside all pushes and the filter's length about them."""
     out: dict[int, Mask] = {}
     for push in pushes:
         item = prepared[push.recording]
@@ -127,7 +127,7 @@ def rows_without_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepa
 
 
 def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared], share: float) -> Cause:
-    """Describes the strongest push on every link that was pushed.
+    """Describes the strongest push on every link as a cause: no property of the robot, so no patch contains it.
 
     Args:
         pushes: One or more.
@@ -152,38 +152,40 @@ def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]
         shrink=None,
         equivalent=(),
         rivals=(
-            Rival("free torques", (), f"one force explains the joints together; pushes in {told}, set aside"),
+            Rival("free torques", (), f"one force explains the joints together; pushes in {told}, masked"),
         ),
         position_range={},
         velocity_range={},
     )
 
 
-def _quiet(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]) -> bool:
-    """Whether no joint's residual stands out at any moment."""
-    return all(float(np.max(free_torques(model_fit, item, r, left, g))) < STRONG for g in groups)
+def _not_significant(
+    model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], groups: Sequence[int]
+) -> bool:
+    """Whether no joint's residual is significant at any time."""
+    return all(float(np.max(free_torques(model_fit, item, r, left, g))) < SIGNIFICANT for g in groups)
 
 
-def _usual(left: Array) -> float:
-    """What a weak floor leaves at quiet times, over what noise would: beyond this a moment stands out, not before."""
-    return max(1.0, float(np.sqrt(np.quantile(left**2, QUIETER) / QUIETER_SQUARE)))
+def _quiet_rms(left: Array) -> float:
+    """Rms of a residual at quiet times over that of noise, at least 1: on a weak floor pushes must exceed this."""
+    return max(1.0, float(np.sqrt(np.quantile(left**2, QUIET_QUANTILE) / QUIET_SQUARE)))
 
 
 def _intervals(
     model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces
 ) -> list[ExternalPush]:
-    """Runs of strong hats that pass as pushes."""
+    """Runs of significant hats that meet the conditions of a push."""
     count = len(forces.force)
     strength = np.array([chi_square_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
-    runs = _runs(strength > STRONG)
+    runs = _runs(strength > SIGNIFICANT)
     weak = model_fit.design.whitening.weak
-    least, pattern = (UNCERTAIN * GAIN_MIN, _pattern_min(forces)) if weak else (GAIN_MIN, PATTERN_MIN)
+    least, pattern = (WEAK_FLOOR_FACTOR * GAIN_MIN, _pattern_min(forces)) if weak else (GAIN_MIN, PATTERN_MIN)
     groups = [g for g, (residual, _) in enumerate(model_fit.design.groups) if uses_motion(residual)]
     each = np.array([free_torques(model_fit, item, r, left, g) for g in groups])
     free = each.sum(axis=0)
     second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
     if pattern >= 1.0 or second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
-        return []  # any force would do, one joint alone would, or the gap is not local
+        return []  # any force would fit, one joint alone would, or the gap is not local
     tips, _ = hat_functions(item, item.samples)
     out = []
     for first, last in runs:
@@ -191,7 +193,7 @@ def _intervals(
         gain = chi_square_of(forces, slice(3 * first, 3 * last)) - 3.0 * size
         if gain < least or gain < pattern * (float(np.sum(free[first:last])) - len(groups) * size):
             continue
-        if float(np.max(each[:, first:last].sum(axis=1))) - size > ALONE_MAX * gain:
+        if float(np.max(each[:, first:last].sum(axis=1))) - size > ONE_JOINT_MAX * gain:
             continue
         mean = np.repeat(np.eye(3)[None] / size, size, axis=0).transpose(1, 0, 2).reshape(3, -1)
         part = forces.covariance[3 * first : 3 * last, 3 * first : 3 * last]
@@ -210,12 +212,12 @@ def _intervals(
 
 
 def _pattern_min(forces: Forces) -> float:
-    """Part of what free torques would explain that a force must, where no repeat confirms it: more than chance would.
+    """Least part of what free torques explain that a force must, where no repeat confirms it: more than by chance.
 
-    Three numbers explain three free torques of seven by chance, and all of three; joints that hardly take part are no
-    evidence.
+    By chance three numbers explain three of seven free torques, and all of three. Joints that hardly take part do not
+    count.
     """
-    taking_part = int(np.count_nonzero(forces.joints > TAKES_PART * forces.joints.sum()))
+    taking_part = int(np.count_nonzero(forces.joints > PART_MIN * forces.joints.sum()))
     chance = min(1.0, 3.0 / max(taking_part, 1))
     return chance + PATTERN_MIN * (1.0 - chance)
 
@@ -228,7 +230,7 @@ def _runs(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _repeated(push: ExternalPush, prepared: Sequence[Prepared], found: dict[int, Forces]) -> bool:
+def _in_a_repeat(push: ExternalPush, prepared: Sequence[Prepared], found: dict[int, Forces]) -> bool:
     """Whether a recording of the same motion shows about the same force at the same time."""
     group = prepared[push.recording].log.group
     for other, forces in found.items():
@@ -245,7 +247,7 @@ def _repeated(push: ExternalPush, prepared: Sequence[Prepared], found: dict[int,
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """Hats of one link on one recording: (k, 3) forces, their covariance, and what each joint gains by them."""
+    """Hat functions of one link in one recording: (k, 3) forces [N], their covariance, gain of each joint."""
 
     body: str
     force: Array
@@ -255,7 +257,7 @@ class Forces:
 
 
 def fit_forces(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], body: str) -> Forces:
-    """Fits one link's hats."""
+    """Fits the force on one link."""
     J = item.band.condense(item.signals.model.jacobian(body, item.signals.position)[:, :3])
     _, hats = hat_functions(item, item.samples)
     count = hats.shape[1]
@@ -278,7 +280,7 @@ def fit_forces(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array
 
 
 def hat_functions(item: Prepared, rows: int) -> tuple[Array, Array]:
-    """Tips (k,) [s] and hats (rows, k) at the recording's last rows."""
+    """Tips (k,) [s] and hat functions (rows, k) at the recording's last rows."""
     time = item.time[-rows:] - item.log.start
     tips = np.arange(time[0], time[-1] + SPACING, SPACING)
     return tips, np.clip(1.0 - np.abs(time[:, None] - tips) / SPACING, 0.0, None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 7: where the gap lies: which joint and port, in which regime of motion, in which frequencies."""
+"""Where the gap is: shares of joints, ports, regimes of motion and frequencies, and held-out residuals over time."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SLOW, FAST = 0.05, 0.5
-"""Below: slow; above: fast [rad/s]."""
+"""Speeds below the first are slow, above the second fast [rad/s]."""
 
-STILL = 0.01
-"""Below it a joint holds [rad/s]."""
+HOLD_SPEED = 0.01
+"""Speed below which a joint holds its position [rad/s]."""
 
-NEAR = 0.05
+LIMIT_DISTANCE = 0.05
 """Distance from a position limit that is near it [rad]."""
 
 SHARE_MIN = 0.01
@@ -36,14 +36,14 @@ PORT_OF_RESIDUAL = {
     "whole": "actuator",
     "velocity": "sensor",
 }
-"""Residual -> port that it looks through."""
+"""Residual -> port at which it is measured."""
 
 MOST_RECORDINGS = 4
 """Held-out recordings that are kept for report and viewer."""
 
 
 def locate_gap(evidence: Evidence, model: NominalModel) -> tuple[GapLocation, ...]:
-    """Shares the excess residual power out among joints, ports and regimes, the largest first."""
+    """Shares of joints, ports and regimes in the excess residual power, the largest first."""
     places: list[tuple[float, GapLocation]] = []
     prepared, floor, unit_power = evidence.prepared, evidence.floor, evidence.unit_power
     left = [evidence.plain.left(evidence.calibrated, r) for r in range(len(prepared))]
@@ -52,7 +52,7 @@ def locate_gap(evidence: Evidence, model: NominalModel) -> tuple[GapLocation, ..
         series = [found[group] for found in left]
         for r, (item, values) in enumerate(zip(prepared, series, strict=True)):
             power = (values**2 - floor.rms[r, group] ** 2) / unit_power[group]
-            clear = evidence.clear(r, group)
+            clear = evidence.contact_free(r, group)
             sorted_out = {name: mask & clear for name, mask in regimes(item, model, joint).items()}
             for name, mask in (sorted_out | {"contact": ~clear}).items():
                 excess[name] = excess.get(name, 0.0) + float(power[mask].sum())
@@ -71,19 +71,19 @@ def locate_gap(evidence: Evidence, model: NominalModel) -> tuple[GapLocation, ..
 
 
 def regimes(item: Prepared, model: NominalModel, joint: int) -> dict[str, Mask]:
-    """Sorts a recording's samples by what one joint does; a sample belongs to the first that fits."""
+    """Regime of motion of one joint -> (M,) mask of a recording's samples; a sample belongs to the first that fits."""
     q, v, a = item.position[:, joint], item.velocity[:, joint], item.acceleration[:, joint]
     limits = model.tree.bodies[joint].limits
     near = np.zeros(len(q), dtype=bool)
     if limits is not None and limits.upper > limits.lower:
-        near = (q < limits.lower + NEAR) | (q > limits.upper - NEAR)
+        near = (q < limits.lower + LIMIT_DISTANCE) | (q > limits.upper - LIMIT_DISTANCE)
     turning = np.abs(np.sign(v) - np.sign(np.roll(v, 3))) > 1.0
     reversal = (np.abs(v) < SLOW) & (turning | np.roll(turning, -3) | (np.abs(a) > SLOW))
     tests = {
         "saturated": np.abs(item.load[:, joint]) >= 0.99 * model.effort_max[joint],
         "near_limit": near,
         "reversal": reversal,
-        "hold": np.abs(v) < STILL,
+        "hold": np.abs(v) < HOLD_SPEED,
         "accelerating": np.abs(a) > 2.0 * np.abs(v) + FAST,
         "fast": np.abs(v) >= FAST,
         "slow": np.ones(len(q), dtype=bool),
@@ -102,7 +102,7 @@ def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[ResidualSe
     for index in evidence.heldout[:MOST_RECORDINGS]:
         item = evidence.prepared[index]
         left = evidence.plain.left(evidence.model_fit, index)
-        doing = [_doing(item, model, joint) for joint in range(model.n)]
+        regime_names = [_regime_names(item, model, joint) for joint in range(model.n)]
         for group, (residual, joint) in enumerate(evidence.design.groups):
             out.append(
                 ResidualSeries(
@@ -114,14 +114,14 @@ def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[ResidualSe
                     measured=_measured(item, residual)[:, joint],
                     before=evidence.design.raw[index][group],
                     after=left[group],
-                    regimes=doing[joint],
+                    regimes=regime_names[joint],
                 )
             )
     return tuple(out)
 
 
 def _measured(item: Prepared, residual: str) -> Array:
-    """What a residual compares its prediction with, in the band, (M, n)."""
+    """Measured quantity of a residual, in the band, (M, n)."""
     s, log = item.signals, item.log
     if residual == "velocity" and log.velocity is not None:
         return item.band.condense(log.velocity)
@@ -130,7 +130,7 @@ def _measured(item: Prepared, residual: str) -> Array:
     return item.band.condense(s.drive if s.drive is not None else np.zeros_like(s.position))
 
 
-def _doing(item: Prepared, model: NominalModel, joint: int) -> tuple[str, ...]:
+def _regime_names(item: Prepared, model: NominalModel, joint: int) -> tuple[str, ...]:
     """Name of the regime at every sample."""
     out = np.full(item.samples, "", dtype=object)
     for name, mask in regimes(item, model, joint).items():

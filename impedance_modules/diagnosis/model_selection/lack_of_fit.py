@@ -1,11 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Whether what is left is noise: the last word on a verdict.
+r"""Lack of fit: whether the remainder is noise, by its power and by its structure. It decides the verdict.
 
     F_g = \frac{SSE_g / n_g}{1 + v_g},      v_g the variance that the parameters' own uncertainty gives
 
-in whitened rows, on recordings that no fit has seen. The limit is Fisher's for so many samples here and in the
-floor, all groups together, or what is `negligible` beside the joint's own load where that is more; and no
-stand-in may find structure in it.
+in whitened rows, on recordings that no fit has used. The limit is that of Fisher's F test for the samples here and in
+the noise floor, all groups together, or the negligible part of the joint's load where that is larger.
+
+The remainder has structure if its spectrum has a peak, if single moments exceed the others, if a generic function of
+the motion explains a part of it, or if a cause varies along its joint's position q as
+
+    r = \tau(t) (1 + a \sin N q + b \cos N q),      \tau the torque of an accepted cause at its joint.
+
+With P(f) the periodogram summed over recordings and E_k the power in half a second, max P / median P and
+max E / median E stay below about ten on clean recordings. The orders N go from one period over the travel to what the
+sampling can follow.
 """
 
 from __future__ import annotations
@@ -17,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
-from impedance_modules.diagnosis.model_selection.acceptance import price
+from impedance_modules.diagnosis.model_selection.acceptance import bic_penalty
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.cleaned_signals import stationary_joints
@@ -26,16 +34,16 @@ from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 Array = NDArray[np.float64]
 
 ALPHA = 0.002
-"""Probability that a right model fails, all groups together."""
+"""Probability that a correct model fails, all groups together."""
 
 SYSTEMATIC = 1.45
-"""Power over noise that the nominal model's own approximations may leave (differences, held commands, filters)."""
+"""Allowed ratio of power to noise from approximations of the model (differences, held commands, filters)."""
 
 WEAK = 2.0
-"""Factor on the limit where no repeats measured the floor; in between where they showed a part of it."""
+"""Factor on the limit where no repeats measured the noise floor; less where they measured a part of it."""
 
-LEAST = 1e-24
-"""Rms that stands for none at all."""
+RMS_MIN = 1e-24
+"""Least rms, against division by zero."""
 
 ORDERS = 30
 """Orders tried at most."""
@@ -43,26 +51,26 @@ ORDERS = 30
 SPACING = 2.5
 """Phase over the travel between two orders [rad]."""
 
-FOLLOWED = 1.0
-"""Phase from one sample to the next that still can be followed [rad]."""
+PHASE_STEP_MAX = 1.0
+"""Largest phase from one sample to the next [rad]."""
 
 GAIN, PART = 12.0, 0.05
-"""Log-likelihood beyond its price, and part of the residual, that no constant law leaves to its own variation."""
+"""Least penalised log-likelihood gain, and part of the residual, of a variation that is reported."""
 
 TONE_MAX = 16.0
-"""Largest power of one frequency over the median's that noise reaches."""
+"""Largest ratio of one frequency's power to the median that noise reaches."""
 
 MOMENT_MAX = 20.0
-"""Likewise of half a second."""
+"""Largest ratio of the power in half a second to the median that noise reaches."""
 
 MOMENT = 0.5
-"""[s]."""
+"""Length of a moment [s]."""
 
 SMOOTH_GAIN, SMOOTH_PART = 9.0, 0.05
-"""Log-likelihood beyond its price, and part of a residual, that no stand-in finds in noise."""
+"""Least penalised log-likelihood gain, and part of a residual, of a generic function that is reported."""
 
-STAND_INS = 6
-"""So many of the best are tried."""
+GENERIC_MAX = 6
+"""Number of generic functions that are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +79,8 @@ class LackOfFit:
 
     Attributes:
         ratio: (groups,) residual power over expected power.
-        limit: (groups,) what may pass.
-        structure: What a stand-in still finds, in words; empty if nothing.
+        limit: (groups,) largest ratio that passes.
+        structure: Structure of the remainder, in words; empty if there is none.
     """
 
     ratio: Array
@@ -81,16 +89,16 @@ class LackOfFit:
 
     @property
     def passed(self) -> bool:
-        """Nothing but noise is left."""
+        """Whether the remainder is only noise."""
         return bool(np.all(self.ratio <= self.limit)) and not self.structure
 
 
 def lack_of_fit(evidence: Evidence) -> LackOfFit:
-    """Tests what the accepted model leaves, on unseen recordings and on all of them."""
+    """Tests the residuals of the accepted model, on the held-out recordings and on all."""
     unseen = _ratios(evidence, evidence.heldout)
     fitted = _ratios(evidence, (*evidence.model_fit.fitted, *evidence.heldout))
     ratio, limit = (np.array(part) for part in zip(*map(_worse, unseen, fitted), strict=True))
-    return LackOfFit(ratio, limit, structure(evidence))
+    return LackOfFit(ratio, limit, find_structure(evidence))
 
 
 def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
@@ -104,7 +112,7 @@ def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, 
     left = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in recordings}
     chance = 1.0 - ALPHA / len(design.groups)
     factors = SYSTEMATIC * (1.0 + (WEAK - 1.0) * evidence.floor.assumed)
-    small = (evidence.negligible / np.maximum(evidence.rms(model_fit, recordings), LEAST)) ** 2
+    small = (evidence.negligible / np.maximum(evidence.rms(model_fit, recordings), RMS_MIN)) ** 2
     out = []
     for g, ids in enumerate(model_fit.ids):
         rows = np.concatenate([left[r][g] * rescale[r, g] for r in recordings])
@@ -117,8 +125,8 @@ def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, 
     return out
 
 
-def structure(evidence: Evidence) -> str:
-    """Says in words what is left beside noise; empty if nothing is."""
+def find_structure(evidence: Evidence) -> str:
+    """Describes the structure of the remainder; empty if it is noise."""
     model_fit = evidence.model_fit
     recordings = (*model_fit.fitted, *evidence.heldout)
     left = [model_fit.residuals(model_fit.whole.coefficients, r) for r in recordings]
@@ -132,16 +140,16 @@ def structure(evidence: Evidence) -> str:
         frequency, tone = _tone(series, evidence.design.rate)
         moment = _moment(series, evidence.design.rate)
         if tone > TONE_MAX:
-            found.append((tone / TONE_MAX, f"a tone at {frequency:.2g} Hz is left on {name}"))
+            found.append((tone / TONE_MAX, f"a tone at {frequency:.2g} Hz remains on {name}"))
         if moment > MOMENT_MAX:
             found.append((moment / MOMENT_MAX, f"single moments stand out on {name}"))
-    best = _smooth(evidence, small)
+    best = _generic_function(evidence, small)
     if best is not None:
         residual, joint = evidence.design.groups[best.term.groups[0]]
         name = f"{evidence.prepared[0].tree.joints[joint]} ({residual})"
         part = 100.0 * best.reduction
         found.append(
-            (1.0, f"a function of the joint's motion without physics takes {part:.0f} % more on {name}")
+            (1.0, f"a function of the joint's motion without physics explains {part:.0f} % more on {name}")
         )
     changing = position_dependence(evidence)
     if changing is not None:
@@ -150,7 +158,7 @@ def structure(evidence: Evidence) -> str:
 
 
 def _tone(series: Sequence[Array], rate: float) -> tuple[float, float]:
-    """Strongest frequency [Hz] and its power over the median's, all recordings together."""
+    """Frequency of the largest power [Hz] and its ratio to the median, all recordings together."""
     size = min(len(values) for values in series)
     power = np.sum([np.abs(np.fft.rfft(values[:size])) ** 2 for values in series], axis=0)
     place = int(np.argmax(power[1:])) + 1
@@ -158,7 +166,7 @@ def _tone(series: Sequence[Array], rate: float) -> tuple[float, float]:
 
 
 def _moment(series: Sequence[Array], rate: float) -> float:
-    """Power of the strongest half second over the median's."""
+    """Largest power in half a second over the median."""
     size = max(2, round(MOMENT * rate))
     blocks = [
         np.add.reduceat(values**2, np.arange(0, max(len(values) - size + 1, 1), size)) for values in series
@@ -167,46 +175,46 @@ def _moment(series: Sequence[Array], rate: float) -> float:
     return float(power.max() / max(np.median(power), 1e-24))
 
 
-def _smooth(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | None:
-    """The stand-in that finds most beside the causes, if it finds anything; none of a joint that always stands still.
+def _generic_function(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | None:
+    """The generic function that explains most beside the causes, if it is significant.
 
-    What its encoder flickers is in its residual and in every function of its motion. Groups whose remainder is
-    ``small`` beside the load do not count either.
+    Joints that never move are excluded: their encoder noise is in the residual and in every function of their motion.
+    So are groups whose remainder is ``small`` beside the load.
     """
-    still = np.all([stationary_joints(item.signals.position) for item in evidence.prepared], axis=0)
+    stationary = np.all([stationary_joints(item.signals.position) for item in evidence.prepared], axis=0)
     selector, model_fit = evidence.selector, evidence.model_fit
-    looks = [look for look in selector.screen.entry(model_fit) if look.layout.shaped.candidate is None]
-    trials = [selector.trial(model_fit, look.layout) for look in looks[:STAND_INS]]
+    looks = [look for look in selector.screen.rank(model_fit) if look.layout.shaped.candidate is None]
+    trials = [selector.trial(model_fit, look.layout) for look in looks[:GENERIC_MAX]]
     good = [
         trial
         for trial in trials
-        if trial.gain - price(trial) > SMOOTH_GAIN
+        if trial.gain - bic_penalty(trial) > SMOOTH_GAIN
         and trial.reduction > SMOOTH_PART
-        and not still[evidence.design.groups[trial.term.groups[0]][1]]
+        and not stationary[evidence.design.groups[trial.term.groups[0]][1]]
         and not small[trial.term.groups[0]]
     ]
     return max(good, key=lambda trial: trial.gain, default=None)
 
 
 def position_dependence(evidence: Evidence) -> tuple[float, str] | None:
-    """Finds the cause whose size changes most along its joint's way.
+    """Finds the cause whose size varies most with its joint's position.
 
     Returns:
-        Part of the residual that the change takes, and a sentence; None where all are constant.
+        Part of the residual that the variation explains, and a sentence; None where all are constant.
     """
     found = []
     for index, term in enumerate(evidence.model_fit.model):
         if len(term.candidate.joints) == 1 and len(term.groups) == 1:
-            part = _varies(evidence, index, term)
+            part = _explained_by_variation(evidence, index, term)
             if part is not None:
                 name = f"{term.key[0]} on {term.candidate.joints[0]}"
-                said = f"the size of {name} changes along its way, by which {100 * part:.0f} % more is taken"
+                said = f"the size of {name} changes with the joint's position, which explains {100 * part:.0f} % more"
                 found.append((part, said))
     return max(found, default=None)
 
 
-def _varies(evidence: Evidence, index: int, term: ModelTerm) -> float | None:
-    """Part of the residual that the best order takes beyond the model, confirmed on unseen recordings; None if none."""
+def _explained_by_variation(evidence: Evidence, index: int, term: ModelTerm) -> float | None:
+    """Part of the residual that the best order explains, if it also does on held-out recordings; else None."""
     model_fit, (g,) = evidence.model_fit, term.groups
     joint = evidence.prepared[0].tree.joints.index(term.candidate.joints[0])
     positions = [item.position[:, joint] for item in evidence.prepared]
@@ -216,12 +224,12 @@ def _varies(evidence: Evidence, index: int, term: ModelTerm) -> float | None:
     for order in orders:
         blocks = [_modulated(evidence, index, (r, g), order * q) for r, q in enumerate(positions)]
         gain, coefficients, carried = _fit(evidence, blocks, g)
-        # The pair's own price, and that of the orders tried.
+        # Penalty for the two parameters, and for the orders tried.
         gain -= float(np.log(samples)) + float(np.log(len(orders)))
         if (
             gain > GAIN
             and (best is None or gain > best[0])
-            and _confirmed(evidence, blocks, g, coefficients, carried)
+            and _validated(evidence, blocks, g, coefficients, carried)
         ):
             best = (gain, 1.0 - float(np.exp(-2.0 * gain / samples)))
     return best[1] if best is not None and best[1] > PART else None
@@ -232,7 +240,7 @@ def _orders(positions: Sequence[Array]) -> Array:
     jump = float(np.quantile(np.concatenate([np.abs(np.diff(q)) for q in positions]), 0.95))
     if travel < 1e-3 or jump == 0.0:
         return np.zeros(0)
-    return np.arange(SPACING, FOLLOWED * travel / jump, SPACING)[:ORDERS] / travel
+    return np.arange(SPACING, PHASE_STEP_MAX * travel / jump, SPACING)[:ORDERS] / travel
 
 
 def _modulated(evidence: Evidence, index: int, place: tuple[int, int], phase: Array) -> Array:
@@ -244,7 +252,7 @@ def _modulated(evidence: Evidence, index: int, place: tuple[int, int], phase: Ar
 
 
 def _fit(evidence: Evidence, blocks: Sequence[Array], g: int) -> tuple[float, Array, Array]:
-    """Gain [nats] of columns beside the whole fit, their coefficients, and what they pull the model's along by."""
+    """Gain [nats] of columns beside the whole fit, their coefficients, and by how much they change the model's."""
     model_fit = evidence.model_fit
     ids, weight = model_fit.ids[g], model_fit.weights[g]
     cross, own, right = np.zeros((len(ids), 2)), np.zeros((2, 2)), np.zeros(2)
@@ -261,10 +269,10 @@ def _fit(evidence: Evidence, blocks: Sequence[Array], g: int) -> tuple[float, Ar
     return -0.5 * samples * float(np.log(max(1.0 - explained, 1e-6))), np.asarray(coefficients), carried
 
 
-def _confirmed(
+def _validated(
     evidence: Evidence, blocks: Sequence[Array], g: int, coefficients: Array, carried: Array
 ) -> bool:
-    """Whether the same numbers help on the recordings that no fit has seen."""
+    """Whether the same coefficients lower the residual of the held-out recordings."""
     model_fit = evidence.model_fit
     gained = 0.0
     for r in evidence.heldout:
