@@ -31,7 +31,7 @@ TRIMMED_MIN = 3.0
 """... so much [nats], or half of all it gains: what happens in a few moments only can be confirmed by nothing else."""
 
 SPECIFIC = 8.0
-"""Log-likelihood by which a cause must beat the best generic generic regressor [nats]."""
+"""Log-likelihood by which a cause must beat the best generic regressor [nats]."""
 
 SPREAD, NARROW = 0.3, 0.95
 """An effect of which more than this part falls on other joints must not gain more than that part on one."""
@@ -47,7 +47,7 @@ REDUCTION_MIN = 0.05
 
 
 def best_of_each(entries: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:
-    """The physical shape of each candidate that is worth most, the best candidates first."""
+    """The physical shape of each candidate with the largest penalised gain, the best candidates first."""
     found: dict[tuple[str, str, str], ScreenedCandidate] = {}
     for entry in entries:
         if entry.physical and entry.layout.shaped.candidate is not None:
@@ -67,7 +67,7 @@ def promising(entries: Sequence[ScreenedCandidate], most: int) -> list[ColumnLay
 def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
     """Sorts trials by what they explain; of those that explain the same, the one with the lowest penalty.
 
-    A law that contains a simpler one on the same joint comes before it only where it is better for certain.
+    A law that contains a simpler one on the same joint comes before it only where it is clearly better.
     """
     left = sorted(trials, key=lambda item: -item.reach)
     out: list[CandidateTrial] = []

@@ -26,7 +26,7 @@ LIMIT_DISTANCE = 0.05
 """Distance from a position limit that is near it [rad]."""
 
 SHARE_MIN = 0.01
-"""Smaller noise_ratios are not listed."""
+"""Smaller shares are not listed."""
 
 PORT_OF_RESIDUAL = {
     "actuator": "actuator",

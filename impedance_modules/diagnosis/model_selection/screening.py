@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 COLLINEAR = 1e-4
-"""A candidate of which less than this is left after elimination says nothing new."""
+"""A candidate of which less than this is left after elimination is collinear with the model."""
 
 RIDGE = 1e-7
 """Part of a column's power that is added to keep a candidate's own columns apart."""
@@ -32,14 +32,14 @@ SLACK = 1.0
 
 @dataclass(frozen=True, eq=False)
 class ScreenedCandidate:
-    """A candidate's first entry.
+    """What screening says of a candidate.
 
     Attributes:
         layout: The candidate.
         gain: About the log-likelihood it would add [nats].
         power: About the residual power it would explain, in units of the noise.
         physical: Whether its coefficients keep the physical bounds.
-        worth: The gain less the Bayesian price of its coefficients, by which shapes of one candidate are compared.
+        worth: The gain less the Bayesian penalty of its coefficients, by which shapes of one candidate are compared.
     """
 
     layout: ColumnLayout
@@ -50,7 +50,7 @@ class ScreenedCandidate:
 
 
 class Screening:
-    """Sums over the fitted recordings that every entry needs.
+    """Sums over the fitted recordings that every round of screening needs.
 
     Attributes:
         design: All candidates.
@@ -95,7 +95,7 @@ class Screening:
         return out
 
     def rank(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
-        """Looks at all candidates that the model does not hold yet, best first."""
+        """Ranks all candidates that the model does not hold yet, best first."""
         cross, own, right = self._against(model_fit)
         pulled = cross @ model_fit.whole.inverse
         left = np.zeros_like(own)

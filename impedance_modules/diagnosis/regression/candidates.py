@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 3: every effect of the catalogue at every place where it could be, on equal terms.
+"""Stage 3: every effect of the catalogue at every place where it could be, and its regressors, on equal terms.
 
 A candidate is one effect at one port on one carrier (joint, pair of joints, body, base, log). Where a parameter
-enters nonlinearly it comes in several shapes, one regression each. Nothing is preferred here.
+enters nonlinearly it comes in several shapes, one regression each. Nothing is preferred here. Columns are evaluated
+one by one, at the recordings' full rate, and filtered and thinned many at a time.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ PERIODS_MIN = 2.0
 """Fewest periods that a periodic effect must run through in the recordings."""
 
 WAITING = 4_000_000
-"""Values that may wait to be filtered together."""
+"""Values that are collected to be filtered together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +63,12 @@ class ShapedCandidate:
     """A candidate with its nonlinear parameters fixed; its columns stand in the design.
 
     Attributes:
-        candidate: Which; None for a generic stand-in.
+        candidate: Which; None for a generic regressor.
         shape: Values of what enters nonlinearly.
         size: Number of coefficients.
         fixed: Whether it has a part without a coefficient, which stands behind its columns.
         lower, upper: (p,) physical bounds of the coefficients.
-        key: Effect, carrier and port; stand-ins are told apart by the last two.
+        key: Effect, carrier and port; generic regressors differ in the last two.
     """
 
     candidate: Candidate | None
@@ -149,10 +150,10 @@ def columns_of(
 
 @dataclass(eq=False)
 class CandidateRegressor:
-    """A shape while the recordings are gone through one by one.
+    """A shaped candidate's columns, filled in recording by recording.
 
     Attributes:
-        candidate: None for a generic stand-in.
+        candidate: None for a generic regressor.
         shape: Values of what enters nonlinearly.
         key: Effect, carrier and port.
         blocks: Recording -> group -> (M, width) thinned columns.
@@ -214,7 +215,7 @@ def candidate_regressors(
     Args:
         shaped: Candidates with the values of what enters nonlinearly.
         prepared: The recordings.
-        signals: Theirs, as columns may see them (`instrument`).
+        signals: Theirs, as columns may use them (`clean_signals`).
         residuals: That exist.
     """
     regressors = [
@@ -262,7 +263,7 @@ def _keys(
 
 
 def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Narrows the physical bounds of pure numbers at a sensor: nobody ships one that is wrong by half."""
+    """Narrows the physical bounds of pure numbers at a sensor: no sensor that is in use is wrong by half."""
     if candidate.port != "sensor" or any(
         parameter.unit != "1" for parameter in candidate.effect.description.parameters
     ):
@@ -271,7 +272,7 @@ def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array,
 
 
 def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) -> bool:
-    """Whether a periodic shape runs through enough of its periods to be one, not merely a bend."""
+    """Whether a periodic shape runs through enough of its periods to be one, not merely a curvature."""
     if candidate.key not in signals.model.joint_names:
         return True
     travel = float(np.ptp(signals.position[:, signals.joint(candidate.key)]))

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recordings as columns may see them: what carries a reading's noise or a controller's answer is cleaned first."""
+"""Recordings as columns may use them: what carries a reading's noise or a controller's response to it is cleaned.
+
+A joint is stationary if it does not move over a recording: differences of its position are noise. The residual is
+made of them too (M a, I_r a, dq/dt), and a column with the same noise would explain some of it: a lag, a friction, an
+elasticity of a joint at rest. The controller responds to that noise as well. So stationary joints are put at one
+place, driven by what their load needs.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +28,14 @@ CLEAR = 4.0
 """Times its noise beyond which the sign of a measured effort is the load's."""
 
 STATIONARY = 0.002
-"""Rms of a position about its mean below which its joint stands still [rad or m]."""
+"""Rms of a position about its mean below which its joint is stationary [rad or m]."""
 
 
 def clean_signals(signals: Signals, noise: Array | None = None, flicker: Array | None = None) -> Signals:
     """Replaces the measured effort by its regression on the model's torque and the motion, and cleans the command.
 
     A column that is computed from the reading carries the reading's noise, and so does the residual: the two
-    would agree where nothing is. A gain could then explain anything by scaling all away, an elasticity clean data.
+    would agree without any cause. A gain could then explain anything by scaling, an elasticity clean data.
 
     Args:
         signals: One recording.
@@ -72,12 +78,12 @@ def noise_of_repeats(
 
 
 def stationary_joints(position: Array) -> NDArray[np.bool_]:
-    """Joints that stand still over a recording's positions (N, n), as a mask (n,)."""
+    """Joints that are stationary over a recording's positions (N, n), as a mask (n,)."""
     return np.asarray(position.std(axis=0) < STATIONARY)
 
 
 def with_stationary_joints(signals: Signals) -> Signals:
-    """The same recording with still joints standing still."""
+    """The same recording with stationary joints exactly at rest."""
     still = stationary_joints(signals.position)
     if not still.any():
         return signals
@@ -92,7 +98,7 @@ def with_stationary_joints(signals: Signals) -> Signals:
     assistance = calm.assistance
     if assistance is not None:
         assistance = np.where(still, calm.weight, assistance)
-    return replace(calm, drive=_asked_by_load(calm, calm.drive, still), assistance=assistance)
+    return replace(calm, drive=_needed_by_load(calm, calm.drive, still), assistance=assistance)
 
 
 def _aimed(signals: Signals) -> Array | None:
@@ -152,8 +158,8 @@ def _onto(basis: Array, values: Array) -> Array:
     return np.asarray(basis @ np.linalg.lstsq(basis, values, rcond=None)[0])
 
 
-def _asked_by_load(calm: Signals, drive: Array, still: NDArray[np.bool_]) -> Array:
-    """Drives (N, n), those of still joints as far as the links' torque and a constant make them."""
+def _needed_by_load(calm: Signals, drive: Array, still: NDArray[np.bool_]) -> Array:
+    """Drives (N, n), those of stationary joints as far as the links' torque and a constant make them."""
     out = drive.copy()
     for joint in np.flatnonzero(still):
         basis = np.column_stack([np.ones(calm.samples), calm.rigid[:, joint]])

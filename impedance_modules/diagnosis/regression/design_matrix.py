@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The regression that all candidates compete in: rows of all recordings, columns of all candidates.
+r"""The regression that all candidates take part in: rows of all recordings, and columns of all candidates.
 
 Rows fall into groups (one residual of one joint) and recordings. The nuisance (what any recording may be wrong
-by, see `nuisance`) has columns of its own, scaled to one standard deviation of their prior; then come the columns
-of every shaped candidate. Candidates' columns are kept in single precision: there are thousands of them.
+by, see `nuisance_columns`) has columns of its own, scaled to one standard deviation of their prior; then come the
+columns of every shaped candidate. Candidates' columns are kept in single precision: there are thousands of them.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Design:
         y: Recording -> group -> (M - order,) whitened residual.
         Z: Recording -> group -> (M - order, k) whitened nuisance columns.
         X: Recording -> group -> (M - order, C) whitened candidates' columns.
-        layouts: One per shaped candidate that shows at all.
+        layouts: One per shaped candidate that shows in any residual.
         rate: Of the rows [Hz].
     """
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Generic stand-ins: what functions of a joint's motion without physics could explain.
+r"""A generic basis: what functions of a joint's motion without physics could explain.
 
     smooth   r = \sum_k c_k \tanh(w_k \cdot (q, v, a, \tau) + b_k)         random w, b of a fixed seed
-    local    r = c \max(0, \pm (q - q_k)),   r = c \exp(-((q - q_k) / h)^2)   somewhere along the way
+    local    r = c \max(0, \pm (q - q_k)),   r = c \exp(-((q - q_k) / h)^2)   somewhere in the joint's range
 
-with \tau the model's torque: a stand-in must never see the reading that it is to explain. A cause is named only if
-it does better than the best of these with as many coefficients, and explains a gap only if none of them finds more.
+with \tau the model's torque: a generic regressor must not use the reading that it is to explain. A cause is named
+only if it does better than the best of these with as many coefficients, and explains a gap only if none of them finds more.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from impedance_modules.effects.residual_kinds import Residual
 Array = NDArray[np.float64]
 
 DRAWS: Mapping[int, int] = {1: 10, 2: 6, 4: 4}
-"""Number of coefficients -> number of random stand-ins per joint and residual."""
+"""Number of coefficients -> number of random regressors per joint and residual."""
 
 KNOTS = (0.15, 0.3, 0.5, 0.7, 0.85)
-"""Places along the way, as quantiles of the position, where local stand-ins begin or stand."""
+"""Quantiles of the position at which local regressors begin or are centred."""
 
 GENERIC = "generic"
 
 
 def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -> list[CandidateRegressor]:
-    """Draws the stand-ins of every joint in every residual."""
+    """Draws the generic regressors of every joint in every residual."""
     regressors: list[CandidateRegressor] = []
     batches = [BatchFilter(item) for item in prepared]
     signals = [with_stationary_joints(item.signals) for item in prepared]

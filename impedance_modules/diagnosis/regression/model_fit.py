@@ -4,7 +4,7 @@ r"""Fits of one model, on all recordings and without each fold: causes by least 
     \min_{\nu, \beta} \sum_g w_g |y_g - Z_g \nu - X_g \beta|^2 + |\nu|^2,      w_g = 1 / max(1, s_g^2)
 
 Rows are white and of unit noise; s_g^2 is what is left of a group over its noise, so that a group that is not
-understood yet does not pull the nuisance that it noise_ratios with others.
+understood yet does not distort the nuisance that it shares with others.
 """
 
 from __future__ import annotations
@@ -26,13 +26,59 @@ FLAT = 1e-9
 
 PRIOR_MAX = 3.0
 """A nuisance further out than so many standard deviations of its prior is none: the rows are trusted less until
-it is back, because what pulls it there is something that the model lacks."""
+it is back, because what moves it there is something that the model lacks."""
 
-SOFTENED = 12
+DOWNWEIGHTINGS = 12
 """How often they are trusted half as much at most."""
 
 ROUNDS = 3
-"""How often fit and weights follow each other."""
+"""How often fit and weights are repeated in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelTerm:
+    """A shaped candidate with its columns.
+
+    Attributes:
+        layout: Its description.
+        columns: Recording -> group -> (M, p) whitened and scaled.
+        fixed: Recording -> group -> (M,) whitened part without a coefficient; empty where there is none.
+    """
+
+    layout: ColumnLayout
+    columns: tuple[Mapping[int, Array], ...]
+    fixed: tuple[Mapping[int, Array], ...]
+
+    @property
+    def shaped(self) -> ShapedCandidate:
+        """The candidate in its shape."""
+        return self.layout.shaped
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Effect, carrier and port."""
+        return self.layout.shaped.key
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Groups that it touches."""
+        return self.layout.groups
+
+    @property
+    def generic(self) -> bool:
+        """Whether it is generic, without physics."""
+        return self.layout.shaped.candidate is None
+
+    @property
+    def candidate(self) -> Candidate:
+        """The physical candidate.
+
+        Raises:
+            TypeError: It is generic.
+        """
+        if self.layout.shaped.candidate is None:
+            raise TypeError("a generic stand-in has no physical candidate")
+        return self.layout.shaped.candidate
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +128,7 @@ class ModelFit:
         for _ in range(ROUNDS - 1):
             self.weights = 1.0 / np.maximum(self.left / self.counts, 1.0)
             self.whole = self.fit(self.fitted)
-        for _ in range(SOFTENED):
+        for _ in range(DOWNWEIGHTINGS):
             if np.abs(self.whole.coefficients[: design.nuisance.size]).max(initial=0.0) <= PRIOR_MAX:
                 break
             self.weights = 0.5 * self.weights
@@ -181,52 +227,6 @@ class ModelFit:
         start, term = self.starts[index], self.model[index]
         values = (found or self.whole).coefficients[start : start + term.shaped.size]
         return np.asarray(values / term.layout.scale)
-
-
-@dataclass(frozen=True, eq=False)
-class ModelTerm:
-    """A shaped candidate with its columns.
-
-    Attributes:
-        layout: Its description.
-        columns: Recording -> group -> (M, p) whitened and scaled.
-        fixed: Recording -> group -> (M,) whitened part without a coefficient; empty where there is none.
-    """
-
-    layout: ColumnLayout
-    columns: tuple[Mapping[int, Array], ...]
-    fixed: tuple[Mapping[int, Array], ...]
-
-    @property
-    def shaped(self) -> ShapedCandidate:
-        """The candidate in its shape."""
-        return self.layout.shaped
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """Effect, carrier and port."""
-        return self.layout.shaped.key
-
-    @property
-    def groups(self) -> tuple[int, ...]:
-        """Groups that it touches."""
-        return self.layout.groups
-
-    @property
-    def generic(self) -> bool:
-        """Whether it is a stand-in without physics."""
-        return self.layout.shaped.candidate is None
-
-    @property
-    def candidate(self) -> Candidate:
-        """The physical candidate.
-
-        Raises:
-            TypeError: It is a stand-in.
-        """
-        if self.layout.shaped.candidate is None:
-            raise TypeError("a generic stand-in has no physical candidate")
-        return self.layout.shaped.candidate
 
 
 def term_of(design: Design, layout: ColumnLayout) -> ModelTerm:

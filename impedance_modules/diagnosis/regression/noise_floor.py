@@ -155,7 +155,7 @@ def noise_by_smoothness(
     noise, lost = [], []
     for group, one in zip(nuisance.groups, fits, strict=True):
         pieces, used = one.robust if disturbed else one.ordinary
-        noise.append(_no_quieter(pieces, used, [rounding.of(group) for rounding in made]))
+        noise.append(_not_below(pieces, used, [rounding.of(group) for rounding in made]))
         lost.append(used)
     share = np.ones((len(left), len(nuisance.groups)))
     return whitening_of(
@@ -230,7 +230,7 @@ def _difference(one: Array, other: Array, shown: Mask) -> Array:
     return np.asarray((difference - difference.mean()) / np.sqrt(2.0))
 
 
-def _no_quieter(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> list[Array]:
+def _not_below(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> list[Array]:
     """Adds to pieces of noise what they lack of the positions' own."""
     count = sum(map(len, pieces))
     grow = count / max(count - used, LEFT_MIN * count)

@@ -162,7 +162,7 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
 
 
 def _groups(prepared: Sequence[Prepared]) -> tuple[Group, ...]:
-    """All residuals of all joints, but no velocity of a joint that stands still.
+    """All residuals of all joints, but no velocity of a stationary joint.
 
     It is noise there, and the velocities' own filters colour it.
     """

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Moves a candidate's nonlinear parameters off their grid: Gauss and Newton, columns and shape together.
+r"""Parameters of a term: nonlinear ones are refined by Gauss-Newton, all have standard deviations.
 
-With X(\theta) \beta the candidate's part, the shape's own column is d(X \beta)/d\theta by differences. The same
-columns give the shape's standard deviation: its place in the joint covariance (profile likelihood to second order).
+With X(\theta) \beta the candidate's part, the shape's own column is d(X \beta)/d\theta by differences; columns and
+shape are solved for together, from the best point of a grid.
+
+Coefficients and shape share one covariance: the shape's columns are beside X in the normal equations, so that a
+parameter from a grid has an error as well (profile likelihood to second order). The covariance grows with what the
+model leaves over its noise (through the weights), with its correlation in time, by (1 + \rho) / (1 - \rho), and with
+what a model may leave and still pass.
 """
 
 from __future__ import annotations
@@ -195,7 +200,7 @@ class ShapeRefiner:
 
 
 class UnwhitenedFit:
-    """Unwhitened columns of the terms that a diagnosis speaks about, evaluated once each."""
+    """Unwhitened columns of the terms that a diagnosis reports, evaluated once each."""
 
     def __init__(self, refiner: ShapeRefiner) -> None:
         """Takes what can evaluate candidates."""

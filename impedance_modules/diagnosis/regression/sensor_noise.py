@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Position noise in the residuals that nothing else shows: an encoder's grid under repeats, any noise without them.
+r"""Noise of positions and torques in the residuals: what repeats do not show of it, and how it changes with the motion.
 
 Two runs that agree to less than a count are rounded alike: their difference does not hold the rounding, the
 residual does. A grid of step g, crossed often, is white noise of variance g^2 / 12 per sample; differentiated twice
@@ -7,6 +7,14 @@ it moves the links. What the grid alone would make of the accelerations, less wh
 to the repeats' difference; without repeats the noise beyond the motion's frequencies bounds the floor from below:
 
     \delta r_link = -M(q) \delta a,      \delta r_actuator = -I_r \delta a,      \delta r_velocity = -\delta v
+
+The noise of a residual changes with the motion: an outstretched arm has more inertia, a heavy load shakes it.
+
+    var(e - ID) = k^2 \sigma_e^2 + S,   S = \sum_j M_ij(q)^2 \sigma_{a,j}^2
+
+The repeats show the whole and the accelerations' noise \sigma_a at their own poses, hence \sigma_e; at other poses
+S is recomputed. k is how much noisier a recording's torque sensors are, by their spectrum beyond the motion: many
+sensors' noise grows with the load.
 """
 
 from __future__ import annotations
@@ -35,7 +43,7 @@ filtered away."""
 SENSOR_MIN = 0.05
 """Least part of the noise that is the torque sensor's."""
 
-LOUDER = (1.3, 16.0)
+SENSOR_NOISE_RATIO = (1.3, 16.0)
 """Power of a recording's sensor noise over that of the repeats: less is chance, and more would be no noise."""
 
 FEW = 8
@@ -44,7 +52,7 @@ FEW = 8
 
 @dataclass(frozen=True, eq=False)
 class Rounding:
-    """Rounding that the repeats do not show, made up for one recording.
+    """Rounding that the repeats do not show, simulated for one recording.
 
     Attributes:
         acceleration: (M, n) in the band [rad/s^2].
@@ -74,12 +82,12 @@ class Rounding:
 
 
 def unseen_rounding(item: Prepared, seen: Array, seed: int) -> Rounding | None:
-    """Makes up the rounding that repeats lack; None where they show as much as there is.
+    """Simulates the rounding that repeats lack; None where they show as much as there is.
 
     Args:
         item: One of the repeats.
         seen: (n,) power of the accelerations' noise that the repeats show [rad^2/s^4].
-        seed: Of the made-up noise.
+        seed: Of the simulated noise.
     """
     log = item.log
     if log.grid is None or not log.grid.any():
@@ -108,7 +116,7 @@ def white_noise(values: Array) -> Array:
 
 
 def differentiated(item: Prepared, size: Array, seed: int) -> Rounding:
-    """Makes up what white position noise of a size (n,) [rad per sample] does to the residuals of a recording."""
+    """Simulates what white position noise of a size (n,) [rad per sample] does to the residuals of a recording."""
     log = item.log
     time = np.arange(log.samples) / log.rate
     noise = size * np.random.default_rng(seed).standard_normal(log.position.shape)
@@ -132,8 +140,8 @@ def noise_ratios(
         power: (groups,) of the noise that they show.
         noise: (n,) power of the accelerations' noise.
     """
-    levers = [_lever(item) for item in prepared]
-    louder = _louder(prepared, pairs)
+    levers = [_mean_square_mass(item) for item in prepared]
+    louder = _sensor_noise_ratio(prepared, pairs)
     measured = np.mean([levers[i] for pair in pairs for i in pair], axis=0) @ noise
     out = np.ones((len(prepared), len(groups)))
     for recording, lever in enumerate(levers):
@@ -160,7 +168,7 @@ def _torques(item: Prepared, speed: Array, acceleration: Array) -> Rounding:
     return Rounding(acceleration, speed, torque, item.signals.reflected_inertia * acceleration)
 
 
-def _louder(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array:
+def _sensor_noise_ratio(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array:
     """Power of each recording's sensor noise over that of the repeats, (recordings, n); one where it is about alike."""
     efforts = [item.log.effort for item in prepared]
     if any(effort is None for effort in efforts):
@@ -168,9 +176,9 @@ def _louder(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> A
     power = np.array([white_noise(effort) ** 2 for effort in efforts if effort is not None])
     repeated = np.mean([power[i] for pair in pairs for i in pair], axis=0)
     ratio = power / np.maximum(repeated, 1e-300)
-    return np.where(ratio > LOUDER[0], np.minimum(ratio, LOUDER[1]), 1.0)
+    return np.where(ratio > SENSOR_NOISE_RATIO[0], np.minimum(ratio, SENSOR_NOISE_RATIO[1]), 1.0)
 
 
-def _lever(item: Prepared) -> Array:
+def _mean_square_mass(item: Prepared) -> Array:
     """Mean squares of the mass matrix over a recording, (n, n)."""
     return np.asarray(np.mean(mass_matrix(item.tree, item.position[::FEW]) ** 2, axis=0))
