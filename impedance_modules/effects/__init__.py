@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Physical effects that the plant and the model can wear."""
+"""Physical effects: what a robot has beyond its model, applied to plant and model or searched for in recordings."""

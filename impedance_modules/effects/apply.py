@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a robot wears a patch: what its model knows, and what only the plant does."""
+"""Applies a patch to a robot: the numbers that its model knows, and what only the plant does."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Masses where the model has none or others, and a base that does not stand upright."""
+"""Payload, errors of a link's inertia, and base tilt."""
 
 from __future__ import annotations
 

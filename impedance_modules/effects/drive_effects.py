@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The way from the torque asked for to the motor: late, slow, limited.
+r"""The drive, from the torque asked for to the motor's: delayed, lagging, limited, or with wrong controller gains.
 
 With u asked for and y(u) given, the joint consumes u - y(u) in the drive. Near a guess p of the parameter the
 regression is fixed = u - y(u; p), column = -dy/dp: its coefficient is the step of a Gauss-Newton iteration.
@@ -103,7 +103,7 @@ class CommandDelay(DriveLaw):
         return tuple({"T": T} for T in (0.0, 0.005, 0.015, 0.04, 0.1))
 
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
-        """Lets predictions of stability reckon with the largest delay."""
+        """Adds the largest delay to the model's, so that predictions of stability include it."""
         late = robot.timing.command_delay + max(values["T"] for values in parameters.values())
         return replace(robot, timing=replace(robot.timing, command_delay=late))
 

@@ -42,7 +42,7 @@ PRESLIDING = "presliding"
 """Shape: presliding displacement [rad], over which dry friction changes its sign; zero where a speed decides."""
 
 PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
-"""Displacements tried, in multiples of the way that a joint goes in a second at the regularisation velocity."""
+"""Displacements tried, in multiples of the distance that a joint moves in a second at the regularisation velocity."""
 
 REGULARISATION = "regularisation"
 """Shape: multiple of the usual regularisation velocity of dry friction; missing where it is the usual one."""
@@ -92,7 +92,7 @@ class Effect(ABC):
         in_every_drive: One of the laws of one number that every gear and motor has: a model of bare links lacks all
             of them at once.
         delays_torque: It delays the joint's torque; two such effects differ in the second order of their time only.
-        shared_by_joints: One physical reason can give it to many joints at once: a late bus delays all commands.
+        shared_by_joints: One physical reason can give it to many joints at once: a delayed bus delays all commands.
         constant_part: Symbol of the parameter that is a constant torque wherever the joint moves [N.m]; None where
             it has none. Two effects with one on the same joint can take each other back.
         carried_by_robot: The maker may have told the robot of it: then the robot adds the torque that it takes to

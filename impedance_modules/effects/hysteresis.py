@@ -26,7 +26,7 @@ from impedance_modules.effects.residual_kinds import Residual
 Array = NDArray[np.float64]
 
 STRETCH = "stretch"
-"""Shape: displacement fc / s0 over which the bristles turn over [rad]."""
+"""Shape: displacement fc / s0 over which the bristles bend, a presliding displacement [rad]."""
 
 COUNTS = 6
 """Counts of the encoder over which bristles must bend to be told from dry friction, behind any filter."""
@@ -128,7 +128,7 @@ class BristleTorque:
         self._at = self._position(motion)
 
     def torque(self, motion: JointMotion) -> Array:
-        """Gives the torque (n,) after the way since the step began."""
+        """Gives the torque (n,) [N.m] after the displacement since the step began."""
         out = np.zeros(motion.position.size)
         out[self._joints] = -self._friction * self._bent(motion)
         return out

@@ -30,8 +30,8 @@ COULOMB = Parameter("fc", "N.m", "Coulomb friction", lower=0.0, linear_unit="N")
 
 VISCOUS = Parameter("fv", "N.m.s/rad", "viscous friction", lower=0.0, linear_unit="N.s/m")
 
-SLIDING_FULLY = 2.0 * REGULARISATION_VELOCITY
-"""Speed at which dry friction has turned over, nearly [rad/s]."""
+FULL_SLIDING = 2.0 * REGULARISATION_VELOCITY
+"""Speed beyond which the regularised sign is nearly one [rad/s]."""
 
 WARMING_MIN = 2.0
 """Shortest time constant with which grease is taken to warm up [s]."""
@@ -145,10 +145,12 @@ class StribeckFriction(JointLaw):
         return self.with_reversal_shapes(signals, key, tuple({"vs": float(speed)} for speed in speeds))
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
-        """A fall as fast as dry friction itself turns over cannot be told from how it turns over."""
-        if float(shape["vs"]) >= SLIDING_FULLY:
+        """A fall within the regularisation velocity of dry friction cannot be told from the regularisation."""
+        if float(shape["vs"]) >= FULL_SLIDING:
             return None
-        return "falls as fast as dry friction turns over: dry friction as far as it can be seen"
+        return (
+            "falls within the regularisation velocity of dry friction: dry friction as far as it can be seen"
+        )
 
     def relations(self, values: Values) -> list[str]:
         """Friction at rest is not below that in motion."""

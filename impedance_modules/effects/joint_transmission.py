@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""What lies between motor and link: rotor inertia, springs that give, teeth with play.
+r"""The transmission between motor and link: rotor inertia, elasticity, backlash, and coupling of two joints.
 
-With the link's position recorded, the motor stands at \theta = q + \delta; a deflection \delta that the
+With the link's position recorded, the motor is at \theta = q + \delta; a deflection \delta that the
 nominal model does not know costs the motor I_r \ddot\delta + D \dot\delta. With the motor's position recorded
 it is the link that moves differently: the joint then consumes -M_ii \ddot\delta.
 """
@@ -224,10 +224,10 @@ class Backlash(Effect):
 
 
 def place_in_play(load: Array) -> Array:
-    """Says where in a gap of one the motor stands (N,), from which side its teeth are loaded.
+    """Says where in a gap of size one the motor is (N,), from which side its teeth are loaded.
 
     Between two loads of opposite sign it crosses under a nearly constant torque, from rest: along a parabola.
-    Where a joint is never loaded nothing is known, and it is taken to stand in the middle.
+    Where a joint is never loaded nothing is known, and it is taken to be in the middle.
     """
     touching = np.flatnonzero(np.abs(load) > UNLOADED * np.sqrt(np.mean(load**2)))
     if touching.size == 0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a patch's meaning can be wrong in, beyond its schema; every problem at its place in the file."""
+"""Checks the meaning of a patch, beyond its schema; reports every problem at its place in the file."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def patch_problems(patch: PatchSpec, robot: RobotSpec) -> list[Problem]:
 def _effect_problems(check: _Check) -> Iterator[Problem]:
     spec = check.spec
     if spec.effect not in CATALOGUE:
-        message = f"this version cannot wear '{spec.effect}'{nearest(spec.effect, tuple(CATALOGUE))}"
+        message = f"this version has no effect '{spec.effect}'{nearest(spec.effect, tuple(CATALOGUE))}"
         yield check.problem("effect", message=message, valid=tuple(CATALOGUE))
         return
     if spec.port not in check.description.ports:

@@ -62,7 +62,7 @@ class Signals:
         hands: Links whose origins touch them.
         clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
             otherwise gain by regularisation_velocity the noise that the residual carries too.
-        reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that ask for no more than its sign.
+        reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that need no more than its sign.
     """
 
     model: RigidModel
@@ -173,12 +173,12 @@ class Signals:
             kept[body] = self.model.body_columns(body, self.position, self.velocity, self.acceleration)
         return kept[body]
 
-    def bristles(self, joint: int, way: float, *, motor_side: bool) -> Array:
+    def bristles(self, joint: int, stretch: float, *, motor_side: bool) -> Array:
         """Bend of bristles along a joint's path (N,), computed once."""
         kept: dict[tuple[int, float, bool], Array] = self.__dict__.setdefault("_bristles", {})
-        key = (joint, way, motor_side)
+        key = (joint, stretch, motor_side)
         if key not in kept:
-            kept[key] = follow(self.sample(joint, motor_side=motor_side).position, way)
+            kept[key] = follow(self.sample(joint, motor_side=motor_side).position, stretch)
         return kept[key]
 
     def sample(self, joint: int, *, motor_side: bool) -> JointSample:

@@ -67,7 +67,7 @@ class RigidModel:
 
     @classmethod
     def from_urdf(cls, urdf: Path, joint_names: Sequence[str]) -> RigidModel:
-        """Reads a URDF and keeps the named joints; every other joint stands at its neutral angle.
+        """Reads a URDF and keeps the named joints; every other joint is fixed at its neutral angle.
 
         Raises:
             BadInput: The file is no URDF, or lacks a joint.

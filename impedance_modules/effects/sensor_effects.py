@@ -349,7 +349,7 @@ class ClockDrift(Effect):
             if values.get(APART, 0.0):
                 raise BadInput(
                     "clock_drift with apart = 1: readings that run away from the commands belong to a recording, no"
-                    " plant wears them (valid: apart 0, or none; `diagnose --effects` takes both)"
+                    " plant can have them (valid: apart 0, or none; `diagnose --effects` takes both)"
                 )
             builder.clock *= 1.0 + 1e-6 * values["ppm"]
 

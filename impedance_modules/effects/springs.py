@@ -21,7 +21,7 @@ from impedance_modules.spec.robot_spec import ParallelSpringSpec, RobotSpec
 Array = NDArray[np.float64]
 
 CARRIED = "carried"
-"""Shape: the robot knows the spring and adds what winds it, as it adds what carries its weight; missing where not."""
+"""Shape: the robot knows the spring and adds the torque that deflects it to what carries its weight; else missing."""
 
 MOST_ORDERS = 400
 """Largest number of ripple orders tried."""
@@ -89,14 +89,14 @@ class ParallelSpring(JointLaw):
     def coefficients(
         self, values: Values, signals: Signals, key: str, port: Port
     ) -> tuple[Array, dict[str, float]]:
-        """The recording tells whether the robot carries it: more effort came than was asked for, by what winds it."""
+        """The recording tells whether the robot carries it: more effort than asked for, by what deflects it."""
         coefficients, shape = self.linear(values)
         asked, measured, joint = signals.drive, signals.effort, signals.joint(key)
         if signals.assistance is None or asked is None or measured is None:
             return coefficients, shape
-        winding = self.basis(signals.sample(joint, motor_side=False), shape) @ coefficients
+        deflecting = self.basis(signals.sample(joint, motor_side=False), shape) @ coefficients
         unasked = (measured - asked)[:, joint]
-        carried = float(unasked @ winding) > 0.5 * float(winding @ winding)
+        carried = float(unasked @ deflecting) > 0.5 * float(deflecting @ deflecting)
         return coefficients, {CARRIED: 1.0} if carried else shape
 
     def bounds(self) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 
     N = max(0, k d - c n . v) while the depth d of the hand's origin is above 0,   |f_t| = mu N against sliding
 
-A key names a surface by its place in the task's ``environment``: ``surface0`` is the first. All kinds can be worn.
+A key names a surface by its place in the task's ``environment``: ``surface0`` is the first. All kinds can be applied.
 Columns can be computed for planes and boxes where a recording says on which its hands could press
 (``Signals.surfaces``, ``hands``); they are what the hand feels beyond the surfaces as the task has them.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the plant wears, the columns find: the two faces of every effect of the catalogue are one law."""
+"""What is applied to the plant, the columns find: every effect of the catalogue has one law in both uses."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ SENSOR_RESIDUALS = {
     "clock_drift": ("velocity",),
 }
 ROUGH = {"backlash": 0.12, "encoder_offset": 0.08, "clock_drift": 0.04}
-"""Where columns are a linearisation, or a picture of a gap that nobody sees; all others within 3 %."""
+"""Where columns are a linearisation, or an approximation of a gap that nobody measures; all others within 3 %."""
 
 SAMPLES = slice(round(STILL * RATE), -20)
 SEARCHED = {effect.id for effect in CATALOGUE.values() if not isinstance(effect, SurfaceEffect)}
@@ -188,7 +188,7 @@ def test_the_columns_explain_what_the_effect_changed(run: str, case: AppliedEffe
         assert left < limit, f"{kind}: {100 * left:.1f} % left"
 
 
-def test_every_effect_is_worn_and_searched_here() -> None:
+def test_every_effect_is_applied_and_searched_here() -> None:
     assert {case.effect for _, case in CASES} == SEARCHED
     for effect in (CATALOGUE[case] for case in SEARCHED):
         ports = {case.port for _, case in CASES if case.effect == effect.id}
@@ -228,7 +228,7 @@ def test_friction_only_takes_energy_and_the_books_close(entries) -> None:
     assert abs(after.imbalance(before)) < 2e-3 * before.kinetic
 
 
-def test_a_worn_robot_starts_in_equilibrium() -> None:
+def test_a_robot_with_effects_starts_in_equilibrium() -> None:
     """Unknown weight, gain, offset and play: whatever held the arms before the run held them still."""
     entries = (
         applied("payload", L, "port_palm", m=0.9, cx=0.04, cy=0.02, cz=0.1),

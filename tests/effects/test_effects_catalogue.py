@@ -71,6 +71,7 @@ CONTRACT = [
     "fluid_drag",
     "bench_spring",
 ]
+"""Ids that patches may already contain: none of them may vanish."""
 SYMBOLS = {
     "coulomb_friction": {"fc"},
     "viscous_friction": {"fv"},
@@ -154,7 +155,7 @@ def written(folder: Path, *entries: dict[str, object], name: str = "six_joint_pa
 
 
 def test_the_catalogue_is_the_contract() -> None:
-    assert list(CATALOGUE) == CONTRACT
+    assert set(CONTRACT) <= set(CATALOGUE)
     for effect, symbols in SYMBOLS.items():
         assert symbols <= set(CATALOGUE[effect].description.symbols), effect
     schema = json.loads((ROOT / "schemas" / "patch.schema.json").read_text())
@@ -164,7 +165,7 @@ def test_the_catalogue_is_the_contract() -> None:
         assert set(effect.description.ports) <= set(allowed["port"]["enum"])
 
 
-@pytest.mark.parametrize("effect", CONTRACT)
+@pytest.mark.parametrize("effect", list(CATALOGUE))
 def test_a_description_leaves_nothing_out(effect: str) -> None:
     described = CATALOGUE[effect].description
     texts = (described.sentence, described.equation, described.signature, described.excitation)
@@ -175,9 +176,9 @@ def test_a_description_leaves_nothing_out(effect: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "port"), [(e, port) for e in CONTRACT for port in CATALOGUE[e].description.ports]
+    ("effect", "port"), [(e, port) for e in CATALOGUE for port in CATALOGUE[e].description.ports]
 )
-def test_a_patch_is_read_worn_and_described(tmp_path: Path, effect: str, port: str) -> None:
+def test_a_patch_is_read_applied_and_described(tmp_path: Path, effect: str, port: str) -> None:
     patch = read_patch(written(tmp_path, entry(effect, port)))
     applied = apply_patch(robot(), patch)
     assert apply_to_plant(RobotModel(applied), patch).command_delay >= 0.0
@@ -189,7 +190,7 @@ def test_a_patch_is_read_worn_and_described(tmp_path: Path, effect: str, port: s
     assert effect in shown.output and all(symbol in shown.output for symbol in found)
 
 
-@given(seed=st.integers(0, 2**32 - 1), effect=st.sampled_from(CONTRACT))
+@given(seed=st.integers(0, 2**32 - 1), effect=st.sampled_from(list(CATALOGUE)))
 @settings(max_examples=80, deadline=None)
 def test_coefficients_and_parameters_are_two_names_of_one_thing(seed: int, effect: str) -> None:
     random, s, entry_of = np.random.default_rng(seed), recording(), CATALOGUE[effect]
@@ -231,7 +232,7 @@ def recording() -> Signals:
     )
 
 
-@pytest.mark.parametrize("effect", CONTRACT)
+@pytest.mark.parametrize("effect", list(CATALOGUE))
 def test_every_shape_gives_columns_within_its_bounds_somewhere(effect: str) -> None:
     one, s, seen = CATALOGUE[effect], recording(), False
     for port in one.description.ports:
@@ -386,7 +387,7 @@ def test_what_no_robot_can_be_is_refused(tmp_path: Path, bad: dict[str, object],
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
-def test_the_model_weighs_what_it_wears(seed: int) -> None:
+def test_the_model_weighs_what_the_patch_adds(seed: int) -> None:
     """Weight of payload, springs and lean, by three formulas that share nothing with the catalogue."""
     random = np.random.default_rng(seed)
     model = RobotModel(robot())
@@ -449,7 +450,7 @@ def test_the_range_of_a_fit_is_kept() -> None:
 
 def test_the_verb_lists_all_and_refuses_others() -> None:
     listed = CliRunner().invoke(impedance, ["effects"], standalone_mode=False)
-    assert listed.exception is None and all(effect in listed.output for effect in CONTRACT)
+    assert listed.exception is None and all(effect in listed.output for effect in CATALOGUE)
     unknown = CliRunner().invoke(impedance, ["effects", "coulomb"], standalone_mode=False)
     assert isinstance(unknown.exception, BadInput) and "coulomb_friction" in str(unknown.exception)
 
@@ -460,7 +461,7 @@ def test_the_robots_own_numbers_stay_as_they_were() -> None:
     assert robot() == before
 
 
-def test_a_map_is_worn_as_the_patch_says_and_a_surface_too_many_is_refused() -> None:
+def test_a_map_is_changed_as_the_patch_says_and_a_surface_too_many_is_refused() -> None:
     plane = SurfaceSpec("plane", 0.3, None, (0.1, 0.0, 0.0), None, 900.0, 5.0, 0.4)
     block = SurfaceSpec("box", None, (0.1, 0.2, 0.3), (0.0, 0.0, 0.0), (1.0, 1.0, 0.2), 900.0, 5.0, 0.4)
     wrong = [

@@ -25,7 +25,7 @@ DRAG = applied("fluid_drag", L, "starboard_forearm", dx=9.0, dy=16.0, cx=0.0, cy
 
 
 def moving(entries, seed: int):
-    """An undamped robot that nobody drives, wearing effects, thrown from its start posture."""
+    """An undamped robot that nobody drives, with effects, thrown from its start posture."""
     subject = plant_with(undamped(spec_of(SIX_JOINTS)), entries)
     subject.reset(start(subject.model))
     subject.place(np.random.default_rng(seed).uniform(-1, 1, subject.model.n), np.zeros(subject.model.n))
