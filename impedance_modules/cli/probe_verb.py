@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance probe``: the shortest safe motion that tells what a diagnosis could not, as a task to run."""
+"""``impedance probe``: the shortest safe motion that answers what a diagnosis left open, as a task to run."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
 
 class RunLock:
-    """Held by the process that writes a directory; the kernel lets go of it however the process ends."""
+    """Held by the process that writes a directory; the kernel releases it however the process ends."""
 
     def __init__(self, descriptor: int, path: Path) -> None:
         self._descriptor = descriptor
@@ -89,7 +89,7 @@ class RunLock:
         return lock
 
     def release(self) -> None:
-        """Removes the lock file and lets go of the lock."""
+        """Removes the lock file and releases the lock."""
         self._path.unlink(missing_ok=True)
         os.close(self._descriptor)
 

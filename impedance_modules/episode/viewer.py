@@ -168,7 +168,7 @@ def _no_window(what: str, reason: str) -> BadInput:
 
 
 def _reason(said: bytes) -> str:
-    """Returns the line that tells most of what the viewer said before it ended."""
+    """Returns the most informative line that the viewer wrote before it ended."""
     lines = [line.strip() for line in said.decode(errors="replace").splitlines() if line.strip()]
     telling = [line for line in lines if "error" in line.lower()]
     return (telling or lines or ["it gave no reason"])[0]

@@ -91,7 +91,7 @@ def read_document(path: Path) -> Document:
 
 
 def scan_document(path: Path) -> Document:
-    """Like ``read_document``, but hands over a document whose ``yaml_problems`` are still to be reported.
+    """Like ``read_document``, but returns a document whose ``yaml_problems`` are still to be reported.
 
     For readers that want to add the problems of schema and meaning before they raise.
     """

@@ -127,7 +127,7 @@ class TankSpec:
 
 @dataclass(frozen=True)
 class RoughnessSpec:
-    """The texture of fresh wood; all of it wears off in proportion to one share that goes from 1 to 0.
+    """The texture of fresh wood; all of it wears off in proportion to one factor that goes from 1 to 0.
 
     Attributes:
         height: Of its highest peaks above smooth wood [m].

@@ -30,7 +30,7 @@ WORLD = "world"
 
 
 class _Absent:
-    """Stands for a value that is not given; None would be one that is given as nothing."""
+    """Marks a value that is not given; None is a value that is given as null."""
 
 
 _ABSENT = _Absent()

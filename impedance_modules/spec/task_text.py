@@ -13,9 +13,7 @@ import yaml
 from impedance_modules.errors import BadInput, ImpedanceError, nearest
 from impedance_modules.spec.document import Document, parse_document, print_path, scan_document
 from impedance_modules.spec.locate import find_robot, find_task
-
-Steps = tuple[str | int, ...]
-"""Keys and places from the top of a task file to one of its values."""
+from impedance_modules.spec.yaml_tree import KeyPath
 
 Spent = Literal["throughout", "at its end"]
 
@@ -29,7 +27,7 @@ def task_document(name_or_path: str | Path) -> Document:
     return scan_document(find_task(name_or_path))
 
 
-def find_steps(data: Any, path: str, *, must_exist: bool = True) -> Steps:
+def find_steps(data: Any, path: str, *, must_exist: bool = True) -> KeyPath:
     """Finds a value by its path: ``arms.right.springs.0.stiffness.x``; entries with a name go by name, too.
 
     Args:
@@ -60,12 +58,12 @@ def find_steps(data: Any, path: str, *, must_exist: bool = True) -> Steps:
     return tuple(steps)
 
 
-def changed(document: Document, changes: Mapping[Steps, Any], heading: str = "") -> str:
+def changed(document: Document, changes: Mapping[KeyPath, Any], heading: str = "") -> str:
     """Writes a task file's text with values replaced or added; comments are lost.
 
     Args:
         document: The original.
-        changes: Steps -> new value.
+        changes: Key path -> new value.
         heading: Comment lines to begin with.
     """
     data: Any = deepcopy(document.data)

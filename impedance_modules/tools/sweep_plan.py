@@ -15,7 +15,8 @@ from impedance_modules.errors import BadInput
 from impedance_modules.spec.document import Document
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.task_reader import read_task
-from impedance_modules.spec.task_text import Steps, changed, find_steps, task_document
+from impedance_modules.spec.task_text import changed, find_steps, task_document
+from impedance_modules.spec.yaml_tree import KeyPath
 
 POINTS = 5
 """Values of a range that does not say how many."""
@@ -160,7 +161,7 @@ class _SourceTexts:
 
     task: Document
     patch: Document | None
-    numbers: Mapping[str, tuple[bool, Steps]]
+    numbers: Mapping[str, tuple[bool, KeyPath]]
 
     def texts(self, point: Mapping[str, float]) -> tuple[str, str | None]:
         """Writes both with one run's numbers."""
@@ -185,7 +186,7 @@ def _job(
     )
 
 
-def _find_number(found: Range, task: Document, patch: Document | None) -> tuple[bool, Steps]:
+def _find_number(found: Range, task: Document, patch: Document | None) -> tuple[bool, KeyPath]:
     """Finds where a varied number stands: whether in the patch, and its steps."""
     from_patch = found.path.partition(".")[0] == "effects" and "effects" not in task.data
     if from_patch and patch is None:

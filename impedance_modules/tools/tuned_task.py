@@ -18,7 +18,8 @@ from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import Document
-from impedance_modules.spec.task_text import Steps, changed, task_document
+from impedance_modules.spec.task_text import changed, task_document
+from impedance_modules.spec.yaml_tree import KeyPath
 from impedance_modules.tools.spring_tuning import TunedPosture, TuningRequest, named
 
 LARGE_TANK = 50.0
@@ -102,7 +103,7 @@ def trial_task(
 
 def _arm_changes(
     document: Document, model: RobotModel, request: TuningRequest, tuned: TunedPosture, share: float
-) -> dict[Steps, Any]:
+) -> dict[KeyPath, Any]:
     arm: Mapping[str, Any] = document.data["arms"][request.arm]
     if "mirror" in arm:
         raise BadInput(
@@ -119,7 +120,7 @@ def _arm_changes(
     return {("arms", request.arm): {**arm, "posture": posture, "joint_bias": bias}}
 
 
-def _with_tank(document: Document, changes: dict[Steps, Any], request: TuningRequest, heading: str) -> str:
+def _with_tank(document: Document, changes: dict[KeyPath, Any], request: TuningRequest, heading: str) -> str:
     """Fills the tank if what it holds is not enough for the changed task."""
     direction = ", ".join(f"{part:g}" for part in request.direction)
     heading = (
