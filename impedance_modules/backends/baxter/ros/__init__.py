@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ways to reach ROS topics: rospy, plain sockets, or none at all for unit tests."""
+"""ROS 1: messages and their wire format, the master, and nodes by plain sockets or by rospy."""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What ROS derives from a message's list of fields: its parts, its checksum, its full text."""
+"""Message definitions: lists of fields, and what ROS derives from them, its checksum and full text.
+
+A line of ``FIELD_LISTS`` is ``type name`` or ``type NAME=constant``. ROS computes a message's checksum from exactly
+these, so a wrong one would not connect; the tests compare them with the checksums of real robots.
+"""
 
 from __future__ import annotations
 

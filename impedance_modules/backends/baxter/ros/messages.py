@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The messages that all of ROS shares: numbers, texts, places, poses. See ``messages.py``."""
+"""Messages as plain frozen types, whatever transport carries them: those of ROS, then those of Baxter.
+
+Fields stand in the order of the wire (``message_definitions.FIELD_LISTS``). Angles in rad, rates in rad/s, torques in
+N.m, lengths in m, forces in N. Times are whole nanoseconds since 1970, so that nothing is rounded; a float64 array is a
+tuple of floats.
+"""
 
 from __future__ import annotations
 
@@ -196,7 +201,7 @@ class SEAJointState(Message):
 
 @dataclass(frozen=True, slots=True)
 class EndpointState(Message):
-    """The robot's own idea of a hand: where it is, how it moves, what it feels."""
+    """The robot's own estimate of a hand's pose, twist and wrench."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/EndpointState"
     header: Header

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A ROS node by rospy, where ROS 1 is installed; topics by rospy, questions to the master by our own client."""
+"""A ROS node by rospy, where ROS 1 is installed, and ``connect``, which takes plain sockets where it is not.
+
+rospy transports the topics; requests to the master go by our own client.
+"""
 
 from __future__ import annotations
 
@@ -42,10 +45,30 @@ HOW_TO_INSTALL = (
 )
 
 TAKE_OVER_LOCK = threading.Lock()
-"""Two threads may be the first to send on a connection; one takes it over."""
+"""Two threads may be the first to send on a connection; only one may take it over."""
 
 KINDS = ("auto", "rospy", "sockets")
 """Names on the command line; ``auto`` is rospy where it can be imported, else sockets."""
+
+
+def connect(kind: str, purpose: str, environment: Mapping[str, str] = os.environ) -> Transport:
+    """Opens a node on the master that ROS_MASTER_URI names.
+
+    Args:
+        kind: One of ``KINDS``.
+        purpose: Becomes part of the node's name, e.g. ``check``; the process's number makes it unique.
+        environment: Of the process.
+
+    Raises:
+        BadInput: Another kind.
+        NoMasterError: No master answers; the message says what to set.
+        NoRospyError: rospy was asked for and is not installed.
+    """
+    if kind not in KINDS:
+        raise BadInput(f"transport '{kind}' (valid: {', '.join(KINDS)})")
+    name, uri = f"/impedance_{purpose}_{os.getpid()}", master_uri_of(environment)
+    by_rospy = kind == "rospy" or (kind == "auto" and importlib.util.find_spec("rospy") is not None)
+    return RospyTransport(name, uri) if by_rospy else SocketTransport(name, uri)
 
 
 class NoRospyError(ImpedanceError):
@@ -81,7 +104,7 @@ class RospyTransport(MasterTransport):
         )
         super().__init__(str(rospy.get_name()), master_uri)
         self._parts: list[_Publisher[Any] | _Subscription[Any]] = []
-        self._listeners: dict[str, dict[Any, SubscriberConnection]] = {}
+        self._subscribers: dict[str, dict[Any, SubscriberConnection]] = {}
 
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> _Publisher[M]:
         """Becomes a publisher of a topic."""
@@ -89,66 +112,66 @@ class RospyTransport(MasterTransport):
         handle = self._rospy.Publisher(
             topic, _ros_class(message_type.ros_type), queue_size=1, tcp_nodelay=True, latch=latch
         )
-        listeners = None if latch else self._listeners.setdefault(topic, {})
-        publisher = _Publisher(topic, message_type, handle, listeners)
+        subscribers = None if latch else self._subscribers.setdefault(topic, {})
+        publisher = _Publisher(topic, message_type, handle, subscribers)
         self._parts.append(publisher)
         return publisher
 
     def subscribe(self, topic: str, message_type: type[M], callback: Callback[M]) -> _Subscription[M]:
-        """Listens to every publisher of a topic."""
+        """Subscribes to every publisher of a topic."""
         self._check()
         subscription = _Subscription(callback)
         subscription.handle = self._rospy.Subscriber(
-            topic, _ros_class(message_type.ros_type), subscription.hear, queue_size=1, tcp_nodelay=True
+            topic, _ros_class(message_type.ros_type), subscription.receive, queue_size=1, tcp_nodelay=True
         )
         self._parts.append(subscription)
         return subscription
 
     def close(self) -> None:
-        """Withdraws everything and ends the node; rospy cannot start another one in this process."""
+        """Unregisters everything and ends the node; rospy cannot start another one in this process."""
         if self._closed:
             return
         self._closed = True
-        # Ears first: what is heard may make somebody send.
+        # Subscriptions first: a callback may send.
         for part in sorted(self._parts, key=lambda part: isinstance(part, _Publisher)):
             part.close()
-        self._sweep(str(self._rospy.get_node_uri()))
+        self._unregister_all(str(self._rospy.get_node_uri()))
         self._rospy.signal_shutdown("the transport is closed")
 
 
 class _Publisher(Generic[M]):
-    """A topic of rospy's, written to without rospy's queue.
+    """A publisher of rospy, without rospy's queue.
 
-    rospy makes the node known and greets every listener. A message then leaves in the thread that sends it: rospy would
-    hand it to a thread of its own, and a command would wait for the interpreter once more. What is latched has
-    time and goes by rospy.
+    rospy registers the topic and exchanges headers with every subscriber. A message is then sent in the calling thread:
+    rospy would pass it to a thread of its own, and a command would wait for the interpreter once more. Latched messages
+    are not urgent and are sent by rospy.
     """
 
     def __init__(
-        self, topic: str, kind: type[M], handle: Any, listeners: dict[Any, SubscriberConnection] | None
+        self, topic: str, kind: type[M], handle: Any, subscribers: dict[Any, SubscriberConnection] | None
     ) -> None:
-        """Takes rospy's handle, and whom this node sends the topic to by now; None for a topic that is latched."""
+        """Takes rospy's handle, and the connections taken over so far; None for a latched topic."""
         self._topic, self._wrap, self._handle = topic, _ros_class(kind.ros_type), handle
-        self._listeners, self._closed = listeners, False
+        self._subscribers, self._closed = subscribers, False
 
     def send(self, message: M) -> None:
-        """Sends to everybody who listens now; never waits."""
+        """Sends to all present subscribers; never waits."""
         if self._closed:
             raise TransportClosedError(f"{self._topic}: the publisher is closed")
-        if self._listeners is None:
+        if self._subscribers is None:
             self._handle.publish(self._wrap(message))
             return
         data = encode(message)
         frame = LENGTH.pack(len(data)) + data
-        # rospy takes both away when somebody else closes the publisher meanwhile.
+        # rospy removes both when another thread closes the publisher meanwhile.
         impl = self._handle.impl
         for connection in (None if impl is None else impl.connections) or ():
-            listener = self._listeners.get(connection) or self._take_over(self._listeners, connection)
-            if listener is not None:
-                listener.send(frame)
+            subscriber = self._subscribers.get(connection) or self._take_over(self._subscribers, connection)
+            if subscriber is not None:
+                subscriber.send(frame)
 
     def connections(self) -> int:
-        """Counts the listeners."""
+        """Counts the subscribers."""
         return 0 if self._closed else int(self._handle.get_num_connections())
 
     def close(self) -> None:
@@ -158,31 +181,31 @@ class _Publisher(Generic[M]):
             self._handle.unregister()
 
     def _take_over(
-        self, listeners: dict[Any, SubscriberConnection], connection: Any
+        self, subscribers: dict[Any, SubscriberConnection], connection: Any
     ) -> SubscriberConnection | None:
         """Takes over the sending on one of rospy's connections; None for one that has just ended."""
         with TAKE_OVER_LOCK:
-            known, own = listeners.get(connection), connection.socket
+            known, own = subscribers.get(connection), connection.socket
             if known is not None or own is None:
                 return known
             try:
                 # A second handle on the same connection: rospy closes its own when it likes.
-                listeners[connection] = SubscriberConnection(
-                    own.dup(), lambda _: self._part(listeners, connection)
+                subscribers[connection] = SubscriberConnection(
+                    own.dup(), lambda _: self._remove(subscribers, connection)
                 )
             except OSError:
                 return None
-            return listeners[connection]
+            return subscribers[connection]
 
-    def _part(self, listeners: dict[Any, SubscriberConnection], connection: Any) -> None:
-        """Has rospy forget a connection that is over."""
-        listeners.pop(connection, None)
+    def _remove(self, subscribers: dict[Any, SubscriberConnection], connection: Any) -> None:
+        """Removes a connection that is over from rospy."""
+        subscribers.pop(connection, None)
         if self._closed:
             return
         try:
             connection.close()
         except (AttributeError, TypeError):
-            # rospy is taking the same connection apart in another thread, and has no guard against that.
+            # rospy is closing the same connection in another thread, and is not protected against that.
             return
 
 
@@ -193,14 +216,14 @@ class _Subscription(Generic[M]):
         self._calling = threading.RLock()
         self._closed = False
 
-    def hear(self, wrapped: Any) -> None:
+    def receive(self, wrapped: Any) -> None:
         """Passes a message on, with the time at which it was read."""
         with self._calling:
             if not self._closed:
                 self._callback(wrapped.message, wrapped.received)
 
     def close(self) -> None:
-        """Stops listening; no callback begins afterwards."""
+        """Unsubscribes; no callback begins afterwards."""
         with self._calling:
             if self._closed:
                 return
@@ -210,7 +233,7 @@ class _Subscription(Generic[M]):
 
 @cache
 def _ros_class(ros_type: str) -> Any:
-    """Makes the class that rospy wants of a message: type, checksum and full text, bytes by our own codec."""
+    """Makes the class that rospy needs for a message: type, checksum and full text; bytes by our own encoding."""
     kind = MESSAGE_TYPES[ros_type]
     import genpy  # noqa: PLC0415 - comes with rospy
 
@@ -238,23 +261,3 @@ def _ros_class(ros_type: str) -> Any:
 
     Wrapped.__name__ = kind.__name__
     return Wrapped
-
-
-def connect(kind: str, purpose: str, environment: Mapping[str, str] = os.environ) -> Transport:
-    """Brings a node up on the master that ROS_MASTER_URI names.
-
-    Args:
-        kind: One of ``KINDS``.
-        purpose: Becomes part of the node's name, e.g. ``check``; the process's number makes it unique.
-        environment: Of the process.
-
-    Raises:
-        BadInput: Another kind.
-        NoMasterError: No master answers; the message says what to set.
-        NoRospyError: rospy was asked for and is not installed.
-    """
-    if kind not in KINDS:
-        raise BadInput(f"transport '{kind}' (valid: {', '.join(KINDS)})")
-    name, uri = f"/impedance_{purpose}_{os.getpid()}", master_uri_of(environment)
-    by_rospy = kind == "rospy" or (kind == "auto" and importlib.util.find_spec("rospy") is not None)
-    return RospyTransport(name, uri) if by_rospy else SocketTransport(name, uri)

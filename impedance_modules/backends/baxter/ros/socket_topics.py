@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Publishing: a message goes to every listener at once, and never waits for one that is slow."""
+"""Topics over plain sockets: publishing and subscribing.
+
+A publisher sends to every subscriber at once and never waits for a slow one. A subscription has one thread per
+publisher, keeps the newest message only, and connects again when a connection breaks.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +30,13 @@ from impedance_modules.backends.baxter.ros.wire import MessageError, checksum_of
 M = TypeVar("M", bound=Message)
 
 PAUSES = (0.05, 0.1, 0.2, 0.5, 1.0)
-"""Waits before trying a publisher again [s]; the last repeats as long as the master lists it."""
+"""Waits before trying a publisher again [s]; the last one repeats as long as the master lists it."""
 
 CHUNK = 1 << 16
 
 
 class PublishedTopic:
-    """One topic of this node, with its listeners; shared by all its publishers.
+    """One topic of this node, with its subscribers; shared by all its publishers.
 
     Attributes:
         topic, kind: What is sent.
@@ -43,89 +47,89 @@ class PublishedTopic:
         self.topic, self.kind, self.users = topic, kind, 0
         self._caller = caller
         self._latched: bytes | None = None
-        self._keeps = False
+        self._latches = False
         self._lock = threading.Lock()
-        self._listeners: list[SubscriberConnection] = []
+        self._subscribers: list[SubscriberConnection] = []
 
     def keep_last(self) -> None:
-        """From now on, who connects later gets the last message."""
-        self._keeps = True
+        """From now on, subscribers that connect later get the last message."""
+        self._latches = True
 
     def send(self, data: bytes) -> None:
-        """Sends a framed message to everybody who listens."""
+        """Sends a framed message to all subscribers."""
         with self._lock:
-            if self._keeps:
+            if self._latches:
                 self._latched = data
-            listeners = list(self._listeners)
-        for listener in listeners:
-            listener.send(data)
+            subscribers = list(self._subscribers)
+        for subscriber in subscribers:
+            subscriber.send(data)
 
     def count(self) -> int:
-        """Counts the listeners."""
+        """Counts the subscribers."""
         with self._lock:
-            return len(self._listeners)
+            return len(self._subscribers)
 
-    def refusal(self, greeting: dict[str, str]) -> str | None:
-        """Says why a listener cannot have this topic, or None."""
-        wanted, own = greeting.get("md5sum", ""), checksum_of(self.kind)
+    def refusal(self, header: dict[str, str]) -> str | None:
+        """Says why a subscriber cannot have this topic, or None."""
+        wanted, own = header.get("md5sum", ""), checksum_of(self.kind)
         if wanted in (ANYTHING, own):
             return None
-        other = greeting.get("type", "?")
+        other = header.get("type", "?")
         return f"{self.topic} is {self.kind.ros_type} ({own}), not {other} ({wanted})"
 
     def accept(self, connection: socket.socket) -> None:
-        """Takes a listener on board."""
+        """Adds a subscriber."""
         fields = {
             "callerid": self._caller,
             "topic": self.topic,
             "type": self.kind.ros_type,
             "md5sum": checksum_of(self.kind),
             "message_definition": full_text(self.kind.ros_type),
-            "latching": "1" if self._keeps else "0",
+            "latching": "1" if self._latches else "0",
         }
         connection.sendall(pack_header(fields))
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        listener = SubscriberConnection(connection, self._forget)
+        subscriber = SubscriberConnection(connection, self._forget)
         with self._lock:
-            self._listeners.append(listener)
+            self._subscribers.append(subscriber)
             latched = self._latched
             if latched is not None:
-                listener.send(latched)
+                subscriber.send(latched)
 
     def close(self) -> None:
-        """Hangs up on all listeners."""
+        """Closes all connections."""
         with self._lock:
-            listeners = list(self._listeners)
-        for listener in listeners:
-            listener.stop()
+            subscribers = list(self._subscribers)
+        for subscriber in subscribers:
+            subscriber.stop()
 
-    def _forget(self, listener: SubscriberConnection) -> None:
+    def _forget(self, subscriber: SubscriberConnection) -> None:
         with self._lock:
-            if listener in self._listeners:
-                self._listeners.remove(listener)
+            if subscriber in self._subscribers:
+                self._subscribers.remove(subscriber)
 
 
 class SocketPublisher(Generic[M]):
-    """A handle to write to a topic."""
+    """A publisher of a topic."""
 
-    def __init__(self, outlet: PublishedTopic, on_close: Callable[[], None]) -> None:
-        self._outlet, self._on_close = outlet, on_close
+    def __init__(self, topic: PublishedTopic, on_close: Callable[[], None]) -> None:
+        self._topic, self._on_close = topic, on_close
         self._closed = False
 
     def send(self, message: M) -> None:
-        """Sends to everybody who listens now; never waits.
+        """Sends to all present subscribers; never waits.
 
         Raises:
             TransportClosedError: The publisher is closed.
         """
         if self._closed:
-            raise TransportClosedError(f"{self._outlet.topic}: the publisher is closed")
+            raise TransportClosedError(f"{self._topic.topic}: the publisher is closed")
         data = encode(message)
-        self._outlet.send(LENGTH.pack(len(data)) + data)
+        self._topic.send(LENGTH.pack(len(data)) + data)
 
     def connections(self) -> int:
-        """Counts the listeners."""
-        return 0 if self._closed else self._outlet.count()
+        """Counts the subscribers."""
+        return 0 if self._closed else self._topic.count()
 
     def close(self) -> None:
         """Stops publishing."""
@@ -135,10 +139,10 @@ class SocketPublisher(Generic[M]):
 
 
 class SocketSubscription(Generic[M]):
-    """A topic that is listened to, from however many publishers it has.
+    """A subscription to all publishers of a topic.
 
     Attributes:
-        topic, kind: What is heard.
+        topic, kind: What is received.
     """
 
     def __init__(
@@ -152,7 +156,7 @@ class SocketSubscription(Generic[M]):
         self._links: dict[str, _Link] = {}
 
     def update(self, publishers: Iterable[str]) -> None:
-        """Follows the list of publishers' addresses: connects to new ones, leaves those that are gone."""
+        """Takes the list of publishers' addresses: connects to new ones, disconnects from those that are gone."""
         with self._lock:
             if self._closed:
                 return
@@ -160,10 +164,10 @@ class SocketSubscription(Generic[M]):
             for uri in [uri for uri in self._links if uri not in wanted]:
                 self._links.pop(uri).stop()
             for uri in wanted - set(self._links):
-                self._links[uri] = _Link(uri, self._listen)
+                self._links[uri] = _Link(uri, self._receive)
 
     def close(self) -> None:
-        """Stops listening; no callback begins afterwards."""
+        """Unsubscribes; no callback begins afterwards."""
         with self._lock:
             if self._closed:
                 return
@@ -176,7 +180,7 @@ class SocketSubscription(Generic[M]):
             pass
         self._on_close()
 
-    def _listen(self, link: _Link) -> None:
+    def _receive(self, link: _Link) -> None:
         """Body of a link's thread: connect, read, and again, until it is stopped."""
         failures = 0
         while not link.stopped.is_set():
@@ -187,7 +191,7 @@ class SocketSubscription(Generic[M]):
                     if link.holds(connection):
                         self._read(connection, link)
             except (OSError, HeaderError, MessageError):
-                # Gone, not there yet, or meaning another message: only asking again can tell.
+                # Gone, not there yet, or another message type: only trying again can tell.
                 failures += 1
             link.stopped.wait(PAUSES[min(failures, len(PAUSES) - 1)])
 
@@ -240,5 +244,5 @@ class _Link:
             try:
                 connection.shutdown(socket.SHUT_RDWR)
             except OSError:
-                # The other side has hung up already; the thread ends by itself.
+                # The other side has closed it already; the thread ends by itself.
                 return

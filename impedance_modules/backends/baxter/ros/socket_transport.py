@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A ROS node by the standard library alone; no ROS needs to be installed."""
+"""A ROS node by the standard library alone; no ROS needs to be installed.
+
+``NodeServer`` has the node's two ports: XML-RPC, by which master and other nodes call it, and TCP, for its topics.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ M = TypeVar("M", bound=Message)
 Answer = tuple[int, str, Any]
 
 LISTEN_TIME = 0.05
-"""How long closing a node may take [s]."""
+"""Longest time that closing a node takes [s]."""
 
 _METHODS = {
     "requestTopic": "request_topic",
@@ -56,7 +59,7 @@ class SocketTransport(MasterTransport):
     """One ROS node."""
 
     def __init__(self, node_name: str, master_uri: str) -> None:
-        """Introduces itself to nobody yet; the master must answer.
+        """Registers nothing yet; the master must answer.
 
         Args:
             node_name: Full name, e.g. ``/impedance_modules_1234``; a second node of that name would replace this.
@@ -68,10 +71,16 @@ class SocketTransport(MasterTransport):
         super().__init__(node_name, master_uri)
         self._master.check()
         self._lock = threading.RLock()
-        self._outlets: dict[str, PublishedTopic] = {}
+        self._topics: dict[str, PublishedTopic] = {}
         self._subscriptions: list[SocketSubscription[Any]] = []
         host = own_host(os.environ, master_uri)
-        events = NodeEvents(self._follow, self._outlets.get, self._listened, self._published, self.close)
+        events = NodeEvents(
+            self._follow,
+            self._topics.get,
+            self._subscribed_topics,
+            self._published_topics,
+            self.close,
+        )
         check_own_host(host)
         self._server = NodeServer(host, master_uri, events)
 
@@ -79,18 +88,18 @@ class SocketTransport(MasterTransport):
         """Becomes a publisher of a topic."""
         self._check()
         with self._lock:
-            outlet = self._outlets.get(topic)
-            if outlet is None:
-                outlet = PublishedTopic(self._node_name, topic, message_type)
-                self._outlets[topic] = outlet
+            published = self._topics.get(topic)
+            if published is None:
+                published = PublishedTopic(self._node_name, topic, message_type)
+                self._topics[topic] = published
                 self._master.ask("registerPublisher", topic, message_type.ros_type, self._server.uri)
-            outlet.users += 1
+            published.users += 1
             if latch:
-                outlet.keep_last()
-        return SocketPublisher(outlet, lambda: self._withdraw(topic))
+                published.keep_last()
+        return SocketPublisher(published, lambda: self._release_topic(topic))
 
     def subscribe(self, topic: str, message_type: type[M], callback: Callback[M]) -> SocketSubscription[M]:
-        """Listens to every publisher of a topic."""
+        """Subscribes to every publisher of a topic."""
         self._check()
         subscription = SocketSubscription(
             self._node_name, topic, message_type, callback, lambda: self._unsubscribed(subscription)
@@ -102,17 +111,17 @@ class SocketTransport(MasterTransport):
         return subscription
 
     def close(self) -> None:
-        """Withdraws everything this node has registered; a master that has gone does not matter."""
+        """Unregisters everything of this node; a master that has ended does not matter."""
         with self._lock:
             if self._closed:
                 return
             self._closed = True
-            subscriptions, topics = list(self._subscriptions), list(self._outlets)
+            subscriptions, topics = list(self._subscriptions), list(self._topics)
         for subscription in subscriptions:
             subscription.close()
         for topic in topics:
             self._drop(topic)
-        self._sweep(self._server.uri)
+        self._unregister_all(self._server.uri)
         self._server.close()
 
     def _follow(self, topic: str, publishers: list[str]) -> None:
@@ -121,13 +130,13 @@ class SocketTransport(MasterTransport):
         for subscription in concerned:
             subscription.update(publishers)
 
-    def _listened(self) -> list[tuple[str, str]]:
+    def _subscribed_topics(self) -> list[tuple[str, str]]:
         with self._lock:
             return [(s.topic, s.kind.ros_type) for s in self._subscriptions]
 
-    def _published(self) -> list[tuple[str, str]]:
+    def _published_topics(self) -> list[tuple[str, str]]:
         with self._lock:
-            return [(o.topic, o.kind.ros_type) for o in self._outlets.values()]
+            return [(t.topic, t.kind.ros_type) for t in self._topics.values()]
 
     def _unsubscribed(self, subscription: SocketSubscription[Any]) -> None:
         with self._lock:
@@ -136,28 +145,28 @@ class SocketTransport(MasterTransport):
         if not others:
             self._tell("unregisterSubscriber", subscription.topic)
 
-    def _withdraw(self, topic: str) -> None:
+    def _release_topic(self, topic: str) -> None:
         with self._lock:
-            outlet = self._outlets.get(topic)
-            if outlet is None:
+            published = self._topics.get(topic)
+            if published is None:
                 return
-            outlet.users -= 1
-            last = outlet.users == 0
+            published.users -= 1
+            last = published.users == 0
         if last:
             self._drop(topic)
 
     def _drop(self, topic: str) -> None:
         with self._lock:
-            outlet = self._outlets.pop(topic, None)
-        if outlet is not None:
+            published = self._topics.pop(topic, None)
+        if published is not None:
             self._tell("unregisterPublisher", topic)
-            outlet.close()
+            published.close()
 
     def _tell(self, method: str, topic: str) -> None:
         try:
             self._master.ask(method, topic, self._server.uri)
         except NoMasterError:
-            # A master that is gone remembers nothing that could be withdrawn.
+            # A master that is gone lists nothing that could be removed.
             return
 
 
@@ -167,15 +176,15 @@ class NodeEvents:
 
     Attributes:
         publishers_changed: Takes a topic and the addresses of its publishers.
-        outlet: Topic -> what this node publishes there, or None.
-        listened: Lists (topic, type) that this node listens to.
+        topic: Name -> topic that this node publishes, or None.
+        subscribed: Lists (topic, type) that this node subscribes to.
         published: Lists (topic, type) that it publishes.
-        asked_to_stop: The master, or somebody by hand, ends this node.
+        asked_to_stop: The master, or a person, ends this node.
     """
 
     publishers_changed: Callable[[str, list[str]], None]
-    outlet: Callable[[str], PublishedTopic | None]
-    listened: Callable[[], list[tuple[str, str]]]
+    topic: Callable[[str], PublishedTopic | None]
+    subscribed: Callable[[], list[tuple[str, str]]]
     published: Callable[[], list[tuple[str, str]]]
     asked_to_stop: Callable[[], None]
 
@@ -188,7 +197,7 @@ class NodeServer:
     """
 
     def __init__(self, host: str, master_uri: str, events: NodeEvents) -> None:
-        """Opens both doors on free ports of ``host``, the name under which others reach this machine.
+        """Opens both ports on ``host``, the name under which others reach this machine.
 
         Raises:
             OSError: The host is not this machine.
@@ -207,7 +216,7 @@ class NodeServer:
         threading.Thread(target=self._accept, daemon=True, name="accept").start()
 
     def close(self) -> None:
-        """Closes both doors."""
+        """Closes both ports."""
         if self._closed:
             return
         self._closed = True
@@ -221,32 +230,32 @@ class NodeServer:
             try:
                 connection, _ = self._tcp.accept()
             except OSError:
-                # The door was closed.
+                # The port was closed.
                 return
             threading.Thread(
-                target=self._take_over, args=(connection,), daemon=True, name="handshake"
+                target=self._answer_header, args=(connection,), daemon=True, name="handshake"
             ).start()
 
-    def _take_over(self, connection: socket.socket) -> None:
-        """Hands a new listener to its topic, or says why not."""
+    def _answer_header(self, connection: socket.socket) -> None:
+        """Passes a new subscriber to its topic, or answers why not."""
         connection.settimeout(CONNECT_TIME)
         try:
-            greeting = read_header(connection)
-            topic = greeting.get("topic", "")
-            outlet = self._events.outlet(topic)
-            refusal = f"{topic} is not published here" if outlet is None else outlet.refusal(greeting)
-            if outlet is not None and refusal is None:
-                outlet.accept(connection)
+            header = read_header(connection)
+            name = header.get("topic", "")
+            topic = self._events.topic(name)
+            refusal = f"{name} is not published here" if topic is None else topic.refusal(header)
+            if topic is not None and refusal is None:
+                topic.accept(connection)
                 return
             connection.sendall(pack_header({"error": str(refusal)}))
         except (OSError, HeaderError):
-            # Whoever knocked has gone or does not speak TCPROS; nobody is left to tell.
+            # The other side has gone or does not speak TCPROS; no answer is possible.
             connection.close()
             return
         connection.close()
 
     def _request_topic(self, caller: str, topic: str, protocols: list[list[str]]) -> Answer:  # noqa: ARG002
-        if self._events.outlet(topic) is None:
+        if self._events.topic(topic) is None:
             return 0, f"{topic} is not published here", 0
         if not any(protocol and protocol[0] == "TCPROS" for protocol in protocols):
             return 0, "only TCPROS is spoken here", 0
@@ -270,7 +279,7 @@ class NodeServer:
         return 1, "", [list(pair) for pair in self._events.published()]
 
     def _subscriptions(self, caller: str) -> Answer:  # noqa: ARG002 - the slave API's signature
-        return 1, "", [list(pair) for pair in self._events.listened()]
+        return 1, "", [list(pair) for pair in self._events.subscribed()]
 
     def _nothing(self, caller: str, *arguments: Any) -> Answer:  # noqa: ARG002 - the slave API's signature
         return 1, "", []
@@ -280,7 +289,7 @@ class _SilentHandler(SimpleXMLRPCRequestHandler):
     rpc_paths = ()
 
     def log_message(self, *arguments: Any) -> None:
-        """Says nothing; calls are routine."""
+        """Logs nothing; calls are routine."""
 
 
 class _Server(ThreadingMixIn, SimpleXMLRPCServer):

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How TCPROS cuts a stream into pieces: a length before everything, ``key=value`` fields in the greeting."""
+"""Connections between ROS nodes (TCPROS): connection header, framing, opening a connection, sending without waiting.
+
+A length precedes every part of the stream; the connection header that opens it consists of ``key=value`` fields.
+"""
 
 from __future__ import annotations
 
@@ -18,106 +21,20 @@ from impedance_modules.errors import ImpedanceError
 LENGTH = struct.Struct("<I")
 
 LONGEST_HEADER = 1 << 20
-"""A greeting above this many bytes is not one."""
+"""Longest connection header that is accepted [bytes]."""
 
 LONGEST_MESSAGE = 1 << 24
-"""No message here is above 16 MB; a length beyond that is not one."""
+"""Longest message that is accepted [bytes]."""
 
 CONNECT_TIME = 1.0
-"""Longest wait for another node in each step of a connection [s]."""
+"""Longest wait for another node in each step of opening a connection [s]."""
 
 ANYTHING = "*"
-"""Type and checksum of a listener that takes whatever comes."""
+"""Type and checksum of a subscriber that accepts every message."""
 
 
 class HeaderError(ImpedanceError):
-    """The other side of a connection greeted wrongly, refused, or hung up."""
-
-
-def pack_header(fields: Mapping[str, str]) -> bytes:
-    """Lays out the fields that open a connection."""
-    parts = []
-    for key, value in fields.items():
-        field = f"{key}={value}".encode()
-        parts.append(LENGTH.pack(len(field)) + field)
-    body = b"".join(parts)
-    return LENGTH.pack(len(body)) + body
-
-
-def read_header(connection: socket.socket) -> dict[str, str]:
-    """Reads the fields that open a connection.
-
-    Raises:
-        HeaderError: They are none, or the other side says ``error``.
-        OSError: The connection fails or its time-out passes.
-    """
-    (length,) = LENGTH.unpack(_exactly(connection, LENGTH.size))
-    if length > LONGEST_HEADER:
-        raise HeaderError(f"a greeting of {length} bytes is not TCPROS")
-    body = _exactly(connection, length)
-    fields: dict[str, str] = {}
-    at = 0
-    while at < length:
-        if at + LENGTH.size > length:
-            raise HeaderError("the greeting breaks off")
-        (size,) = LENGTH.unpack_from(body, at)
-        key, equals, value = body[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
-        if not equals or at + 4 + size > length:
-            raise HeaderError("the greeting is not TCPROS")
-        fields[key] = value
-        at += 4 + size
-    if "error" in fields:
-        raise HeaderError(fields["error"])
-    return fields
-
-
-def cut_frames(buffer: bytearray) -> bytes | None:
-    """Takes all whole messages off the front of a buffer and returns the newest one.
-
-    Raises:
-        HeaderError: A length that no message has; the stream is out of step.
-    """
-    newest, at = None, 0
-    while len(buffer) - at >= LENGTH.size:
-        (size,) = LENGTH.unpack_from(buffer, at)
-        if size > LONGEST_MESSAGE:
-            raise HeaderError(f"a message of {size} bytes is not one")
-        if len(buffer) - at - LENGTH.size < size:
-            break
-        newest = (at + LENGTH.size, at + LENGTH.size + size)
-        at += LENGTH.size + size
-    data = None if newest is None else bytes(buffer[newest[0] : newest[1]])
-    del buffer[:at]
-    return data
-
-
-def _exactly(connection: socket.socket, count: int) -> bytes:
-    parts = bytearray()
-    while len(parts) < count:
-        more = connection.recv(count - len(parts))
-        if not more:
-            raise HeaderError("the other side hung up")
-        parts += more
-    return bytes(parts)
-
-
-class TimedTransport(xmlrpc.client.Transport):
-    """XML-RPC that gives up after a while."""
-
-    def __init__(self, seconds: float) -> None:
-        super().__init__()
-        self._seconds = seconds
-
-    def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        """Connects with a deadline."""
-        connection = super().make_connection(host)
-        connection.timeout = self._seconds
-        return connection
-
-
-def remote(uri: str, seconds: float) -> xmlrpc.client.ServerProxy:
-    """Returns a proxy of an XML-RPC server whose every call takes at most ``seconds`` per socket operation."""
-    return xmlrpc.client.ServerProxy(uri, transport=TimedTransport(seconds), allow_none=True)
+    """The other side of a connection sent a wrong header, refused, or closed the connection."""
 
 
 class NoNodeError(HeaderError):
@@ -140,10 +57,10 @@ def connect_to_topic(
         fields: Type, checksum and definition that this side expects.
 
     Returns:
-        The connected socket, without a time-out, and the publisher's greeting.
+        The connected socket, without a time-out, and the publisher's header.
 
     Raises:
-        HeaderError: The node does not publish the topic (any more), or means another message.
+        HeaderError: The node does not publish the topic (any more), or publishes another message type.
         OSError: It cannot be reached.
     """
     return open_connection(topic_address(node_uri, caller, topic), caller, topic, fields)
@@ -152,12 +69,12 @@ def connect_to_topic(
 def open_connection(
     address: tuple[str, int], caller: str, topic: str, fields: Mapping[str, str]
 ) -> tuple[socket.socket, dict[str, str]]:
-    """Opens a connection to where a topic leaves a node; arguments and errors as in ``connect_to_topic``."""
+    """Opens a connection to a node's topic port; arguments and errors as in ``connect_to_topic``."""
     connection = socket.create_connection(address, CONNECT_TIME)
     try:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        greeting = {"callerid": caller, "topic": topic, "tcp_nodelay": "1", **fields}
-        connection.sendall(pack_header(greeting))
+        header = {"callerid": caller, "topic": topic, "tcp_nodelay": "1", **fields}
+        connection.sendall(pack_header(header))
         answer = read_header(connection)
     except (OSError, HeaderError):
         connection.close()
@@ -167,12 +84,12 @@ def open_connection(
 
 
 def topic_address(node_uri: str, caller: str, topic: str) -> tuple[str, int]:
-    """Asks a node where a topic leaves it.
+    """Asks a node for the host and port of a topic.
 
     Raises:
         NotPublishedError: It does not publish the topic.
         NoNodeError: What answers is no ROS node.
-        OSError: Nobody answers; ``ConnectionRefusedError`` where nobody is there.
+        OSError: Nothing answers; ``ConnectionRefusedError`` where nothing listens.
     """
     try:
         with remote(node_uri, CONNECT_TIME) as node:
@@ -187,18 +104,18 @@ def topic_address(node_uri: str, caller: str, topic: str) -> tuple[str, int]:
 
 
 class SubscriberConnection:
-    """One open connection, over which a publisher sends.
+    """One open connection, over which a publisher sends to one subscriber.
 
-    A message leaves in the sender's thread; only if the listener's buffer is full does a thread take over, and
-    then only the newest of what came meanwhile follows.
+    A message is sent in the calling thread; only if the subscriber's buffer is full does a thread take over, and then
+    only the newest of the messages that came meanwhile follows.
     """
 
     def __init__(self, connection: socket.socket, on_end: Callable[[SubscriberConnection], None]) -> None:
-        """Takes a connection that has been greeted, and closes it in the end.
+        """Takes a connection whose headers are exchanged, and closes it in the end.
 
         Args:
-            connection: To the listener.
-            on_end: Called once when the connection is over, whoever hung up.
+            connection: To the subscriber.
+            on_end: Called once when the connection is over, whoever closed it.
         """
         connection.setblocking(False)
         self._connection, self._on_end = connection, on_end
@@ -208,10 +125,10 @@ class SubscriberConnection:
         self._stopped = False
         self._wake_sender, self._wake_receiver = socket.socketpair()
         self._wake_sender.setblocking(False)
-        threading.Thread(target=self._watch, daemon=True, name="listener").start()
+        threading.Thread(target=self._watch, daemon=True, name="subscriber").start()
 
     def send(self, data: bytes) -> None:
-        """Sends now, or as soon as the listener has read what it was sent before."""
+        """Sends now, or as soon as the subscriber has read what it was sent before."""
         with self._lock:
             if self._rest:
                 self._next = data
@@ -221,7 +138,7 @@ class SubscriberConnection:
                 self._wake_sender.send(b"!")
 
     def stop(self) -> None:
-        """Hangs up."""
+        """Closes the connection."""
         with self._lock:
             if self._stopped:
                 return
@@ -229,13 +146,13 @@ class SubscriberConnection:
             self._wake_sender.send(b"!")
 
     def _push(self, data: bytes) -> bytes:
-        """Writes what fits and returns the rest; a broken connection swallows it."""
+        """Writes what fits and returns the rest; on a broken connection nothing remains."""
         try:
             return data[self._connection.send(data) :]
         except BlockingIOError:
             return data
         except OSError:
-            # The listener is gone; the watching thread notices and removes it.
+            # The subscriber is gone; the watching thread removes it.
             return b""
 
     def _watch(self) -> None:
@@ -245,7 +162,7 @@ class SubscriberConnection:
             readable, writable, _ = select.select([self._connection, self._wake_receiver], wants, [])
             if self._wake_receiver in readable:
                 self._wake_receiver.recv(64)
-            if self._connection in readable and self._hung_up():
+            if self._connection in readable and self._is_closed():
                 break
             if writable:
                 with self._lock:
@@ -258,10 +175,96 @@ class SubscriberConnection:
             for part in (self._connection, self._wake_sender, self._wake_receiver):
                 part.close()
 
-    def _hung_up(self) -> bool:
+    def _is_closed(self) -> bool:
         try:
             return self._connection.recv(4096) == b""
         except BlockingIOError:
             return False
         except OSError:
             return True
+
+
+def pack_header(fields: Mapping[str, str]) -> bytes:
+    """Lays out the fields that open a connection."""
+    parts = []
+    for key, value in fields.items():
+        field = f"{key}={value}".encode()
+        parts.append(LENGTH.pack(len(field)) + field)
+    body = b"".join(parts)
+    return LENGTH.pack(len(body)) + body
+
+
+def read_header(connection: socket.socket) -> dict[str, str]:
+    """Reads the fields that open a connection.
+
+    Raises:
+        HeaderError: They are not a header, or contain ``error``.
+        OSError: The connection fails or its time-out passes.
+    """
+    (length,) = LENGTH.unpack(_exactly(connection, LENGTH.size))
+    if length > LONGEST_HEADER:
+        raise HeaderError(f"a header of {length} bytes is not TCPROS")
+    body = _exactly(connection, length)
+    fields: dict[str, str] = {}
+    at = 0
+    while at < length:
+        if at + LENGTH.size > length:
+            raise HeaderError("the header breaks off")
+        (size,) = LENGTH.unpack_from(body, at)
+        key, equals, value = body[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
+        if not equals or at + 4 + size > length:
+            raise HeaderError("the header is not TCPROS")
+        fields[key] = value
+        at += 4 + size
+    if "error" in fields:
+        raise HeaderError(fields["error"])
+    return fields
+
+
+def cut_frames(buffer: bytearray) -> bytes | None:
+    """Removes all complete messages from the front of a buffer and returns the newest one.
+
+    Raises:
+        HeaderError: A length that no message has; the stream is out of sync.
+    """
+    newest, at = None, 0
+    while len(buffer) - at >= LENGTH.size:
+        (size,) = LENGTH.unpack_from(buffer, at)
+        if size > LONGEST_MESSAGE:
+            raise HeaderError(f"a message of {size} bytes is not one")
+        if len(buffer) - at - LENGTH.size < size:
+            break
+        newest = (at + LENGTH.size, at + LENGTH.size + size)
+        at += LENGTH.size + size
+    data = None if newest is None else bytes(buffer[newest[0] : newest[1]])
+    del buffer[:at]
+    return data
+
+
+class TimedTransport(xmlrpc.client.Transport):
+    """XML-RPC with a time-out."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__()
+        self._seconds = seconds
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        """Connects with a time-out."""
+        connection = super().make_connection(host)
+        connection.timeout = self._seconds
+        return connection
+
+
+def remote(uri: str, seconds: float) -> xmlrpc.client.ServerProxy:
+    """Returns a proxy of an XML-RPC server whose every call takes at most ``seconds`` per socket operation."""
+    return xmlrpc.client.ServerProxy(uri, transport=TimedTransport(seconds), allow_none=True)
+
+
+def _exactly(connection: socket.socket, count: int) -> bytes:
+    parts = bytearray()
+    while len(parts) < count:
+        more = connection.recv(count - len(parts))
+        if not more:
+            raise HeaderError("the other side hung up")
+        parts += more
+    return bytes(parts)

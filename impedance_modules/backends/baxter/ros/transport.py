@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the adapter and the simulator need of ROS: topics, parameters, and who publishes what.
+"""The interface to ROS: topics, parameters, and who publishes what; two implementations, one more in the tests.
 
 Rules that every transport keeps (``tests/test_baxter_transport.py`` runs them over all of them):
 
-- A subscriber hears *every* publisher of its topic, those that come later too. It keeps the newest message of
-  each only: what was overtaken while a callback ran is gone, never served late.
-- ``receive_time`` is ``time.monotonic()`` on this machine, so a step of anybody's clock does not matter.
-- ``send`` never waits for a listener.
-- A node that died without saying so, and another one that means another message by the same name, do no harm;
+- A subscriber receives from *every* publisher of its topic, also from those that come later, and keeps only the newest
+  message of each: older ones that came while a callback ran are dropped, never delivered late.
+- The receive time is ``time.monotonic()`` on this machine, so a step of any clock does not matter.
+- ``send`` never waits for a subscriber.
+- A node that ended without unregistering, and one that publishes another message type, do no harm;
   ``publisher_info`` names them.
 """
 
@@ -31,7 +31,7 @@ Callback = Callable[[M, float], None]
 
 
 class NoMasterError(ImpedanceError):
-    """The ROS master cannot be reached, or is none; the message says what to set."""
+    """The ROS master cannot be reached, or what answers is no master; the message says what to set."""
 
 
 class TransportClosedError(ImpedanceError):
@@ -40,14 +40,14 @@ class TransportClosedError(ImpedanceError):
 
 @dataclass(frozen=True)
 class PublisherInfo:
-    """What one publisher of a topic says when asked.
+    """What one publisher of a topic answers.
 
     Attributes:
         node: Its name.
         ros_type: Message type it sends; None when it could not be asked.
         checksum: MD5 of that type; None when it could not be asked.
         problem: Why it could not be asked; None when it answered.
-        gone: It is not at its address any more: it died without saying so. False where that is not certain.
+        gone: It ended without unregistering. False where that is not certain.
     """
 
     node: str
@@ -61,24 +61,24 @@ class Publisher(Protocol[M_contra]):
     """A topic to write to."""
 
     def send(self, message: M_contra) -> None:
-        """Sends to everybody who listens now; never waits."""
+        """Sends to all present subscribers; never waits."""
 
     def connections(self) -> int:
-        """Counts the listeners."""
+        """Counts the subscribers."""
 
     def close(self) -> None:
         """Stops publishing; may be called twice."""
 
 
 class Subscription(Protocol):
-    """A topic that is listened to."""
+    """A topic that is subscribed to."""
 
     def close(self) -> None:
-        """Stops listening; no callback begins afterwards. May be called twice."""
+        """Unsubscribes; no callback begins afterwards. May be called twice."""
 
 
 class Transport(Protocol):
-    """A node among others."""
+    """One node."""
 
     @property
     def node_name(self) -> str:
@@ -90,20 +90,20 @@ class Transport(Protocol):
         Args:
             topic: Full name.
             message_type: What is sent.
-            latch: Whoever connects later gets the last message.
+            latch: Subscribers that connect later get the last message.
         """
 
     def subscribe(self, topic: str, message_type: type[M], callback: Callback[M]) -> Subscription:
-        """Listens to every publisher of a topic."""
+        """Subscribes to every publisher of a topic."""
 
     def get_parameter(self, name: str) -> ParameterValue | None:
-        """Returns a parameter, or None if nobody has set it."""
+        """Returns a parameter, or None if it is not set."""
 
     def set_parameter(self, name: str, value: ParameterValue) -> None:
         """Sets a parameter."""
 
     def publishers_of(self, topic: str) -> tuple[str, ...]:
-        """Names the nodes registered as publishers of a topic, dead ones too, sorted."""
+        """Names the nodes registered as publishers of a topic, also those that have ended, sorted."""
 
     def publisher_info(self, topic: str) -> tuple[PublisherInfo, ...]:
         """Asks every publisher of a topic, but not this node, what it sends; takes up to a second."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages to bytes and back, as ROS 1 lays them out: little-endian, lengths as uint32 in front."""
+"""Encodes and decodes messages as ROS 1 does: little-endian, every length a uint32 in front."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ M = TypeVar("M", bound=Message)
 Encoder = Callable[[Any, list[bytes]], None]
 """Appends a value's bytes."""
 Decoder = Callable[[bytes, int], tuple[Any, int]]
-"""Reads a value at an offset; gives it and the offset behind it."""
+"""Reads a value at an offset; returns it and the offset behind it."""
 
 LAYOUT = {
     "bool": "?",
@@ -43,7 +43,7 @@ class MessageError(ImpedanceError):
 
 
 def encode(message: Message) -> bytes:
-    """Lays a message out as ROS sends it.
+    """Encodes a message as ROS sends it.
 
     Raises:
         MessageError: A value does not fit its field, e.g. 70000 in a uint16.
@@ -216,6 +216,6 @@ def _read_time(data: bytes, at: int) -> tuple[int, int]:
 
 
 def _check_room(data: bytes, at: int, needed: int) -> None:
-    """Refuses a length that the bytes cannot hold before memory is asked for it."""
+    """Refuses a length that the bytes cannot hold, before memory is allocated for it."""
     if at + needed > len(data):
         raise struct.error(f"{needed} bytes wanted at {at}, {len(data) - at} there")
