@@ -159,7 +159,7 @@ class TorqueRipple(JointLaw):
         keys=("joint",),
         signature="a line in the spectrum over position, at the same place for every speed",
         confusable_with=("parallel_spring",),
-        excitation="slow sweeps over the whole range, both with_reversal_shapes",
+        excitation="slow sweeps over the whole range, both ways",
         reference="Ghorbel, Gandhi & Alpeter 2001 (harmonic drives)",
         applied=APPLIED,
     )

@@ -15,7 +15,7 @@ from impedance_modules.diagnosis.residuals.contact_mask import (
     rows_of_link_residuals,
     without_links_in_contact,
 )
-from impedance_modules.diagnosis.rollout.simulated_windows import RUN_IN, WINDOW, place_windows
+from impedance_modules.diagnosis.rollout.simulated_windows import HISTORY, WINDOW, place_windows
 from impedance_modules.effects.residual_kinds import RESIDUALS, uses_motion
 from impedance_modules.spec.task_text import contact_phases
 from tests.support.paths import CHECKOUT
@@ -132,6 +132,6 @@ def test_no_window_is_lived_again_while_a_hand_touches() -> None:
     assert len(windows) > 12
     for window in windows:
         for item in items:
-            first, last = round(100 * (window.start - RUN_IN)), round(100 * (window.start + WINDOW))
+            first, last = round(100 * (window.start - HISTORY)), round(100 * (window.start + WINDOW))
             assert not item.log.in_contact[first : last + 1].any()
     assert place_windows([_item(slice(0, 1000))], [0], 5) == []

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 9: the gap before and after on unseen recordings, what remains, and the verdict."""
+"""The conclusion: accepted terms become named causes with parameters and rivals; gap, remainder and verdict.
+
+The gap before and after is measured on the held-out recordings. The next motion to record follows from what is open.
+"""
 
 from __future__ import annotations
 
@@ -25,28 +28,28 @@ from impedance_modules.effects.catalogue import CATALOGUE
 
 Array = NDArray[np.float64]
 
-WEIGHTY = 0.05
-"""Part of the gap that a cause must explain for its rivals to make the whole answer ambiguous."""
+AMBIGUOUS_WEIGHT = 0.05
+"""Part of the gap that a cause must explain for its rivals to make the verdict ambiguous."""
 
-KNOWN, NEAR = 0.5, 6.0
-"""Part of the gap that causes must explain, and residual power over noise that they may leave, for it to be ambiguous
-which, where something is left. What is left may have a structure, but no more power than passes; more only where no
-repeats say for certain how strong the noise is."""
+EXPLAINED_MIN, WEAK_FLOOR_LIMIT = 0.5, 6.0
+"""Where a remainder is left, the verdict is ambiguous only if the causes explain the first part of the gap, and the
+remainder passes by its power; the second is the limit of residual power over noise where no repeats measure the noise.
+"""
 
-SLIGHT = 0.1
-"""Weight of one joint's part over another's, of one effect, below which its rivals are not the effect's."""
+MINOR_PART = 0.1
+"""Rivals at a joint with less than this part of the effect's largest weight at one joint are left out."""
 
 
 def conclude(
     evidence: Evidence, causes: tuple[Cause, ...], model: NominalModel, report: DataReport
 ) -> Diagnosis:
-    """Draws the conclusion from the accepted causes."""
+    """Puts gap, verdict, remainder and next motion together."""
     gaps = _gaps(evidence, model)
     lack = lack_of_fit(evidence)
     remainder = _remainder(lack, evidence, model)
     logs = evidence.prepared
     return Diagnosis(
-        verdict=_verdict(causes, remainder, near=_near(lack, weak=evidence.floor.weak)),
+        verdict=_verdict(causes, remainder, near=_power_passes(lack, weak=evidence.floor.weak)),
         robot=model.robot,
         episodes=tuple(item.log.name for item in logs),
         heldout=tuple(logs[index].log.name for index in evidence.heldout),
@@ -59,15 +62,15 @@ def conclude(
         causes=causes,
         unexplained_weight=max(0.0, 1.0 - sum(cause.weight for cause in causes)),
         remainder=remainder,
-        next_motion=propose_motion(causes, report, model, _middle(evidence, model)),
+        next_motion=propose_motion(causes, report, model, _median_posture(evidence, model)),
         series=held_out_series(evidence, model),
     )
 
 
 def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
-    """Turns the accepted candidates into causes, those that explain most first."""
+    """Turns the accepted terms into causes, one per effect and port, those that explain most first."""
     merged: dict[tuple[str, str], Cause] = {}
-    for term, gain in _in_order(evidence):
+    for term, gain in _ranked(evidence):
         cause = _cause(evidence, term, gain)
         key = (cause.effect, cause.port)
         merged[key] = _merge(merged[key], cause) if key in merged else cause
@@ -87,14 +90,19 @@ def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
 
 
 def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> tuple[str, ...]:
-    """Says that a spring which the robot compensates may be behind a cause, and which recordings would tell.
+    r"""Warns where a spring that the robot itself compensates may be the cause.
+
+    A robot that knows a spring beside a joint adds its torque to the command. The spring then shows at the link,
+    \tau_{sensor} - \tau_{model}, and with opposite sign at the motor, \tau_{sensor} - \tau_{command} - g
+    (`effects.springs`). If the robot adds another torque than the spring needs, no single effect fits both, and the
+    one that imitates it best is named.
 
     Args:
         prepared: The recordings.
-        causes: What was named.
+        causes: The named causes.
 
     Returns:
-        One sentence, or none where commands or sensors are missing, or nothing that such a spring looks like was named.
+        One sentence; none where commands or sensors are missing, or no cause looks like such a spring.
     """
     both = all({"link", "actuator"} <= set(item.residuals) for item in prepared)
     if not both or any(item.log.gravity_compensation != "robot" for item in prepared):
@@ -122,15 +130,15 @@ def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> 
 def propose_motion(
     causes: Sequence[Cause], report: DataReport, model: NominalModel, start: Mapping[str, float]
 ) -> Mapping[str, object]:
-    """Names the joints to move, the excitation that the catalogue asks for, and about which posture.
+    """Says what to record next: joints, the excitation that the catalogue asks for, and the posture.
 
     `impedance probe` turns it into the shortest safe motion; it needs the robot's limits and shapes.
 
     Args:
-        causes: What was found.
-        report: Of the data.
-        model: Of the robot.
-        start: Joint -> middle of what was recorded [rad].
+        causes: The named causes.
+        report: About the data.
+        model: The nominal model.
+        start: Joint -> middle of its recorded positions [rad].
     """
     return {**_asked(causes, report, model), "start": dict(start)}
 
@@ -158,14 +166,14 @@ def _asked(causes: Sequence[Cause], report: DataReport, model: NominalModel) -> 
 def _verdict(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> str:
     if not causes:
         return "no_gap" if remainder.explained else "unexplained"
-    known = remainder.explained or (near and sum(cause.weight for cause in causes) >= KNOWN)
-    if known and any(cause.equivalent and cause.weight >= WEIGHTY for cause in causes):
+    known = remainder.explained or (near and sum(cause.weight for cause in causes) >= EXPLAINED_MIN)
+    if known and any(cause.equivalent and cause.weight >= AMBIGUOUS_WEIGHT for cause in causes):
         return "ambiguous"
     return "explained" if remainder.explained else "partly_explained"
 
 
-def _near(lack: LackOfFit, *, weak: bool) -> bool:
-    return bool(np.all(lack.ratio <= np.maximum(lack.limit, NEAR if weak else 0.0)))
+def _power_passes(lack: LackOfFit, *, weak: bool) -> bool:
+    return bool(np.all(lack.ratio <= np.maximum(lack.limit, WEAK_FLOOR_LIMIT if weak else 0.0)))
 
 
 def _remainder(found: LackOfFit, evidence: Evidence, model: NominalModel) -> Remainder:
@@ -206,7 +214,7 @@ def _gaps(evidence: Evidence, model: NominalModel) -> tuple[JointGap, ...]:
 
 
 def _shrink(gaps: Sequence[JointGap]) -> float | None:
-    """The joints' ratio with squares summed after dividing each by its floor's."""
+    """The gap's shrink over all joints, squares summed in units of each noise floor."""
     start = sum(max(0.0, gap.before**2 / gap.noise_floor**2 - 1.0) for gap in gaps)
     left = sum(
         max(0.0, gap.after**2 / gap.noise_floor**2 - 1.0) for gap in gaps if gap.before > gap.noise_floor
@@ -214,14 +222,14 @@ def _shrink(gaps: Sequence[JointGap]) -> float | None:
     return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
 
 
-def _middle(evidence: Evidence, model: NominalModel) -> dict[str, float]:
-    """Joint -> median of all recorded positions: about where the next motion may begin."""
+def _median_posture(evidence: Evidence, model: NominalModel) -> dict[str, float]:
+    """Joint -> median of all recorded positions [rad], near which the next motion can begin."""
     middle = np.median(np.concatenate([item.position for item in evidence.prepared]), axis=0)
     return {joint: float(q) for joint, q in zip(model.joints, middle, strict=True)}
 
 
-def _in_order(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
-    """Each accepted term with the power it takes away after those that take more by themselves."""
+def _ranked(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
+    """Each accepted term with the power that it explains beyond those that explain more alone."""
 
     def left(model: Sequence[ModelTerm]) -> float:
         return evidence.excess(evidence.selector.model_fit(model))
@@ -274,10 +282,13 @@ def _merge(one: Cause, other: Cause) -> Cause:
         joints=tuple(dict.fromkeys([*one.joints, *other.joints])),
         parameters={**one.parameters, **other.parameters},
         weight=one.weight + other.weight,
-        # A joint where hardly anything happens says nothing about the others.
+        # Rivals at a joint with hardly any effect do not count for the others.
         equivalent=tuple(
             dict.fromkeys(
-                rival for cause in (one, other) if cause.weight >= SLIGHT * most for rival in cause.equivalent
+                rival
+                for cause in (one, other)
+                if cause.weight >= MINOR_PART * most
+                for rival in cause.equivalent
             )
         ),
         rivals=tuple(dict.fromkeys([*one.rivals, *other.rivals])),

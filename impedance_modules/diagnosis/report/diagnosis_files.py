@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A diagnosis as the JSON object of the contract (design 3.3)."""
+r"""A diagnosis as the JSON object of schemas/diagnosis.schema.json, and its causes as a patch.
+
+Spectra are rms values in octaves, so that their squares add up to that of the whole. With X_k the discrete Fourier
+transform of N samples with a Hann window w, an octave's power is 2 / (N \sum w^2) \sum_{k in octave} |X_k|^2.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +36,10 @@ EDGES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 """Between octaves [Hz]."""
 
 SHRINK_MIN = 0.02
-"""A cause that shrinks the held-out gap by less is not worn."""
+"""A cause that shrinks the held-out gap by less is not in the patch."""
 
-MOST = 9e8
-"""Numbers beyond the format's bounds are no finding."""
+VALUE_MAX = 9e8
+"""Causes with larger numbers, beyond the format's bounds, are not in the patch."""
 
 
 def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -72,7 +76,7 @@ def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def per_joint(gaps: Sequence[JointGap]) -> dict[str, dict[str, Any]]:
-    """One entry per joint: its torque residual that stands out of the noise the most."""
+    """One entry per joint: its torque residual with the largest ratio to the noise."""
     out: dict[str, JointGap] = {}
     for gap in gaps:
         if gap.residual == "velocity":
@@ -87,7 +91,7 @@ def per_joint(gaps: Sequence[JointGap]) -> dict[str, dict[str, Any]]:
 
 
 def rollout_object(rollout: Rollout) -> dict[str, Any]:
-    """Builds the JSON object; where nothing was rolled out it says why."""
+    """Builds the JSON object ``gap.rollout``; without a rollout it gives the reasons."""
     left_out = [{"what": item.what, "why": item.why} for item in rollout.left_out]
     if not rollout.windows:
         return {"windows": 0, "left_out": left_out}
@@ -113,7 +117,7 @@ def rollout_object(rollout: Rollout) -> dict[str, Any]:
 
 
 def cause_rollout_object(cause: CauseRollout | None) -> dict[str, Any] | None:
-    """Builds a cause's entry; null where the rollouts could not wear it."""
+    """Builds a cause's entry; null where it was not simulated."""
     if cause is None:
         return None
     return {
@@ -148,8 +152,8 @@ def spectrum_object(series: Sequence[ResidualSeries]) -> dict[str, Any]:
 
 
 def patch_object(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    """Builds the patch; None where nothing was found that may be worn."""
-    effects = [_effect(cause) for cause in diagnosis.causes if _worn(cause)]
+    """Builds the patch; None where no cause belongs into it."""
+    effects = [_effect(cause) for cause in diagnosis.causes if _in_patch(cause)]
     if not effects or diagnosis.verdict not in ("explained", "partly_explained", "ambiguous"):
         return None
     return {
@@ -167,7 +171,7 @@ def patch_object(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 
 def patch_text(patch: Mapping[str, Any]) -> str:
-    """Writes a patch as YAML that every reader takes alike: block mappings, quoted text, numbers with a point."""
+    """Writes a patch as YAML that all readers read alike: block mappings, quoted text, numbers with a point."""
     return "# yaml-language-server: $schema=patch.schema.json\n" + "".join(_lines(patch, 0))
 
 
@@ -255,9 +259,9 @@ def _octaves(time: Array, values: Array, edges: Sequence[float]) -> list[float]:
     return [float(np.sqrt(power[inside == k].sum())) for k in range(len(edges) - 1)]
 
 
-def _worn(cause: Cause) -> bool:
+def _in_patch(cause: Cause) -> bool:
     values = [e.value for symbols in cause.parameters.values() for e in symbols.values()]
-    finite = all(math.isfinite(value) and abs(value) < MOST for value in values)
+    finite = all(math.isfinite(value) and abs(value) < VALUE_MAX for value in values)
     return finite and cause.shrink is not None and cause.shrink >= SHRINK_MIN
 
 

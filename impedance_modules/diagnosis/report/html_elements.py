@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A few words of HTML: every text is escaped, every plot is inline."""
+"""Elements and style of the HTML report: every text is escaped, every plot is inline SVG."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def text(value: object) -> str:
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """Writes a number as a reader wants it; a dash where there is none."""
+    """Writes a number with some digits; a dash for None."""
     return "-" if value is None else f"{value:.{digits}g}"
 
 
 def percent(value: float | None) -> str:
-    """Writes a share; a dash where there is none."""
+    """Writes a share in percent; a dash for None."""
     return "-" if value is None else f"{100.0 * value:.3g} %"
 
 
@@ -43,7 +43,7 @@ def bullets(sentences: Sequence[str]) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """A table of plain texts that scrolls by itself where the screen is narrow.
+    """A table of plain texts that scrolls on a narrow screen.
 
     Args:
         head: Titles of the columns.
@@ -63,7 +63,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """A figure of a size [in] whose parts keep out of each other's way."""
+    """A figure of a size [in] whose parts do not overlap."""
     return Figure(figsize=(width, height), layout="constrained")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The whole report: what was asked, how large the gap is, where, which causes, how far it shrinks, what is left."""
+"""The HTML report: data, size and place of the gap, causes with rivals and rollouts, remainder, next motion, patch."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ NORMAL_95 = 1.96
 """Standard deviations on either side that hold 95 % of a normal distribution."""
 
 VERDICTS = {
-    "helps": "Worn by the plant, it makes the simulated motion better",
-    "worsens": "Worn by the plant, it makes the simulated motion worse, although it explains torque",
-    "no difference": "Worn by the plant, it makes no clear difference to the simulated motion",
+    "helps": "In the simulated plant it improves the motion",
+    "worsens": "In the simulated plant it worsens the motion, although it explains torque",
+    "no difference": "In the simulated plant it makes no clear difference to the motion",
 }
 
 SHORT = 5
 """Causes that the head of a report lists."""
 
 WIDE = 100.0
-"""Half an interval, in % of the value, beyond which a number cannot be told from zero and is not drawn."""
+"""Half an interval, in % of the value, beyond which a number is not significantly different from zero and not drawn."""
 
 
 def html_report(found: Diagnosis, answer: dict[str, Any]) -> str:
@@ -98,7 +98,7 @@ def _head(answer: dict[str, Any]) -> str:
 
 
 def in_short(causes: Sequence[dict[str, Any]]) -> str:
-    """The causes in a line each: where, how large, how well known, and what it could be instead."""
+    """One line per cause: place, size, uncertainty, and what it could be instead."""
     lines = [_line(cause) for cause in causes[:SHORT]]
     if len(causes) > SHORT:
         lines.append(f"and {len(causes) - SHORT} more")
@@ -175,7 +175,7 @@ def _where(answer: dict[str, Any]) -> str:
         for p in where[:MOST_PLACES]
     ]  # fmt: skip
     listed = table(("joint", "port", "regime", "band [Hz]", "share"), rows, numbers=(3, 4))
-    nowhere = "" if where else paragraph("Nothing stands out of the noise.")
+    nowhere = "" if where else paragraph("Nothing exceeds the noise.")
     return section("Where", nowhere, maps, listed)
 
 
@@ -237,10 +237,10 @@ def _cause(cause: dict[str, Any]) -> str:
         _rollout(cause["rollout"]),
     ]
     if equal:
-        parts.append(paragraph("These recordings cannot tell it from:", "note"))
+        parts.append(paragraph("These recordings cannot distinguish it from:", "note"))
         parts.append(table(("effect", "joints"), equal))
     if lost:
-        parts.append("<h4>Rivals, and why each lost</h4>")
+        parts.append("<h4>Rivals, and why each was rejected</h4>")
         parts.append(table(("effect", "joints", "lost because"), lost))
     return "".join(parts)
 
@@ -264,7 +264,7 @@ def _intervals(flat: Sequence[tuple[str, dict[str, Any]]]) -> str:
     """Relative intervals, so that parameters of different units share one axis."""
     drawn = [(name, 100.0 * NORMAL_95 * e["std"] / abs(e["value"])) for name, e in flat if e["value"]]
     unsure = [name for name, e in flat if NORMAL_95 * e["std"] * 100.0 > WIDE * abs(e["value"])]
-    note = paragraph(f"Not told from zero: {', '.join(unsure)}.") if unsure else ""
+    note = paragraph(f"Not significantly different from zero: {', '.join(unsure)}.") if unsure else ""
     drawn = [(name, half) for name, half in drawn if np.isfinite(half) and half <= WIDE]
     if not drawn:
         return note

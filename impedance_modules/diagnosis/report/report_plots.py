@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plots of the torque gap: rms by joint, residuals over time, regimes and frequencies."""
+"""Plots of the HTML report: rms by joint, residuals over time, regimes, frequencies, and the rollouts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from impedance_modules.diagnosis.result import ResidualSeries, RolloutTrace
 Array = NDArray[np.float64]
 
 MOST_POINTS = 700
-"""A curve is drawn by the lowest and highest of as many stretches as a screen can show."""
+"""A curve is drawn by the lowest and highest value in as many intervals as a screen can show."""
 
 
 def bars(gaps: Sequence[dict[str, Any]]) -> str:
@@ -79,7 +79,7 @@ def _draw(axes: Axes, item: ResidualSeries) -> None:
 
 
 def thinned(time: Array, values: Array) -> tuple[Array, Array]:
-    """Keeps the lowest and highest value of each stretch, so that no peak gets lost."""
+    """Keeps the lowest and highest value of each interval, so that no peak is lost."""
     size = -(-len(values) // MOST_POINTS)
     if size < 3:
         return time, values
@@ -91,7 +91,7 @@ def thinned(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def regime_map(where: Sequence[dict[str, Any]]) -> str:
-    """Share of the excess power by joint, port and regime; nothing where nothing stands out."""
+    """Share of the excess power by joint, port and regime; empty where nothing exceeds the noise."""
     rows = list(dict.fromkeys(f"{place['joint']}, {place['port']}" for place in where))
     columns = list(dict.fromkeys(place["regime"] for place in where))
     if not rows:
@@ -159,8 +159,12 @@ def rollout_section(rollout: dict[str, Any], traces: Sequence[RolloutTrace]) -> 
     left_out = bullets([f"{item['what']}: {item['why']}" for item in rollout["left_out"]])
     head = "Simulated again"
     if not rollout["windows"]:
-        return section(head, paragraph("No rollout of the plant was made."), left_out)
-    floor = "repeats" if rollout["noise_floor_from"] == "repeats" else "the noise of the starts alone (weak)"
+        return section(head, paragraph("The plant was not simulated."), left_out)
+    floor = (
+        "repeats"
+        if rollout["noise_floor_from"] == "repeats"
+        else "the noise of the initial states alone (weak)"
+    )
     words = (
         f"{rollout['windows']} windows of {number(rollout['window_s'])} s, cut from {', '.join(rollout['episodes'])}."
         f" Each starts from the measured state; {DRIVEN[rollout['driven_by']]} drives the plant."

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 10: do the causes help a simulation too? Held-out windows, lived through by the plant."""
+"""Rollouts: windows of held-out recordings, simulated without the causes, with all, and with all but each one.
+
+A cause that explains torque must also improve the simulated motion. One that worsens it takes back `explained`.
+"""
 
 from __future__ import annotations
 
@@ -48,13 +51,13 @@ from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 
-MOST_THINNED = 4
-"""Of several causes each is taken away on a part of the windows only, at least on every fourth."""
+LEAVE_OUT_STEP_MAX = 4
+"""To test several causes, each is left out on every second to fourth window only."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Stage:
-    """All that the runs of one diagnosis share."""
+class _RolloutSet:
+    """What all simulations of one diagnosis have in common."""
 
     evidence: Evidence
     robot: RobotSpec
@@ -75,7 +78,7 @@ class _Stage:
         return fitted_nuisance(self.evidence)
 
     def floors(self, after: WindowErrors, effects: Sequence[EffectSpec]) -> tuple[str, tuple[Array, Array]]:
-        """Position's and velocity's (n,), from held-out repeats, else from fitted ones, else from the seeds."""
+        """Source of the noise floors, and those of position and velocity (n,): repeats, else the initial states."""
         common = common_windows(self.windows, self.pairs)
         if common:
             return "repeats", self._repeated(after, common)
@@ -90,23 +93,23 @@ class _Stage:
         )
 
     @staticmethod
-    def _repeated(lived: WindowErrors, common: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
-        return floor_of_repeats(lived.position, common), floor_of_repeats(lived.velocity, common)
+    def _repeated(errors: WindowErrors, common: Sequence[tuple[int, int]]) -> tuple[Array, Array]:
+        return floor_of_repeats(errors.position, common), floor_of_repeats(errors.velocity, common)
 
 
 def with_rollouts(
-    found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, worn: Sequence[EffectSpec]
+    found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, known_effects: Sequence[EffectSpec]
 ) -> Diagnosis:
-    """Adds the rollouts to a diagnosis; a cause that worsens them takes `explained` back.
+    """Adds the rollouts to a diagnosis; a cause that worsens them turns `explained` into `partly_explained`.
 
     Args:
-        found: What the torques say.
+        found: The diagnosis by torques.
         evidence: All recordings and the fit.
         model: The nominal model.
         urdf: Its links.
-        worn: Effects of a patch that the model wears to begin with.
+        known_effects: Effects of a patch that the nominal model includes.
     """
-    rollout = roll_out(found, evidence, model, urdf, worn)
+    rollout = roll_out(found, evidence, model, urdf, known_effects)
     causes = tuple(
         replace(cause, rollout=rollout.causes.get((cause.effect, cause.port))) for cause in found.causes
     )
@@ -122,14 +125,14 @@ def with_rollouts(
 
 
 def roll_out(
-    found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, worn: Sequence[EffectSpec]
+    found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, known_effects: Sequence[EffectSpec]
 ) -> Rollout:
-    """Rolls the held-out recordings out, without and with the causes."""
+    """Simulates the held-out recordings without and with the causes."""
     held = [evidence.prepared[index] for index in evidence.heldout]
     drive = choose_drive(held[0])
     if not drive:
         return no_rollout(LeftOut("all recordings", "they hold no torque that could drive a plant"))
-    # Recordings that lack this torque cannot stand beside the others.
+    # Recordings without this torque cannot be compared with the others.
     alike = [index for index, item in enumerate(evidence.prepared) if choose_drive(item) == drive]
     windows = held_out_windows(evidence.prepared, [index for index in evidence.heldout if index in alike])
     if not windows:
@@ -137,70 +140,70 @@ def roll_out(
     pairs = tuple(pair for pair in _pairs(evidence) if set(pair) <= set(alike))
     with without_endless_joints(urdf) as links:
         robot = robot_of_model(model, links, drive, held[0].log.gravity_compensation)
-        return _compared(_Stage(evidence, robot, drive, windows, pairs), found.causes, worn)
+        return _compared(_RolloutSet(evidence, robot, drive, windows, pairs), found.causes, known_effects)
 
 
-def _compared(stage: _Stage, causes: Sequence[Cause], worn: Sequence[EffectSpec]) -> Rollout:
-    base, left_out = effects_to_simulate(worn, stage.drive)
+def _compared(runs: _RolloutSet, causes: Sequence[Cause], known_effects: Sequence[EffectSpec]) -> Rollout:
+    base, left_out = effects_to_simulate(known_effects, runs.drive)
     # A push is bound to its recording's time: no window of another can simulate_windows it again.
     specs = {(c.effect, c.port): spec_of_cause(c) for c in causes if c.port != "contact"}
-    kept, dropped = effects_to_simulate(tuple(specs.values()), stage.drive)
+    kept, dropped = effects_to_simulate(tuple(specs.values()), runs.drive)
     chosen = {key: spec for key, spec in specs.items() if spec in kept}
     try:
-        before = stage.simulate_windows(base, no_nuisance(stage.evidence.prepared[0].tree), stage.windows)
-        after, chosen, refused = _dressed(stage, base, chosen)
-        floor, floors = stage.floors(after, (*base, *chosen.values()))
-        verdicts = _verdicts(stage, base, chosen, after, floors)
+        before = runs.simulate_windows(base, no_nuisance(runs.evidence.prepared[0].tree), runs.windows)
+        after, chosen, refused = _with_all_causes(runs, base, chosen)
+        floor, floors = runs.floors(after, (*base, *chosen.values()))
+        verdicts = _verdicts(runs, base, chosen, after, floors)
     except ImpedanceError as error:
-        return no_rollout(LeftOut("all recordings", _why(error)))
-    sides = BeforeAfter(before, after, floors)
+        return no_rollout(LeftOut("all recordings", _reason(error)))
+    outcome = BeforeAfter(before, after, floors)
     return summarise(
-        stage.evidence, stage.drive, stage.windows, sides, floor, verdicts, (*left_out, *dropped, *refused)
+        runs.evidence, runs.drive, runs.windows, outcome, floor, verdicts, (*left_out, *dropped, *refused)
     )
 
 
-def _dressed(
-    stage: _Stage, base: Sequence[EffectSpec], chosen: dict[tuple[str, str], EffectSpec]
+def _with_all_causes(
+    runs: _RolloutSet, base: Sequence[EffectSpec], chosen: dict[tuple[str, str], EffectSpec]
 ) -> tuple[WindowErrors, dict[tuple[str, str], EffectSpec], tuple[LeftOut, ...]]:
-    """Rolls out with all causes that the plant can wear together; whoever cannot join is left out, with the reason."""
+    """Simulates with all causes that the plant supports together; the others are left out, with the reason."""
     able: dict[tuple[str, str], EffectSpec] = {}
     refused: list[LeftOut] = []
-    tree = stage.evidence.prepared[0].tree
+    tree = runs.evidence.prepared[0].tree
     for key, spec in chosen.items():
         try:
-            apply_causes(stage.robot, (*base, *able.values(), spec), stage.fitted, tree)
+            apply_causes(runs.robot, (*base, *able.values(), spec), runs.fitted, tree)
         except ImpedanceError as error:
-            refused.append(LeftOut(f"{spec.effect} on {', '.join(spec.parameters)}", _why(error)))
+            refused.append(LeftOut(f"{spec.effect} on {', '.join(spec.parameters)}", _reason(error)))
         else:
             able[key] = spec
-    return stage.simulate_windows((*base, *able.values()), stage.fitted, stage.windows), able, tuple(refused)
+    return runs.simulate_windows((*base, *able.values()), runs.fitted, runs.windows), able, tuple(refused)
 
 
 def _verdicts(
-    stage: _Stage,
+    runs: _RolloutSet,
     base: Sequence[EffectSpec],
     chosen: dict[tuple[str, str], EffectSpec],
     after: WindowErrors,
     floors: tuple[Array, Array],
 ) -> dict[tuple[str, str], CauseRollout]:
-    """Takes each cause away from all of them; the windows are the same."""
-    every = min(max(1, len(chosen)), MOST_THINNED)
-    some = stage.windows[::every]
+    """Compares all causes with all but one, for each cause, on the same windows."""
+    every = min(max(1, len(chosen)), LEAVE_OUT_STEP_MAX)
+    some = runs.windows[::every]
     scales = error_scales(after, floors)
     thinned = WindowErrors(after.time, after.position[::every], after.velocity[::every])
-    names = stage.evidence.prepared[0].tree.joints
+    names = runs.evidence.prepared[0].tree.joints
     out = {}
     for key, spec in chosen.items():
         others = [other for name, other in chosen.items() if name != key]
-        # A cause shows where it acts; one of the whole robot on all joints.
+        # A cause is judged at its joints; one without joints at all of them.
         joints = [names.index(joint) for joint in spec.joints] or range(len(names))
-        without = stage.simulate_windows((*base, *others), stage.fitted, some)
+        without = runs.simulate_windows((*base, *others), runs.fitted, some)
         out[key] = judge(power(without, scales, joints), power(thinned, scales, joints))
     return out
 
 
-def _why(error: ImpedanceError) -> str:
-    """The reason in words; the causes stand in no file, so no place in one is named."""
+def _reason(error: ImpedanceError) -> str:
+    """The reason in words, without a place in a file: the causes are in none."""
     if isinstance(error, BadFile):
         return "; ".join(problem.message for problem in error.problems)
     return str(error)

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which causes a plant can wear in a rollout, and the plant that wears them."""
+r"""The simulated robot of a rollout: the nominal model with causes and the fitted nuisance applied.
+
+It has the recorded joints only, no hands and no stops. The nuisance is what the fit adjusted within its priors beside
+the causes: with \delta the fitted change of the bodies' ten parameters,
+
+    links    ID = Y (\pi + \delta_l)        weight that the robot adds = W (\pi - \delta_w)
+    delay    the command acts \delta_t later than in the nominal model
+"""
 
 from __future__ import annotations
 
@@ -14,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree
+from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree, pseudo_inertia
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.nuisance_columns import (
     INERTIA_PRIOR,
@@ -52,16 +59,16 @@ DOWNSTREAM: dict[str, tuple[Residual, ...]] = {
     "motor": ("motor",),
     "effort": ("link",),
 }
-"""Driving torque -> residuals of what lies behind it: an effect that shows in none cannot move the rollout."""
+"""Driving torque -> residuals behind it: an effect that shows in none of them cannot change the rollout."""
 
 STEPS = (1e-3, 0.5e-3, 0.25e-3, 0.125e-3)
-"""Integration steps [s], the longest that is stable is taken."""
+"""Integration steps [s]; the longest stable one is taken."""
 
 HALVINGS = 6
-"""How often a body's change is halved until what results is a physical body."""
+"""How often a body's change is halved until the result is physical."""
 
 FAR = 1e6
-"""Stands for a limit that no rollout reaches: a window starts where the robot really was."""
+"""A limit that no rollout reaches: a window starts where the robot was."""
 
 RATE = 1000.0
 """Of the robot's own loop [Hz]; the rollouts need no other."""
@@ -69,17 +76,17 @@ RATE = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class PerturbedPlant:
-    """A plant, with what it wears and the map of joints.
+    """A plant with effects applied, and its joint order.
 
     Attributes:
-        plant: Reset once, ready to be seeded.
-        worn: What it wears.
-        order: Index into the plant's joints of each of the diagnosis's.
-        nuisance: Changes beside the causes.
+        plant: Reset once, ready for an initial state.
+        applied: The applied effects.
+        order: Index in the plant's joints of each joint of the diagnosis.
+        nuisance: Fitted changes beside the causes.
     """
 
     plant: SeededPlant
-    worn: PlantEffects
+    applied: PlantEffects
     order: tuple[int, ...]
     nuisance: FittedNuisance
 
@@ -93,17 +100,17 @@ class PerturbedPlant:
 def apply_causes(
     robot: RobotSpec, effects: Sequence[EffectSpec], nuisance: FittedNuisance, tree: RigidTree
 ) -> PerturbedPlant:
-    """Builds the plant of a robot that wears effects, its links adjusted.
+    """Builds the plant of a robot with effects applied and its links adjusted.
 
     Raises:
-        BadInput: The robot cannot wear them, with the reason.
+        BadInput: The effects cannot be applied to the robot, with the reason.
     """
     patch = PatchSpec(robot.name, tuple(effects), parse_document(Path("the causes"), "format: 1\n"))
     changed = replace(robot, body_changes=body_changes(tree.bodies, nuisance.links))
     model = RobotModel(apply_patch(changed, patch) if effects else changed)
-    worn = apply_to_plant(model, patch)
+    applied = apply_to_plant(model, patch)
     for step in STEPS:
-        plant = SeededPlant(model, [], None, PlantOptions(RATE, seed=0, noise=False, step=step), worn)
+        plant = SeededPlant(model, [], None, PlantOptions(RATE, seed=0, noise=False, step=step), applied)
         try:
             plant.reset(np.zeros(model.n))
         except BadInput:
@@ -111,20 +118,22 @@ def apply_causes(
                 raise
             continue
         break
-    return PerturbedPlant(plant, worn, tuple(model.joint_names.index(name) for name in tree.joints), nuisance)
+    return PerturbedPlant(
+        plant, applied, tuple(model.joint_names.index(name) for name in tree.joints), nuisance
+    )
 
 
 def effects_to_simulate(
     effects: Sequence[EffectSpec], drive: str
 ) -> tuple[tuple[EffectSpec, ...], tuple[LeftOut, ...]]:
-    """Separates the effects that a rollout by one kind of torque can show from the others."""
+    """Separates the effects that a rollout driven by one kind of torque can show from the others."""
     kept, dropped = [], []
     for spec in effects:
         effect = CATALOGUE[spec.effect]
         port: Port = next(port for port in effect.description.ports if port == spec.port)
         name = f"{spec.effect} on {', '.join(spec.parameters)}"
         if effect.bound_to_recording:
-            dropped.append(LeftOut(name, "it belongs to the time of one recording"))
+            dropped.append(LeftOut(name, "it acts at one time of one recording"))
         elif not any(effect.shows(port, residual) for residual in DOWNSTREAM[drive]):
             dropped.append(LeftOut(name, f"it does not lie between the recorded {drive} and the motion"))
         else:
@@ -143,7 +152,7 @@ def spec_of_cause(cause: Cause) -> EffectSpec:
 
 @dataclass(frozen=True, eq=False)
 class FittedNuisance:
-    """Changes (10 n,) of the links' parameters and of the weights that the robot knows; delay [s]."""
+    """Changes (10 n,) of the links' parameters and of the weights that the robot compensates; additional delay [s]."""
 
     links: Array
     weights: Array
@@ -151,7 +160,7 @@ class FittedNuisance:
 
 
 def fitted_nuisance(evidence: Evidence) -> FittedNuisance:
-    """Reads the fit of the accepted model."""
+    """Reads the nuisance parameters of the accepted model's fit."""
     found = evidence.model_fit.whole.coefficients
     prior = inertia_prior(evidence.prepared[0].tree.inertia)
     size = len(prior)
@@ -170,7 +179,7 @@ def no_nuisance(tree: RigidTree) -> FittedNuisance:
 
 
 def body_changes(bodies: Sequence[Body], links: Array) -> tuple[BodyChange, ...]:
-    """Turns the links' changes (10 n,) into what a robot wears, as far as every body stays a physical one."""
+    """Turns the links' changes (10 n,) into changes of a robot's bodies, as far as every body stays physical."""
     out = []
     for body, change in zip(bodies, links.reshape(-1, 10), strict=True):
         for halved in range(HALVINGS):
@@ -182,22 +191,16 @@ def body_changes(bodies: Sequence[Body], links: Array) -> tuple[BodyChange, ...]
 
 
 def _physical(parameters: Array) -> bool:
-    """Whether the pseudo-inertia [[tr(I)/2 - I, h], [h^T, m]] is positive definite (Wensing, Kim & Slotine 2018)."""
-    xx, xy, yy, xz, yz, zz = parameters[4:]
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    pseudo[:3, 3] = pseudo[3, :3] = parameters[1:4]
-    pseudo[3, 3] = parameters[0]
-    lowest = np.linalg.eigvalsh(pseudo)
-    return bool(lowest[0] > 1e-6 * lowest[-1])
+    """Whether the pseudo-inertia of ten parameters is positive definite."""
+    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(parameters))
+    return bool(eigenvalues[0] > 1e-6 * eigenvalues[-1])
 
 
 def robot_of_model(model: NominalModel, urdf: Path, drive: str, gravity_compensation: str) -> RobotSpec:
     """Builds the robot whose plant one kind of recorded torque drives.
 
     Args:
-        model: What the diagnosis believes.
+        model: The nominal model.
         urdf: Its links, from ``without_endless_joints``.
         drive: ``command``: the whole joint; ``motor``: rotor and link, stiffly coupled; ``effort``: the link alone.
         gravity_compensation: Of the recording; only a command leaves it to the robot.
@@ -223,7 +226,7 @@ def robot_of_model(model: NominalModel, urdf: Path, drive: str, gravity_compensa
 
 @contextmanager
 def without_endless_joints(urdf: Path) -> Iterator[Path]:
-    """Gives a URDF in which every joint is one number: an endless joint becomes one with limits far away."""
+    """Gives a URDF in which continuous joints are revolute with distant limits, so that each has one coordinate."""
     tree = ET.parse(urdf)
     endless = [joint for joint in tree.getroot().findall("joint") if joint.attrib.get("type") == "continuous"]
     if not endless:

@@ -1,5 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lives windows of recordings through again, on one plant."""
+r"""Windows of recordings, simulated on a plant from the measured state and driven by the recorded torque.
+
+Readings are first corrected for the applied sensor effects,
+
+    q = q_reported - offset        e = (1 + X)^{-1} (e_reported - bias) / gain
+
+Positions and efforts enter through the recording's own zero-phase filter; velocity is that of the filtered position.
+Windows are placed evenly over the held-out recordings, at the same times in those that repeat each other.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +26,20 @@ from impedance_modules.plant.seeded import Seed
 
 Array = NDArray[np.float64]
 
-LOOKS = 20
-"""Times within a window at which recording and rollout are compared."""
+COMPARISONS = 20
+"""Number of times in a window at which recording and rollout are compared."""
 
-SINGULAR = 1e-9
+MASS_RATIO_MIN = 1e-9
 """Least over greatest eigenvalue of a mass matrix that can be inverted."""
 
-LOST = float(np.pi)
-"""A joint that is half a turn (or metres) off is lost: errors count up to here, in speed up to LOST / WINDOW."""
+ERROR_MAX = float(np.pi)
+"""Largest error that counts, half a turn or as many metres; in speed this over WINDOW."""
 
-RUN_IN = 0.3
-"""How long worn effects simulate_windows along the recording before a window begins [s]."""
+HISTORY = 0.3
+"""How long applied effects simulate_windows along the recording before a window begins [s]."""
 
 MARGIN = 0.4
-"""Left out at both ends of a recording, where filters have seen only one side [s]."""
+"""Left out at both ends of a recording, where filters have data on one side only [s]."""
 
 WINDOW = 0.4
 """Length of a window [s]: long enough for friction to show, short enough for an open loop."""
@@ -45,14 +53,14 @@ FLOOR_WINDOWS = 4
 
 @dataclass(frozen=True)
 class RolloutWindow:
-    """A recording's index, and when the window begins after the recording's own first sample [s]."""
+    """A recording's index, and the start of the window after the recording's first sample [s]."""
 
     recording: int
     start: float
 
 
 def held_out_windows(prepared: Sequence[Prepared], heldout: Sequence[int]) -> tuple[RolloutWindow, ...]:
-    """Spreads the windows over the held-out recordings; repeats are cut at the same times."""
+    """Places windows evenly over the held-out recordings, at the same times in repeats."""
     groups: dict[str, list[int]] = {}
     for index in heldout:
         groups.setdefault(prepared[index].log.group, []).append(index)
@@ -72,9 +80,9 @@ def floor_windows(
 
 
 def place_windows(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> list[RolloutWindow]:
-    """Cuts windows of several recordings at the same, even times; none while one of them touches something.
+    """Places windows at the same, even times in several recordings; none while one of them is in contact.
 
-    The plant that lives a window again knows no surroundings.
+    The simulated plant has no environment.
     """
     last = min(prepared[index].log.duration for index in members) - MARGIN - WINDOW
     if last <= MARGIN:
@@ -83,7 +91,7 @@ def place_windows(prepared: Sequence[Prepared], members: Sequence[int], count: i
         free = [
             start
             for start in np.arange(MARGIN, last, 0.25 * WINDOW)
-            if not any(_touches(prepared[index], float(start)) for index in members)
+            if not any(_contact_in(prepared[index], float(start)) for index in members)
         ]
         places = np.linspace(0, len(free) - 1, count + 2)[1:-1]
         starts = np.unique([free[round(place)] for place in places if free])
@@ -95,7 +103,7 @@ def place_windows(prepared: Sequence[Prepared], members: Sequence[int], count: i
 def common_windows(
     windows: Sequence[RolloutWindow], pairs: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int]]:
-    """Places of windows that show the same moment of two recordings that repeat each other."""
+    """Pairs of indices of windows at the same time of two recordings that repeat each other."""
     place = {(window.recording, window.start): index for index, window in enumerate(windows)}
     return [
         (place[window.recording, window.start], place[other, window.start])
@@ -107,10 +115,10 @@ def common_windows(
 
 @dataclass(frozen=True, eq=False)
 class WindowErrors:
-    """Errors of all windows in the diagnosis's joint order.
+    """Errors of all windows, in the diagnosis's joint order.
 
     Attributes:
-        time: (L,) since the seed [s].
+        time: (L,) since the initial state [s].
         position, velocity: (W, L, n) rollout minus recording.
     """
 
@@ -122,38 +130,40 @@ class WindowErrors:
 def simulate_windows(
     perturbed: PerturbedPlant, drive: str, prepared: Sequence[Prepared], windows: Sequence[RolloutWindow]
 ) -> WindowErrors:
-    """Rolls every window out.
+    """Simulates every window.
 
     Raises:
         BadInput: The plant's motion is not finite: the model has a body without inertia.
     """
     step = perturbed.plant.division.step
     steps = round(WINDOW / step)
-    looks = np.unique(np.linspace(0, steps, LOOKS + 1).round().astype(int))[1:]
+    steps_compared = np.unique(np.linspace(0, steps, COMPARISONS + 1).round().astype(int))[1:]
     order = list(perturbed.order)
-    drivers = {
+    inputs_of = {
         index: plant_input(prepared[index], drive, perturbed) for index in {w.recording for w in windows}
     }
-    offset = perturbed.worn.sensors.offset
+    offset = perturbed.applied.sensors.offset
     errors = []
-    for driver in drivers.values():
-        _refuse_without_inertia(perturbed, driver.position[0])
+    for inputs in inputs_of.values():
+        _refuse_without_inertia(perturbed, inputs.position[0])
     for window in windows:
-        driver = drivers[window.recording]
-        begin = float(driver.time[0]) + window.start
-        perturbed.plant.seed(seed_at(driver, begin, perturbed))
+        inputs = inputs_of[window.recording]
+        begin = float(inputs.time[0]) + window.start
+        perturbed.plant.seed(seed_at(inputs, begin, perturbed))
         middle = np.asarray(begin + step * (np.arange(steps) + 0.5), dtype=float)
-        # A light joint that lacks its friction may fly off beyond all numbers within a window.
+        # A light joint without its friction may diverge within a window.
         with np.errstate(over="ignore", invalid="ignore"):
-            q, v = perturbed.plant.roll(driver.acting(middle), driver.aimed(middle))
-        reported = (q[looks - 1] + offset)[:, order], v[looks - 1][:, order]
-        errors.append(_compare(prepared[window.recording], begin + step * looks, *reported))
+            q, v = perturbed.plant.roll(inputs.acting(middle), inputs.aimed(middle))
+        reported = (q[steps_compared - 1] + offset)[:, order], v[steps_compared - 1][:, order]
+        errors.append(_compare(prepared[window.recording], begin + step * steps_compared, *reported))
     position, velocity = (np.array(part) for part in zip(*errors, strict=True))
-    return WindowErrors(step * looks, _counted(position, LOST), _counted(velocity, LOST / WINDOW))
+    return WindowErrors(
+        step * steps_compared, _limited(position, ERROR_MAX), _limited(velocity, ERROR_MAX / WINDOW)
+    )
 
 
 def choose_drive(prepared: Prepared) -> str:
-    """Says which recorded torque drives the plant; empty where there is none."""
+    """Says which recorded torque drives the plant; empty where none was recorded."""
     log = prepared.log
     if log.command is not None:
         return "command"
@@ -164,16 +174,16 @@ def choose_drive(prepared: Prepared) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PlantInput:
-    """One recording in the joint order of a plant, as functions of time.
+    """Inputs and states of one recording as functions of time, in the joint order of a plant.
 
     Attributes:
         time: (N,) of the samples [s].
         position, velocity: (N, n) of the links.
         load, load_rate: (N, n) torque between gear and link and its rate.
-        command: (N, n) the torque that drives, at the time when it was issued.
+        command: (N, n) driving torque, at the time when it was sent.
         extra: (N, n) what the robot adds beyond the model's weight [N.m].
-        aims: (N, 2, n) joint motion aimed at; None where it was not recorded.
-        delay: From issuing to acting [s].
+        aims: (N, 2, n) commanded position and velocity; None where they were not recorded.
+        delay: From sending to acting [s].
     """
 
     time: Array
@@ -187,19 +197,19 @@ class PlantInput:
     delay: float
 
     def acting(self, time: Array) -> Array:
-        """The torque (M, n) that acts at some times."""
+        """Torque (M, n) that acts at given times."""
         return _at(time - self.delay, self.time, self.command) + _at(time, self.time, self.extra)
 
     def aimed(self, time: Array) -> Array | None:
-        """The joint motion (M, 2, n) aimed at."""
+        """Commanded position and velocity (M, 2, n)."""
         if self.aims is None:
             return None
         return np.stack([_at(time, self.time, self.aims[:, k]) for k in range(2)], axis=1)
 
 
 def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> PlantInput:
-    """Turns a prepared recording into a driver of one plant."""
-    log, s, sensors = prepared.log, prepared.signals, perturbed.worn.sensors
+    """Turns a prepared recording into the input of one plant."""
+    log, s, sensors = prepared.log, prepared.signals, perturbed.applied.sensors
     order = np.argsort(perturbed.order)
     position = s.position[:, order] - sensors.offset
     effort = None if s.effort is None else _true_effort(s.effort[:, order], perturbed)
@@ -219,21 +229,21 @@ def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Pl
         command=torque,
         extra=_unknown_weight(prepared, drive, perturbed)[:, order],
         aims=_aims(log.position_command, log.rate, order),
-        delay=perturbed.worn.command_delay + perturbed.nuisance.delay if drive == "command" else 0.0,
+        delay=perturbed.applied.command_delay + perturbed.nuisance.delay if drive == "command" else 0.0,
     )
 
 
-def seed_at(driver: PlantInput, start: float, perturbed: PerturbedPlant) -> Seed:
-    """The state at a time, and the motion that led there."""
+def seed_at(inputs: PlantInput, start: float, perturbed: PerturbedPlant) -> Seed:
+    """The plant's initial state at a time, with the motion before it."""
     step = perturbed.plant.division.step
     remembers = bool(perturbed.plant.torques)
-    before = min(RUN_IN, start - float(driver.time[0])) if remembers else 0.0
+    before = min(HISTORY, start - float(inputs.time[0])) if remembers else 0.0
     times = np.asarray(start - step * np.arange(round(before / step), -1, -1), dtype=float)
-    q, v = _at(times, driver.time, driver.position), _at(times, driver.time, driver.velocity)
-    load, load_rate = _at(times, driver.time, driver.load), _at(times, driver.time, driver.load_rate)
+    q, v = _at(times, inputs.time, inputs.position), _at(times, inputs.time, inputs.velocity)
+    load, load_rate = _at(times, inputs.time, inputs.load), _at(times, inputs.time, inputs.load_rate)
     compliance = np.array(perturbed.plant.model.spring_compliance())
-    acting, aims = driver.acting(times), driver.aimed(times)
-    assist = perturbed.plant.assistance(q[-1] + perturbed.worn.sensors.offset)
+    acting, aims = inputs.acting(times), inputs.aimed(times)
+    assist = perturbed.plant.assistance(q[-1] + perturbed.applied.sensors.offset)
     past = [
         JointMotion(
             time=float(times[k]),
@@ -253,7 +263,7 @@ def seed_at(driver: PlantInput, start: float, perturbed: PerturbedPlant) -> Seed
 
 
 def _unknown_weight(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Array:
-    """What the robot's own compensation carries beyond the model's weight (N, n)."""
+    """Torque of the robot's own compensation beyond the model's weight (N, n) [N.m]."""
     s, change = prepared.signals, perturbed.nuisance.weights
     if drive != "command" or prepared.log.gravity_compensation != "robot" or not change.any():
         return np.zeros_like(s.position)
@@ -261,7 +271,7 @@ def _unknown_weight(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -
 
 
 def _true_effort(reported: Array, perturbed: PerturbedPlant) -> Array:
-    sensors = perturbed.worn.sensors
+    sensors = perturbed.applied.sensors
     clean = (reported - sensors.bias) / sensors.gain
     return np.asarray(np.linalg.solve(np.eye(len(sensors.gain)) + sensors.crosstalk, clean.T).T)
 
@@ -281,18 +291,18 @@ def _at(time: Array, grid: Array, values: Array) -> Array:
     return np.asarray(values[first] * (1.0 - part) + values[first + 1] * part)
 
 
-def _touches(item: Prepared, start: float) -> bool:
-    """Whether a recording's phases say that a window is spent in contact, were it for a moment."""
+def _contact_in(item: Prepared, start: float) -> bool:
+    """Whether any sample of a window is in contact, by the recording's phases."""
     in_contact, rate = item.log.in_contact, item.log.rate
     if in_contact is None:
         return False
-    return bool(in_contact[round((start - RUN_IN) * rate) : round((start + WINDOW) * rate) + 1].any())
+    return bool(in_contact[round((start - HISTORY) * rate) : round((start + WINDOW) * rate) + 1].any())
 
 
 def _refuse_without_inertia(perturbed: PerturbedPlant, position: Array) -> None:
     model = perturbed.plant.model
     values, vectors = np.linalg.eigh(model.mass_matrix(position))
-    if values[0] > SINGULAR * values[-1]:
+    if values[0] > MASS_RATIO_MIN * values[-1]:
         return
     joint = model.joint_names[int(np.argmax(np.abs(vectors[:, 0])))]
     raise BadInput(
@@ -301,13 +311,13 @@ def _refuse_without_inertia(perturbed: PerturbedPlant, position: Array) -> None:
     )
 
 
-def _counted(errors: Array, most: float) -> Array:
-    """Counts what is lost, or no number any more, as lost."""
+def _limited(errors: Array, most: float) -> Array:
+    """Limits errors; what is not finite counts as the limit."""
     return np.clip(np.nan_to_num(errors, nan=most, posinf=most, neginf=-most), -most, most)
 
 
 def _compare(prepared: Prepared, time: Array, position: Array, velocity: Array) -> tuple[Array, Array]:
-    """Subtracts the recording, at the looks' times: the position as it was read, the filtered velocity."""
+    """Subtracts the recorded position and its filtered velocity, at the times of comparison."""
     s = prepared.signals
     measured = [_between(time, s.time, values) for values in (prepared.log.position, s.velocity)]
     return position - measured[0], velocity - measured[1]
