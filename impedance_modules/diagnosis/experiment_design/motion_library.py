@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The motions that a probe is made of: one joint each, inside its limits, beginning and ending at the start.
+"""Library of probe motions: one joint each, inside its limits, beginning and ending at the start posture.
 
 holds        the joint rests at seven places far apart, reached from both sides: weights, springs, offsets
 ladder       strokes both ways at three speeds: dry against viscous friction, laws of speed
 ramp         one slow stroke each way: laws of position
-reversals    small quick strokes: what happens where the motion turns
-chirp        strokes that grow quicker and quicker: inertia against springs, delays and lags
-two_loads    strokes both ways in the posture nearby that loads the joint least, and in the one that does most
+reversals    small quick strokes: effects where the motion reverses
+chirp        strokes of decreasing duration: inertia against springs, delays and lags
+two_loads    strokes both ways in the nearby posture that loads the joint least, and in the one that loads it most
+
+A probe is a chain of strokes; each takes the joint springs' rest posture to a new place by minimum jerk,
+
+    rest(t) = r_0 + s(t / T) (r_1 - r_0),      s(x) = 10 x^3 - 15 x^4 + 6 x^5,
+
+as a phase of a task does with `posture`; peak speed 15/8 |r_1 - r_0| / T.
 """
 
 from __future__ import annotations
@@ -21,57 +27,57 @@ from impedance_modules.diagnosis.experiment_design.motion_limits import MotionLi
 
 Array = NDArray[np.float64]
 Weight = Callable[[Array], Array]
-"""Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
+"""Postures (N, n) [rad] -> torque of the links' weight, (N, n) [N.m]."""
 
 SWING_MAX = 0.5
-"""Longest way to either side of the start [rad]."""
+"""Longest stroke to either side of the start [rad]."""
 
 SWING_MIN = 0.05
-"""Shortest way worth a stroke [rad]."""
+"""Shortest range for a motion [rad]."""
 
 SPEEDS = (0.12, 0.35, 1.0)
-"""Speeds of a ladder over the joint's allowed one."""
+"""Speeds of a ladder, as parts of the joint's allowed speed."""
 
-WAYS = (0.3, 0.6, 1.0)
-"""Ways of its strokes over the whole one: slow strokes are short."""
+LENGTHS = (0.3, 0.6, 1.0)
+"""Lengths of its strokes, as parts of the range: slow strokes are short."""
 
 HOLD = 0.7
 """Time at each place [s]."""
 
 SHORTEST = 0.35
-"""Shortest stroke [s]; quicker ones the joint springs would not follow."""
+"""Shortest duration of a stroke that the joint springs follow [s]."""
 
-SMALL = 0.08
-"""Way of a small reversal [rad]."""
+REVERSAL = 0.08
+"""Length of a small reversal [rad]."""
 
-CARRIED = 1.2
-"""How far joints visit at most for another load [rad]."""
+DISPLACEMENT_MAX = 1.2
+"""Largest displacement of a joint from the start to change its load [rad]."""
 
 PLACES = 7
-"""Angles of every joint that are looked at for it."""
+"""Angles per joint among which the postures of least and most load are searched."""
 
-NEARLY = 0.1
-"""Of postures whose loads differ by less than this part of what can be had, the nearest is taken."""
+LOAD_TOLERANCE = 0.1
+"""Among postures whose loads differ by less than this part of the load's range, the nearest is taken."""
 
-LOADED = 0.2
-"""Way to either side with each load [rad]."""
+LOADED_STROKE = 0.2
+"""Stroke to either side with each load [rad]."""
 
 OVERSHOOT = 0.03
-"""By how much the joint springs may pass a stroke's end [rad]."""
+"""Allowed overshoot of the joint springs beyond a stroke's end [rad]."""
 
-CALM = 0.9
-"""Part of its speed that a chirp uses: its strokes add up."""
+CHIRP_SPEED = 0.9
+"""Part of the allowed speed that a chirp uses, because its strokes superpose."""
 
 SIZES = (1.0, 0.75, 0.5)
-"""Sizes that are tried: the largest that is safe wins."""
+"""Relative sizes that are tried; the largest safe one is taken."""
 
-PEAK = 15.0 / 8.0
+PEAK_SPEED = 15.0 / 8.0
 """Peak speed of a minimum-jerk stroke over its mean speed."""
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """Takes some joints to new angles in a time; an empty goal waits.
+    """Moves some joints to new angles in a given time; an empty goal waits.
 
     Attributes:
         goal: Index of the joint -> angle [rad].
@@ -89,7 +95,7 @@ class ProbeMotion:
     Attributes:
         start: (n,) angles at rest before it begins [rad].
         strokes: One after the other.
-        kinds: What it is made of, in words.
+        kinds: The motions that it consists of, by name.
     """
 
     start: Array
@@ -129,14 +135,14 @@ class ProbeMotion:
 def motions(
     limits: MotionLimits, start: Array, joint: int, size: float, weight: Weight
 ) -> Iterator[ProbeMotion]:
-    """Gives every kind of motion of a joint at a size; kinds for which there is no limits are left out.
+    """Gives every kind of motion of a joint at a size; kinds that do not fit into its limits are left out.
 
     Args:
         limits: Limits.
         start: (n,) posture at which every motion begins and ends [rad].
         joint: Which moves.
         size: Part of the longest way.
-        weight: Postures (N, n) -> torques (N, n) that the links' weight needs [N.m].
+        weight: Postures (N, n) -> torques (N, n) of the links' weight [N.m].
     """
     low = max(limits.lower[joint] + OVERSHOOT, start[joint] - size * SWING_MAX)
     high = min(limits.upper[joint] - OVERSHOOT, start[joint] + size * SWING_MAX)
@@ -146,8 +152,8 @@ def motions(
     wide = _Reach(
         joint,
         reach.start,
-        float(max(limits.lower[joint] + OVERSHOOT, start[joint] - size * CARRIED)),
-        float(min(limits.upper[joint] - OVERSHOOT, start[joint] + size * CARRIED)),
+        float(max(limits.lower[joint] + OVERSHOOT, start[joint] - size * DISPLACEMENT_MAX)),
+        float(min(limits.upper[joint] - OVERSHOOT, start[joint] + size * DISPLACEMENT_MAX)),
         reach.speed,
     )
     for name, strokes in KINDS.items():
@@ -170,7 +176,7 @@ def visit(joint: int, places: Sequence[float], duration: float, wait: float = 0.
 
 @dataclass(frozen=True)
 class _Reach:
-    """Where one joint may visit: start, lower and upper end [rad], and its speed [rad/s]."""
+    """Range of one joint: start, lower and upper end [rad], and its speed [rad/s]."""
 
     joint: int
     start: float
@@ -179,23 +185,23 @@ class _Reach:
     speed: float
 
     def time(self, way: float, share: float = 1.0) -> float:
-        """Duration of a stroke over a way at a part of the allowed speed [s]."""
-        return max(SHORTEST, PEAK * abs(way) / (share * self.speed))
+        """Duration of a stroke of a length [rad] at a part of the allowed speed [s]."""
+        return max(SHORTEST, PEAK_SPEED * abs(way) / (share * self.speed))
 
 
 def _holds(reach: _Reach) -> list[Stroke]:
     places = np.linspace(reach.low, reach.high, 7)
     pace = reach.time(reach.high - reach.low, 0.5)
     up, down = [float(x) for x in places], [float(x) for x in places[-2::-1]]
-    return [*visit(reach.joint, [*up, *down], max(0.6, pace / 4.0), HOLD), *_home(reach)]
+    return [*visit(reach.joint, [*up, *down], max(0.6, pace / 4.0), HOLD), *_return(reach)]
 
 
 def _ladder(reach: _Reach) -> list[Stroke]:
     way = reach.high - reach.low
     out = visit(reach.joint, [reach.low], reach.time(way))
-    for share, part in zip(SPEEDS, WAYS, strict=True):
+    for share, part in zip(SPEEDS, LENGTHS, strict=True):
         out += visit(reach.joint, [reach.low + part * way, reach.low], reach.time(part * way, share))
-    return [*out, *_home(reach)]
+    return [*out, *_return(reach)]
 
 
 def _ramp(reach: _Reach) -> list[Stroke]:
@@ -203,38 +209,40 @@ def _ramp(reach: _Reach) -> list[Stroke]:
     return [
         *visit(reach.joint, [reach.low], reach.time(way)),
         *visit(reach.joint, [reach.high, reach.low], reach.time(way, 0.15)),
-        *_home(reach),
+        *_return(reach),
     ]
 
 
 def _reversals(reach: _Reach) -> list[Stroke]:
-    way = min(SMALL, (reach.high - reach.low) / 2.0)
+    way = min(REVERSAL, (reach.high - reach.low) / 2.0)
     centre = min(max(reach.start, reach.low + way), reach.high - way)
     places = [centre + way, centre - way] * 5
     return [
         *visit(reach.joint, places, reach.time(2.0 * way, 0.5)),
-        *_home(reach, abs(centre - reach.start) + way),
+        *_return(reach, abs(centre - reach.start) + way),
     ]
 
 
 def _chirp(reach: _Reach) -> list[Stroke]:
     out: list[Stroke] = []
     for index, duration in enumerate(np.geomspace(2.0, SHORTEST, 16)):
-        way = min((reach.high - reach.low) / 2.0, CALM * reach.speed * float(duration) / PEAK / 2.0)
+        way = min(
+            (reach.high - reach.low) / 2.0, CHIRP_SPEED * reach.speed * float(duration) / PEAK_SPEED / 2.0
+        )
         centre = min(max(reach.start, reach.low + way), reach.high - way)
         out.append(Stroke({reach.joint: centre + (way if index % 2 else -way)}, float(duration)))
-    return [*out, *_home(reach)]
+    return [*out, *_return(reach)]
 
 
 def _two_loads(
     reach: _Reach, limits: MotionLimits, start: Array, weight: Weight, size: float
 ) -> list[Stroke]:
-    """Strokes both ways in the posture near the start that loads the joint least, and in the one that does most."""
-    way = min(LOADED, (reach.high - reach.low) / 2.0)
+    """Strokes both ways in the nearby posture that loads the joint least, and in the one that loads it most."""
+    way = min(LOADED_STROKE, (reach.high - reach.low) / 2.0)
     chain: list[Stroke] = []
     for goal in _loads(reach, limits, start, weight, size):
         farthest = max(abs(angle - start[joint]) / limits.velocity[joint] for joint, angle in goal.items())
-        slow = max(SHORTEST, PEAK * float(farthest) / SPEEDS[1])
+        slow = max(SHORTEST, PEAK_SPEED * float(farthest) / SPEEDS[1])
         centre = min(
             max(goal[reach.joint], float(limits.lower[reach.joint]) + OVERSHOOT + way),
             float(limits.upper[reach.joint]) - OVERSHOOT - way,
@@ -250,10 +258,10 @@ def _two_loads(
 def _loads(
     reach: _Reach, limits: MotionLimits, start: Array, weight: Weight, size: float
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Angles of the joint and of one other with the smallest, and with the largest weight on the joint."""
+    """Angles of the joint and of one other joint with the smallest and with the largest weight on the joint."""
 
     def places(joint: int) -> Array:
-        ends = start[joint] - size * CARRIED, start[joint] + size * CARRIED
+        ends = start[joint] - size * DISPLACEMENT_MAX, start[joint] + size * DISPLACEMENT_MAX
         return np.append(
             start[joint],
             np.linspace(
@@ -276,12 +284,12 @@ def _loads(
     load = np.abs(weight(postures)[:, reach.joint])
     way = np.sum(np.abs(postures - start), axis=1)
     span = float(np.ptp(load))
-    light = np.where(load <= load.min() + NEARLY * span, way, np.inf)
-    heavy = np.where(load >= load.max() - NEARLY * span, way, np.inf)
+    light = np.where(load <= load.min() + LOAD_TOLERANCE * span, way, np.inf)
+    heavy = np.where(load >= load.max() - LOAD_TOLERANCE * span, way, np.inf)
     return goals[int(np.argmin(light))], goals[int(np.argmin(heavy))]
 
 
-def _home(reach: _Reach, way: float | None = None) -> list[Stroke]:
+def _return(reach: _Reach, way: float | None = None) -> list[Stroke]:
     longest = reach.high - reach.low if way is None else way
     return [Stroke({reach.joint: reach.start}, reach.time(longest, 0.5)), Stroke({}, 0.5)]
 
@@ -297,4 +305,4 @@ KINDS: dict[str, Callable[[_Reach], list[Stroke]]] = {
 
 
 WIDE = ("holds",)
-"""Kinds that visit as far as for another load: over a small range a weight is as constant as an offset."""
+"""Kinds with the larger range: over a small range weight cannot be distinguished from an offset."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far, how fast and how strongly each joint may be moved by a probe: the robot's limits with a margin."""
+"""Limits of a probe: range, speed and torque of each joint with a margin, distances of links, and the start posture."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from impedance_modules.spec.robot_spec import RobotSpec
 
 Array = NDArray[np.float64]
 Weight = Callable[[Array], Array]
-"""Postures (N, n) [rad] -> what the links' weight asks of the joints, (N, n) [N.m]."""
+"""Postures (N, n) [rad] -> torque of the links' weight, (N, n) [N.m]."""
 
 POSITION_MARGIN = 0.1
 """Part of a joint's range that a probe keeps away from either end."""
 
 POSITION_MARGIN_MAX = 0.2
-"""The same at most [rad]."""
+"""Largest such margin [rad]."""
 
 VELOCITY_SHARE = 0.6
 """Part of a joint's declared speed that a probe uses."""
@@ -39,27 +39,27 @@ UNSTATED_SPEED = 1.0
 """Speed of a joint whose URDF states none [rad/s]."""
 
 STEP = 0.05
-"""Time between the postures of a path that are measured [s]."""
+"""Time between postures of a path at which distances are measured [s]."""
 
-ROOM = 2.0
-"""Times the robot's own margin that a probe keeps between links."""
+DISTANCE_FACTOR = 2.0
+"""Distance between links that a probe keeps, as a multiple of the robot's own margin."""
 
 DRAWN, TRIES = 4000, 200
-"""Postures that are drawn, from a fixed seed; of these so many with least weight have their distances measured."""
+"""Number of random postures, from a fixed seed, and of those with least weight whose distances are measured."""
 
-MIDDLE = 0.3
-"""Part of a joint's range on either side of its middle in which they lie."""
+DRAWN_RANGE = 0.3
+"""Part of a joint's range on either side of its middle from which random postures are drawn."""
 
-FREE = 0.15
-"""MotionLimits that a recorded start needs to either end of a joint's range [rad]."""
+START_MARGIN = 0.15
+"""Distance that a recorded start needs to either end of a joint's range [rad]."""
 
 WEIGHT_SHARE = 0.7
-"""Part of the torque that a probe may use, that the weight takes at the start: the rest is for moving."""
+"""Largest part of a probe's allowed torque that the weight may need at the start; the rest is for moving."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """What a probe may use of every joint, margins taken off; (n,) in the model's joint order.
+    """Limits of every joint less margins, (n,) in the model's joint order.
 
     Attributes:
         joints: Names.
@@ -107,7 +107,7 @@ def limits_of_model(model: NominalModel) -> MotionLimits:
     """Takes the limits that the URDF states.
 
     Raises:
-        BadInput: A joint slides: the motions of the library are angles.
+        BadInput: A joint is prismatic: the motions of the library are angles.
     """
     lower, upper, speed = [], [], []
     for body in model.tree.bodies:
@@ -149,7 +149,7 @@ class Clearance:
             horizon=STEP,
             period=1.0,
         )
-        self.needed = ROOM * spec.collision.margin
+        self.needed = DISTANCE_FACTOR * spec.collision.margin
 
     def nearest(self, postures: Array) -> tuple[float, str]:
         """Finds the smallest distance [m] over postures (N, n), and the pair; infinite without declared pairs."""
@@ -179,14 +179,14 @@ def choose_start(
         weight: Of the links.
 
     Raises:
-        BadInput: Links are too near each other in every posture that was looked at.
+        BadInput: Links are too near each other in every posture that was tried.
     """
     middle, span = 0.5 * (limits.lower + limits.upper), limits.upper - limits.lower
     known = np.array([recorded.get(name, middle[i]) for i, name in enumerate(limits.joints)])
-    free = np.minimum(FREE, 0.4 * span)
+    free = np.minimum(START_MARGIN, 0.4 * span)
     known = np.clip(known, limits.lower + free, limits.upper - free)
     random = np.random.default_rng(0)
-    drawn = middle + MIDDLE * span * random.uniform(-1.0, 1.0, (DRAWN, len(span)))
+    drawn = middle + DRAWN_RANGE * span * random.uniform(-1.0, 1.0, (DRAWN, len(span)))
     postures = np.clip(np.vstack([known, drawn]), limits.lower + free, limits.upper - free)
     load = np.max(np.abs(weight(postures)) / limits.effort, axis=1)
     lightest = np.append(0, 1 + np.argsort(load[1:])[:TRIES])
@@ -198,7 +198,7 @@ def choose_start(
     if not free_enough.any():
         raise BadInput(
             f"in {TRIES} postures links come within {clearance.needed:g} m of each other"
-            " (valid: a diagnosis recorded in a posture with more limits)"
+            " (valid: a diagnosis recorded in a posture with more room)"
         )
     light = free_enough & (load <= WEIGHT_SHARE)
     if light[0]:

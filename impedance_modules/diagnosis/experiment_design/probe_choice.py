@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shortest safe chain of library motions that answers every question of a request."""
+"""Choice of a probe: the shortest safe chain of library motions that answers every open question."""
 
 from __future__ import annotations
 
@@ -44,27 +44,27 @@ from impedance_modules.spec.robot_spec import RobotSpec
 Array = NDArray[np.float64]
 
 CHI_SQUARE = 200.0
-"""ExpectedAnswer chi-square difference that a question needs."""
+"""Expected chi-square difference that answers a question."""
 
 SHARE = 0.1
-"""Share of the effect's own power that the rival must leave, at least: noise is not all that is wrong."""
+"""Least share of the effect's power that the rival must leave unexplained: noise is not the only error."""
 
 SHARE_PERHAPS = 0.02
-"""Below it nothing is to be expected: a diagnosis takes two causes within a hundredth for one."""
+"""Below this share no answer is expected: a diagnosis cannot separate causes within a hundredth."""
 
 NOISE_SHARE = 0.002
 """Noise that is assumed without a diagnosis, over a joint's torque limit."""
 
 GAP_SHARE = 2.0
-"""Times the gap's rms that may resist a probe all its way."""
+"""Torque that may resist a probe over its whole path, as a multiple of the gap's rms."""
 
 NOISE_UNSTATED = 0.05
-"""The same where no limit is stated [N.m]."""
+"""Assumed noise where no torque limit is stated [N.m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """What `impedance probe` writes down."""
+    """The result of `impedance probe`."""
 
     request: ProbeRequest
     predictor: MotionPredictor
@@ -131,7 +131,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class ExpectedAnswer:
-    """A question and what the chosen motion is expected to say to it."""
+    """A question and how well the chosen motion is expected to answer it."""
 
     question: ProbeQuestion
     separation: Separation
@@ -143,7 +143,7 @@ class ExpectedAnswer:
 
     @property
     def outlook(self) -> str:
-        """In words."""
+        """Description for printing."""
         if self.met:
             return "yes"
         likely = self.separation.chi_square >= CHI_SQUARE and self.separation.share >= SHARE_PERHAPS
@@ -151,12 +151,12 @@ class ExpectedAnswer:
 
     @property
     def progress(self) -> float:
-        """How near the answer is, at most 1."""
+        """Degree of completion of the answer, at most 1."""
         return min(1.0, self.separation.chi_square / CHI_SQUARE, self.separation.share / SHARE)
 
 
 class ProbeSearch:
-    """Searches the library."""
+    """Searches the library of motions."""
 
     def __init__(
         self,
@@ -191,7 +191,7 @@ class ProbeSearch:
         if not tried:
             raise BadInput(
                 "no motion of the library is safe from the start posture: it is too near a limit or another link"
-                " (valid: a start with 0.05 rad of limits on the joints to be moved)"
+                " (valid: a start with 0.05 rad of room on the joints to be moved)"
             )
         chain = self._chain(tried)
         alone = [item for item in tried if all(e.met for e in item.expected)]
@@ -262,14 +262,14 @@ class ProbeSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Tried:
-    """A safe motion of one joint and what it says to the questions."""
+    """A safe motion of one joint and its expected answers."""
 
     motion: ProbeMotion
     expected: tuple[ExpectedAnswer, ...]
 
 
 def _assumed(limits: MotionLimits) -> dict[tuple[Residual, str], float]:
-    """Noise of torques compared at both ports, a little of each joint's limit."""
+    """Assumed noise of torques at both ports, from each joint's limit."""
     out: dict[tuple[Residual, str], float] = {}
     for joint, effort in zip(limits.joints, limits.effort / EFFORT_SHARE, strict=True):
         size = NOISE_SHARE * float(effort) if np.isfinite(effort) else NOISE_UNSTATED

@@ -17,7 +17,7 @@ from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
 Array = NDArray[np.float64]
 
 TANK_SHARE = 1.4
-"""Energy in the tank over what the rehearsal says is needed."""
+"""Energy in the tank over the need that the quasi-static prediction states."""
 
 TANK_FLOOR = 0.3
 """Energy that stays in the tank [J]."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a probe is to find out: pairs of hypotheses, where the first has a size and the second may have any."""
+"""What a probe shall answer: pairs of hypotheses, the first with a known size, the second with any."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ SLIGHT = 0.005
 """Part of the gap below which a cause's rivals are not worth a recording."""
 
 UNKNOWN_GAP = 5.0
-"""Torque by which a model is wrong where no diagnosis says it, over the noise."""
+"""Assumed error of the model's torque without a diagnosis, over the noise."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect at a place.
+    """An effect on a joint, pair of joints or body.
 
     Attributes:
         effect: Id.
-        key: What carries its numbers.
+        key: Joint, pair or body that its parameters belong to.
         ports: Where it may act; all of the effect's where nothing is known.
-        values: Its parameters; None: any.
+        values: Its parameters; None: unknown.
     """
 
     effect: str
@@ -45,7 +45,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class ProbeQuestion:
-    """Two hypotheses to tell apart, and the joint whose motion can do it."""
+    """Two hypotheses to distinguish, and the joints whose motion can do it."""
 
     first: Hypothesis
     second: Hypothesis
@@ -59,12 +59,12 @@ class ProbeQuestion:
 
 @dataclass(frozen=True)
 class ProbeRequest:
-    """Everything that a probe must answer.
+    """All questions that a probe must answer.
 
     Attributes:
         purpose: In words.
         questions: All pairs.
-        residuals: What the recordings could be compared by.
+        residuals: Residuals that the recordings provide.
         noise: (residual, joint) -> rms of its noise.
         start: Joint -> angle about which was recorded [rad]; empty where nothing is known.
         gap: Joint -> rms torque by which the model was wrong [N.m].
@@ -79,17 +79,17 @@ class ProbeRequest:
 
 
 def request_of_diagnosis(answer: Mapping[str, Any], tree: RigidTree) -> ProbeRequest:
-    """Reads what a diagnosis leaves open.
+    """Reads the open questions of a diagnosis.
 
-    Rivals of its ambiguous causes first, but of those that explain next to nothing; else joints that hardly moved;
-    else every joint.
+    First the rivals of its ambiguous causes, without those that explain hardly anything; else joints that hardly
+    moved; else every joint.
 
     Args:
         answer: A diagnosis JSON that its schema has admitted.
         tree: Joints and bodies of the model.
 
     Raises:
-        BadInput: The diagnosis names a joint that the model lacks, or has nothing to go by.
+        BadInput: The diagnosis names a joint that the model lacks, or an effect that is not in the catalogue.
     """
     joints = tree.joints
     gaps = answer["gap"]["per_port"]
@@ -105,7 +105,7 @@ def request_of_diagnosis(answer: Mapping[str, Any], tree: RigidTree) -> ProbeReq
     }
     strange = next((joint for _, joint in noise if joint not in joints), None)
     if strange is not None:
-        raise BadInput(f"the diagnosis speaks of joint '{strange}', the model has {', '.join(joints)}")
+        raise BadInput(f"the diagnosis names joint '{strange}', the model has {', '.join(joints)}")
     start = {name: float(q) for name, q in answer["next_motion"].get("start", {}).items() if name in joints}
     open_pairs = tuple(_open(answer["causes"], tree))
     weak = tuple(name for name in answer["data"].get("weak_joints", ()) if name in joints)
@@ -126,14 +126,14 @@ def request_of_diagnosis(answer: Mapping[str, Any], tree: RigidTree) -> ProbeReq
 
 
 def general_request(joints: Sequence[str], noise: Mapping[tuple[Residual, str], float]) -> ProbeRequest:
-    """What to ask where nothing is known yet: the common effects of every joint."""
+    """The questions without a diagnosis: the common effects of every joint."""
     residuals = tuple(dict.fromkeys(name for name, _ in noise))
     gap = {joint: UNKNOWN_GAP * size for (_, joint), size in noise.items()}
     return ProbeRequest("see every joint in every way", general_questions(joints), residuals, noise, {}, gap)
 
 
 def general_questions(joints: Sequence[str]) -> tuple[ProbeQuestion, ...]:
-    """Pairs every common effect with every other, joint by joint."""
+    """All pairs of common effects, joint by joint."""
     out: list[ProbeQuestion] = []
     for joint in joints:
         hypotheses = [_hypothesis(effect, joint, None, None) for effect in first_excitation()]
@@ -162,12 +162,12 @@ def _open(causes: Sequence[Mapping[str, Any]], tree: RigidTree) -> Iterator[Prob
 
 
 def _of_bodies(effect: str) -> bool:
-    """Whether a body carries an effect's numbers: it then shows on every joint before the body."""
+    """Whether an effect's parameters belong to a body: it then shows on every joint before the body."""
     return effect in CATALOGUE and "body" in CATALOGUE[effect].description.keys
 
 
 def _keys(effect: str, theirs: Sequence[str], tree: RigidTree) -> tuple[str, ...]:
-    """What carries a rival's numbers: its joints, the bodies behind them, or a pair of joints."""
+    """Joints, bodies behind them, or pairs of joints that a rival's parameters belong to."""
     if effect not in CATALOGUE:
         return tuple(theirs)
     kinds = CATALOGUE[effect].description.keys

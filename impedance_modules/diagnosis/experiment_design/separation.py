@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""How well a predicted recording would tell two hypotheses apart: the expected difference of their chi-squares.
+r"""How well a predicted recording separates two hypotheses: the expected difference of their chi-squares.
+
+The motion is predicted from joint springs K_j with damping ratio \zeta on the inertia M + I_r at the start (thesis
+eq. 4.25, damping of `modules.modal_damping`):
+
+    (M + I_r) \ddot q + D \dot q + K_j (q - rest) = 0,      D = M_r \Phi diag(2 \zeta \omega) \Phi^T M_r
+    q - q_0 = \Phi \eta,      \ddot\eta_i + 2 \zeta \omega_i \dot\eta_i + \omega_i^2 \eta_i = \omega_i^2 r_i
 
 With y the torque that the first hypothesis adds, C the columns of the second, Z those of the links' inertia (3 %
 prior, scaled to unit size), \sigma the noise of each residual and joint, and all rows counted as
@@ -7,9 +13,10 @@ prior, scaled to unit size), \sigma the noise of each residual and joint, and al
 
     \chi^2 = min_{b, z} \sum |y - C b - Z z|^2 / \sigma^2 + |z|^2,      share = \chi^2 / \sum |y|^2 / \sigma^2
 
-share is the squared sine of the angle between the hypothesis and all that may stand for it. Where the second
-contains the first (a spring with a preload contains an offset), what makes it the second (the stiffness) must not
-do as well by itself; where that cannot be taken apart, what it has beyond the first must show: roles are exchanged.
+share is the squared sine of the angle between the first hypothesis and the space of the second and the nuisance.
+Where the second contains the first (a spring with a preload contains an offset), the columns that distinguish the
+second (the stiffness) must not fit as well alone; if there are no such columns, the roles are exchanged: what the
+second has beyond the first must show.
 """
 
 from __future__ import annotations
@@ -48,7 +55,7 @@ CONTAINED = 0.01
 """Below this share the second hypothesis can be the first."""
 
 UNSIZED = 5.0
-"""Size in the noise's rms of a hypothesis without parameters."""
+"""Assumed size of a hypothesis without parameters, in units of the noise's rms."""
 
 ROWS = 20.0
 """Rows of a prediction that are used, per second [Hz]."""
@@ -57,7 +64,7 @@ RATE = 50.0
 """Samples per second of a predicted motion [Hz]."""
 
 FREQUENCY = 1.2
-"""Of a joint's spring on its own inertia [Hz]: strokes of half a second are still followed."""
+"""Natural frequency of a joint's spring on its own inertia [Hz]; it follows strokes of half a second."""
 
 RATIO = 0.8
 """Damping ratio of the joint springs."""
@@ -68,7 +75,7 @@ class MotionPredictor:
     """Predicts recordings of probes from one start.
 
     Attributes:
-        model: What is believed about the robot.
+        model: The nominal model.
         rigid: Its links.
         start: (n,) [rad].
         stiffness: (n,) K_j [N.m/rad].
@@ -143,7 +150,7 @@ class Separation:
 
 
 class SeparationPredictor:
-    """Judges predicted recordings of one robot by the questions of one request."""
+    """Predicts how well recordings of one robot answer the questions of one request."""
 
     def __init__(self, request: ProbeRequest, model: NominalModel) -> None:
         self._request, self._model = request, model
@@ -170,7 +177,7 @@ def _answer(rows: _Rows, question: ProbeQuestion) -> Separation:
     )
     if one_way.share > CONTAINED:
         return one_way
-    kept = _essential(question.second)
+    kept = _distinguishing(question.second)
     if kept:
         return min(
             (
@@ -188,8 +195,8 @@ def _answer(rows: _Rows, question: ProbeQuestion) -> Separation:
     )
 
 
-def _essential(hypothesis: Hypothesis) -> list[int]:
-    """Columns that make an effect itself, where every row of its contrasts names one alone; empty otherwise."""
+def _distinguishing(hypothesis: Hypothesis) -> list[int]:
+    """Columns that distinguish an effect, where each of its contrasts is a single column; empty otherwise."""
     rows = np.array(CATALOGUE[hypothesis.effect].contrasts)
     if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
         return []
@@ -217,14 +224,14 @@ class _Rows:
         }
         self._groups = tuple(self._weight)
         self._residuals = request.residuals
-        if not any(residual in LINKED for residual, _ in self._groups):
+        if not any(residual in LINK_RESIDUALS for residual, _ in self._groups):
             self._nuisance = np.zeros((len(self._groups) * len(signals.time[:: self._step]), 0))
             return
         picked = slice(None, None, self._step)
         body = inertial_regressor(
             model.tree, signals.position[picked], signals.velocity[picked], signals.acceleration[picked]
         )
-        blocks = {g: body[:, g[1]] * prior for g in self._groups if g[0] in LINKED}
+        blocks = {g: body[:, g[1]] * prior for g in self._groups if g[0] in LINK_RESIDUALS}
         seen = np.max([np.abs(block).max(axis=0) for block in blocks.values()], axis=0) > 0.0
         self._nuisance = self._stack({g: block[:, seen] for g, block in blocks.items()}, int(seen.sum()))
 
@@ -247,7 +254,9 @@ class _Rows:
                     blocks |= {g: picked[:, [g[1]]] for g in self._groups if g[0] == residual}
                 yield self._stack(blocks, 1)[:, 0]
             else:
-                yield from (_unit(_itself(C, effect.contrasts)) for C in self._columns(hypothesis, port))
+                yield from (
+                    _unit(_distinguished(C, effect.contrasts)) for C in self._columns(hypothesis, port)
+                )
 
     def spaces(self, hypothesis: Hypothesis) -> Iterator[Array]:
         """Gives a hypothesis's column spaces, one per port and shape."""
@@ -274,7 +283,7 @@ class _Rows:
         return max(0.0, float(y @ y) - gained)
 
     def beyond(self, C: Array, first: Hypothesis) -> Separation:
-        """What columns have beyond a hypothesis that they contain: the best seen of them, at the hypothesis's size."""
+        """How well columns show beyond a hypothesis that they contain: the best one, at the hypothesis's size."""
         best = Separation(0.0, 0.0)
         for y in self.sized(first):
             for base in self.spaces(first):
@@ -302,12 +311,12 @@ class _Rows:
         return np.concatenate(parts)
 
 
-LINKED: tuple[Residual, ...] = ("link", "motor", "whole")
-"""Residuals that the links' inertia enters."""
+LINK_RESIDUALS: tuple[Residual, ...] = ("link", "motor", "whole")
+"""Residuals that depend on the links' inertia."""
 
 
-def _itself(C: Array, contrasts: Sequence[Sequence[float]]) -> Array:
-    """Adds up the columns that make an effect itself; all of them where nothing is said."""
+def _distinguished(C: Array, contrasts: Sequence[Sequence[float]]) -> Array:
+    """Adds up the columns that distinguish an effect; all columns where it states none."""
     weights = np.zeros(C.shape[1])
     known = np.any(np.array(contrasts), axis=0) if contrasts else np.ones(C.shape[1])
     weights[: min(len(known), len(weights))] = known[: len(weights)]
@@ -315,7 +324,7 @@ def _itself(C: Array, contrasts: Sequence[Sequence[float]]) -> Array:
 
 
 def _unit(y: Array) -> Array:
-    """Scales a hypothesis without numbers to `UNSIZED` times the noise."""
+    """Scales a hypothesis without parameters to `UNSIZED` times the noise."""
     busy = y[np.abs(y) > 0.0]
     return y if busy.size == 0 else y * (UNSIZED / float(np.sqrt(np.mean(busy**2))))
 
