@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs on a robot that lives on by itself: lost states, its own mounts, what it tells besides; replayed to the bit."""
+"""Runs on a robot in real time: lost states, calibrated mounts, extra columns; replayed bit for bit."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def calibrated(spec: RobotSpec) -> RobotSpec:
     return dataclasses.replace(spec, joint_origins={"right_arm_mount_fixed": MOUNT})
 
 
-class Forgetful:
-    """The plant, but some states never arrive; it tells one number besides."""
+class LossyRobot:
+    """The plant, but some states are lost; reports two extra columns."""
 
     def __init__(self, robot: SimBackend) -> None:
         self._robot = robot
         self._random = np.random.default_rng(1)
-        self.told = self._reads = 0
+        self.extra_reads = self._reads = 0
         self.finished: list[str] = []
-        self.rehearse = None
+        self.warm_up = None
 
     def warm_up_with(self, cycle) -> None:
-        self.rehearse = cycle
+        self.warm_up = cycle
 
     def start(self) -> FirstState:
         return self._robot.start()
@@ -52,7 +52,7 @@ class Forgetful:
     def read(self):
         state = self._robot.read()
         self._reads += 1
-        self.rehearse()
+        self.warm_up()
         lost = self._random.random() < 0.05 or GAP[0] <= self._reads < GAP[1]
         return None if lost else state
 
@@ -67,8 +67,8 @@ class Forgetful:
         return ("gravity.one", "gravity.other")
 
     def extra_values(self):
-        self.told += 1
-        return np.array([self.told, np.nan])
+        self.extra_reads += 1
+        return np.array([self.extra_reads, np.nan])
 
 
 @pytest.fixture(scope="module")
@@ -85,10 +85,10 @@ def test_the_model_has_the_mount_that_was_found(assembly: Assembly) -> None:
     assert np.array_equal(*left)
 
 
-def test_a_run_with_gaps_is_replayed_to_the_bit_on_the_mounts_it_had(
+def test_a_run_with_gaps_is_replayed_bit_for_bit_on_the_mounts_it_had(
     assembly: Assembly, tmp_path: Path
 ) -> None:
-    robot = Forgetful(sim_backend(assembly, 0))
+    robot = LossyRobot(sim_backend(assembly, 0))
     out = tmp_path / "run"
     options = RunOptions(out=out, seed=0, duration=4.0, live=False, read_only=False, backend="sim")
     result = carry_out(assembly, robot, options, lambda time, phase: None)
@@ -111,10 +111,10 @@ def test_a_run_with_gaps_is_replayed_to_the_bit_on_the_mounts_it_had(
             verify(other, lambda part: None)
 
 
-def test_a_robot_that_cannot_be_started_leaves_no_episode_and_is_let_go(
+def test_a_robot_that_cannot_be_started_leaves_no_episode_and_is_released(
     assembly: Assembly, tmp_path: Path
 ) -> None:
-    robot = Forgetful(sim_backend(assembly, 0))
+    robot = LossyRobot(sim_backend(assembly, 0))
 
     def broken() -> FirstState:
         first = FirstState(robot._robot.plant.sense(), np.zeros(assembly.model.n))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulator without a network and without a wall clock: a backend whose states are the simulator's own messages.
+"""The simulated Baxter without a network and without real time: a backend that reads the robot's messages directly.
 
-Every ``read`` lets the simulator live for one control period and merges what it says, as the real backend does. So
-a run is the same every time, as fast as the machine allows; what it cannot show is everything about time.
+Every ``read`` simulates one control period and merges the robot's messages, as the real backend does. So a run is
+reproducible and as fast as the machine allows; it shows nothing about timing.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class LockstepSimulator:
         self._plans.append((seconds, act))
 
     def warm_up_with(self, cycle: Callable[[], None]) -> None:
-        """Nobody waits here, so nothing grows cold."""
+        """Not needed: there is no waiting here."""
 
     def start(self) -> FirstState:
         self.write(np.zeros(self.robot.model.n))
@@ -113,9 +113,9 @@ def run_in_lockstep(
     springs: Mapping[str, tuple[float, float]] = SPRINGS,
     prepare: Callable[[LockstepSimulator], None] = lambda simulator: None,
 ) -> tuple[RunResult, LockstepSimulator]:
-    """Carries a task out on a simulator that wears a patch of which neither task nor model know."""
+    """Carries a task out on a simulated Baxter with effects that neither task nor model know."""
     simulator = LockstepSimulator(str(assembly.task.path), assembly.rate, effects, seed, springs)
     prepare(simulator)
-    # "sim": time is the simulator's, nobody waits for it.
+    # "sim": time is simulated, the loop does not wait.
     options = RunOptions(out=out, seed=seed, duration=None, live=False, read_only=False, backend="sim")
     return carry_out(assembly, simulator, options, lambda time, phase: None), simulator

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot of strings and wires for unit tests: says what it is told to say, keeps what it is told to do.
+"""A stub Baxter for unit tests: publishes what a test sets, records its commands; and the backend that drives it.
 
-No physics: position mode goes where it is told, at once; torque moves nothing unless ``drift`` is set. The
+No physics: position mode reaches its target at once; torque moves nothing unless ``drift`` is set. The
 simulator with physics is ``impedance baxter fake``.
 """
 
@@ -18,8 +18,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.backends.baxter import baxter_backend as backend
-from impedance_modules.backends.baxter import preflight_checks as gates
-from impedance_modules.backends.baxter import session, topics
+from impedance_modules.backends.baxter import preflight_checks, session, topics
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.ros.messages import JointCommand
@@ -69,17 +68,17 @@ class StubBaxter:
         self._wrong: set[str] = set()
         self._node = "/realtime_loop"
         self._built: dict[tuple[str, str], object] = {}
-        ears = InProcessTransport(self.hub, "/ears")
+        subscriber = InProcessTransport(self.hub, "/subscriber")
         for limb in spec.limbs:
-            ears.subscribe(
+            subscriber.subscribe(
                 topics.joint_command(limb), messages.JointCommand, lambda m, t, limb=limb: self._hear(limb, m)
             )
-            ears.subscribe(
+            subscriber.subscribe(
                 topics.command_timeout(limb),
                 messages.Float64,
                 lambda m, t: self.timeouts.append((time.monotonic(), m.data)),
             )
-        ears.subscribe(topics.STATE_RATE_REQUEST, messages.UInt16, self._hear_rate)
+        subscriber.subscribe(topics.STATE_RATE_REQUEST, messages.UInt16, self._hear_rate)
 
     # --- what tests change
 
@@ -137,7 +136,7 @@ class StubBaxter:
     # --- what it does
 
     def tick(self) -> None:
-        """Says everything once."""
+        """Publishes everything once."""
         with self._lock:
             self._count += 1
             if self.frozen:
@@ -242,8 +241,11 @@ class StubBaxter:
 
 @contextmanager
 def open_session(robot: StubBaxter) -> Iterator[Session]:
-    """A session that has heard a few messages and does not wait for more."""
-    with mock.patch.object(session, "LISTENING", 0.0), mock.patch.object(gates, "LOWEST_RATE", 1.0):
+    """A session that has received a few messages and does not wait for more."""
+    with (
+        mock.patch.object(session, "LISTENING", 0.0),
+        mock.patch.object(preflight_checks, "LOWEST_RATE", 1.0),
+    ):
         found = Session(InProcessTransport(robot.hub, "/us"), robot.spec)
         for _ in range(5):
             robot.tick()
@@ -256,9 +258,9 @@ def open_session(robot: StubBaxter) -> Iterator[Session]:
 SPEC = read_task("joint-springs")[1]
 TORQUE, POSITION = JointCommand.TORQUE_MODE, JointCommand.POSITION_MODE
 STALE = 0.25
-"""Generous, so that a busy machine's hiccup is not taken for the robot's silence [s]."""
+"""Large, so that a scheduling delay of a busy machine is not taken for the robot's silence [s]."""
 TOLERANCE = 0.7
-"""Likewise of the rate: a busy machine's robot of wires ticks more slowly than it was told to."""
+"""Likewise of the rate: on a busy machine the stub publishes more slowly than requested."""
 
 
 @dataclass

@@ -85,11 +85,11 @@ class InProcessTransport:
 
     def publishers_of(self, topic: str) -> tuple[str, ...]:
         """Names the publishers of a topic, sorted."""
-        return tuple(sorted({offer.node for offer in self._offers(topic)}))
+        return tuple(sorted({publisher.node for publisher in self._offers(topic)}))
 
     def publisher_info(self, topic: str) -> tuple[PublisherInfo, ...]:
         """Says what every other publisher of a topic sends."""
-        return tuple(offer for offer in self._offers(topic) if offer.node != self._node_name)
+        return tuple(publisher for publisher in self._offers(topic) if publisher.node != self._node_name)
 
     def close(self) -> None:
         """Withdraws everything this node has registered."""
@@ -107,10 +107,10 @@ class InProcessTransport:
         with self._master.lock:
             alive = [p for p in self._master.publishers if p.topic == topic]
             dead = [node for node, where in self._master.dead if where == topic]
-        offers = [PublisherInfo(p.node, p.kind.ros_type, checksum_of(p.kind), None) for p in alive]
+        publishers = [PublisherInfo(p.node, p.kind.ros_type, checksum_of(p.kind), None) for p in alive]
         return sorted(
-            offers + [PublisherInfo(node, None, None, "connection refused", gone=True) for node in dead],
-            key=lambda offer: offer.node,
+            publishers + [PublisherInfo(node, None, None, "connection refused", gone=True) for node in dead],
+            key=lambda publisher: publisher.node,
         )
 
     def _check(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Starts a real ROS master on a free port, and ends it; says why where ROS is not installed."""
+"""Starts a real ROS master on a free port, and ends it; the reasons to skip a test where ROS or rospy is missing."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from impedance_modules.backends.baxter.ros.master_client import MasterClient
 from impedance_modules.backends.baxter.ros.messages import Message
 from impedance_modules.backends.baxter.ros.transport import NoMasterError
@@ -24,10 +26,14 @@ NO_MASTER = "" if shutil.which("rosmaster") else f"no rosmaster here ({INSTALL})
 NO_ROSPY = (
     "" if importlib.util.find_spec("rospy") else f"this Python sees no rospy ({INSTALL}, docs/baxter.md)"
 )
+"""A machine may have Debian's master and an environment that does not see Debian's rospy."""
+
+TRANSPORTS = ("sockets", pytest.param("rospy", marks=pytest.mark.skipif(bool(NO_ROSPY), reason=NO_ROSPY)))
+"""Values of ``--transport`` for a test of both."""
 
 
 def free_port() -> int:
-    """Returns a TCP port that nobody uses now."""
+    """Returns a free TCP port."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         return int(server.getsockname()[1])
 
@@ -79,7 +85,7 @@ def until(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
 
 
 def forget(uri: str, node: str) -> None:
-    """Has a master forget a node, as ``rosnode cleanup`` does for one that was killed."""
+    """Removes a node from a master, as ``rosnode cleanup`` does for one that was killed."""
     master = MasterClient(uri, node)
     address = master.address_of(node)
     for method, topics in master.registrations_of(node).items():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What must happen when something goes wrong while a task runs: the whole way, over a real ROS master.
+"""What must happen when something goes wrong while a task runs, over a real ROS master; and power on and off.
 
-The simulator plays the robot in a process of its own; its log, on its own clock, is the witness.
+The simulated Baxter runs in a process of its own; its event log, on its own clock, is the evidence.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tests.support.baxter_process import (
     simulator,
     start,
 )
-from tests.support.ros_master import forget
+from tests.support.ros_master import TRANSPORTS, forget
 
 pytestmark = pytest.mark.ros
 
@@ -45,7 +45,7 @@ TIME_OUT = 0.05
 def running(
     tmp_path: Path, master: str, *options: str, transport: str = "sockets"
 ) -> Iterator[tuple[SimulatorProcess, subprocess.Popen[str]]]:
-    """A simulator that a task has been commanding for half a second."""
+    """A simulated Baxter that a task has been commanding for half a second."""
     with simulator(tmp_path, master, "--posture", "soft-hold", "--enabled", *options) as robot:
         process = start_run(robot, transport, tmp_path)
         try:
@@ -80,7 +80,9 @@ def kill(process: subprocess.Popen[str]) -> None:
 
 @pytest.mark.parametrize("result", ["hold", "disable", "float"])
 @again_when_busy
-def test_killed_controller_is_given_up_by_the_robot(tmp_path: Path, master: str, result: str) -> None:
+def test_the_robots_time_out_acts_when_the_controller_is_killed(
+    tmp_path: Path, master: str, result: str
+) -> None:
     with running(tmp_path, master, "--time-out-result", result) as (robot, process):
         kill(process)
         reaction = robot.wait_for(f"no command for {TIME_OUT:g} s: {result}")
@@ -91,11 +93,9 @@ def test_killed_controller_is_given_up_by_the_robot(tmp_path: Path, master: str,
         assert after["modes"]["right"] == ("floats" if result == "float" else "holds")
 
 
-@pytest.mark.parametrize("transport", ["sockets", "rospy"])
+@pytest.mark.parametrize("transport", TRANSPORTS)
 @again_when_busy
-def test_what_a_killed_run_leaves_with_the_master_is_no_obstacle(
-    tmp_path: Path, master: str, transport: str
-) -> None:
+def test_registrations_of_a_killed_run_are_ignored(tmp_path: Path, master: str, transport: str) -> None:
     with running(tmp_path, master, transport=transport) as (robot, killed):
         kill(killed)
         robot.wait_for("no command for")
@@ -107,9 +107,7 @@ def test_what_a_killed_run_leaves_with_the_master_is_no_obstacle(
 
 
 @pytest.mark.parametrize("fault", ["silence", "freeze"])
-def test_no_torque_leaves_once_the_arms_have_been_silent_for_100_ms(
-    tmp_path: Path, master: str, fault: str
-) -> None:
+def test_no_torque_is_sent_after_100_ms_without_states(tmp_path: Path, master: str, fault: str) -> None:
     with running(tmp_path, master) as (robot, process):
         robot.fault(fault)
         silent = robot.wait_for(f"fault: {fault}")
@@ -122,7 +120,7 @@ def test_no_torque_leaves_once_the_arms_have_been_silent_for_100_ms(
 
 @again_when_busy
 def test_nothing_is_sent_after_an_emergency_stop(tmp_path: Path, master: str) -> None:
-    with running(tmp_path, master, transport="rospy") as (robot, process):
+    with running(tmp_path, master, transport="auto") as (robot, process):
         robot.fault("estop")
         pressed = robot.wait_for("fault: estop")
         code, text = ended(process, "e-stop")
@@ -188,7 +186,7 @@ def test_an_unfit_robot_is_refused_before_anything_is_sent(
         assert robot.last()["commands"]["right"] == 0 and not (tmp_path / "run" / "episode.parquet").exists()
 
 
-@pytest.mark.parametrize("transport", ["sockets", "rospy"])
+@pytest.mark.parametrize("transport", TRANSPORTS)
 def test_limits_that_disagree_are_refused_before_anything_is_sent(
     tmp_path: Path, master: str, transport: str
 ) -> None:
@@ -201,7 +199,7 @@ def test_limits_that_disagree_are_refused_before_anything_is_sent(
         assert robot.last()["commands"]["right"] == 0
 
 
-def test_a_dead_registration_is_no_second_robot(tmp_path: Path, master: str) -> None:
+def test_a_registration_of_an_ended_node_is_no_second_robot(tmp_path: Path, master: str) -> None:
     with simulator(tmp_path, master, "--posture", "neutral", "--enabled", "--fault", "dead"):
         check = impedance("baxter", "check")
         assert check.returncode == 0 and "realtime_loop_of_yesterday" in re.sub(r"[\s│]+", "", check.stdout)
@@ -257,19 +255,19 @@ def test_another_robot_gets_no_power(master: str, tmp_path: Path, options: list[
         assert not [line for line in robot.lines() if "enabled" in line["event"]]
 
 
-def test_two_robots_are_none(master: str, tmp_path: Path) -> None:
+def test_two_robots_are_refused(master: str, tmp_path: Path) -> None:
     with simulator(tmp_path, master, "--posture", "neutral", "--fault", "duplicate"):
         refused = impedance("baxter", "enable")
         assert refused.returncode == 2 and "/another_robot" in refused.stderr
 
 
-def test_nobody_there(master: str) -> None:
+def test_no_robot_on_the_master(master: str) -> None:
     # Whether it says "nobody" or names somebody long gone depends on what earlier tests left with the master.
     silent = impedance("baxter", "enable")
     assert silent.returncode == 2 and "no /robot/state" in silent.stderr and "ROS_MASTER_URI" in silent.stderr
 
 
-def test_bad_words_for_the_double_are_refused_before_it_stands(master: str) -> None:
+def test_invalid_simulator_options_are_refused_before_it_starts(master: str) -> None:
     for words, part in (
         (("--fault", "estopp"), "did you mean 'estop'"),
         (("--posture", "standing"), "tucked"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The backend against a robot of wires: how torque control begins, what every stop sends, how it ends."""
+"""Backend and control loop on a stub robot: how torque control begins, what every stop sends, how it ends."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_the_loop_ticks_on_the_robots_states_and_catches_nothing_up() -> None:
         assert max(np.diff(times)) > 0.04
 
 
-def test_a_cycle_is_rehearsed_before_its_state_and_sends_nothing() -> None:
+def test_a_warm_up_cycle_runs_before_its_state_and_sends_nothing() -> None:
     robot, sent = StubBaxter(SPEC), []
     with driving(robot) as drive:
         started(drive)
@@ -83,13 +83,13 @@ def test_a_cycle_is_rehearsed_before_its_state_and_sends_nothing() -> None:
         assert sent == sorted(sent) and len(robot.commands) > sent[-1]
 
 
-def test_states_that_come_quickly_need_no_rehearsal() -> None:
-    robot, rehearsed = StubBaxter(SPEC), []
+def test_fast_states_need_no_warm_up() -> None:
+    robot, warmed_up = StubBaxter(SPEC), []
     with driving(robot) as drive, mock.patch.object(backend, "COLD_AFTER", 0.02):
-        drive.backend.warm_up_with(lambda: rehearsed.append(1))
+        drive.backend.warm_up_with(lambda: warmed_up.append(1))
         started(drive)
         drive.cycle(20)
-    assert rehearsed == []
+    assert warmed_up == []
 
 
 def test_no_state_is_none_in_time_and_not_forever() -> None:
@@ -287,18 +287,18 @@ def test_what_the_robot_adds_by_itself_is_recorded() -> None:
             assert values[name] == pytest.approx(gravity[robot.model.joint_names.index(name[8:])])
 
 
-def test_the_processor_is_kept_awake_during_a_run_and_only_then(tmp_path: Path) -> None:
+def test_cpu_idle_states_are_inhibited_during_a_run_only(tmp_path: Path) -> None:
     device = tmp_path / "latency"
     device.write_bytes(b"")
-    awake, refused = CpuIdleInhibitor(device), CpuIdleInhibitor(tmp_path / "none")
-    for processor in (awake, refused):
+    inhibitor, refused = CpuIdleInhibitor(device), CpuIdleInhibitor(tmp_path / "none")
+    for processor in (inhibitor, refused):
         processor.end()
         processor.begin()
         processor.begin()
-    assert awake.active and not refused.active
+    assert inhibitor.active and not refused.active
     assert device.read_bytes() == bytes(4)
-    awake.end()
-    assert not awake.active
+    inhibitor.end()
+    assert not inhibitor.active
     robot = StubBaxter(SPEC)
     with driving(robot) as drive:
         drive.backend._idle_inhibitor = CpuIdleInhibitor(device)
@@ -309,7 +309,9 @@ def test_the_processor_is_kept_awake_during_a_run_and_only_then(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("pause", "waits"), [(2.0 * PROCESS_PAUSE, True), (0.0, False)])
-def test_after_a_pause_of_the_whole_process_ears_come_before_the_watchdog(pause: float, waits: bool) -> None:
+def test_after_a_pause_of_the_process_messages_are_read_before_the_watchdog_acts(
+    pause: float, waits: bool
+) -> None:
     naps: list[float] = []
     seen: list[int] = []
     dog = Watchdog(lambda: seen.append(len(naps)))
@@ -348,7 +350,7 @@ class Law:
         self.ending, self.halted, self.released = "stopped", event, event is Event.ROBOT_DISABLED
 
     def note(self, text: str) -> None:
-        """Nobody asks."""
+        """Ignored."""
 
 
 def live_through(drive: Drive, law: Law, interrupt: Interrupt) -> None:

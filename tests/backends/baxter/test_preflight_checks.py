@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whom we may drive: the served description, and every gate, open and closed, with its remedy."""
+"""The served description, every preflight check, passed and failed with its remedy, and the contact check of a task.
+
+On a robot with parallel springs at its shoulders, a task that waits for contact is refused until the model has them.
+"""
 
 from __future__ import annotations
 
@@ -120,15 +123,15 @@ def test_what_is_no_description_is_refused(text: str) -> None:
     assert compare_description(text, SPEC).problems
 
 
-def test_a_robot_that_is_what_it_should_be_passes_every_gate() -> None:
+def test_a_correct_robot_passes_every_check() -> None:
     with open_session(StubBaxter(SPEC)) as session:
-        gates = session.preflight(("left", "right"))
-        assert [gate.name for gate in gates if gate.passed is not True] == []
-        assert len(gates) == 17
-        refuse_failed(gates, commanding=True)
+        results = session.preflight(("left", "right"))
+        assert [result.name for result in results if result.passed is not True] == []
+        assert len(results) == 17
+        refuse_failed(results, commanding=True)
 
 
-CLOSED = {
+FAULTY = {
     "software": (lambda robot: robot.hub.parameters.update({"/rethink/software_version": "1.1.1"}), "1.2."),
     "wrong master": (lambda robot: robot.hub.parameters.pop("/rethink/software_version"), "no Baxter's"),
     "two robots": (lambda robot: robot.another_robot(), "which robot is meant"),
@@ -151,9 +154,9 @@ CLOSED = {
 }
 
 
-@pytest.mark.parametrize("name", CLOSED)
-def test_every_gate_closes_with_a_reason_and_a_remedy(name: str) -> None:
-    change, said = CLOSED[name]
+@pytest.mark.parametrize("name", FAULTY)
+def test_every_check_fails_with_a_reason_and_a_remedy(name: str) -> None:
+    change, said = FAULTY[name]
     robot = StubBaxter(SPEC)
     change(robot)
     with open_session(robot) as session, pytest.raises(RobotRefused) as refusal:
@@ -163,15 +166,15 @@ def test_every_gate_closes_with_a_reason_and_a_remedy(name: str) -> None:
     assert robot.commands == []
 
 
-def test_a_model_that_wears_the_springs_beside_s1_passes_every_gate() -> None:
+def test_a_model_with_the_springs_at_s1_passes_every_check() -> None:
     patch = read_patch(Path("robots/baxter/patches/counterbalance-springs.yaml"))
     worn = apply_patch(SPEC, patch)
     assert np.abs(RobotModel(worn).winding(np.zeros(14))).max() > 30.0
     with open_session(StubBaxter(worn)) as session:
-        gates = {gate.name: gate for gate in session.preflight(("left", "right"))}
-        refuse_failed(tuple(gates.values()), commanding=True)
-    assert gates["weight left"].passed is True
-    assert gates["effort left"].passed is True
+        results = {result.name: result for result in session.preflight(("left", "right"))}
+        refuse_failed(tuple(results.values()), commanding=True)
+    assert results["weight left"].passed is True
+    assert results["effort left"].passed is True
 
 
 def test_listening_alone_asks_for_less() -> None:
@@ -196,17 +199,17 @@ def test_what_is_wrong_with_a_robot_is_found_before_it_gets_power(name: str) -> 
         refuse_failed(
             checks_before_power(session.preflight(("left", "right")), tucked=False), commanding=True
         )
-    change, said = CLOSED[name]
+    change, said = FAULTY[name]
     robot = StubBaxter(SPEC)
     robot.power(enabled=False)
     change(robot)
     with open_session(robot) as session:
-        gates = checks_before_power(session.preflight(("left", "right")), tucked=False)
+        results = checks_before_power(session.preflight(("left", "right")), tucked=False)
         with pytest.raises(RobotRefused) as refusal:
-            refuse_failed(gates, commanding=True)
+            refuse_failed(results, commanding=True)
         if name == "tucked":
-            gates = checks_before_power(session.preflight(("left", "right")), tucked=True)
-            refuse_failed(gates, commanding=True)
+            results = checks_before_power(session.preflight(("left", "right")), tucked=True)
+            refuse_failed(results, commanding=True)
     assert said in str(refusal.value)
 
 
@@ -214,33 +217,33 @@ def test_a_spring_beside_a_joint_is_noticed_and_no_obstacle() -> None:
     robot = StubBaxter(SPEC)
     robot.set_effort("left_s1", 20.0)
     with open_session(robot) as session:
-        gates = {gate.name: gate for gate in session.preflight(("left", "right"))}
-        assert gates["effort right"].passed
-        assert gates["effort left"].passed is None
-        assert "20.0 N.m (left_s1): a spring beside the joint" in gates["effort left"].found
-        refuse_failed(gates.values(), commanding=True)
+        results = {result.name: result for result in session.preflight(("left", "right"))}
+        assert results["effort right"].passed
+        assert results["effort left"].passed is None
+        assert "20.0 N.m (left_s1): a spring beside the joint" in results["effort left"].found
+        refuse_failed(results.values(), commanding=True)
 
 
-def gates_by_name(session, limbs=("left", "right")):
-    return {gate.name: gate for gate in session.preflight(limbs)}
+def results_by_name(session, limbs=("left", "right")):
+    return {result.name: result for result in session.preflight(limbs)}
 
 
-def test_dead_nodes_are_named_and_no_obstacle() -> None:
+def test_nodes_that_have_ended_are_named_and_ignored() -> None:
     robot = StubBaxter(SPEC)
-    robot.hub.dead += [("/old_double", "/robot/state")]
+    robot.hub.dead += [("/old_simulator", "/robot/state")]
     robot.hub.dead += [("/old_run", f"/robot/limb/{limb}/joint_command") for limb in ("left", "right")]
     with open_session(robot) as session:
-        gates = gates_by_name(session)
-        refuse_failed(gates.values(), commanding=True)
-    for name, node in (("one robot", "/old_double"), ("nobody else", "/old_run")):
+        results = results_by_name(session)
+        refuse_failed(results.values(), commanding=True)
+    for name, node in (("one robot", "/old_simulator"), ("nobody else", "/old_run")):
         said = f"a registration of {node}, which no longer answers, is ignored; 'rosnode cleanup' removes it"
-        assert gates[name].passed and gates[name].found.endswith(said), gates[name].found
+        assert results[name].passed and results[name].found.endswith(said), results[name].found
 
 
 @pytest.mark.parametrize(
     ("topic", "name"), [("/robot/state", "one robot"), ("/robot/limb/left/joint_command", "nobody else")]
 )
-def test_a_node_that_cannot_be_told_dead_counts_as_living(topic: str, name: str) -> None:
+def test_a_node_that_does_not_answer_counts_as_running(topic: str, name: str) -> None:
     silent = PublisherInfo("/silent", None, None, "cannot be reached: timed out")
     with open_session(StubBaxter(SPEC)) as session:
         ask = session.transport.publisher_info
@@ -249,9 +252,11 @@ def test_a_node_that_cannot_be_told_dead_counts_as_living(topic: str, name: str)
             return (*ask(where), silent) if where == topic else ask(where)
 
         with mock.patch.object(session.transport, "publisher_info", asked):
-            gate = gates_by_name(session)[name]
-    assert gate.passed is False
-    assert "/silent, which cannot be reached: timed out" in gate.found and "rosnode cleanup" in gate.remedy
+            result = results_by_name(session)[name]
+    assert result.passed is False
+    assert (
+        "/silent, which cannot be reached: timed out" in result.found and "rosnode cleanup" in result.remedy
+    )
 
 
 def test_the_other_arm_may_be_commanded_by_somebody_else() -> None:
@@ -285,14 +290,14 @@ def at_rest(assembly: Assembly, effects: Path | None = None, springs=SPRINGS) ->
 
 def test_a_robot_whose_springs_the_model_lacks_is_refused_with_the_remedy(tmp_path: Path) -> None:
     assembly = feeling(tmp_path, springs_known=False)
-    gates = contact_checks(assembly, at_rest(assembly).read())
+    results = contact_checks(assembly, at_rest(assembly).read())
     with pytest.raises(RobotRefused, match=r"right_s1 measures .* --effects .*counterbalance-springs.yaml"):
-        refuse_failed(gates, commanding=True)
+        refuse_failed(results, commanding=True)
     # Springs of other numbers than the patch's, and exactly the patch's.
     known = feeling(tmp_path, springs_known=True)
     for simulator in (at_rest(known), at_rest(known, effects=PATCH, springs={})):
-        (gate,) = contact_checks(known, simulator.read())
-        assert gate.passed, gate
+        (result,) = contact_checks(known, simulator.read())
+        assert result.passed, result
 
 
 def test_a_task_that_waits_for_no_contact_is_not_asked() -> None:
@@ -302,7 +307,7 @@ def test_a_task_that_waits_for_no_contact_is_not_asked() -> None:
 
 def feel(assembly: Assembly, out: Path, push: float = 0.0) -> RunResult:
     def meet(simulator: LockstepSimulator) -> None:
-        # Somebody lays a hand under the palm half a second from now; the robot takes it for no collision.
+        # A person pushes the palm half a second from now; the robot does not report a collision.
         simulator.robot.suppressions["right"].request("suppress_contact_safety", 60.0)
         if push:
             simulator.when(
@@ -312,7 +317,7 @@ def feel(assembly: Assembly, out: Path, push: float = 0.0) -> RunResult:
     return run_in_lockstep(assembly, out, prepare=meet)[0]
 
 
-def test_contact_is_felt_where_it_is_and_not_in_the_springs(tmp_path: Path) -> None:
+def test_contact_is_detected_at_the_hand_and_not_from_the_springs(tmp_path: Path) -> None:
     known = feeling(tmp_path, springs_known=True)
     nothing = feel(known, tmp_path / "nothing")
     assert "no contact within its 2 s" in nothing.reason

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulator behaves as the facts about the real robot say: modes, time-outs, power, collisions, topics."""
+"""The simulated Baxter against the facts about the real robot: modes, time-outs, power, collisions, topics, faults."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_gravity_compensation_suppressed_lets_the_arm_fall_and_lapses() -> None:
 
 
 @pytest.mark.parametrize("result", ["hold", "disable", "float"])
-def test_a_silent_commander_is_given_up_within_its_time_out(result: str) -> None:
+def test_silence_of_the_controller_ends_its_mode_within_the_time_out(result: str) -> None:
     robot = fake(replace(ON, time_out_result=result))
     robot.limbs["left"].set_time_out(0.05)
     torque(robot, {"left_s0": 6.0}, 0.3)
@@ -96,7 +96,7 @@ def test_a_silent_commander_is_given_up_within_its_time_out(result: str) -> None
         assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) > 0.05
 
 
-def test_time_out_is_cut_to_what_the_robot_accepts() -> None:
+def test_time_out_is_clipped_to_what_the_robot_accepts() -> None:
     drive = fake().limbs["left"]
     for wish, gets in ((-1.0, 0.0), (0.3, 0.3), (7.0, 1.0), (float("nan"), 1.0)):
         drive.set_time_out(wish)
@@ -113,7 +113,7 @@ def test_time_out_is_cut_to_what_the_robot_accepts() -> None:
         (CommandMode.TORQUE, [], []),
     ],
 )
-def test_commands_without_sense_are_ignored(wish: tuple) -> None:
+def test_invalid_commands_are_ignored(wish: tuple) -> None:
     robot = fake()
     robot.command("left", *wish)
     assert robot.limbs["left"].ignored == 1 and robot.limbs["left"].activity is LimbActivity.HOLDS
@@ -269,7 +269,7 @@ def test_a_torque_acts_after_the_transport_delay_and_not_before() -> None:
     assert max(moved[:delay]) < 0.02 < 0.1 < max(moved)
 
 
-def test_calibrated_mounts_are_served_and_obeyed() -> None:
+def test_calibrated_mounts_are_served_and_used() -> None:
     built = build_simulator(
         "baxter", "neutral", None, replace(ON, mount_offset={"left": (0.0, 0.001, -0.0095)})
     )
@@ -291,7 +291,7 @@ def test_calibrated_mounts_are_served_and_obeyed() -> None:
         ("", "valid:"),
     ],
 )
-def test_nonsense_is_no_fault(text: str, part: str) -> None:
+def test_invalid_faults_are_refused(text: str, part: str) -> None:
     with pytest.raises(BadInput, match=part.replace("(", ".")):
         parse_fault(text, ("left", "right"))
 
@@ -306,7 +306,7 @@ def test_postures_by_name_and_by_task() -> None:
         named_posture(spec, "standing")
 
 
-def test_pace_has_no_drift_and_slips_when_it_must() -> None:
+def test_pacer_has_no_drift_and_reports_its_lag() -> None:
     now = [0.0]
     pacer = Pacer(lambda: now[0], lambda s: now.__setitem__(0, now[0] + s + 3e-4))
     for _ in range(1000):
@@ -320,7 +320,7 @@ def test_pace_has_no_drift_and_slips_when_it_must() -> None:
 
 
 class Network:
-    """A node on a network, and ears on every topic."""
+    """A simulator on a network, and a node that can subscribe to every topic."""
 
     def __init__(self, options: SimulatorOptions = ON) -> None:
         built = build_simulator("baxter", "neutral", None, options)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The same YAML on the simulated robot and, over ROS, on the simulator: the same motion, the same phases.
+"""Runs on the simulated Baxter: the same motion and phases as on the plant alone, and withheld effects diagnosed.
 
-Three tasks here; ``EVERY_TASK=1 pytest -s`` on this file compares and prints all that need nothing but the robot.
-The tanks are made ample: what lost samples cost is the matter of tests/control, and of this machine.
+The comparison runs the same YAML on the plant and, over ROS, on the simulated Baxter. Three tasks here; ``EVERY_TASK=1 pytest -s`` on this file compares and prints all that need nothing but the robot.
+The tanks are made ample: what lost samples cost is tested in tests/control.
 """
 
 from __future__ import annotations
@@ -90,7 +90,9 @@ def with_an_ample_tank(task: str, folder: Path) -> str:
 
 
 @pytest.mark.parametrize("task", without_surroundings() if os.environ.get("EVERY_TASK") else THREE)
-def test_a_task_moves_the_double_as_it_moves_the_simulation(task: str, master: str, tmp_path: Path) -> None:
+def test_a_task_moves_the_simulated_baxter_as_it_moves_the_plant(
+    task: str, master: str, tmp_path: Path
+) -> None:
     simulated, file = tmp_path / "sim", with_an_ample_tank(task, tmp_path)
     run = impedance("run", file, "--rate", str(RATE), "--out", str(simulated))
     assert run.returncode == 0, run.stdout + run.stderr
@@ -159,7 +161,7 @@ def check_the_answer(recordings: list[str], folder: Path) -> None:
     assert first["parameters"]["right_e1"]["fv"]["value"] == pytest.approx(WITHHELD, rel=0.1)
 
 
-def test_withheld_friction_and_springs_are_named_from_recordings_of_the_double(
+def test_withheld_friction_and_springs_are_named_from_recordings_of_the_simulated_baxter(
     tmp_path: Path, patch: Path
 ) -> None:
     """The robot carries the springs beside s1 itself; nobody told the model of them."""

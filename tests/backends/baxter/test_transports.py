@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One contract, three transports: in one process, plain sockets, rospy."""
+"""One contract for three transports (in process, sockets, rospy), and nodes that end, return or answer wrongly."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from impedance_modules.backends.baxter.ros.transport import NoMasterError, Trans
 from impedance_modules.backends.baxter.ros.wire import checksum_of
 from tests.support.baxter_process import start
 from tests.support.in_process_transport import InProcessMaster, InProcessTransport
-from tests.support.ros_master import Heard, forget, free_port, until
+from tests.support.ros_master import TRANSPORTS, Heard, forget, free_port, until
 
 NUMBERS = count()
 
@@ -187,8 +187,8 @@ def test_offers_name_others_types_and_checksums(world: World) -> None:
     other = world.other()
     other.advertise(world.topic, Float64)
     assert world.own.publishers_of(world.topic) == tuple(sorted((other.node_name, world.own.node_name)))
-    (offer,) = world.own.publisher_info(world.topic)
-    assert (offer.node, offer.ros_type, offer.checksum, offer.problem) == (
+    (publisher,) = world.own.publisher_info(world.topic)
+    assert (publisher.node, publisher.ros_type, publisher.checksum, publisher.problem) == (
         other.node_name,
         "std_msgs/Float64",
         checksum_of(Float64),
@@ -216,8 +216,8 @@ def test_parameters_come_back_and_unknown_ones_are_none(world: World) -> None:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("kind", ["sockets", "rospy"])
-def test_a_dead_publisher_is_survived_and_named(kind: str, master: str, request) -> None:
+@pytest.mark.parametrize("kind", TRANSPORTS)
+def test_a_publisher_that_has_ended_is_named_and_does_no_harm(kind: str, master: str, request) -> None:
     own = request.getfixturevalue("rospy_node") if kind == "rospy" else SocketTransport("/own", master)
     topic, heard = f"/topic_{next(NUMBERS)}", Heard()
     registrar = MasterClient(master, f"/dead_{kind}")
@@ -228,19 +228,21 @@ def test_a_dead_publisher_is_survived_and_named(kind: str, master: str, request)
     assert until(lambda: publisher.connections() == 1)
     publisher.send(Bool(False))
     assert until(lambda: heard.messages == [Bool(False)])
-    offers = {offer.node: offer for offer in own.publisher_info(topic)}
-    assert offers["/alive"].problem is None
-    assert offers[f"/dead_{kind}"].gone
-    assert not offers["/alive"].gone
-    assert "refused" in str(offers[f"/dead_{kind}"].problem)
+    publishers = {publisher.node: publisher for publisher in own.publisher_info(topic)}
+    assert publishers["/alive"].problem is None
+    assert publishers[f"/dead_{kind}"].gone
+    assert not publishers["/alive"].gone
+    assert "refused" in str(publishers[f"/dead_{kind}"].problem)
     alive.close()
     if kind == "sockets":
         own.close()
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("kind", ["sockets", "rospy"])
-def test_a_dead_nodes_port_taken_by_somebody_else_makes_nobody_alive(kind: str, master: str, request) -> None:
+@pytest.mark.parametrize("kind", TRANSPORTS)
+def test_an_ended_nodes_port_taken_by_another_program_is_not_taken_for_the_node(
+    kind: str, master: str, request
+) -> None:
     """Ports come back: a later node, its topics, another program, or the master itself may answer there."""
     own = request.getfixturevalue("rospy_node") if kind == "rospy" else SocketTransport("/own", master)
     topic = f"/topic_{next(NUMBERS)}"
@@ -261,9 +263,9 @@ def test_a_dead_nodes_port_taken_by_somebody_else_makes_nobody_alive(kind: str, 
         }
         for node, uri in answering.items():
             MasterClient(master, node).ask("registerPublisher", topic, "std_msgs/Bool", uri)
-        offers = {offer.node: offer for offer in own.publisher_info(topic)}
+        publishers = {publisher.node: publisher for publisher in own.publisher_info(topic)}
         web.shutdown()
-    assert {node for node, offer in offers.items() if not offer.gone} == {"/heir"}, offers
+    assert {node for node, publisher in publishers.items() if not publisher.gone} == {"/heir"}, publishers
     for node in answering:
         forget(master, node)
     for transport in (heir, other, *([own] if kind == "sockets" else [])):
@@ -271,7 +273,7 @@ def test_a_dead_nodes_port_taken_by_somebody_else_makes_nobody_alive(kind: str, 
 
 
 @pytest.mark.ros
-def test_a_node_that_keeps_silent_counts_as_living(master: str) -> None:
+def test_a_silent_node_counts_as_running(master: str) -> None:
     topic = f"/topic_{next(NUMBERS)}"
     own = SocketTransport("/own", master)
     with socket.create_server(("127.0.0.1", 0)) as mute:
@@ -280,9 +282,12 @@ def test_a_node_that_keeps_silent_counts_as_living(master: str) -> None:
         MasterClient(master, "/nowhere").ask(
             "registerPublisher", topic, "std_msgs/Bool", "http://no-such-robot.invalid:4000/"
         )
-        offers = own.publisher_info(topic)
-    assert [(offer.node, offer.gone) for offer in offers] == [("/nowhere", False), ("/silent", False)]
-    assert all("cannot be reached" in str(offer.problem) for offer in offers)
+        publishers = own.publisher_info(topic)
+    assert [(publisher.node, publisher.gone) for publisher in publishers] == [
+        ("/nowhere", False),
+        ("/silent", False),
+    ]
+    assert all("cannot be reached" in str(publisher.problem) for publisher in publishers)
     for node in ("/silent", "/nowhere"):
         forget(master, node)
     own.close()
@@ -298,7 +303,7 @@ def not_under_nohup() -> Iterator[None]:
 
 @pytest.mark.ros
 @pytest.mark.usefixtures("not_under_nohup")
-@pytest.mark.parametrize("kind", ["sockets", "rospy"])
+@pytest.mark.parametrize("kind", TRANSPORTS)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_verb_ended_by_a_person_leaves_nothing_with_the_master(kind: str, number: int, master: str) -> None:
     """Also while it is still waiting for a robot, and though its terminal is gone."""
@@ -328,7 +333,7 @@ def test_a_publisher_that_comes_back_is_heard_again(master: str) -> None:
 
 
 @pytest.mark.ros
-def test_asking_what_somebody_sends_disturbs_nobody(master: str, rospy_node) -> None:
+def test_asking_a_publisher_does_not_disturb_it(master: str, rospy_node) -> None:
     topic, heard = f"/topic_{next(NUMBERS)}", Heard()
     own = SocketTransport("/asks_often", master)
     publisher = rospy_node.advertise(topic, UInt16)
@@ -398,12 +403,13 @@ def test_no_master_and_something_else_are_told_apart() -> None:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("kind", [SocketTransport, RospyTransport])
+@pytest.mark.parametrize("kind", TRANSPORTS)
 @pytest.mark.parametrize("address", ["192.0.2.1", "no-such-machine.invalid"])
-def test_an_address_that_is_not_ours_is_refused(kind, address: str, master: str, monkeypatch) -> None:
+def test_an_address_that_is_not_ours_is_refused(kind: str, address: str, master: str, monkeypatch) -> None:
+    transport = {"sockets": SocketTransport, "rospy": RospyTransport}[kind]
     monkeypatch.setenv("ROS_IP", address)
     with pytest.raises(NoMasterError, match=rf"'{address}' is not an address of this machine.*ROS_IP="):
-        kind("/own", master)
+        transport("/own", master)
 
 
 def test_without_rospy_the_error_says_what_to_install(tmp_path: Path) -> None:
