@@ -111,7 +111,7 @@ def _long_enough(split: DataSplit, prepared: tuple[Prepared, ...]) -> tuple[Data
 
 
 def insufficient(robot: str, episodes: Sequence[str], reason: str) -> Diagnosis:
-    """The answer where nothing can be told, with the reason."""
+    """The result where the data do not suffice, with the reason."""
     return Diagnosis(
         verdict="insufficient_data",
         robot=robot,

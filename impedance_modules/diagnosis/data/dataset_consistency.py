@@ -76,18 +76,18 @@ def refuse_copies(logs: Sequence[Log]) -> None:
                 )
 
 
-def group_repeats(logs: Sequence[Log], said: Sequence[str | None], warnings: list[str]) -> tuple[Log, ...]:
+def group_repeats(logs: Sequence[Log], stated: Sequence[str | None], warnings: list[str]) -> tuple[Log, ...]:
     """Puts recordings of one motion into one group, and cuts them to a common start and end.
 
     Args:
         logs: Recordings.
-        said: What each says it repeats; None where it says nothing.
+        stated: What each says it repeats; None where it says nothing.
         warnings: Gets a sentence for each recording that is no repeat of what it says it repeats.
     """
     by_name = {log.name: index for index, log in enumerate(logs)}
     leader = list(range(len(logs)))
     lag = [0] * len(logs)
-    for index, (log, original) in enumerate(zip(logs, said, strict=True)):
+    for index, (log, original) in enumerate(zip(logs, stated, strict=True)):
         others = [by_name[original]] if original in by_name else list(range(index))
         if original in by_name and _lag(logs[by_name[original]], log) is None:
             warnings.append(
@@ -100,11 +100,6 @@ def group_repeats(logs: Sequence[Log], said: Sequence[str | None], warnings: lis
                 if found is not None and leader[other] != index:
                     leader[index], lag[index] = leader[other], found
     return tuple(_aligned(logs, leader, lag))
-
-
-def repeats(log: Log, other: Log) -> bool:
-    """Whether two recordings show one motion, but for when it began."""
-    return _lag(log, other) is not None
 
 
 def _refuse_same_names(episodes: Sequence[Episode]) -> None:

@@ -160,8 +160,8 @@ def select_holdout(motions: Sequence[Sequence[Log]]) -> int:
     reach = np.array([np.max([_range_covered(log) for log in found], axis=0) for found in motions])
     whole = np.maximum(reach.max(axis=0), 1e-9)
     left = {i: float(np.mean(np.delete(reach, i, axis=0).max(axis=0) / whole)) for i in asked}
-    spared = [i for i in asked if left[i] >= max(left.values()) - RANGE_TOLERANCE]
-    return max(spared, key=lambda i: (round(float((reach[i] / whole).min()), 3), motions[i][0].name))
+    equally_good = [i for i in asked if left[i] >= max(left.values()) - RANGE_TOLERANCE]
+    return max(equally_good, key=lambda i: (round(float((reach[i] / whole).min()), 3), motions[i][0].name))
 
 
 def _range_covered(log: Log) -> Array:

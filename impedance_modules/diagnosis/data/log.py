@@ -15,7 +15,7 @@ Mask = NDArray[np.bool_]
 
 
 class InsufficientData(ImpedanceError):  # noqa: N818 - as its siblings are called
-    """Recordings that are too short, too slow or too still to tell a cause."""
+    """Recordings that are too short, too slowly sampled or without motion, so that no cause can be found."""
 
     exit_code = 7
 

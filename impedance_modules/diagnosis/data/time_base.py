@@ -158,9 +158,9 @@ def unify_rates(logs: Sequence[Log], warnings: list[str]) -> list[Log]:
     faster = [log for log in logs if log.rate > SAME_RATE * lowest]
     if not faster:
         return list(logs)
-    said = ", ".join(f"{log.name} {log.rate:.4g} Hz" for log in faster[:5])
+    names = ", ".join(f"{log.name} {log.rate:.4g} Hz" for log in faster[:5])
     more = f" and {len(faster) - 5} more" if len(faster) > 5 else ""
-    warnings.append(f"mixed rates: {said}{more} brought to {lowest:.4g} Hz, the lowest of all")
+    warnings.append(f"mixed rates: {names}{more} brought to {lowest:.4g} Hz, the lowest of all")
     return [_slowed(log, lowest) if log.rate > SAME_RATE * lowest else log for log in logs]
 
 

@@ -44,7 +44,7 @@ CUTOFF = 3.0
 """Cutoff of the low-pass filter for the comparison [Hz]."""
 
 SAMPLES = 600
-"""Samples that a compare_coarsely comparison takes."""
+"""Number of samples that are compared."""
 
 SATURATION = 0.05
 """Part of its greatest speed at which the smoothed sign of a joint's velocity saturates."""

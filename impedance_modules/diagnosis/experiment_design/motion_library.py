@@ -3,7 +3,7 @@
 
 holds        the joint rests at seven places far apart, reached from both sides: weights, springs, offsets
 ladder       strokes both ways at three speeds: dry against viscous friction, laws of speed
-ramp         one slow stroke each way: laws of position
+ramp         one slow stroke in each direction: laws of position
 reversals    small quick strokes: effects where the motion reverses
 chirp        strokes of decreasing duration: inertia against springs, delays and lags
 two_loads    strokes both ways in the nearby posture that loads the joint least, and in the one that loads it most
@@ -141,7 +141,7 @@ def motions(
         limits: Limits.
         start: (n,) posture at which every motion begins and ends [rad].
         joint: Which moves.
-        size: Part of the longest way.
+        size: Part of the longest stroke.
         weight: Postures (N, n) -> torques (N, n) of the links' weight [N.m].
     """
     low = max(limits.lower[joint] + OVERSHOOT, start[joint] - size * SWING_MAX)
@@ -184,9 +184,9 @@ class _Reach:
     high: float
     speed: float
 
-    def time(self, way: float, share: float = 1.0) -> float:
+    def time(self, length: float, share: float = 1.0) -> float:
         """Duration of a stroke of a length [rad] at a part of the allowed speed [s]."""
-        return max(SHORTEST, PEAK_SPEED * abs(way) / (share * self.speed))
+        return max(SHORTEST, PEAK_SPEED * abs(length) / (share * self.speed))
 
 
 def _holds(reach: _Reach) -> list[Stroke]:
@@ -197,40 +197,40 @@ def _holds(reach: _Reach) -> list[Stroke]:
 
 
 def _ladder(reach: _Reach) -> list[Stroke]:
-    way = reach.high - reach.low
-    out = visit(reach.joint, [reach.low], reach.time(way))
+    length = reach.high - reach.low
+    out = visit(reach.joint, [reach.low], reach.time(length))
     for share, part in zip(SPEEDS, LENGTHS, strict=True):
-        out += visit(reach.joint, [reach.low + part * way, reach.low], reach.time(part * way, share))
+        out += visit(reach.joint, [reach.low + part * length, reach.low], reach.time(part * length, share))
     return [*out, *_return(reach)]
 
 
 def _ramp(reach: _Reach) -> list[Stroke]:
-    way = reach.high - reach.low
+    length = reach.high - reach.low
     return [
-        *visit(reach.joint, [reach.low], reach.time(way)),
-        *visit(reach.joint, [reach.high, reach.low], reach.time(way, 0.15)),
+        *visit(reach.joint, [reach.low], reach.time(length)),
+        *visit(reach.joint, [reach.high, reach.low], reach.time(length, 0.15)),
         *_return(reach),
     ]
 
 
 def _reversals(reach: _Reach) -> list[Stroke]:
-    way = min(REVERSAL, (reach.high - reach.low) / 2.0)
-    centre = min(max(reach.start, reach.low + way), reach.high - way)
-    places = [centre + way, centre - way] * 5
+    length = min(REVERSAL, (reach.high - reach.low) / 2.0)
+    centre = min(max(reach.start, reach.low + length), reach.high - length)
+    places = [centre + length, centre - length] * 5
     return [
-        *visit(reach.joint, places, reach.time(2.0 * way, 0.5)),
-        *_return(reach, abs(centre - reach.start) + way),
+        *visit(reach.joint, places, reach.time(2.0 * length, 0.5)),
+        *_return(reach, abs(centre - reach.start) + length),
     ]
 
 
 def _chirp(reach: _Reach) -> list[Stroke]:
     out: list[Stroke] = []
     for index, duration in enumerate(np.geomspace(2.0, SHORTEST, 16)):
-        way = min(
+        length = min(
             (reach.high - reach.low) / 2.0, CHIRP_SPEED * reach.speed * float(duration) / PEAK_SPEED / 2.0
         )
-        centre = min(max(reach.start, reach.low + way), reach.high - way)
-        out.append(Stroke({reach.joint: centre + (way if index % 2 else -way)}, float(duration)))
+        centre = min(max(reach.start, reach.low + length), reach.high - length)
+        out.append(Stroke({reach.joint: centre + (length if index % 2 else -length)}, float(duration)))
     return [*out, *_return(reach)]
 
 
@@ -238,18 +238,18 @@ def _two_loads(
     reach: _Reach, limits: MotionLimits, start: Array, weight: Weight, size: float
 ) -> list[Stroke]:
     """Strokes both ways in the nearby posture that loads the joint least, and in the one that loads it most."""
-    way = min(LOADED_STROKE, (reach.high - reach.low) / 2.0)
+    length = min(LOADED_STROKE, (reach.high - reach.low) / 2.0)
     chain: list[Stroke] = []
     for goal in _loads(reach, limits, start, weight, size):
         farthest = max(abs(angle - start[joint]) / limits.velocity[joint] for joint, angle in goal.items())
         slow = max(SHORTEST, PEAK_SPEED * float(farthest) / SPEEDS[1])
         centre = min(
-            max(goal[reach.joint], float(limits.lower[reach.joint]) + OVERSHOOT + way),
-            float(limits.upper[reach.joint]) - OVERSHOOT - way,
+            max(goal[reach.joint], float(limits.lower[reach.joint]) + OVERSHOOT + length),
+            float(limits.upper[reach.joint]) - OVERSHOOT - length,
         )
         chain += [
-            Stroke({**goal, reach.joint: centre - way}, slow),
-            *visit(reach.joint, [centre + way, centre - way] * 2, reach.time(2.0 * way, SPEEDS[1])),
+            Stroke({**goal, reach.joint: centre - length}, slow),
+            *visit(reach.joint, [centre + length, centre - length] * 2, reach.time(2.0 * length, SPEEDS[1])),
         ]
     back = {joint: float(start[joint]) for stroke in chain for joint in stroke.goal}
     return [*chain, Stroke(back, chain[0].duration + slow), Stroke({}, 0.5)]
@@ -282,15 +282,15 @@ def _loads(
     for posture, goal in zip(postures, goals, strict=True):
         posture[list(goal)] = list(goal.values())
     load = np.abs(weight(postures)[:, reach.joint])
-    way = np.sum(np.abs(postures - start), axis=1)
+    length = np.sum(np.abs(postures - start), axis=1)
     span = float(np.ptp(load))
-    light = np.where(load <= load.min() + LOAD_TOLERANCE * span, way, np.inf)
-    heavy = np.where(load >= load.max() - LOAD_TOLERANCE * span, way, np.inf)
+    light = np.where(load <= load.min() + LOAD_TOLERANCE * span, length, np.inf)
+    heavy = np.where(load >= load.max() - LOAD_TOLERANCE * span, length, np.inf)
     return goals[int(np.argmin(light))], goals[int(np.argmin(heavy))]
 
 
-def _return(reach: _Reach, way: float | None = None) -> list[Stroke]:
-    longest = reach.high - reach.low if way is None else way
+def _return(reach: _Reach, length: float | None = None) -> list[Stroke]:
+    longest = reach.high - reach.low if length is None else length
     return [Stroke({reach.joint: reach.start}, reach.time(longest, 0.5)), Stroke({}, 0.5)]
 
 

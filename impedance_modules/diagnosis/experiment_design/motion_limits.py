@@ -156,10 +156,10 @@ class Clearance:
         best, pair = np.inf, ""
         if not self._distances.pairs:
             return best, pair
-        still = np.zeros(self._model.n)
+        at_rest = np.zeros(self._model.n)
         for posture in postures[:, self._order]:
-            self._kinematics.update(posture, still)
-            self._distances.update(posture, still)
+            self._kinematics.update(posture, at_rest)
+            self._distances.update(posture, at_rest)
             index = int(np.argmin(self._distances.distance))
             if self._distances.distance[index] < best:
                 best = float(self._distances.distance[index])

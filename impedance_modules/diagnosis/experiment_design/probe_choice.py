@@ -107,9 +107,9 @@ def propose_probe(
 def resisting_work(probe: Probe) -> float:
     r"""Work [J] that the gap itself may take out of the energy tank, friction at worst: \sum 2 gap_j \int |dq_j|."""
     _, position = probe.predictor.position(probe.proposal.motion)
-    way = np.sum(np.abs(np.diff(position, axis=0)), axis=0)
+    path = np.sum(np.abs(np.diff(position, axis=0)), axis=0)
     joints = probe.predictor.model.joints
-    return float(sum(GAP_SHARE * gap * way[joints.index(joint)] for joint, gap in probe.request.gap.items()))
+    return float(sum(GAP_SHARE * gap * path[joints.index(joint)] for joint, gap in probe.request.gap.items()))
 
 
 @dataclass(frozen=True, eq=False)

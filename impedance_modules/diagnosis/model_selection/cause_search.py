@@ -88,7 +88,7 @@ def search_causes(
     pairs = repeat_pairs(prepared, split.fitted)
     noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
     flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
-    # What happened at one time in one recording can be validated_on_holdout by no other: it is searched for by itself.
+    # What happened at one time in one recording can be confirmed by no other: it is searched for by itself.
     bound = {effect.id for effect in CATALOGUE.values() if effect.bound_to_recording}
     signals = [clean_signals(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
     shaped = [

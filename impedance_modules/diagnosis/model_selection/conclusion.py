@@ -92,10 +92,10 @@ def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
 def compensation_note(prepared: Sequence[Prepared], causes: Sequence[Cause]) -> tuple[str, ...]:
     r"""Warns where a spring that the robot itself compensates may be the cause.
 
-    A robot that knows a spring beside a joint adds its torque to the command. The spring then shows at the link,
+    A robot that models a spring beside a joint adds its torque to the command. The spring then shows at the link,
     \tau_{sensor} - \tau_{model}, and with opposite sign at the motor, \tau_{sensor} - \tau_{command} - g
     (`effects.springs`). If the robot adds another torque than the spring needs, no single effect fits both, and the
-    one that imitates it best is named.
+    effect that fits best is named.
 
     Args:
         prepared: The recordings.

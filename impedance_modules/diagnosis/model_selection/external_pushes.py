@@ -142,7 +142,7 @@ def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]
         times = {"start": Estimate(push.start, SPACING, "s"), "end": Estimate(push.end, SPACING, "s")}
         parameters[body] = {**forces, **times}
     names = [prepared[push.recording].log.name for push in pushes]
-    told = ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
+    places = ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
     return Cause(
         effect=ExternalContact.description.id,
         joints=(),
@@ -152,7 +152,7 @@ def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]
         shrink=None,
         equivalent=(),
         rivals=(
-            Rival("free torques", (), f"one force explains the joints together; pushes in {told}, masked"),
+            Rival("free torques", (), f"one force explains the joints together; pushes in {places}, masked"),
         ),
         position_range={},
         velocity_range={},

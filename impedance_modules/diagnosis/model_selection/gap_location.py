@@ -52,9 +52,9 @@ def locate_gap(evidence: Evidence, model: NominalModel) -> tuple[GapLocation, ..
         series = [found[group] for found in left]
         for r, (item, values) in enumerate(zip(prepared, series, strict=True)):
             power = (values**2 - floor.rms[r, group] ** 2) / unit_power[group]
-            clear = evidence.contact_free(r, group)
-            sorted_out = {name: mask & clear for name, mask in regimes(item, model, joint).items()}
-            for name, mask in (sorted_out | {"contact": ~clear}).items():
+            free = evidence.contact_free(r, group)
+            sorted_out = {name: mask & free for name, mask in regimes(item, model, joint).items()}
+            for name, mask in (sorted_out | {"contact": ~free}).items():
                 excess[name] = excess.get(name, 0.0) + float(power[mask].sum())
         band = _band(series, prepared[0])
         for name, value in excess.items():

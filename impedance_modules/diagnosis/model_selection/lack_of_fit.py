@@ -95,9 +95,9 @@ class LackOfFit:
 
 def lack_of_fit(evidence: Evidence) -> LackOfFit:
     """Tests the residuals of the accepted model, on the held-out recordings and on all."""
-    unseen = _ratios(evidence, evidence.heldout)
+    heldout = _ratios(evidence, evidence.heldout)
     fitted = _ratios(evidence, (*evidence.model_fit.fitted, *evidence.heldout))
-    ratio, limit = (np.array(part) for part in zip(*map(_worse, unseen, fitted), strict=True))
+    ratio, limit = (np.array(part) for part in zip(*map(_worse, heldout, fitted), strict=True))
     return LackOfFit(ratio, limit, find_structure(evidence))
 
 
@@ -142,7 +142,7 @@ def find_structure(evidence: Evidence) -> str:
         if tone > TONE_MAX:
             found.append((tone / TONE_MAX, f"a tone at {frequency:.2g} Hz remains on {name}"))
         if moment > MOMENT_MAX:
-            found.append((moment / MOMENT_MAX, f"single moments stand out on {name}"))
+            found.append((moment / MOMENT_MAX, f"single moments exceed the noise on {name}"))
     best = _generic_function(evidence, small)
     if best is not None:
         residual, joint = evidence.design.groups[best.term.groups[0]]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The answer as JSON, as a patch and as one HTML file that needs nothing but a browser."""
+"""The result as JSON, as a patch and as one HTML file that needs nothing but a browser."""

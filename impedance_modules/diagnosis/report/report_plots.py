@@ -203,7 +203,8 @@ def _figures(rollout: dict[str, Any], traces: Sequence[RolloutTrace]) -> list[st
         grown.set_ylabel(f"rms error [{unit}]", fontsize=8)
         figures.append(
             drawing(
-                figure, f"{trace.joint}: the window missed most before, and how errors grow over all windows."
+                figure,
+                f"{trace.joint}: the window with the largest error before, and the growth of errors over all windows.",
             )
         )
     return figures

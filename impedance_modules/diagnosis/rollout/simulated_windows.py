@@ -36,7 +36,7 @@ ERROR_MAX = float(np.pi)
 """Largest error that counts, half a turn or as many metres; in speed this over WINDOW."""
 
 HISTORY = 0.3
-"""How long applied effects simulate_windows along the recording before a window begins [s]."""
+"""How long effects with memory follow the recording before a window begins [s]."""
 
 MARGIN = 0.4
 """Left out at both ends of a recording, where filters have data on one side only [s]."""
