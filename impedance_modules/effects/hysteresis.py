@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
-from impedance_modules.effects.joint_motion import JointMotion, Shape, bent, follow
+from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, bent, follow
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
@@ -105,22 +105,17 @@ class Hysteresis(Effect):
         builder.torques.append(BristleTorque(side, joints, friction, friction / stiffness))
 
 
-class BristleTorque:
+class BristleTorque(EffectTorque):
     """Bristles on some joints of the plant."""
 
     def __init__(
         self, port: Literal["motor", "link"], joints: NDArray[np.intp], friction: Array, stretch: Array
     ) -> None:
         """Takes joint indices (k,), fc (k,) [N.m] and fc / s0 (k,) [rad]."""
-        self._side: Literal["motor", "link"] = port
+        self.port = port
         self._joints, self._friction, self._stretch = joints, friction, stretch
         self._bend = np.zeros(joints.size)
         self._at = np.zeros(joints.size)
-
-    @property
-    def port(self) -> Literal["motor", "link"]:
-        """Motor or link."""
-        return self._side
 
     def start(self, motion: JointMotion, step: float) -> None:
         """Unbends every bristle."""
@@ -143,5 +138,5 @@ class BristleTorque:
         return bent(self._bend, moved, self._stretch)
 
     def _position(self, motion: JointMotion) -> Array:
-        position = motion.motor_position if self._side == "motor" else motion.position
+        position = motion.motor_position if self.port == "motor" else motion.position
         return np.array(position[self._joints])

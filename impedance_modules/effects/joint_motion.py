@@ -11,6 +11,7 @@ exact and independent of the speed.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -111,13 +112,19 @@ class JointTorque(Protocol):
         ...
 
 
-class EffectTorque(JointTorque, Protocol):
+class EffectTorque(ABC):
     """A joint torque of the catalogue: it can start again. Without more said it has no memory."""
 
-    def start(self, motion: JointMotion, step: float) -> None:
+    port: Literal["motor", "link"]
+
+    @abstractmethod
+    def torque(self, motion: JointMotion) -> Array:
+        """Gives the torque (n,) [N.m] at one stage; must not remember anything."""
+
+    def start(self, motion: JointMotion, step: float) -> None:  # noqa: B027
         """Forgets the past: the joints are as given, and steps of a length [s] follow."""
 
-    def settle(self, motion: JointMotion) -> None:
+    def settle(self, motion: JointMotion) -> None:  # noqa: B027
         """Is told the motion at the end of each step."""
 
 

@@ -221,18 +221,13 @@ class LawTorque(EffectTorque):
         (k,) says which of the law's joints are prismatic.
         """
         self._basis = basis
-        self._side: Side = port
+        self.port = port
         self._joints = joints
         self._coefficients = coefficients
         self._shape = shape
         self._mobility = mobility
         self._usual = regularisation_velocity(sliding)
         self._regularisation = self._usual
-
-    @property
-    def port(self) -> Side:
-        """Motor or link."""
-        return self._side
 
     def start(self, motion: JointMotion, step: float) -> None:
         """Raises dry friction's regularisation velocity where it would stop a light part within less than a step.
@@ -260,7 +255,7 @@ class LawTorque(EffectTorque):
 
     def _sample(self, motion: JointMotion) -> JointSample:
         """Picks the joints' motion on their side of the gear."""
-        motor = self._side == "motor"
+        motor = self.port == "motor"
         position = motion.motor_position if motor else motion.position
         velocity = motion.motor_velocity if motor else motion.velocity
         return JointSample(
