@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs on the simulated Baxter: the same motion and phases as on the plant alone, and withheld effects diagnosed.
 
-The comparison runs the same YAML on the plant and, over ROS, on the simulated Baxter. Three tasks here; ``EVERY_TASK=1 pytest -s`` on this file compares and prints all that need nothing but the robot.
+The comparison runs the same YAML on the plant and, over ROS, on the simulated Baxter. Three tasks here;
+``EVERY_TASK=1 pytest -s`` on this file compares and prints all that need nothing but the robot.
 The tanks are made ample: what lost samples cost is tested in tests/control.
 """
 
