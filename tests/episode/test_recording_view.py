@@ -17,8 +17,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from impedance_modules.episode import live_view as view_module
-from impedance_modules.episode import view_layout
-from impedance_modules.episode import viewer
+from impedance_modules.episode import view_layout, viewer
 from impedance_modules.episode import viewer as display
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.columns import joint_columns, pose_columns, target_columns, wrench_columns
@@ -28,7 +27,7 @@ from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.rerun_writer import METRES_PER_NEWTON, METRES_PER_NEWTON_METRE, new_stream
 from impedance_modules.episode.run_picture import write_picture
-from impedance_modules.episode.view_scene import SceneBody, BodyShape, EllipsoidStyle, Scene, ViewSample
+from impedance_modules.episode.view_scene import BodyShape, EllipsoidStyle, Scene, SceneBody, ViewSample
 from impedance_modules.errors import BadInput
 from tests.support.paths import CHECKOUT, TESTS
 

@@ -16,8 +16,8 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 from impedance_modules.errors import BadFile, BadInput
-from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.document import parse_document
+from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.task import TaskSpec
 from impedance_modules.spec.task_reader import check_task, read_task
 from tests.support.paths import TESTS
