@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs both arms on the simulator for half an hour over a ROS master of its own; prints memory, commands and stops.
+"""Runs both arms of the simulated Baxter for half an hour over its own ROS master; prints memory, commands and stops.
 
 Usage: python -m benchmarks.backends.baxter_endurance
            [--minutes 30] [--rate 500] [--port 11411] [--transport T] [--first]
 
 Needs ``rosmaster`` (apt-get install --no-install-recommends python3-roslaunch) and an otherwise idle machine, or two
 cores of a busy one and the right to ``--first``: robot and controller then have real-time priority, as long as they
-leave 5 % of every second: Linux stops real-time processes that do not, for 50 ms, which ends the run. A machine that
+leave 5 % of every second: Linux suspends real-time processes that do not, for 50 ms, which ends the run. A machine that
 is itself a guest can be stopped by its host; the last line says when it was, and whether that is what ended the run.
 The task is the shipped mirrored-arms drawn out, its tank made ample: the loop is measured here, not the energy.
 """
@@ -35,7 +35,7 @@ IMPEDANCE = [sys.executable, "-m", "impedance_modules"]
 
 
 def drawn_out(seconds: float, folder: Path) -> Path:
-    """Writes the task with its middle phase that long."""
+    """Writes the task with its middle phase this long."""
     text = TASK.read_text()
     text = re.sub(r"duration: 8\n", f"duration: {seconds:g}\n", text)
     text = re.sub(r"tank: \{initial: [\d.]+, max: [\d.]+,", "tank: {initial: 400, max: 800,", text)
@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--rate", type=int, default=500)
     parser.add_argument("--port", type=int, default=11411)
     parser.add_argument("--transport", default="sockets")
-    parser.add_argument("--first", action="store_true", help="robot and controller before all others")
+    parser.add_argument("--first", action="store_true", help="robot and controller at real-time priority")
     options = parser.parse_args()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{options.port}", ROS_IP="127.0.0.1")
     started: list[subprocess.Popen[bytes]] = []
@@ -81,14 +81,14 @@ def main() -> None:
 
 
 def go_first(process: subprocess.Popen[bytes]) -> None:
-    """Gives a process that has just begun, and all threads that it will have, priority over everything ordinary."""
+    """Gives a process that has just begun, with all threads it will have, real-time priority."""
     os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(5))
 
 
 def run(
     options: argparse.Namespace, folder: Path, started: list[subprocess.Popen[bytes]], watch: PauseWatch
 ) -> None:
-    """Starts master, simulator and task; watches the two memories until the task is done."""
+    """Starts master, simulator and task; prints the memory of both until the task is done."""
     task, log = drawn_out(60.0 * options.minutes, folder), folder / "log.jsonl"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     started.append(subprocess.Popen(["rosmaster", "--core", "-p", str(options.port)], **quiet))

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lets the simulator wear effects that neither task nor model know, records it, and prints what ``diagnose`` names.
+"""Gives the simulated Baxter effects that neither task nor model know, records it, and prints what ``diagnose`` names.
 
 Usage: python -m benchmarks.backends.simulated_baxter_diagnosed [CASE ...]
 
 In process and in lock-step, as fast as the machine allows: two recordings of one motion of the right arm, one of
 another, held out, at 200 Hz. About a minute of processor time per case. The spring is diagnosed without the recorded
 commands, as ``impedance baxter record`` has none: this robot compensates it, so only the joints' sensors see it. In the
-case ``nothing`` the simulator wears nothing.
+case ``nothing`` it has no effect.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def patch_text(effect: str) -> str:
 
 
 def recordings(effect: str, folder: Path) -> list[Path]:
-    """Runs the motions on a simulator that wears the case."""
+    """Runs the motions on a simulated Baxter with the effect of the case."""
     patch = folder / "withheld.yaml"
     if effect != NOTHING:
         patch.write_text(patch_text(effect))
@@ -60,8 +60,8 @@ def recordings(effect: str, folder: Path) -> list[Path]:
         task = str(TASKS / f"{motion}.yaml")
         assembly = assemble(task, effects=None, rate=RATE, scale=1.0, arm=None)
         out = folder / f"{effect}-{number}"
-        worn = None if effect == NOTHING else patch
-        run_in_lockstep(assembly, out, effects=worn, seed=number, springs={})
+        effects = None if effect == NOTHING else patch
+        run_in_lockstep(assembly, out, effects=effects, seed=number, springs={})
         found.append(without_commands(out, folder) if effect == "parallel_spring" else out)
     return found
 

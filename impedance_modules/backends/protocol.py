@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a robot must be able to do for a task to run on it: four methods and nothing else."""
+"""The interface between a control loop and a robot: four methods, and three more for a real robot."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Finish = Literal["hold", "release"]
 
 @dataclass(frozen=True)
 class FirstState:
-    """How a robot stands when torque control begins.
+    """State of a robot when torque control begins.
 
     Attributes:
         state: Its first sample.
-        acting: (n,) torque command that acts already [N.m]; zero unless the robot was handed over under load.
+        acting: (n,) torque command already in force [N.m]; zero unless the robot was handed over under load.
     """
 
     state: RobotState
@@ -38,43 +38,43 @@ class Backend(Protocol):
     """
 
     def start(self) -> FirstState:
-        """Connects, checks that the robot may be commanded, and returns how it stands.
+        """Connects, checks that the robot may be commanded, and returns its state.
 
         Raises:
-            ImpedanceError: The robot is not there or must not be moved; nothing has moved.
+            ImpedanceError: The robot cannot be reached or must not be moved; nothing has moved.
         """
 
     def read(self) -> RobotState | None:
         """Waits for the next state; None when it did not come in time.
 
         Raises:
-            EndOfRecording: There will be no more.
-            RobotStopped: The robot, or what watches it, has ended torque control.
+            EndOfRecording: There is none left.
+            RobotStopped: The robot, or its watchdog, has ended torque control.
         """
 
     def write(self, effort: Array) -> None:
-        """Sends one torque command (n,) [N.m], excluding what the robot adds by itself."""
+        """Sends one torque command (n,) [N.m], excluding what the robot adds by itself (gravity)."""
 
     def finish(self, how: Finish) -> None:
-        """Ends torque control: ``hold`` where the robot is, or ``release`` it; once more does nothing."""
+        """Ends torque control: ``hold`` where the robot is, or ``release`` it; a second call does nothing."""
 
 
 @runtime_checkable
 class RealRobot(Protocol):
-    """A robot that goes on living while a run is prepared, and tells more than a state."""
+    """A robot in real time, which moves on while a run is prepared, and reports more than a state."""
 
     def newest(self) -> FirstState:
-        """How it stands now, after ``start``; time is counted from here.
+        """Its state now, after ``start``; time is counted from here.
 
         Raises:
-            ImpedanceError: It does not say any more.
+            ImpedanceError: It reports no state any more.
         """
 
     def warm_up_with(self, cycle: Callable[[], None]) -> None:
-        """Has the robot call ``cycle`` shortly before each state is due, where there is time for it."""
+        """Has the backend call ``cycle`` shortly before each state is due, where there is time for it."""
 
     def extra_columns(self) -> tuple[str, ...]:
-        """Names what else is recorded of it; after ``start``, and always the same."""
+        """Names the further columns that are recorded; after ``start``, and always the same."""
 
     def extra_values(self) -> Array:
         """Newest value of each; NaN where there is none."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A recording as a robot: it reports what was measured then, and nothing it is told moves it."""
+"""A recording as a backend: it reports what was measured, and ignores commands."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 
 
 class ReplayBackend:
-    """Feeds an episode's states back, sample by sample.
+    """Returns an episode's states, sample by sample.
 
     Attributes:
-        sample: Index of the last state given.
+        sample: Index of the last state returned.
     """
 
     def __init__(self, episode: Episode, joint_names: tuple[str, ...], acting: Array) -> None:
@@ -29,7 +29,7 @@ class ReplayBackend:
         Args:
             episode: The recording.
             joint_names: Of the model, in the order of its vectors.
-            acting: (n,) torque that acted when the recording began [N.m].
+            acting: (n,) torque in force when the recording began [N.m].
 
         Raises:
             BadInput: A joint's position, velocity or effort was not recorded.
@@ -58,7 +58,7 @@ class ReplayBackend:
         return self._state()
 
     def write(self, effort: Array) -> None:
-        """Takes a torque; the past does not change."""
+        """Ignores a torque."""
 
     def finish(self, how: Finish) -> None:
         """Ends the replay; there is nothing to hold or release."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The built-in plant as a robot: as fast as the machine allows, one control period per ``read``."""
+"""The built-in plant as a backend: as fast as the machine allows, one control period per ``read``."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from impedance_modules.robot.state import RobotState
 Array = NDArray[np.float64]
 
 SETTLING = 0.5
-"""How long the robot is watched in its own mode after the torque ended [s]."""
+"""Time simulated in the robot's own mode after the torque ended [s]."""
 
 
 class SimBackend:
     """A plant behind the four methods of ``Backend``.
 
     Attributes:
-        plant: What really happens; for recordings and tests, never for the controller.
+        plant: The simulated physics; for recordings and tests, never for the controller.
     """
 
     def __init__(self, plant: Plant, posture: Array, period: float) -> None:
@@ -40,19 +40,19 @@ class SimBackend:
         return FirstState(self.plant.sense(), self.plant.start_command.copy())
 
     def read(self) -> RobotState | None:
-        """Lives through one control period and reports the state at its end."""
+        """Simulates one control period and reports the state at its end."""
         self._check()
         self.plant.advance(self._command)
         self._command = None
         return self.plant.sense()
 
     def write(self, effort: Array) -> None:
-        """Queues the torque command for the period that the next ``read`` lives through."""
+        """Sets the torque command of the period that the next ``read`` simulates."""
         self._check()
         self._command = effort
 
     def finish(self, how: Finish) -> None:
-        """Orders the robot's own mode and lets it settle."""
+        """Switches to the robot's own mode and lets it settle."""
         if not self._running:
             return
         self._running = False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs the simulator as a process of its own, sends it faults and reads its log; runs ``impedance`` like a user."""
+"""Runs the simulated Baxter in a process of its own, injects faults, reads its event log; runs ``impedance`` verbs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ IMPEDANCE = [sys.executable, "-m", "impedance_modules"]
 BUSY = re.compile(
     "no state|controller was silent|late cycles|tank starved|overspeed|no fresh state|come at|silent for"
 )
-"""How a run ends on a machine that cannot keep up: rightly, and no answer to what is asked of it."""
+"""Reasons by which a run ends on a machine that is too slow: correct, but not what a test is about."""
 
 ATTEMPTS = 4
 
@@ -38,11 +38,11 @@ Test = TypeVar("Test", bound=Callable[..., None])
 
 
 class MachineBusyError(AssertionError):
-    """A run was ended by the machine's load before what the test had in mind could end it."""
+    """The machine's load ended a run before the test's own event could."""
 
 
 def again_when_busy(test: Test) -> Test:
-    """Repeats a test in a folder of its own as long as the machine's load has decided it."""
+    """Repeats a test, in a folder of its own, when the machine's load ended the run."""
 
     @functools.wraps(test)
     def repeated(*, tmp_path: Path, **given: Any) -> None:
@@ -64,7 +64,7 @@ def ended(process: subprocess.Popen[str], reason: str) -> tuple[int, str]:
     """Waits for the end of a run: its exit code and what it said, on one line.
 
     Raises:
-        MachineBusyError: It ended for another reason than the one expected, the machine's load.
+        MachineBusyError: It ended because of the machine's load, not for the expected reason.
     """
     text, _ = process.communicate(timeout=60)
     said = re.sub(r"\s+", " ", text)
@@ -74,9 +74,9 @@ def ended(process: subprocess.Popen[str], reason: str) -> tuple[int, str]:
 
 
 def _favour(pid: int, *, most: bool = False) -> None:
-    """Puts a process before others where the system allows it: a busy machine is no reason to fail.
+    """Raises a process's priority where the system allows it, so that a busy machine does not fail the test.
 
-    Real time (``most``) only for one that leaves its core some time: Linux stops others for 50 ms.
+    Real-time priority (``most``) only for one that leaves its core some time: Linux suspends others for 50 ms.
     """
     try:
         if most:
@@ -88,7 +88,7 @@ def _favour(pid: int, *, most: bool = False) -> None:
 
 
 def start(*arguments: str, most: bool = False) -> subprocess.Popen[str]:
-    """Starts a verb, before all others if it matters ``most``; ``end`` ends it."""
+    """Starts a verb, with real-time priority for ``most``; ``end`` ends it."""
     process = subprocess.Popen(
         [*IMPEDANCE, *arguments],
         stdout=subprocess.PIPE,
@@ -127,12 +127,12 @@ class SimulatorProcess:
         threading.Thread(target=self._read, daemon=True).start()
 
     def fault(self, words: str) -> None:
-        """Lets something go wrong now."""
+        """Injects a fault now."""
         assert _until(lambda: self._faults.connections() > 0, 5.0)
         self._faults.send(String(words))
 
     def lines(self) -> list[dict[str, Any]]:
-        """Everything in the log so far; its last line may still be being written."""
+        """Everything in the log so far; its last line may be incomplete."""
         text = self._log.read_text()
         return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
@@ -146,7 +146,7 @@ class SimulatorProcess:
         return found
 
     def last(self) -> dict[str, Any]:
-        """The log's line of the last second, waited for: what happened before is in it."""
+        """Waits for the log's next line of a second and returns it: what happened before is in it."""
         count = len(self.lines())
         assert _until(lambda: len(self.lines()) > count + 1, 10.0), self.said
         return self.lines()[-1]
@@ -162,7 +162,7 @@ class SimulatorProcess:
 
 @contextmanager
 def simulator(folder: Path, master: str, *options: str) -> Iterator[SimulatorProcess]:
-    """Starts a simulator and ends it."""
+    """Starts a simulated Baxter and ends it."""
     log = folder / "log.jsonl"
     process = start("baxter", "fake", "--log", str(log), *options, most=True)
     node = SocketTransport(f"/test_{os.getpid()}_{time.monotonic_ns()}", master)
@@ -177,7 +177,7 @@ def simulator(folder: Path, master: str, *options: str) -> Iterator[SimulatorPro
 
 
 def end(process: subprocess.Popen[str]) -> None:
-    """Ends a process as Ctrl-C does, or for certain."""
+    """Ends a process by SIGINT, or by SIGKILL."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
