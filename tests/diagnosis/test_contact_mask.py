@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Phases that say contact are left aside by the diagnosis, all others count."""
+"""Phases of contact are masked by the diagnosis, all other samples are used."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ TASKS = CHECKOUT / "tasks"
         ("box-hold", {"hold": "throughout", "lift": "throughout", "stay": "throughout"}),
     ],
 )
-def test_a_task_says_itself_which_of_its_phases_touch(task: str, spent: dict[str, str]) -> None:
+def test_a_task_states_its_phases_of_contact(task: str, spent: dict[str, str]) -> None:
     assert contact_phases((TASKS / f"{task}.yaml").read_text()) == spent
 
 
@@ -81,7 +81,7 @@ phases:
 
 
 @pytest.mark.parametrize("text", ["", "no task", "- 1", "a: [1", "phases: 3", "phases: [1, {name: x}]"])
-def test_of_a_text_that_is_no_task_nothing_is_known(text: str) -> None:
+def test_a_text_that_is_no_task_states_no_contact(text: str) -> None:
     assert contact_phases(text) == {}
 
 
@@ -111,7 +111,7 @@ def _item(touched: slice, residuals: tuple[str, ...] = ("link", "actuator", "vel
     return _Item(log, dict.fromkeys(residuals, 0.0), 1000, np.arange(1000) / 100.0)
 
 
-def test_contact_shows_where_the_links_motion_is_compared_and_nowhere_else() -> None:
+def test_contact_masks_only_residuals_of_the_links_motion() -> None:
     mask = np.arange(10) > 4
     groups = [(residual, 0) for residual in RESIDUALS]
     found = rows_of_link_residuals({3: mask}, groups)
@@ -126,7 +126,7 @@ def test_links_are_not_judged_where_nearly_all_is_contact_but_drives_are() -> No
         assert without_links_in_contact((item,)) == (item,)
 
 
-def test_no_window_is_lived_again_while_a_hand_touches() -> None:
+def test_no_window_is_simulated_during_contact() -> None:
     items = [_item(slice(200, 500)), _item(slice(450, 600))]
     windows = place_windows(items, [0, 1], 12)
     assert len(windows) > 12
