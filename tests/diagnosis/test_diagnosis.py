@@ -143,7 +143,7 @@ def test_what_is_in_no_catalogue_is_not_called_explained(tmp_path: Path) -> None
     assert code == 5
 
 
-def test_what_happens_in_contact_is_left_aside(tmp_path: Path) -> None:
+def test_samples_in_contact_are_masked(tmp_path: Path) -> None:
     """Phases are read from the file: a table that holds the elbow up is no property of the arm."""
     code, found = answer(tmp_path, record(tmp_path, "table"))
     assert (code, found["verdict"]) == (0, "no_gap")

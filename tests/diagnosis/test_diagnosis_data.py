@@ -190,7 +190,7 @@ SPOILED = {
     "constant": (constant, 2, "effort"),
     "time repeats": (put("time", 300, 2.99), 2, "time repeats itself in row 300"),
     "time runs back": (put("time", 300, 1.0), 2, "time runs backwards in row 300"),
-    "a hole": (lambda d: d.update(time=d["time"] + 5.0 * (np.arange(1200) > 600)), 2, "a hole of 5.01 s"),
+    "a gap": (lambda d: d.update(time=d["time"] + 5.0 * (np.arange(1200) > 600)), 2, "a gap of 5.01 s"),
     "two rates in one": (swap_rate, 2, "the rate changes from 100 to 50 Hz"),
     "1 Hz": (slow, 7, "1 Hz is too slow for joint-level causes"),
     "milliseconds": (milliseconds, 7, "is time in milliseconds?"),
@@ -236,7 +236,7 @@ def test_spoiled_recordings_are_refused_with_the_reason(tmp_path, urdf, case):
     refused(urdf, [save(tmp_path, "run0", data, **about), *others], words, code)
 
 
-def test_positions_in_degrees_that_stay_in_range_are_asked_about(tmp_path, urdf):
+def test_positions_in_degrees_within_the_range_are_refused(tmp_path, urdf):
     """Small motions, degrees or not, fit any range; the weight they carry tells."""
     data = columns(0)
     _, q, v, a = motion(0, 12.0)
@@ -275,7 +275,7 @@ def test_strong_effects_are_physics_and_not_mistakes(
     admit([episode], model_of_urdf(urdf, JOINTS))
 
 
-def test_a_wrapped_angle_is_unwrapped_and_it_is_said(tmp_path, urdf):
+def test_a_wrapped_angle_is_unwrapped_with_a_warning(tmp_path, urdf):
     data = columns(0)
     turned = data["position.shoulder"] + np.pi
     data["position.shoulder"] = np.mod(turned + np.pi, 2 * np.pi) - np.pi
@@ -289,12 +289,12 @@ def test_a_wrapped_angle_is_unwrapped_and_it_is_said(tmp_path, urdf):
     np.testing.assert_allclose(shift, shift[0], atol=1e-9)
 
 
-def test_a_velocity_that_stands_still_is_left_aside(tmp_path, urdf):
+def test_a_constant_velocity_of_a_moving_joint_is_not_used(tmp_path, urdf):
     data = columns(0)
     data["velocity.elbow"][:] = 0.0
     (episode,) = read_recordings([save(tmp_path, "run0", data)])[0]
     (log,), report = admit([episode], model_of_urdf(urdf, JOINTS))
-    assert log.velocity is None and any("velocities are left aside" in note for note in report.warnings)
+    assert log.velocity is None and any("velocities are not used" in note for note in report.warnings)
 
 
 # --- recordings beside each other ------------------------------------------------------------------------
@@ -364,11 +364,11 @@ def test_repeats_are_aligned_however_late_they_were_started(tmp_path, urdf, late
     assert np.abs(logs[0].position - logs[1].position).max() < 1e-3
 
 
-def test_what_only_claims_to_repeat_is_no_repeat(tmp_path, urdf):
+def test_a_stated_repeat_with_another_motion_is_no_repeat(tmp_path, urdf):
     paths = [save(tmp_path, "run0", columns(0)), save(tmp_path, "run1", columns(1), repeat_of="run0")]
     _, report = admit([e for f in read_recordings(paths) for e in f], model_of_urdf(urdf, JOINTS))
     assert report.repeats == ()
-    assert any("says it repeats run0, but moves otherwise" in note for note in report.warnings)
+    assert any("says it repeats run0, but its motion differs" in note for note in report.warnings)
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -389,7 +389,7 @@ def test_the_delay_of_effort_behind_command_is_found(tmp_path, urdf, late, carri
     assert report.delay == pytest.approx(0.01 * late, abs=0.012)
 
 
-# --- stretches -------------------------------------------------------------------------------------------
+# --- segments --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rate", [None, RATE, 2.0 * RATE])
@@ -432,7 +432,7 @@ main()
 """
 
 
-def test_ten_hours_are_answered_from_stretches(tmp_path, urdf):
+def test_ten_hours_are_diagnosed_from_segments(tmp_path, urdf):
     """Bounded in memory (a process of its own, to measure it) and in time; what was used is said."""
     hour = np.arange(360_000) / 100.0  # the same hour ten times: what is not looked at may be anything
     q = np.column_stack([0.4 * np.sin(2 * np.pi * f * hour + np.sin(hour / 150.0)) for f in (0.31, 0.47)])
@@ -451,7 +451,7 @@ def test_ten_hours_are_answered_from_stretches(tmp_path, urdf):
     memory = int(done.stderr.rsplit("largest resident kB ", 1)[1].split()[0])
     assert done.returncode in (0, 5, 6), done.stderr
     found = json.loads(answer.read_text())
-    assert any("36000 s are more than is looked at" in note for note in found["data"]["warnings"])
+    assert any("36000 s are more than is used" in note for note in found["data"]["warnings"])
     assert found["causes"][0]["effect"] == "viscous_friction" and found["causes"][0]["joints"] == ["elbow"]
     assert memory < 1_400_000  # kB; 1 GB, and what compiling the plant takes where nothing is kept yet
 
@@ -504,7 +504,7 @@ def corrupt(data, how, name, value, first, length):
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(spoiled=st.lists(CORRUPTIONS, min_size=1, max_size=3), alone=st.booleans())
-def test_no_corruption_meets_a_traceback(tmp_path, urdf, spoiled, alone):
+def test_corrupt_recordings_give_no_traceback(tmp_path, urdf, spoiled, alone):
     """Whatever is done to a good recording, `diagnose` ends with one of the contract's codes and a sentence."""
     data = columns(0, seconds=8.0)
     for change in spoiled:
@@ -541,7 +541,7 @@ def test_a_pushed_hand_is_no_flipped_sign(tmp_path, urdf):
                 admit(episodes, model_of_urdf(urdf, JOINTS))
 
 
-def test_a_tool_on_a_joint_that_carries_nothing_is_no_flipped_sign(tmp_path):
+def test_a_tool_on_a_joint_without_load_is_no_flipped_sign(tmp_path):
     """Baxter's last joint needs a few mN.m for itself; what a light tool asks of it may well oppose that."""
     joints = [f"right_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
     model = model_of_robot("baxter", joints)
@@ -565,7 +565,7 @@ def test_a_tool_on_a_joint_that_carries_nothing_is_no_flipped_sign(tmp_path):
             admit(episodes, model)
 
 
-def test_a_stretch_that_is_too_short_is_left_out_and_the_rest_is_used(tmp_path, urdf):
+def test_a_segment_that_is_too_short_is_left_out(tmp_path, urdf):
     (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
     logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
     whole = assign_folds(logs, ())

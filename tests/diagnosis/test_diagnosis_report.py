@@ -35,9 +35,9 @@ SECTIONS = (
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A folder of recordings, diagnosed as a folder, with everything written; and the terminal's words."""
-    folder = tmp_path_factory.mktemp("told")
+    folder = tmp_path_factory.mktemp("written")
     pendulum.record(folder, "viscous_friction", seconds=8.0)
     (folder / "robot.urdf").write_text(pendulum.URDF)
     files = {"--json": "a.json", "--report": "a.html", "--recording": "a.rrd", "--patch": "a.yaml"}
@@ -93,8 +93,8 @@ def numbers(value: object) -> Iterator[float]:
         yield float(value)
 
 
-def test_the_report_is_whole_and_needs_no_network(told: tuple[Path, str]) -> None:
-    text = (told[0] / "a.html").read_text()
+def test_the_report_is_whole_and_needs_no_network(written: tuple[Path, str]) -> None:
+    text = (written[0] / "a.html").read_text()
     page = Page(text)
     assert page.open == []
     assert tuple(page.headings) == SECTIONS
@@ -102,50 +102,52 @@ def test_the_report_is_whole_and_needs_no_network(told: tuple[Path, str]) -> Non
     assert "@import" not in text and "url(http" not in text and "<script" not in text
     assert "width=device-width" in text and "@media print" in text
     assert text.count("<svg") >= 7
-    assert "lost because" in text and (told[0] / "a.yaml").read_text().splitlines()[3] in text.replace(
+    assert "lost because" in text and (written[0] / "a.yaml").read_text().splitlines()[3] in text.replace(
         "&quot;", '"'
     )
 
 
-def test_every_number_in_a_table_of_the_report_is_in_the_json(told: tuple[Path, str]) -> None:
+def test_every_number_in_a_table_of_the_report_is_in_the_json(written: tuple[Path, str]) -> None:
     known = set()
-    for value in numbers(json.loads((told[0] / "a.json").read_text())):
+    for value in numbers(json.loads((written[0] / "a.json").read_text())):
         known |= {number(value, digits) for digits in (2, 4, 5)} | {percent(value), f"{value:.3g}"}
-    cells = [cell for cell in Page((told[0] / "a.html").read_text()).cells if cell != "-"]
+    cells = [cell for cell in Page((written[0] / "a.html").read_text()).cells if cell != "-"]
     assert len(cells) > 30
     for cell in cells:
         assert all(part in known for part in cell.split(" to ")), cell
 
 
-def test_the_recording_holds_measured_predicted_residuals_and_regimes(told: tuple[Path, str]) -> None:
-    path = told[0] / "a.rrd"
+def test_the_recording_holds_measured_predicted_residuals_and_regimes(written: tuple[Path, str]) -> None:
+    path = written[0] / "a.rrd"
     assert (
         subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(path)], check=False).returncode
         == 0
     )
     paths = RrdReader(str(path)).store().schema().entity_paths()
-    (tested,) = json.loads((told[0] / "a.json").read_text())["data"]["heldout"]
+    (tested,) = json.loads((written[0] / "a.json").read_text())["data"]["heldout"]
     for joint in pendulum.JOINTS:
         for kind in ("signals", "residuals"):
             assert f"/{kind}/{tested}/link/{joint}" in paths
         assert f"/regimes/{tested}/{joint}" in paths
 
 
-def test_the_terminal_tells_gap_rollouts_and_cause(told: tuple[Path, str]) -> None:
+def test_the_terminal_shows_gap_rollouts_and_cause(written: tuple[Path, str]) -> None:
     for words in ("held-out residual", "simulated again", "viscous_friction", "remainder"):
-        assert words in told[1]
+        assert words in written[1]
 
 
-def test_a_folder_stands_for_its_episodes_and_is_replayed_when_there_is_one(
-    told: tuple[Path, str], tmp_path: Path
+def test_a_folder_means_its_episodes_and_is_replayed_if_there_is_one(
+    written: tuple[Path, str], tmp_path: Path
 ) -> None:
-    names = [path.name for path in episode_paths([told[0]])]
+    names = [path.name for path in episode_paths([written[0]])]
     assert names == [f"run{index}.parquet" for index in range(5)]
     with pytest.raises(BadInput, match="holds 5 episodes"):
-        CliRunner().invoke(replay, [str(told[0]), "--verify"], standalone_mode=False, catch_exceptions=False)
+        CliRunner().invoke(
+            replay, [str(written[0]), "--verify"], standalone_mode=False, catch_exceptions=False
+        )
     with pytest.raises(BadInput, match="no episode here"):
         episode_paths([tmp_path])
-    (tmp_path / "only.parquet").write_bytes((told[0] / "run0.parquet").read_bytes())
+    (tmp_path / "only.parquet").write_bytes((written[0] / "run0.parquet").read_bytes())
     assert the_episode(tmp_path) == tmp_path / "only.parquet"
 
 

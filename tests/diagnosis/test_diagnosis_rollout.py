@@ -51,7 +51,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def viscous(tmp_path_factory: pytest.TempPathFactory, robot: Path) -> tuple[Path, list[Path], dict]:
-    """Recordings of a plant that wears friction, and their diagnosis with its patch."""
+    """Recordings of a plant with friction, and their diagnosis with its patch."""
     folder = tmp_path_factory.mktemp("viscous")
     logs = record(folder, robot, VISCOUS)
     found = diagnosed(folder, robot, logs, "--patch", str(folder / "found.yaml"))
@@ -74,9 +74,7 @@ def test_the_command_drives_whole_joints_and_the_cause_closes_the_gap(viscous: t
     assert cause["rollout"]["verdict"] == "helps"
 
 
-def test_with_the_patch_worn_neither_torque_nor_rollout_finds_that_gap_again(
-    viscous: tuple, robot: Path
-) -> None:
+def test_with_the_patch_applied_neither_torque_nor_rollout_shows_the_gap(viscous: tuple, robot: Path) -> None:
     folder, logs, found = viscous
     again = diagnosed(folder, robot, logs, "--effects", str(folder / "found.yaml"))
     assert not [
@@ -86,9 +84,7 @@ def test_with_the_patch_worn_neither_torque_nor_rollout_finds_that_gap_again(
     assert second["before"] < 0.05 * first["before"]
 
 
-def test_a_number_that_a_patch_replaces_is_what_the_cause_is_counted_from(
-    tmp_path: Path, robot: Path
-) -> None:
+def test_causes_are_relative_to_numbers_that_a_patch_replaces(tmp_path: Path, robot: Path) -> None:
     """Told that a rotor weighs nothing, the diagnosis names its inertia, not the robot file's on top of it."""
     nothing = patch_text("reflected_inertia", "actuator", "port_bend", Ia=(0.0, "kg.m^2"))
     (tmp_path / "told.yaml").write_text(nothing)
@@ -110,7 +106,7 @@ def test_a_cause_is_judged_by_ratios_and_only_when_clear() -> None:
     assert judge(3.0 * size[:1], size[:1]).verdict == "no difference"
 
 
-def test_the_floor_is_what_repeats_do_not_share() -> None:
+def test_the_noise_floor_is_the_difference_of_repeats() -> None:
     random = np.random.default_rng(4)
     shared = np.repeat(random.normal(size=(200, 5, 3)), 2, axis=0)
     errors = shared + 0.1 * random.normal(size=shared.shape)
@@ -122,7 +118,7 @@ def test_the_floor_is_what_repeats_do_not_share() -> None:
     assert total_shrink([0.5 * floor], [floor], [floor]) is None
 
 
-def test_links_are_adjusted_only_as_far_as_they_stay_bodies(robot: Path) -> None:
+def test_links_are_adjusted_only_as_far_as_they_stay_physical(robot: Path) -> None:
     tree = read_tree(robot / "six_joint_pair.urdf", MOVING)
     mild = 0.03 * tree.inertia
     assert [c.parameters for c in body_changes(tree.bodies, mild)] == [
@@ -132,7 +128,9 @@ def test_links_are_adjusted_only_as_far_as_they_stay_bodies(robot: Path) -> None
         assert 0.0 < change.parameters[0] / -body.inertia[0] < 1.0
 
 
-def test_recordings_without_any_torque_say_why_nothing_was_rolled_out(viscous: tuple, tmp_path: Path) -> None:
+def test_without_any_torque_the_reason_is_given_why_nothing_was_simulated(
+    viscous: tuple, tmp_path: Path
+) -> None:
     """What schema and user get when there is nothing to drive a plant with."""
     from impedance_modules.diagnosis.report.diagnosis_files import rollout_object
     from impedance_modules.diagnosis.result import LeftOut, no_rollout
@@ -146,7 +144,7 @@ def test_recordings_without_any_torque_say_why_nothing_was_rolled_out(viscous: t
     assert found["gap"]["rollout"] == {"windows": 0, "left_out": [{"what": "all", "why": "no torque"}]}
 
 
-def test_endless_joints_roll_too(tmp_path: Path) -> None:
+def test_continuous_joints_are_simulated_too(tmp_path: Path) -> None:
     """A URDF with a continuous joint, rigid drives, effort at the link alone."""
     from tests.diagnosis import test_diagnosis as pendulum
 
@@ -163,7 +161,7 @@ def test_endless_joints_roll_too(tmp_path: Path) -> None:
     assert elbow["before"] > 20.0 * elbow["noise_floor"] and elbow["shrink"] > 0.95
 
 
-def test_a_seeded_plant_lives_the_same_life(robot: Path) -> None:
+def test_a_plant_from_the_same_state_moves_the_same_way(robot: Path) -> None:
     """Started amid a run, from its true state and with its torques, the plant goes on as the run did."""
     spec = two_joints(robot)
     options = PlantOptions(rate=1000.0, seed=0, noise=False, step=1e-3)
@@ -197,7 +195,7 @@ SLIDE = """<robot name="slide"><link name="base"/>
 <limit lower="-3" upper="3" velocity="9" effort="50"/></joint></robot>"""
 
 
-def test_a_sliding_joint_wears_friction_in_its_own_units(tmp_path: Path) -> None:
+def test_a_prismatic_joint_has_friction_in_its_own_units(tmp_path: Path) -> None:
     (tmp_path / "slide.urdf").write_text(SLIDE)
     model = model_of_urdf(tmp_path / "slide.urdf", ["rail"])
     robot = robot_of_model(model, tmp_path / "slide.urdf", "effort", "none")
@@ -217,7 +215,7 @@ def test_a_sliding_joint_wears_friction_in_its_own_units(tmp_path: Path) -> None
         apply_causes(robot, [friction("N.m.s/rad")], no_nuisance(model.tree), model.tree)
 
 
-def test_the_weak_floor_is_what_noise_of_starts_and_torque_gives(tmp_path: Path) -> None:
+def test_the_weak_floor_follows_from_noise_of_state_and_torque(tmp_path: Path) -> None:
     """Recordings that match the model but for noise: rollouts stray by about the floor, without any repeat."""
     from tests.diagnosis import test_diagnosis as pendulum
 

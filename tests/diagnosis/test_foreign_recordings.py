@@ -40,7 +40,7 @@ def point(q, v, a, mass, reach, length=0.4, g=9.81):
     return mass * (np.column_stack([first, second]) + g * weight)
 
 
-def test_a_payload_of_a_planar_arm_is_named_though_its_width_is_unseen(tmp_path):
+def test_a_payload_of_a_planar_arm_is_named_although_its_width_is_not_observable(tmp_path):
     paths = []
     for index, kind in enumerate((0, 1, 2, 0)):
         dice = np.random.default_rng(index)
@@ -69,7 +69,7 @@ def test_a_payload_of_a_planar_arm_is_named_though_its_width_is_unseen(tmp_path)
 
 @settings(max_examples=25, deadline=None)
 @given(step=st.floats(1e-5, 5e-3), seed=st.integers(0, 99))
-def test_a_grid_is_found_and_none_is_made_up(step, seed):
+def test_a_quantisation_step_is_found_only_where_there_is_one(step, seed):
     dice = np.random.default_rng(seed)
     smooth = 0.7 * np.sin(np.linspace(0.0, 20.0, 4000)) + 1e-5 * dice.standard_normal(4000)
     assert quantisation_step(step * np.round(smooth / step)) == pytest.approx(step, rel=1e-3)
@@ -78,7 +78,7 @@ def test_a_grid_is_found_and_none_is_made_up(step, seed):
 
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 99), size=st.floats(0.02, 0.08))
-def test_stamps_are_believed_only_if_the_motion_is_smooth_by_them(seed, size):
+def test_stamps_are_used_only_if_the_motion_is_smooth_by_them(seed, size):
     dice = np.random.default_rng(seed)
     true = 0.01 * np.arange(800) + 0.01 * size * dice.standard_normal(800)
     even = 0.01 * np.arange(800)

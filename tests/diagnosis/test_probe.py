@@ -109,7 +109,7 @@ def test_the_proposal_answers_and_is_safe(pair: int) -> None:
     assert np.allclose(signals.position[-1], probe.predictor.start, atol=0.02)
 
 
-def test_one_pose_cannot_tell_an_offset_from_a_spring() -> None:
+def test_one_pose_cannot_separate_an_offset_from_a_spring() -> None:
     spec = read_robot(ROBOT)
     model = model_of_spec(spec, list(spec.joints))
     request = request_of_diagnosis(answer(*PAIRS[1]), model.tree)
@@ -121,7 +121,9 @@ def test_one_pose_cannot_tell_an_offset_from_a_spring() -> None:
     for way in (0.01, 0.5):
         there, back = start[index] + way, start[index] - way
         strokes = tuple(Stroke({index: float(place)}, 1.5) for place in (there, back, there, back))
-        found = SeparationPredictor(request, model).separate(predictor.record(ProbeMotion(start, strokes, ())), request.questions)
+        found = SeparationPredictor(request, model).separate(
+            predictor.record(ProbeMotion(start, strokes, ())), request.questions
+        )
         shares.append(found[0].chi_square)
     assert shares[0] < CHI_SQUARE < shares[1]
 
@@ -174,11 +176,15 @@ def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
     assert {"ladder", "reversals", "chirp"} <= set(safe)
 
 
-def test_a_rival_of_bodies_is_asked_for_by_its_link_and_slight_causes_are_not() -> None:
+def test_a_rival_of_bodies_is_a_question_about_its_link_and_minor_causes_are_none() -> None:
     spec = read_robot(ROBOT)
     tree = model_of_spec(spec, list(spec.joints)).tree
     open_one = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
     slight = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
     slight["causes"][0]["weight"] = 0.001  # type: ignore[index]
-    assert [question.second.key for question in request_of_diagnosis(open_one, tree).questions] == ["port_upper_arm"]
-    assert all(question.second.effect != "payload" for question in request_of_diagnosis(slight, tree).questions)
+    assert [question.second.key for question in request_of_diagnosis(open_one, tree).questions] == [
+        "port_upper_arm"
+    ]
+    assert all(
+        question.second.effect != "payload" for question in request_of_diagnosis(slight, tree).questions
+    )

@@ -30,12 +30,12 @@ OFFSET = 3.0
 
 
 def record_poor(folder: Path, robot: Path) -> None:
-    """Swings one joint on the plant that wears the withheld patch; the joint that is wrong stands still."""
+    """Swings one joint on the plant with the withheld patch applied; the joint with the effect does not move."""
     spec, read = read_robot(robot), read_patch(folder / "withheld.yaml")
-    worn = apply_to_plant(RobotModel(spec), read)
+    applied = apply_to_plant(RobotModel(spec), read)
     model = RobotModel(apply_patch(spec, read))
     for index, tone in enumerate(TONES):
-        plant = Plant(model, [], None, PlantOptions(rate=RATE, seed=index, step=0.5e-3), worn)
+        plant = Plant(model, [], None, PlantOptions(rate=RATE, seed=index, step=0.5e-3), applied)
         metadata = episode_metadata(
             robot=spec.name,
             episode=f"poor{index}",

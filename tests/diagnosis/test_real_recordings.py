@@ -101,7 +101,7 @@ def test_emps_gives_the_published_friction_in_newtons(tmp_path):
     assert {"N", "N.s/m"} <= units and not any("N.m" in unit or "rad/s" in unit for unit in units)
 
 
-def test_emps_with_a_wrong_mass_is_told_from_friction_but_not_from_a_gain(tmp_path):
+def test_emps_with_a_wrong_mass_is_separated_from_friction_but_not_from_a_gain(tmp_path):
     """One level axis cannot tell 15 kg too little from a torque constant: both must be named."""
     imported(tmp_path, DATA / "emps" / "DATA_EMPS.mat", map_path=MAPS / "emps.yaml")
     light = tmp_path / "light.urdf"
