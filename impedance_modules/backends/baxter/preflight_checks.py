@@ -290,7 +290,7 @@ def check_effort(link: RobotLink, model: RobotModel, limb: str) -> PreflightResu
     if off[worst] <= SAME_EFFORT:
         return PreflightResult(name, True, found, "")
     found += (
-        f" ({model.limbs[limb].joint_names[worst]}): a spring beside the joint, a tool, a touch? A task that waits for"
+        f" ({model.limbs[limb].joint_names[worst]}): a parallel spring, a tool, a contact? A task that waits for"
         " contact needs a patch that has it (record, diagnose, run --effects), and is refused without"
     )
     return PreflightResult(name, None, found, "")

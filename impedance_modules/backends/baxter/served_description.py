@@ -105,7 +105,7 @@ def _compare_mount(ours: UrdfJoints, served: UrdfJoints, limb: LimbSpec, found: 
     shift, turn = _difference(here, there)
     if max(shift, turn) <= NOTICED:
         return
-    what = f"{limb.name} mount {1e3 * shift:.1f} mm and {1e3 * turn:.1f} mrad beside its nominal place"
+    what = f"{limb.name} mount {1e3 * shift:.1f} mm and {1e3 * turn:.1f} mrad from its nominal place"
     if shift > MOUNT_SHIFT or turn > MOUNT_TURN:
         found.problems.append(
             f"{what} (believed up to {1e3 * MOUNT_SHIFT:.0f} mm and {1e3 * MOUNT_TURN:.0f} mrad)"

@@ -220,7 +220,7 @@ def test_a_spring_beside_a_joint_is_noticed_and_no_obstacle() -> None:
         results = {result.name: result for result in session.preflight(("left", "right"))}
         assert results["effort right"].passed
         assert results["effort left"].passed is None
-        assert "20.0 N.m (left_s1): a spring beside the joint" in results["effort left"].found
+        assert "20.0 N.m (left_s1): a parallel spring" in results["effort left"].found
         refuse_failed(results.values(), commanding=True)
 
 

@@ -214,7 +214,7 @@ def test_a_push_is_a_collision_if_it_is_hard(force: tuple, kind: str) -> None:
         assert robot.limbs["left"].activity is LimbActivity.HOLDS and robot.limbs["left"].ignored == 500
         live(robot, 1.5)
         torque(robot, {}, 0.01)
-        assert robot.limbs["left"].activity is LimbActivity.OBEYS and not robot.colliding["left"]
+        assert robot.limbs["left"].activity is LimbActivity.COMMANDED and not robot.colliding["left"]
 
 
 def test_a_squeezed_cuff_makes_the_arm_yield() -> None:

@@ -53,7 +53,7 @@ class LimbActivity(Enum):
     """What a limb with power does; without power it does nothing."""
 
     HOLDS = "holds"
-    OBEYS = "obeys"
+    COMMANDED = "commanded"
     FLOATS = "floats"
 
 
@@ -73,7 +73,7 @@ class LimbDrive:
     """Control modes and command time-out of one limb.
 
     Attributes:
-        doing: Now.
+        activity: Now.
         mode: Of the last command that was taken; None before the first and after a time-out.
         command: (k,) its numbers, clipped.
         fault: Why a joint board failed; empty while it has not.
@@ -112,7 +112,7 @@ class LimbDrive:
     def served(self) -> bool:
         """Says whether the position servo controls the limb, not a torque command or nothing."""
         return self.activity is LimbActivity.HOLDS or (
-            self.activity is LimbActivity.OBEYS and self.mode is not CommandMode.TORQUE
+            self.activity is LimbActivity.COMMANDED and self.mode is not CommandMode.TORQUE
         )
 
     def paused(self, now: float) -> bool:
@@ -184,7 +184,7 @@ class LimbDrive:
             self.command = self.reference.position.copy() if moves else np.zeros(self._k)
         elif not moves:
             self.command = np.zeros(self._k)
-        self.mode, self.activity = mode, LimbActivity.OBEYS
+        self.mode, self.activity = mode, LimbActivity.COMMANDED
 
     def _bounded(self, places: Sequence[int], torque: Array) -> Array:
         """Clips a torque to what the boards can give, or reports a fault."""
@@ -197,7 +197,7 @@ class LimbDrive:
 
     def check_time(self, now: float) -> None:
         """Leaves a mode whose commands have stopped coming; ``expired`` tells."""
-        self.expired = self.activity is LimbActivity.OBEYS and now - self._commanded_at > self.time_out
+        self.expired = self.activity is LimbActivity.COMMANDED and now - self._commanded_at > self.time_out
 
     def orders(self, sensed: Sensed, servo: Servo) -> LimbOrders:
         """Advances by one tick; takes what the joints measure and their servos' settings."""

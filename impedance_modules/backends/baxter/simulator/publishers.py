@@ -116,7 +116,7 @@ class MessageBuilder:
         powered = float(robot.machine.state.enabled)
         acting = powered * (not robot.suppressed(limb.name, "suppress_gravity_compensation"))
         reference = drive.reference
-        torque = drive.activity is LimbActivity.OBEYS and drive.mode is CommandMode.TORQUE
+        torque = drive.activity is LimbActivity.COMMANDED and drive.mode is CommandMode.TORQUE
         measured = robot.state.position[joints]
         zeros = np.zeros(joints.size)
         return messages.SEAJointState(

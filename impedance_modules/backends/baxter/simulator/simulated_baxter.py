@@ -70,7 +70,7 @@ class SimulatedBaxter:
     """
 
     def __init__(
-        self, model: RobotModel, worn: PlantEffects | None, posture: Array, options: SimulatorOptions
+        self, model: RobotModel, effects: PlantEffects | None, posture: Array, options: SimulatorOptions
     ) -> None:
         """Builds the robot, standing still at a posture (n,) [rad]; compiles what it needs."""
         self.model, self.options = model, options
@@ -80,7 +80,7 @@ class SimulatedBaxter:
             for short, spring in options.springs.items()
         }
         plant_options = PlantOptions(rate=1.0 / TICK, seed=options.seed, noise=options.noise)
-        self.plant = DrivenPlant(model, plant_options, worn, springs)
+        self.plant = DrivenPlant(model, plant_options, effects, springs)
         self.plant.widen_stops(STOP_MARGIN)
         self.plant.warm(posture)
         self._boards = JointBoards(model, self.plant)
