@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_experiments.parallel_runs import carry_out_all
 from impedance_experiments.sanding_plots import (
@@ -45,8 +44,6 @@ from impedance_experiments.sanding_runs import (
 )
 from impedance_experiments.thesis_page import Cell, Page, ResultTable, Settings, Size, ThesisValue, table_of
 from impedance_modules.control.assembly import Assembly
-
-Array = NDArray[np.float64]
 
 SET_ON, JUDGED_ON = 1000, 6000
 """First seeds of the pieces of wood that the rule is set on, and (less the settings' seed) of those it is judged on."""

@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 
 TOWARDS = Directions(np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
 """Strokes towards the robot on a level board: the ones that the thesis judges."""
-X, Z = 0, 2
 SHALLOW, DEEP, SLANTED = "sand-wood", "sand-wood-deep", "sand-wood-slanted"
 MOST_WINDOWS = 8
 """Windows per case; the thesis's eight."""

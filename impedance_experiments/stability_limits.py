@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impedance_experiments.stability_search import (
     Knock,
@@ -29,8 +28,6 @@ from impedance_experiments.thesis_page import (
     table_of,
 )
 from impedance_modules.control.assembly import Assembly, assemble
-
-Array = NDArray[np.float64]
 
 TASK, SOFT_TASK = "stiff-hand", "drifting-hand"
 PATCH = "unknown-payload"
