@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from impedance_experiments import one_joint
-from impedance_experiments.impedance_controller import reproduce
+from impedance_experiments import impedance_controller, one_joint
 from impedance_experiments.thesis_page import Settings, Size
 
 
 def test_the_hand_has_its_net_stiffness_and_a_deep_spring_holds_twice_the_energy(tmp_path: Path) -> None:
-    facts = reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
+    facts = impedance_controller.reproduce(
+        Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)
+    ).facts
     assert abs(facts["slope_error"]) < 0.05
     assert facts["force"] == pytest.approx(20.0, abs=0.1)
     assert facts["energy_ratio"] == pytest.approx(2.0, rel=0.02)

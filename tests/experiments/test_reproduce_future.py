@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from impedance_experiments import folding, nonlinear_damping
+from impedance_experiments import folding, nonlinear_damping, under_water
 from impedance_experiments.thesis_page import Settings, Size
-from impedance_experiments.under_water import reproduce
 
 
 def test_a_hand_under_water_floats_up_as_stiff_as_before_and_feels_heavier(tmp_path: Path) -> None:
-    facts = reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
+    facts = under_water.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
     assert facts["shift"] == pytest.approx(facts["shift_predicted"], rel=0.1)
     assert facts["shift"] > 0.02
     assert facts["stiffness_ratio_y"] == pytest.approx(1.0, abs=0.06)

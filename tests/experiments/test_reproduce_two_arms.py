@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from impedance_experiments import two_arms
 from impedance_experiments.thesis_page import Settings, Size
-from impedance_experiments.two_arms import PushAnswers, ratios, reproduce
+from impedance_experiments.two_arms import PushAnswers, ratios
 
 
 def test_a_pushed_box_answers_as_the_sum_of_its_arms(tmp_path: Path) -> None:
-    page = reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None))
+    page = two_arms.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None))
     facts = page.facts
     assert facts["done"] == 1.0
     assert facts["stiffness_error"] < 0.02 and facts["joint_error"] < 0.05
