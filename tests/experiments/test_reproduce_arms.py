@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One arm's impedance: net stiffness, inertia by posture, and a lost support."""
+"""Experiments on the arms: feel of one arm, limits of stiffness, two arms on a box, folding links, water."""
 
 from __future__ import annotations
 
