@@ -290,7 +290,7 @@ class Watchdog:
         checked = time.monotonic()
         while not self._stopped:
             if time.monotonic() - checked > PROCESS_PAUSE:
-                # The messages of this pause are still in the sockets: they are read first, then silence is judged.
+                # The messages of this pause are still in the sockets: they are read before silence is concluded.
                 time.sleep(CHECK_PERIOD)
             self._check()
             checked = time.monotonic()

@@ -2,7 +2,7 @@
 """Complete states of all joints out of JointState messages that each name some, timed by the robot's clock.
 
 Several publishers, any order and extra joints are accepted. A step of the robot's clock is bridged by our own; how
-late a sample is, is judged against the fastest delivery of late.
+late a sample is, is measured against the fastest recent delivery.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class JointStateMerger:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Joints of the model that nobody has ever reported in full."""
+        """Joints of the model that no message has reported yet."""
         return tuple(name for name in self._names if name not in self.seen)
 
     def take(self, message: JointState, received: float) -> StateSample | None:

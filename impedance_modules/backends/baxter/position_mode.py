@@ -188,7 +188,7 @@ class Approach:
         return f"{self._names[worst]} is {away[worst]:+.3f} rad"
 
 
-class Interrupted(Exception):  # noqa: N818 - nobody's error
+class Interrupted(Exception):  # noqa: N818 - no error
     """A person asked to stop."""
 
 
@@ -215,8 +215,8 @@ class PostureMover:
         """Moves to a posture (n,) [rad] and holds there; False when a person ended it on the way.
 
         Raises:
-            RobotRefused: Nobody listens, or the arms do not arrive.
-            RobotStopped: The robot stopped, felt a collision, or fell silent on the way.
+            RobotRefused: The commands have no subscriber, or the arms do not arrive.
+            RobotStopped: The robot stopped, felt a collision, or fell silent during the move.
         """
         session, transport = self._session, self._session.transport
         limbs = session.model.limbs

@@ -114,7 +114,7 @@ class RobotLink:
             return sample if sample is not None and sample.number > after else None
 
     def warm_up(self) -> None:
-        """Decodes and merges the last message once more, into a copy that nobody reads."""
+        """Decodes and merges the last message once more, into a copy that is not used."""
         if self._last_message is not None:
             self._warm_up_merge.take(decode(JointState, encode(self._last_message)), 0.0)
 

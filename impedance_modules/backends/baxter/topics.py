@@ -24,7 +24,7 @@ SUPPORTED_SOFTWARE = "1.2."
 """Beginning of the software versions whose messages and behaviour are those described here."""
 
 DEFAULT_STATE_RATE = 100
-"""Rate of the joint states when nobody asks for another [Hz]."""
+"""Rate of the joint states unless another one is requested [Hz]."""
 
 USUAL_RATE = 500.0
 """Rate that a run asks for unless told otherwise [Hz]; Rethink calls up to 800 Hz reliable."""

@@ -276,7 +276,7 @@ class EndEffectorState(Message):
 
 @dataclass(frozen=True, slots=True)
 class URDFConfiguration(Message):
-    """A piece of robot description that somebody adds at run time."""
+    """A part of the robot description that is added at run time."""
 
     ros_type: ClassVar[str] = "baxter_core_msgs/URDFConfiguration"
     time: int

@@ -8,9 +8,9 @@ Collision avoidance keeps the arms away from each other and from the body by a r
 with the distance d and its gradient G of ``robot.distances``. The robot's collision shapes are a little larger than its
 links, so tucked arms are inside the field.
 
-Collision detection (``plant.collision``) judges the torque tau = J^T (F, 0) of a push. The real robot judges from its
-torque sensors; the simulator knows the push and judges from it, so that no fast motion of its own is taken for a
-collision. Pushes are the only collisions it detects.
+Collision detection (``plant.collision``) classifies the torque tau = J^T (F, 0) of a push. The real robot does so from
+its torque sensors; the simulator uses the push itself, so that no fast motion of its own is taken for a collision.
+Pushes are the only collisions it detects.
 """
 
 from __future__ import annotations

@@ -40,15 +40,15 @@ NUMBERS = {
 """Faults with a number: what it is, lowest, highest."""
 
 ACTS = {
-    "estop": "somebody presses the e-stop button",
-    "estop-release": "somebody releases it",
+    "estop": "a person presses the e-stop button",
+    "estop-release": "a person releases it",
     "joint-fault": "a joint board fails",
 }
 """What happens once."""
 
 ON_LIMB = {
-    "cuff": ("LIMB", "somebody squeezes a cuff ('cuff off' lets go of all)"),
-    "push": ("LIMB FX FY FZ [S]", "somebody pushes a hand, base axes [N], for so long (1 s)"),
+    "cuff": ("LIMB", "a person squeezes a cuff ('cuff off' lets go of all)"),
+    "push": ("LIMB FX FY FZ [S]", "a person pushes a hand, base axes [N], for S seconds (default 1)"),
 }
 """What happens to one limb: what follows the name, and what it is."""
 

@@ -103,7 +103,7 @@ class SimulatedBaxter:
         self._update_safety()
 
     def post(self, request: Request) -> None:
-        """Hands a request to the next tick; safe from any thread."""
+        """Queues a request for the next tick; safe from any thread."""
         self._requests.append(request)
 
     def command(self, limb: str, mode: int, names: Sequence[str], values: Sequence[float]) -> None:
