@@ -137,7 +137,7 @@ class StribeckFriction(JointLaw):
         return {"fc": fc, "fs": fc + bump, "vs": float(shape["vs"])}
 
     def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Tries speeds from just above the sign's regularisation_velocity to a third of the largest one."""
+        """Tries speeds from just above the regularisation velocity to a third of the largest one."""
         joint = signals.joint(key)
         fastest = float(np.abs(signals.velocity[:, joint]).max())
         least = float(regularisation_velocity(signals.model.sliding)[joint])

@@ -61,7 +61,7 @@ class Signals:
         surfaces: What the hands could press on, as the task has it; empty where nobody says.
         hands: Links whose origins touch them.
         clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
-            otherwise gain by regularisation_velocity the noise that the residual carries too.
+            otherwise gain by smoothing the noise that the residual carries too.
         reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that need no more than its sign.
     """
 

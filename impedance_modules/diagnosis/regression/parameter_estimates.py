@@ -226,14 +226,14 @@ class UnwhitenedFit:
         return self._kept[id(term)][1]
 
     def torque(self, model_fit: ModelFit, index: int, recording: int) -> dict[int, Array]:
-        """What one term of a model_fit's whole fit adds to a recording: group -> (M,) in the group's unit."""
+        """What one term of a model's fit on all recordings adds to a recording: group -> (M,) in the group's unit."""
         term, start = model_fit.model[index], int(model_fit.starts[index])
         own = model_fit.whole.coefficients[start : start + term.shaped.size]
         whole = np.append(own, np.ones(int(term.shaped.fixed)))
         return {g: block @ whole for g, block in self._columns(term)[recording].items()}
 
     def left(self, model_fit: ModelFit, recording: int) -> list[Array]:
-        """What a model_fit's whole fit leaves of a recording: group -> (M,) in the group's unit."""
+        """What a model's fit on all recordings leaves of a recording: group -> (M,) in the group's unit."""
         design = self.design
         coefficients = model_fit.whole.coefficients
         out = [
@@ -251,7 +251,7 @@ class UnwhitenedFit:
 def estimates(
     model_fit: ModelFit, refiner: ShapeRefiner, index: int, *, prismatic: bool
 ) -> Mapping[str, Estimate]:
-    """Estimates the parameters of a model_fit's term.
+    """Estimates the parameters of a fitted model's term.
 
     Args:
         model_fit: The accepted model.
