@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,14 +83,11 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
             f"no joint moves more than {MOTION_MIN} rad ({SLIDE_MIN} m) rms in any recording: constant data"
             " (valid: motions that reverse, at several speeds)"
         )
-    groups: dict[str, list[str]] = {}
-    for log in grouped:
-        groups.setdefault(log.group, []).append(log.name)
     report = DataReport(
         rates={log.name: log.rate for log, _ in found},
         jitter={log.name: jitter for log, jitter in found},
         weak_joints=weak,
-        repeats=tuple(tuple(names) for names in groups.values() if len(names) > 1),
+        repeats=_repeats(grouped),
         torque=_torque_semantics(grouped),
         delay=common_delay(grouped, model.tree),
         warnings=tuple(warnings),
@@ -97,7 +95,16 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
     return grouped, report
 
 
+def _repeats(logs: Sequence[Log]) -> tuple[tuple[str, ...], ...]:
+    """Names of the recordings in each group of repeats."""
+    groups: dict[str, list[str]] = {}
+    for log in logs:
+        groups.setdefault(log.group, []).append(log.name)
+    return tuple(tuple(names) for names in groups.values() if len(names) > 1)
+
+
 def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Log, float]:
+    """Brings one recording to an even time base; returns it with the jitter of its time stamps."""
     place = episode.source
     if len(episode) < SAMPLES_MIN:
         count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
@@ -106,22 +113,11 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
     stamps = _times_of_samples(episode, model, warnings)
     if stamps is not episode.time:
         time, rate, _ = uniform_time(stamps, str(place), [])
-    if rate < RATE_MIN:
-        hint = (
-            " (or is time in milliseconds? valid: seconds)" if 1e3 * rate >= RATE_MIN and rate < 1.0 else ""
-        )
-        raise InsufficientData(
-            f"{place}: {rate:.3g} Hz is too slow for joint-level causes (valid: {RATE_MIN:g} Hz or more){hint}"
-        )
+    _refuse_slow(place, rate)
 
     def take(kind: str) -> Array | None:
-        recorded = getattr(episode, kind)
-        missing = [joint for joint in model.joints if joint not in recorded]
-        if missing:
-            if recorded and kind != "velocity":
-                warnings.append(f"{episode.name}: {kind} lacks {', '.join(missing)} and is not used")
-            return None
-        return resampled(np.column_stack([recorded[j] for j in model.joints]), stamps, time, kind)
+        values = _channel(episode, kind, model.joints, warnings)
+        return None if values is None else resampled(values, stamps, time, kind)
 
     position = take("position")
     if position is None:
@@ -150,6 +146,26 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         grid=np.array([quantisation_step(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
     )
     return log, jitter
+
+
+def _refuse_slow(place: Path, rate: float) -> None:
+    if rate >= RATE_MIN:
+        return
+    hint = " (or is time in milliseconds? valid: seconds)" if 1e3 * rate >= RATE_MIN and rate < 1.0 else ""
+    raise InsufficientData(
+        f"{place}: {rate:.3g} Hz is too slow for joint-level causes (valid: {RATE_MIN:g} Hz or more){hint}"
+    )
+
+
+def _channel(episode: Episode, kind: str, joints: Sequence[str], warnings: list[str]) -> Array | None:
+    """One recorded quantity of all joints, (N, n); None where it lacks a joint."""
+    recorded = getattr(episode, kind)
+    missing = [joint for joint in joints if joint not in recorded]
+    if not missing:
+        return np.column_stack([recorded[joint] for joint in joints])
+    if recorded and kind != "velocity":
+        warnings.append(f"{episode.name}: {kind} lacks {', '.join(missing)} and is not used")
+    return None
 
 
 def _times_of_samples(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:

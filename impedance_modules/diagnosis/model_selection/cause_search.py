@@ -25,7 +25,7 @@ from impedance_modules.diagnosis.model_selection.external_pushes import (
     find_pushes,
     rows_without_pushes,
 )
-from impedance_modules.diagnosis.model_selection.forward_selection import Selector
+from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
     candidate_regressors,
@@ -56,6 +56,7 @@ from impedance_modules.diagnosis.residuals.contact_mask import (
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.external_contact import ExternalContact
+from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -84,18 +85,34 @@ def search_causes(
         without: Ids of effects that are left out of the catalogue.
         progress: Called with a sentence for each step.
     """
-    residuals = list(prepared[0].residuals)
-    pairs = repeat_pairs(prepared, split.fitted)
-    noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
-    flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
+    selector = _selector(prepared, split, model, without)
+    found = selector.run(progress)
+    pushes: tuple[ExternalPush, ...] = ()
+    if ExternalContact.description.id not in without:
+        selector, found, pushes = _without_pushes(selector, found, prepared, progress)
+    plain = UnwhitenedFit(selector.refiner)
+    model_fit = _tested(selector, found.causes, plain, prepared, split.heldout)
+    floor, pairs = selector.design.whitening, repeat_pairs(prepared, split.fitted)
+    if pairs:
+        # With the causes known, differences between repeated motions no longer raise the noise floor.
+        left = [plain.left(model_fit, r) for r in range(len(prepared))]
+        floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, floor.clear)
+    return Evidence(selector, split.heldout, prepared, model_fit, floor, plain, found.refusal, pushes)
+
+
+def _selector(
+    prepared: tuple[Prepared, ...], split: DataSplit, model: NominalModel, without: Collection[str]
+) -> Selector:
+    """Builds the columns of all candidates, the noise floor and the design; rows in contact are masked."""
+    signals = _cleaned(prepared, split)
     # What happened at one time in one recording can be confirmed by no other: it is searched for by itself.
     bound = {effect.id for effect in CATALOGUE.values() if effect.bound_to_recording}
-    signals = [clean_signals(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
     shaped = [
         (candidate, shape)
         for candidate in list_candidates(CATALOGUE, prepared, {*without, *bound})
         for shape in shapes_of(candidate, signals)
     ]
+    residuals = list(prepared[0].residuals)
     generic = generic_basis(prepared, residuals)
     regressors = candidate_regressors(shaped, prepared, signals, residuals)
     nuisance = build_nuisance(prepared, model.tree.inertia)
@@ -106,52 +123,52 @@ def search_causes(
     names = [item.log.name for item in prepared]
     design = build_design([*regressors, *generic], nuisance, raw, floor, names=names, rate=rate)
     del regressors
-    selector = Selector(
-        design, split.folds, ShapeRefiner(design, prepared, signals), model.position_resolution
-    )
-    if mask:
-        selector = selector.on(design.without(mask))
-    contact = ExternalContact.description.id not in without
-    return _search(selector, prepared, split, progress, contact=contact)
+    refiner = ShapeRefiner(design, prepared, signals)
+    selector = Selector(design, split.folds, refiner, model.position_resolution)
+    return selector.on(design.without(mask)) if mask else selector
 
 
-def _search(
+def _cleaned(prepared: Sequence[Prepared], split: DataSplit) -> list[Signals]:
+    """Signals of all recordings without the noise of commands and efforts, which repeats measure."""
+    pairs = repeat_pairs(prepared, split.fitted)
+    noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
+    flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
+    return [clean_signals(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
+
+
+def _without_pushes(
+    selector: Selector, found: Selection, prepared: Sequence[Prepared], progress: Progress
+) -> tuple[Selector, Selection, tuple[ExternalPush, ...]]:
+    """Repeats the search with pushes masked; returns what was given where there is no push."""
+    pushes = find_pushes(selector.model_fit(found.causes), prepared)
+    if not pushes:
+        return selector, found, ()
+    progress("masking moments of contact")
+    touched = rows_of_link_residuals(rows_without_pushes(pushes, prepared), selector.design.groups)
+    masked = selector.on(selector.design.without(intersect_masks(selector.design.whitening.clear, touched)))
+    again = masked.run(progress)
+    if not _fits_as_well(masked, again.causes, found.causes):
+        return selector, found, ()  # the first causes explain the same rows better: there was no push
+    return masked, again, _refitted_pushes(selector, masked, again.causes, prepared) or pushes
+
+
+def _tested(
     selector: Selector,
-    prepared: tuple[Prepared, ...],
-    split: DataSplit,
-    progress: Progress,
-    *,
-    contact: bool,
-) -> Evidence:
-    """Finds the causes, repeats the search with pushes masked, tests significance, and estimates the noise again."""
-    found = selector.run(progress)
-    pushes = find_pushes(selector.model_fit(found.causes), prepared) if contact else ()
-    if pushes:
-        progress("masking moments of contact")
-        touched = rows_of_link_residuals(rows_without_pushes(pushes, prepared), selector.design.groups)
-        moments = intersect_masks(selector.design.whitening.clear, touched)
-        masked = selector.on(selector.design.without(moments))
-        again = masked.run(progress)
-        if _fits_as_well(masked, again.causes, found.causes):
-            pushes = _refitted_pushes(selector, masked, again.causes, prepared) or pushes
-            selector, found = masked, again
-        else:
-            pushes = ()  # the first causes explain the same rows better: there was no push
-    model_fit, plain = selector.model_fit(found.causes), UnwhitenedFit(selector.refiner)
+    causes: Sequence[ModelTerm],
+    plain: UnwhitenedFit,
+    prepared: Sequence[Prepared],
+    heldout: Sequence[int],
+) -> ModelFit:
+    """Fits the causes that pass all three tests of significance; each test judges the model as it was before."""
+    model_fit = selector.model_fit(causes)
     for kept in (
         above_negligible(model_fit, plain, negligible(prepared, selector.design.groups)),
         significant_terms(model_fit, selector.refiner),
-        validated_on_holdout(model_fit, selector.model_fit, split.heldout),
+        validated_on_holdout(model_fit, selector.model_fit, heldout),
     ):
         model = [term for term in model_fit.model if term in kept]
         model_fit = model_fit if len(model) == len(model_fit.model) else selector.model_fit(model)
-    floor, pairs = selector.design.whitening, repeat_pairs(prepared, split.fitted)
-    if pairs:
-        # With the causes known, differences between repeated motions no longer raise the noise floor.
-        left = [plain.left(model_fit, r) for r in range(len(prepared))]
-        clear = selector.design.whitening.clear
-        floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, clear)
-    return Evidence(selector, split.heldout, prepared, model_fit, floor, plain, found.refusal, pushes)
+    return model_fit
 
 
 def significant_terms(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:

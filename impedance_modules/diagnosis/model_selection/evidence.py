@@ -27,6 +27,8 @@ from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 
 Array = NDArray[np.float64]
+NEGLIGIBLE = 1e-3
+"""Negligible part of a joint's own load, or speed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +119,6 @@ class Evidence:
     def excess_before(self) -> float:
         """Excess of the nominal model."""
         return self.excess(None)
-
-
-NEGLIGIBLE = 1e-3
-"""Negligible part of a joint's own load, or speed."""
 
 
 def negligible(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:

@@ -102,24 +102,8 @@ def prepare(
     a = differentiate(v, time)
     regressor = inertial_regressor(model.tree, q, v, a)
     weight = gravity_regressor(model.tree, q)
-    carried = weight @ model.tree.inertia
-    effort = None if log.effort is None else band.smooth(log.effort)
-    signals = Signals(
-        model=rigid,
-        time=time,
-        position=q,
-        velocity=v,
-        acceleration=a,
-        effort=effort,
-        drive=_drive(log, model, carried, band),
-        assistance=carried if log.gravity_compensation == "robot" and log.command is not None else None,
-        position_command=log.position_command,
-        reflected_inertia=model.reflected_inertia,
-        motor_damping=model.motor_damping,
-        # Without a measured effort this is not used.
-        effort_source="motor" if log.effort_source == "motor" else "joint_sensor",
-        spring_compliance=model.compliance if log.effort_source == "joint_sensor" else 0.0 * model.compliance,
-    )
+    signals = _signals(log, model, rigid, band, (time, q, v, a), weight @ model.tree.inertia)
+    effort = signals.effort
     torque = regressor @ model.tree.inertia
     residuals = {
         name: band.condense(values - _effect_torque(known_effects, signals, name))
@@ -143,6 +127,34 @@ def prepare(
         velocity=band.pick(v),
         acceleration=band.pick(a),
         load=band.pick(load),
+    )
+
+
+def _signals(  # noqa: PLR0917 - all of them belong together
+    log: Log,
+    model: NominalModel,
+    rigid: BatchedRigidModel,
+    band: Band,
+    motion: tuple[Array, Array, Array, Array],
+    carried: Array,
+) -> Signals:
+    """Inputs of the effects' columns: filtered motion (time, q, v, a), torques, and the drive's parameters."""
+    time, q, v, a = motion
+    return Signals(
+        model=rigid,
+        time=time,
+        position=q,
+        velocity=v,
+        acceleration=a,
+        effort=None if log.effort is None else band.smooth(log.effort),
+        drive=_drive(log, model, carried, band),
+        assistance=carried if log.gravity_compensation == "robot" and log.command is not None else None,
+        position_command=log.position_command,
+        reflected_inertia=model.reflected_inertia,
+        motor_damping=model.motor_damping,
+        # Without a measured effort this is not used.
+        effort_source="motor" if log.effort_source == "motor" else "joint_sensor",
+        spring_compliance=model.compliance if log.effort_source == "joint_sensor" else 0.0 * model.compliance,
     )
 
 
