@@ -8,6 +8,7 @@ others, whenever they were made.
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,10 +26,14 @@ MADE_BY = "Made by"
 """Heading and words by which the index finds what it takes from a page."""
 FLAGS = {Size.SHORT: " --short", Size.NORMAL: "", Size.FULL: " --full"}
 INDEX = "README.md"
-_MADE = re.compile(rf"{MADE_BY} `(?P<command>[^`]+)`(?: in (?P<seconds>[0-9.]+) s)?")
+PROSE_WIDTH = 118
+"""Columns of a line of prose."""
+_MADE = re.compile(rf"{MADE_BY}\s`(?P<command>[^`]+)`(?:\sin\s(?P<seconds>[0-9.]+)\ss)?")
+_LINE_BREAK = re.compile(r"\n(?=\n|- )")
+"""Where one paragraph or list item ends."""
 _INTRODUCTION = (
     "Every experiment of the thesis, run in this project: `impedance reproduce all` makes these pages, `impedance "
-    "reproduce NAME --out docs/thesis` one of them, and this index with it. Why a number differs stands on its page.",
+    "reproduce NAME --out docs/thesis` one of them, and this index with it. Why a number differs stands on its page."
 )
 PAGE_COLUMNS = ("section", "page", "asks", "made by", "processor time [s]")
 ROW_COLUMNS = ("section", "quantity", "thesis", "ours", "spread", "unit", "page", "made by")
@@ -51,22 +56,39 @@ def write_page(experiment: Experiment, page: Page, command: str, seconds: float,
     """
     folder.mkdir(parents=True, exist_ok=True)
     made = f"{MADE_BY} `{command}` in {seconds:.0f} s of processor time."
-    lines = [f"# {experiment.question}", "", f"Thesis section {experiment.section}. {made}", ""]
-    lines += [page.summary.strip(), ""]
+    lines = [f"# {experiment.question}", "", wrapped(f"Thesis section {experiment.section}. {made}"), ""]
+    lines += [wrapped(page.summary), ""]
     if page.comparisons:
         lines += [COMPARISONS, "", *comparison_lines(page.comparisons), ""]
     for plot in page.plots:
         file = f"{experiment.name}-{plot.name}.png"
         FigureCanvasAgg(plot.figure)
         plot.figure.savefig(folder / file, dpi=RESOLUTION)
-        lines += [f"![{plot.caption}]({file})", "", f"*{plot.caption}*", ""]
+        lines += [f"![{plot.caption}]({file})", "", wrapped(f"*{plot.caption}*"), ""]
     for table in page.tables:
-        lines += [f"**{table.caption}**", "", *table_lines(table.columns, table.rows), ""]
+        lines += [wrapped(f"**{table.caption}**"), "", *table_lines(table.columns, table.rows), ""]
     if page.differences:
-        lines += ["## What differs, and why", "", page.differences.strip(), ""]
+        lines += ["## What differs, and why", "", wrapped(page.differences), ""]
     path = folder / f"{experiment.name}.md"
     path.write_text("\n".join(lines).rstrip() + "\n")
     return path
+
+
+def wrapped(markdown: str) -> str:
+    """Breaks the lines of paragraphs and list items at ``PROSE_WIDTH``; code between backticks stays on one line."""
+    return "\n".join(_filled(block) for block in _LINE_BREAK.split(markdown.strip()))
+
+
+def _filled(block: str) -> str:
+    """Fills one paragraph or list item; no line begins with a dash, which Markdown would take for an item."""
+    words = re.sub(
+        r"`[^`]+`| (?=[-+*] )", lambda found: re.sub(r"\s", "\0", found[0]), " ".join(block.split())
+    )
+    indent = "  " if words.startswith("- ") else ""
+    lines = textwrap.wrap(
+        words, PROSE_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(lines).replace("\0", " ")
 
 
 def comparison_lines(comparisons: Sequence[ThesisValue]) -> list[str]:
@@ -130,7 +152,7 @@ def write_index(folder: Path) -> Path:
     """Writes ``README.md`` of a folder: which pages there are, and all their comparisons in one table."""
     found = (read_page(experiment, folder) for experiment in EXPERIMENTS.values())
     pages = [page for page in found if page is not None]
-    lines = ["# The thesis, run here", "", *_INTRODUCTION, ""]
+    lines = ["# The thesis, run here", "", wrapped(_INTRODUCTION), ""]
     lines += ["## Pages", "", *table_lines(PAGE_COLUMNS, [_page_row(page) for page in pages]), ""]
     lines += [COMPARISONS, "", *table_lines(ROW_COLUMNS, [row for page in pages for row in _rows(page)])]
     path = folder / INDEX

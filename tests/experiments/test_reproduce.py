@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from impedance_experiments.page_files import PROSE_WIDTH, wrapped
 from impedance_experiments.thesis_experiments import EXPERIMENTS, find_experiment
 from impedance_modules.cli.reproduce_verb import reproduce_command as command
 from impedance_modules.errors import BadInput
@@ -34,6 +35,14 @@ def test_a_page_has_its_table_its_plots_and_its_command(tmp_path: Path) -> None:
     assert "impedance reproduce planar-arms" in text and "eq. 4.30" in text and "18.36" in text
     pictures = re.findall(r"\]\((.*?\.png)\)", text)
     assert pictures and all((tmp_path / picture).stat().st_size > 1000 for picture in pictures)
+
+
+def test_the_lines_of_a_page_are_filled() -> None:
+    item = f"- see `tune a-task --alone`, {'a word ' * 30}- and a dash"
+    lines = wrapped(f"{'A word ' * 40}\nand more\n\n{item}\n{item}").splitlines()
+    starts = [line[:2] for line in lines]
+    assert max(map(len, lines)) <= PROSE_WIDTH and starts.count("- ") == 2 and starts.count("") == 1
+    assert sum("`tune a-task --alone`" in line for line in lines) == 2 and " and more" in " ".join(lines)
 
 
 def test_the_index_keeps_the_rows_of_pages_made_before(tmp_path: Path) -> None:
