@@ -5,7 +5,8 @@ r"""A generic basis: what functions of a joint's motion without physics could ex
     local    r = c \max(0, \pm (q - q_k)),   r = c \exp(-((q - q_k) / h)^2)   somewhere in the joint's range
 
 with \tau the model's torque: a generic regressor must not use the reading that it is to explain. A cause is named
-only if it does better than the best of these with as many coefficients, and explains a gap only if none of them finds more.
+only if it does better than the best of these with as many coefficients, and explains a gap only if none of them finds
+more.
 """
 
 from __future__ import annotations
