@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 TASK ?= press-and-slide
 OUT ?= out/$(TASK)
 
-.PHONY: run test lint lock clean
+.PHONY: run test lint docs lock clean
 run: $(VENV)/run.stamp
 	@rm -rf "$(OUT)"
 	$(BIN)/impedance run $(TASK) --out "$(OUT)"
@@ -20,6 +20,12 @@ lint: $(VENV)/develop.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# The reference of all modules, from their docstrings; pdoc refuses a module that cannot be imported.
+docs: $(VENV)/docs.stamp
+	@rm -rf out/docs
+	$(BIN)/python -m pdoc --docformat google --no-show-source -o out/docs impedance_modules impedance_experiments
+	@echo "wrote out/docs/index.html"
+
 # Versions and hashes come from requirements/*.txt; nothing is resolved on the user's machine.
 $(VENV)/run.stamp: requirements/run.txt pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "impedance_modules needs Python 3.11 or newer, this is " + sys.version.split()[0])'
@@ -32,11 +38,16 @@ $(VENV)/develop.stamp: requirements/develop.txt $(VENV)/run.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/develop.txt
 	@touch $@
 
+$(VENV)/docs.stamp: requirements/docs.txt $(VENV)/run.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/docs.txt
+	@touch $@
+
 # Needs uv: writes the locked versions anew.
 lock:
 	uv pip compile pyproject.toml --group build --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/run.txt
 	uv pip compile pyproject.toml --group build --group test --group lint --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/develop.txt
 	uv pip compile pyproject.toml --group benchmark --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/benchmark.txt
+	uv pip compile pyproject.toml --group docs --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/docs.txt
 
 clean:
 	rm -rf $(VENV) out build dist

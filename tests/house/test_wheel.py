@@ -73,6 +73,11 @@ def test_an_experiment_runs_from_the_wheel(installed: Path, tmp_path: Path) -> N
     assert (tmp_path / "planar-arms.md").is_file()
 
 
+def test_the_wheel_says_that_its_types_can_be_checked(installed: Path) -> None:
+    assert (installed / "impedance_modules" / "py.typed").is_file()
+    assert (installed / "impedance_experiments" / "py.typed").is_file()
+
+
 def test_the_wheel_has_the_packages_alone(installed: Path) -> None:
     tops = {path.name for path in installed.iterdir() if not path.name.endswith(".dist-info")}
     assert tops == {"impedance_modules", "impedance_experiments"}
