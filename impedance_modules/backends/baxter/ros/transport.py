@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The interface to ROS: topics, parameters, and who publishes what; two implementations, one more in the tests.
 
-Rules that every transport keeps (``tests/test_baxter_transport.py`` runs them over all of them):
+Rules that every transport keeps (``tests/backends/baxter/test_transports.py`` runs them over all of them):
 
 - A subscriber receives from *every* publisher of its topic, also from those that come later, and keeps only the newest
   message of each: older ones that came while a callback ran are dropped, never delivered late.
