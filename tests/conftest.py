@@ -1,18 +1,57 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One option for the machine that decides what lands, where a skipped test is a failed run; a ROS master."""
+"""Options for machines: a skipped test is a failed run, and of long tests a seeded sample runs. A ROS master."""
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from tests.support.ros_master import NO_MASTER, NO_ROSPY, ros_master
+from tests.support.sampling import sample_of
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--fail-on-skip", action="store_true", help="end with exit 1 if any test was skipped")
+    parser.addoption(
+        "--sample",
+        type=float,
+        metavar="SHARE",
+        help="run this part, in (0, 1], of long tests: of the parametrisations of each, or of a file's tests",
+    )
+    parser.addoption(
+        "--sample-seed", type=int, metavar="N", help="which sample; the header of a run prints it"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    share = config.option.sample
+    if share is None:
+        return
+    if not 0.0 < share <= 1.0:
+        raise pytest.UsageError(f"--sample {share}: no part of all tests (valid: above 0, at most 1)")
+    if config.option.sample_seed is None:
+        config.option.sample_seed = secrets.randbelow(2**32)  # the processes of xdist get this one
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    if config.option.sample is None:
+        return None
+    return (
+        f"of long tests a sample: --sample {config.option.sample} --sample-seed {config.option.sample_seed}"
+    )
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.option.sample is None:
+        return
+    long = {item.nodeid for item in items if item.get_closest_marker("long")}
+    left_out = long - sample_of(long, config.option.sample, config.option.sample_seed)
+    config.hook.pytest_deselected(items=[item for item in items if item.nodeid in left_out])
+    items[:] = [item for item in items if item.nodeid not in left_out]
 
 
 @pytest.hookimpl(trylast=True)

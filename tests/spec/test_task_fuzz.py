@@ -134,7 +134,7 @@ def judge(read):
     return "accepted"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("shard", range(SHARDS))
 def test_a_mutated_task_is_read_or_refused_with_a_place(shard):
     seen = {"accepted": 0, "refused": 0}

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``--sample`` leaves out tests marked long, never all of a kind, and the same ones for the same seed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import CHECKOUT
+from tests.support.sampling import sample_of
+
+NODES = [
+    *(f"a.py::law[{i}]" for i in range(10)),
+    *(f"a.py::rule[{way}]" for way in ("python", "machine code")),
+    "a.py::one",
+    "a.py::two",
+    "b.py::alone",
+]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_group_keeps_its_share_and_at_least_one_test(seed: int) -> None:
+    kept = sample_of(NODES, 0.2, seed)
+    assert sum("law" in node for node in kept) == 2 and sum("rule" in node for node in kept) == 1
+    assert sum(node in ("a.py::one", "a.py::two") for node in kept) == 1 and "b.py::alone" in kept
+
+
+def test_the_seed_chooses() -> None:
+    assert sample_of(NODES, 0.3, 1) == sample_of(reversed(NODES), 0.3, 1)
+    assert len({frozenset(sample_of(NODES, 0.3, seed)) for seed in range(20)}) > 10
+    assert sample_of(NODES, 1.0, 1) == set(NODES)
+
+
+def run(*options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--collect-only", *options]
+    return subprocess.run(command, cwd=CHECKOUT, capture_output=True, text=True, check=False, timeout=300)
+
+
+def test_pytest_runs_the_sample_and_says_which() -> None:
+    fuzz = str(Path("tests/spec/test_task_fuzz.py"))
+    whole, part = run(fuzz), run(fuzz, "--sample", "0.1", "--sample-seed", "7", "--fail-on-skip")
+    assert part.returncode == 0 and "--sample 0.1 --sample-seed 7" in part.stdout
+    assert "deselected" in part.stdout and "deselected" not in whole.stdout
+    assert "--sample 1.5" in run(fuzz, "--sample", "1.5").stderr
