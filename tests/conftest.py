@@ -32,8 +32,14 @@ def pytest_configure(config: pytest.Config) -> None:
         return
     if not 0.0 < share <= 1.0:
         raise pytest.UsageError(f"--sample {share}: no part of all tests (valid: above 0, at most 1)")
-    if config.option.sample_seed is None:
-        config.option.sample_seed = secrets.randbelow(2**32)  # the processes of xdist get this one
+    chosen = getattr(config, "workerinput", {}).get("sample_seed", config.option.sample_seed)
+    config.option.sample_seed = secrets.randbelow(2**32) if chosen is None else chosen
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """All processes of pytest-xdist run one sample."""
+    node.workerinput["sample_seed"] = node.config.option.sample_seed
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:
