@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 TASK ?= press-and-slide
 OUT ?= out/$(TASK)
 
-.PHONY: run test lint docs lock clean
+.PHONY: run test lint docs verify lock clean
 run: $(VENV)/run.stamp
 	@rm -rf "$(OUT)"
 	$(BIN)/impedance run $(TASK) --out "$(OUT)"
@@ -25,6 +25,10 @@ docs: $(VENV)/docs.stamp
 	@rm -rf out/docs
 	$(BIN)/python -m pdoc --docformat google --no-show-source -o out/docs impedance_modules impedance_experiments
 	@echo "wrote out/docs/index.html"
+
+# Everything: all tests, mutants, experiments of the thesis. Stopped, it goes on when it is started again.
+verify: $(VENV)/develop.stamp $(VENV)/docs.stamp
+	$(BIN)/python -m tests.verify $(VERIFY_ARGS)
 
 # Versions and hashes come from requirements/*.txt; nothing is resolved on the user's machine.
 $(VENV)/run.stamp: requirements/run.txt pyproject.toml
