@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.backend import FirstState
+from impedance_modules.compiled import use_machine_code
 from impedance_modules.control import compiled_cycle
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.compiled_place import place_start
@@ -71,6 +72,7 @@ class Controller(CycleReadings):
     """
 
     def __init__(self, assembly: Assembly) -> None:
+        use_machine_code()
         self.assembly = assembly
         model, modules = assembly.model, assembly.modules
         self.modules: TaskModules = modules

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import use_machine_code
 from impedance_modules.plant import compiled_step
 from impedance_modules.plant.contact.surfaces import NEAR, Surfaces
 from impedance_modules.plant.effects_port import JointMotion, JointTorque
@@ -31,6 +32,7 @@ class Integrator:
     def __init__(
         self, links: pin.Model, memory: Memory, *, surfaces: Surfaces, step: float, coupling: Array
     ) -> None:
+        use_machine_code()
         self.step = step
         self.memory = memory
         self.surfaces = surfaces

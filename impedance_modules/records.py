@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Records: named numbers and arrays that laws change in place, as Python and as machine code alike.
+
+A record owns a block of 8-byte words that machine code reads as it stands; a call converts nothing:
+
+- word 0: the Python object;
+- a number: itself;
+- an array: address of its first element, its Python object, its shape;
+- another record: address of its block.
+"""
+
+from __future__ import annotations
+
+from operator import attrgetter
+from typing import Annotated, Any, ClassVar, NamedTuple, dataclass_transform, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+Scalar = float
+Integer = int
+Flag = bool
+Vector = Annotated[NDArray[np.float64], 1]
+Matrix = Annotated[NDArray[np.float64], 2]
+Array3 = Annotated[NDArray[np.float64], 3]
+Array4 = Annotated[NDArray[np.float64], 4]
+Indices = Annotated[NDArray[np.int64], 1]
+IndexMatrix = Annotated[NDArray[np.int64], 2]
+
+_KINDS: dict[Any, tuple[str, int]] = {float: ("float64", 0), int: ("int64", 0), bool: ("bool", 0)}
+_KINDS |= {kind: ("float64", ndim) for ndim, kind in enumerate((Vector, Matrix, Array3, Array4), 1)}
+_KINDS |= {Indices: ("int64", 1), IndexMatrix: ("int64", 2)}
+
+
+class Field(NamedTuple):
+    """What a field is and where.
+
+    Attributes:
+        name: In the record.
+        place: Its first word in the block.
+        dtype: "float64", "int64", "bool", or "record".
+        ndim: Of an array; 0 for anything else.
+        record: Layout of a record in this one.
+    """
+
+    name: str
+    place: int
+    dtype: str
+    ndim: int
+    record: Layout | None
+
+
+class Layout(NamedTuple):
+    """What machine code depends on in a class of records: its full name, its fields, the length of the block."""
+
+    name: str
+    fields: tuple[Field, ...]
+    words: int
+
+
+class _NumbaType:
+    """What numba takes a record for; made when it asks, then kept on the class."""
+
+    def __get__(self, record: Record | None, owner: type[Record]) -> Any:
+        from impedance_modules.machine_code import RecordType  # noqa: PLC0415 - only numba asks
+
+        owner._numba_type_ = kept = RecordType(owner._layout)
+        return kept
+
+
+@dataclass_transform(kw_only_default=True, eq_default=False)
+class Record:
+    """Named numbers, arrays and other records; subclasses declare them as a dataclass does.
+
+    Arrays and records are given once, by keyword, and shared; they cannot be replaced, only written in place.
+    Numbers can be assigned and can have a default.
+    """
+
+    _layout: ClassVar[Layout]
+    _defaults: ClassVar[dict[str, float]] = {}
+    _numba_type_: ClassVar[Any]
+
+    def __init_subclass__(cls) -> None:
+        fields, place, defaults = [], 1, dict(cls._defaults)
+        for name, hint in get_type_hints(cls, include_extras=True).items():
+            if get_origin(hint) is ClassVar:
+                continue
+            if isinstance(hint, type) and issubclass(hint, Record):
+                field = Field(name, place, "record", 0, hint._layout)
+            elif hint in _KINDS:
+                field = Field(name, place, *_KINDS[hint], None)
+            else:
+                raise TypeError(f"{cls.__qualname__}.{name}: a record cannot hold {hint}")
+            if name in cls.__dict__:
+                defaults[name] = cls.__dict__[name]
+            setattr(cls, name, _access(field))
+            fields.append(field)
+            place += 2 + field.ndim if field.ndim else 1
+        cls._layout = Layout(f"{cls.__module__}.{cls.__qualname__}", tuple(fields), place)
+        cls._defaults, cls._numba_type_ = defaults, _NumbaType()
+
+    def __init__(self, **values: Any) -> None:
+        values = self._defaults | values
+        wrong = values.keys() ^ {field.name for field in self._layout.fields}
+        if wrong:
+            raise TypeError(f"{type(self).__name__}: missing or unknown {sorted(wrong)}")
+        words = np.zeros(self._layout.words, dtype=np.int64)
+        words[0] = id(self)
+        self._integers, self._floats = words.data, words.view(np.float64).data
+        self._address: int = words.ctypes.data
+        for field in self._layout.fields:
+            value = values[field.name]
+            if field.record is not None or field.ndim:
+                setattr(self, f"_{field.name}", value)
+                for place, word in enumerate(_description(field, value), field.place):
+                    self._integers[place] = word
+            else:
+                setattr(self, field.name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (type(self), {field.name: getattr(self, field.name) for field in self._layout.fields})
+
+
+def _description(field: Field, value: Any) -> tuple[int, ...]:
+    """The words that tell machine code where an array or a record is."""
+    if field.record is not None:
+        if not isinstance(value, Record) or value._layout != field.record:
+            raise TypeError(f"{field.name} is no {field.record.name}")
+        return (value._address,)
+    known = isinstance(value, np.ndarray) and value.dtype == field.dtype and value.ndim == field.ndim
+    if not (known and value.flags.carray):
+        raise TypeError(f"{field.name}: not a writable C array of {field.dtype} in {field.ndim} dimensions")
+    return (value.__array_interface__["data"][0], id(value), *value.shape)
+
+
+def _access(field: Field) -> property:
+    """Access to a field from Python."""
+    place = field.place
+    if field.record is not None or field.ndim:
+        return property(attrgetter(f"_{field.name}"))
+    if field.dtype == "float64":
+        return property(
+            lambda record: record._floats[place],
+            lambda record, value: record._floats.__setitem__(place, value),
+        )
+    number = bool if field.dtype == "bool" else int
+    return property(
+        lambda record: number(record._integers[place]),
+        lambda record, value: record._integers.__setitem__(place, bool(value) if number is bool else value),
+    )
+
+
+def _again(cls: type[Record], values: dict[str, Any]) -> Record:
+    return cls(**values)
