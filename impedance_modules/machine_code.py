@@ -179,7 +179,7 @@ def dispatcher(law: Law[..., Any]) -> Any:
 
 
 _OUTSIDE = sys.stdlib_module_names | {"numpy", "numba"}
-"""Packages that are followed by their version, if at all."""
+"""Packages into which ``stamp`` does not follow a law: their versions stand for them, where they matter."""
 
 
 def stamp(law: Law[..., Any]) -> str:
@@ -223,6 +223,8 @@ def _own(law: Law[..., Any]) -> tuple[str, list[Law[..., Any]]]:
             if value.__name__ not in entered and not _outside(value.__name__):
                 entered.add(value.__name__)
                 found += [(f"{name}.{more}", getattr(value, more)) for more in names if hasattr(value, more)]
+        elif isinstance(value, tuple):
+            found += [(f"{name}[{at}]", item) for at, item in enumerate(value)]
         else:
             written.append(f"{name} = {_constant(value)}")
     return "\n".join(written), called
