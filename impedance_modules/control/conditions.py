@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.weight import STANDARD_GRAVITY
+from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
 from impedance_modules.robot.external_torque import ExternalTorque
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impedance_modules.backends.baxter.gates_types import Gate
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.conditions import Touch
-from impedance_modules.modules.weight import STANDARD_GRAVITY
+from impedance_modules.modules.held_object import STANDARD_GRAVITY
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.patch import read_patch

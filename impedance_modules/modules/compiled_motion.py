@@ -17,8 +17,8 @@ from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.equilibrium import OBJECT, PhaseMotion
 from impedance_modules.modules.pose_motion import PoseMotion
-from impedance_modules.robot.compiled_rotation import compose, exponential
 from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.rotation import compose, exponential
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.squeeze import squeeze_forces
-from impedance_modules.modules.weight import STANDARD_GRAVITY, share_wrench
-from impedance_modules.robot.compiled_rotation import compose
+from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject, share_wrench, squeeze_forces
+from impedance_modules.robot.rotation import compose
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

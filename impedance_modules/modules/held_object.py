@@ -12,9 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.modules.squeeze import squeeze_forces
-from impedance_modules.modules.weight import STANDARD_GRAVITY, share_wrench
-from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.pose import Pose, carry
+from impedance_modules.robot.rotation import skew
 from impedance_modules.spec.task import ObjectSpec
 
 Array = NDArray[np.float64]
@@ -113,3 +112,60 @@ def distance_to_surface(shape: str, size: tuple[float, ...], point: Array) -> fl
         excess = np.array([np.hypot(point[0], point[1]) - 0.5 * size[0], abs(point[2]) - 0.5 * size[1]])
     outside = float(np.linalg.norm(np.maximum(excess, 0.0)))
     return outside + min(float(np.max(excess)), 0.0)
+
+
+def squeeze_forces(offsets: Array, force: float) -> Array:
+    """Presses every hand towards the object's origin so that nothing is left over at the object.
+
+    The presses that point straight at the origin are projected on the internal forces, those with
+    sum f_i = 0 and sum r_i x f_i = 0, and scaled so that the hands press with ``force`` on average.
+    Two hands press along the line between them, each with exactly ``force``. The directions follow the
+    hands, so the squeeze turns with the object and its wrench on it stays zero.
+
+    Args:
+        offsets: (h, 3) r_i from the object's origin to each hand [m], h >= 2, world axes.
+        force: Mean magnitude [N], not negative.
+
+    Returns:
+        (h, 3) force of each hand on the object [N], world axes. All zero where the geometry allows no
+        internal press, e.g. two hands at one point.
+    """
+    distances = np.linalg.norm(offsets, axis=1, keepdims=True)
+    towards = -offsets / np.where(distances > 0.0, distances, 1.0)
+    balance = np.hstack([np.vstack([np.eye(3), skew(offset)]) for offset in offsets])
+    pressed = towards.reshape(-1)
+    internal = (pressed - np.linalg.pinv(balance, rcond=1e-10) @ (balance @ pressed)).reshape(-1, 3)
+    mean = float(np.mean(np.linalg.norm(internal, axis=1)))
+    if mean < 1e-9:
+        return np.zeros_like(offsets)
+    return internal * (force / mean)
+
+
+STANDARD_GRAVITY = 9.81
+"""[m/s^2], along -z of the world; the value robots and simulators here use."""
+
+
+def share_wrench(offsets: Array, wrench: Array) -> Array:
+    """Splits a wrench at the object's origin over the hands, with the least effort.
+
+    Minimises sum (|f_i|^2 + |t_i|^2 / l^2) subject to sum X_i^T w_i = W, exactly; l is the mean distance
+    of the hands, which makes forces and moments comparable.
+
+    Args:
+        offsets: (h, 3) from the object's origin to each hand [m], world axes.
+        wrench: (6,) W at the origin, world axes [N, N.m].
+
+    Returns:
+        (h, 6) wrench that each hand puts on the object, at the hand, world axes.
+    """
+    length = float(np.mean(np.linalg.norm(offsets, axis=1)))
+    # A hand at the very origin has no lever: any length then gives the same split.
+    scale = np.array([1.0] * 3 + [length if length > 0.0 else 1.0] * 3)
+    grasp_map = np.hstack([carry(offset).T * scale for offset in offsets])
+    solution = np.linalg.pinv(grasp_map) @ wrench
+    return np.asarray(solution.reshape(len(offsets), 6) * scale)
+
+
+def carry_weight(offsets: Array, mass: float) -> Array:
+    """Shares the wrench m g upwards that holds the object's weight; (h, 6) as ``share_wrench``."""
+    return share_wrench(offsets, np.array([0.0, 0.0, mass * STANDARD_GRAVITY, 0.0, 0.0, 0.0]))

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.records import Row, Table
-from impedance_modules.robot.compiled_rotation import add_cross, compose, dot, exponential, turn
+from impedance_modules.robot.rotation import add_cross, compose, dot, exponential, turn
 
 Array = NDArray[np.float64]
 

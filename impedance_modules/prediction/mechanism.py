@@ -18,8 +18,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
-from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.weight import STANDARD_GRAVITY
+from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
 from impedance_modules.plant.contact.points import hand_point, object_points
 from impedance_modules.plant.pushes import push_wrench
 from impedance_modules.prediction.contact import Contact, find_contacts, place_surface

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.squeeze import squeeze_forces
-from impedance_modules.modules.weight import carry_weight
+from impedance_modules.modules.held_object import HeldObject, carry_weight, squeeze_forces
 from impedance_modules.robot.pose import Pose
 from impedance_modules.superposition.arm import ArmImpedance
 from impedance_modules.superposition.modes import HeldTogether, JointSpace, hold_together

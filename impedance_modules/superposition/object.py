@@ -20,8 +20,8 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.modules.held_object import share_wrench
 from impedance_modules.modules.mobility import parallel_sum
-from impedance_modules.modules.weight import share_wrench
 from impedance_modules.robot.pose import carry
 from impedance_modules.robot.rotation import skew
 from impedance_modules.superposition.inertia import OperationalInertia, carry_inertia, from_mobility

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.errors import BadFile
-from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.build import build_modules
+from impedance_modules.modules.arms import TaskModules, build_modules
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.modules.held_object import distance_to_surface, moments_of_inertia

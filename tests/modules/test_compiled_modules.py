@@ -12,12 +12,10 @@ from impedance_modules.modules import compiled_motion, compiled_object, compiled
 from impedance_modules.modules.arms import ArmModule, TaskModules
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import OBJECT, Equilibrium, phase_motion
-from impedance_modules.modules.held_object import HeldObject
+from impedance_modules.modules.held_object import HeldObject, carry_weight, squeeze_forces
 from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.spring import Spring
-from impedance_modules.modules.squeeze import squeeze_forces
 from impedance_modules.modules.total import desired_effort
-from impedance_modules.modules.weight import carry_weight
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose

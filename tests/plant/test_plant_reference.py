@@ -12,7 +12,7 @@ from impedance_modules.plant.compiled_step import rate
 from impedance_modules.plant.links import link_table
 from impedance_modules.plant.records import PUSH_ROW, RATE, STAGE, START
 from impedance_modules.plant.reference import plain_rate
-from impedance_modules.robot import compiled_rotation
+from impedance_modules.robot import rotation as compiled_rotation
 from impedance_modules.robot.rotation import exp3, log3
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
 from tests.support.plant_parts import (

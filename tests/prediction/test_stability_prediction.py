@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from impedance_modules.modules.damping import endpoint_damping, joint_damping
 from impedance_modules.modules.mobility import mobility
-from impedance_modules.modules.modal_damping import endpoint_damping, joint_damping
 from impedance_modules.modules.motor_velocity import MotorVelocity
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, eigh
 
+from impedance_modules.modules.damping import endpoint_damping, joint_damping
 from impedance_modules.modules.mobility import mobility
-from impedance_modules.modules.modal_damping import endpoint_damping, joint_damping
 from impedance_modules.modules.motor_velocity import MotorVelocity
 from impedance_modules.superposition.elastic_joints import (
     Drives,

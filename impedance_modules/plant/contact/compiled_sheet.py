@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.records import Row
-from impedance_modules.robot.compiled_rotation import turn
+from impedance_modules.robot.rotation import turn
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.records import CELL, Row, Table
-from impedance_modules.robot.compiled_rotation import dot
+from impedance_modules.robot.rotation import dot
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.records import Row, Table
-from impedance_modules.robot.compiled_rotation import (
+from impedance_modules.robot.rotation import (
     add_cross,
     add_rotation_rate,
     compose,

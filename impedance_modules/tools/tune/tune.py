@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput
-from impedance_modules.modules.build import build_modules
+from impedance_modules.modules.arms import build_modules
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.prediction.mechanism import Mechanism, Setting
