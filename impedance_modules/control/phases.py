@@ -10,7 +10,7 @@ import numpy as np
 from impedance_modules.control.conditions import ContactJudge, Touch
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.roughness_judge import SmoothJudge
-from impedance_modules.modules.equilibrium import OBJECT
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition, SmoothCondition
 

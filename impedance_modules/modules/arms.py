@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadFile, Problem
-from impedance_modules.modules.equilibrium import OBJECT
-from impedance_modules.modules.held_object import HeldObject, distance_to_surface
+from impedance_modules.modules.held_object import OBJECT, HeldObject, distance_to_surface
 from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.model import Limb, RobotModel

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.equilibrium import OBJECT, PhaseMotion
+from impedance_modules.modules.equilibrium import PhaseMotion
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.modules.pose_motion import PoseMotion
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import compose, exponential

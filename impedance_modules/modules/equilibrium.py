@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.held_object import HeldObject
+from impedance_modules.modules.held_object import OBJECT, HeldObject
 from impedance_modules.modules.pose_motion import PoseMotion, minimum_jerk, pose_motion
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.pose import Pose
@@ -23,10 +23,6 @@ from impedance_modules.robot.rotation import skew
 from impedance_modules.spec.task import PhaseSpec
 
 Array = NDArray[np.float64]
-
-OBJECT = "object"
-"""Name by which a target refers to the held object."""
-
 
 @dataclass(frozen=True)
 class Equilibrium:

@@ -18,6 +18,9 @@ from impedance_modules.spec.task import ObjectSpec
 
 Array = NDArray[np.float64]
 
+OBJECT = "object"
+"""Name by which a target refers to the held object."""
+
 
 @dataclass(frozen=True)
 class HeldObject:

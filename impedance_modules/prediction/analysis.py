@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.damping import phase_damping
-from impedance_modules.modules.equilibrium import OBJECT, start_equilibrium
+from impedance_modules.modules.equilibrium import start_equilibrium
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.prediction.quasi_static_result import Rest

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.control.conditions import REGULARISATION
 from impedance_modules.modules.arms import ArmModule
-from impedance_modules.modules.equilibrium import OBJECT, PhaseMotion
-from impedance_modules.modules.held_object import STANDARD_GRAVITY
+from impedance_modules.modules.equilibrium import PhaseMotion
+from impedance_modules.modules.held_object import OBJECT, STANDARD_GRAVITY
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.modules.equilibrium import OBJECT
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.modules.total import desired_effort
 from impedance_modules.prediction.contact import Contact
 from impedance_modules.prediction.mechanism import Mechanism, Setting

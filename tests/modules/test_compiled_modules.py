@@ -11,8 +11,8 @@ import pytest
 from impedance_modules.modules import compiled_motion, compiled_object, compiled_springs
 from impedance_modules.modules.arms import ArmModule, TaskModules
 from impedance_modules.modules.damping import Damping
-from impedance_modules.modules.equilibrium import OBJECT, Equilibrium, phase_motion
-from impedance_modules.modules.held_object import HeldObject, carry_weight, squeeze_forces
+from impedance_modules.modules.equilibrium import Equilibrium, phase_motion
+from impedance_modules.modules.held_object import OBJECT, HeldObject, carry_weight, squeeze_forces
 from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.spring import Spring
 from impedance_modules.modules.total import desired_effort

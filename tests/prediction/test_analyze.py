@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from impedance_modules.cli.main import impedance
 from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
-from impedance_modules.modules.equilibrium import OBJECT
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.analysis import Felt, analyse_task
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from impedance_modules.cli.main import impedance
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.errors import BadFile
-from impedance_modules.modules.equilibrium import OBJECT
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.check import Outlook, refuse_unfit
 from impedance_modules.prediction.energy import TankForecast, forecast_tank
 from impedance_modules.prediction.forecast import Forecast, forecast_task
