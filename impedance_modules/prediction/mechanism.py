@@ -19,6 +19,7 @@ from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
+from impedance_modules.modules.total import Terms, desired_effort
 from impedance_modules.plant.contact.points import hand_point, object_points
 from impedance_modules.plant.pushes import push_wrench
 from impedance_modules.prediction.contact import Contact, find_contacts, place_surface
@@ -109,6 +110,10 @@ class Mechanism:
                 stiffness[part, part] += J.T @ spring.world_stiffness @ J
                 dampers[part, part] += J.T @ damping.of_spring(spring) @ J
         return stiffness, dampers
+
+    def module_efforts(self, setting: Setting, q: Array, v: Array) -> Terms:
+        """Sums what the modules ask for at the state of the last ``update``: q [rad] and v [rad/s], both (n,)."""
+        return desired_effort(setting.modules, self.kinematics, setting.targets, q, v, setting.damping)
 
     def object_pose(self) -> Pose:
         """Gives X_WO as the first holding hand says it."""

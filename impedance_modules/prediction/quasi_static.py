@@ -23,9 +23,8 @@ from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import PhaseMotion, phase_motion, start_equilibrium
 from impedance_modules.modules.pose_motion import minimum_jerk, minimum_jerk_slope
-from impedance_modules.modules.total import desired_effort
 from impedance_modules.prediction.feel import Feel, PhaseEnd
-from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.pressing import Motion, Pressing
 from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Sample
 from impedance_modules.prediction.steps import plan_steps
@@ -166,8 +165,8 @@ class _Stage:
         self, modules: TaskModules, damping: Damping, motion: PhaseMotion, clock: float
     ) -> tuple[Array, float]:
         """Sums the modules' torque and energy, a phase's gains coming in by minimum jerk."""
-        kinematics, targets = self._mechanism.kinematics, motion.at(clock)
-        terms = desired_effort(modules, kinematics, targets, self._q, self._v, damping)
+        mechanism, targets = self._mechanism, motion.at(clock)
+        terms = mechanism.module_efforts(Setting(modules, targets, damping), self._q, self._v)
         blending = min(BLENDING, motion.duration)
         if clock >= blending:
             return terms.effort, terms.energy
@@ -178,7 +177,7 @@ class _Stage:
                 [np.zeros_like(self._q), *forces], axis=0
             ), terms.energy
         old_modules, old_damping = self._old
-        old = desired_effort(old_modules, kinematics, targets, self._q, self._v, old_damping)
+        old = mechanism.module_efforts(Setting(old_modules, targets, old_damping), self._q, self._v)
         effort = old.effort + part * (terms.effort - old.effort)
         return effort, old.energy + part * (terms.energy - old.energy)
 

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.modules.total import desired_effort
 from impedance_modules.prediction.contact import Contact
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.quasi_static_result import Rehearsal, Rest
@@ -135,9 +134,7 @@ class _Balance:
         mechanism, setting = self._mechanism, self._setting
         still = np.zeros_like(q)
         mechanism.update(q, still)
-        terms = desired_effort(
-            setting.modules, mechanism.kinematics, setting.targets, q, still, setting.damping
-        )
+        terms = mechanism.module_efforts(setting, q, still)
         self.effort = terms.effort
         force = terms.effort[mechanism.joints] + mechanism.object_load()
         for frame, wrench in self._loads.pushes.items():
