@@ -64,6 +64,8 @@ register_model(RecordType)(models.OpaqueModel)
 def _type_of(field: Field) -> Any:
     if field.record is not None:
         return RecordType(field.record)
+    if field.row is not None:
+        return types.Array(numba.from_dtype(field.row), 1, "C")
     number = {"float64": types.float64, "int64": types.int64, "bool": types.boolean}[field.dtype]
     return types.Array(number, field.ndim, "C") if field.ndim else number
 
@@ -105,11 +107,12 @@ def _get(context: Any, builder: Any, record: RecordType, value: Any, name: str) 
     data = _fixed(builder, value, field.place, context.get_data_type(kind.dtype).as_pointer())
     parent = _fixed(builder, value, field.place + 1, cgutils.voidptr_t)
     shape = [_fixed(builder, value, field.place + 2 + axis, _WORD) for axis in range(field.ndim)]
-    strides = [_WORD(8)]
+    size = 8 if field.row is None else field.row.itemsize
+    strides = [_WORD(size)]
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
     array = make_array(kind)(context, builder)
-    populate_array(array, data, shape, strides, 8, meminfo=None, parent=parent)
+    populate_array(array, data, shape, strides, size, meminfo=None, parent=parent)
     return array._getvalue()
 
 

@@ -5,14 +5,25 @@ A record owns a block of 8-byte words that machine code reads as it stands; a ca
 
 - word 0: the Python object;
 - a number: itself;
-- an array: address of its first element, its Python object, its shape;
+- an array or a table: address of its first element, its Python object, its shape;
 - another record: address of its block.
+
+A table is a one-dimensional array whose rows have named fields: ``tank.cells[i].level``.
 """
 
 from __future__ import annotations
 
 from operator import attrgetter
-from typing import Annotated, Any, ClassVar, NamedTuple, dataclass_transform, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    NamedTuple,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +37,10 @@ Array3 = Annotated[NDArray[np.float64], 3]
 Array4 = Annotated[NDArray[np.float64], 4]
 Indices = Annotated[NDArray[np.int64], 1]
 IndexMatrix = Annotated[NDArray[np.int64], 2]
+Row = Any
+"""One row of a table: a record of numpy, or what numba takes for it."""
+Table = np.recarray[Any, Any]
+"""Declared as ``Annotated[Table, ROW]`` with ``ROW`` an aligned structured type, ``np.dtype([...], align=True)``."""
 
 _KINDS: dict[Any, tuple[str, int]] = {float: ("float64", 0), int: ("int64", 0), bool: ("bool", 0)}
 _KINDS |= {kind: ("float64", ndim) for ndim, kind in enumerate((Vector, Matrix, Array3, Array4), 1)}
@@ -38,16 +53,18 @@ class Field(NamedTuple):
     Attributes:
         name: In the record.
         place: Its first word in the block.
-        dtype: "float64", "int64", "bool", or "record".
-        ndim: Of an array; 0 for anything else.
+        dtype: "float64", "int64", "bool", "table", or "record".
+        ndim: Of an array or a table; 0 for anything else.
         record: Layout of a record in this one.
+        row: Type of a table's rows.
     """
 
     name: str
     place: int
     dtype: str
     ndim: int
-    record: Layout | None
+    record: Layout | None = None
+    row: np.dtype[np.void] | None = None
 
 
 class Layout(NamedTuple):
@@ -85,11 +102,7 @@ class Record:
         for name, hint in get_type_hints(cls, include_extras=True).items():
             if get_origin(hint) is ClassVar:
                 continue
-            if isinstance(hint, type) and issubclass(hint, Record):
-                field = Field(name, place, "record", 0, hint._layout)
-            elif hint in _KINDS:
-                field = Field(name, place, *_KINDS[hint], None)
-            else:
+            if (field := _field(name, place, hint)) is None:
                 raise TypeError(f"{cls.__qualname__}.{name}: a record cannot hold {hint}")
             if name in cls.__dict__:
                 defaults[name] = cls.__dict__[name]
@@ -110,6 +123,8 @@ class Record:
         self._address: int = words.ctypes.data
         for field in self._layout.fields:
             value = values[field.name]
+            if field.row is not None and isinstance(value, np.ndarray):
+                value = value.view(np.recarray)
             if field.record is not None or field.ndim:
                 setattr(self, f"_{field.name}", value)
                 for place, word in enumerate(_description(field, value), field.place):
@@ -121,13 +136,27 @@ class Record:
         return _again, (type(self), {field.name: getattr(self, field.name) for field in self._layout.fields})
 
 
+def _field(name: str, place: int, hint: Any) -> Field | None:
+    """Reads what a field is from its annotation; None if a record cannot hold it."""
+    if isinstance(hint, type) and issubclass(hint, Record):
+        return Field(name, place, "record", 0, record=hint._layout)
+    if (
+        get_origin(hint) is Annotated
+        and isinstance(row := get_args(hint)[1], np.dtype)
+        and row.isalignedstruct
+    ):
+        return Field(name, place, "table", 1, row=row)
+    return Field(name, place, *_KINDS[hint]) if hint in _KINDS else None
+
+
 def _description(field: Field, value: Any) -> tuple[int, ...]:
     """The words that tell machine code where an array or a record is."""
     if field.record is not None:
         if not isinstance(value, Record) or value._layout != field.record:
             raise TypeError(f"{field.name} is no {field.record.name}")
         return (value._address,)
-    known = isinstance(value, np.ndarray) and value.dtype == field.dtype and value.ndim == field.ndim
+    dtype = field.dtype if field.row is None else field.row
+    known = isinstance(value, np.ndarray) and value.dtype == dtype and value.ndim == field.ndim
     if not (known and value.flags.carray):
         raise TypeError(f"{field.name}: not a writable C array of {field.dtype} in {field.ndim} dimensions")
     return (value.__array_interface__["data"][0], id(value), *value.shape)
