@@ -20,7 +20,7 @@ import pinocchio as pin
 from impedance_modules.effects.builder import PlantBuilder
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.worn import WornPlant
-from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel

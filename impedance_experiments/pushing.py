@@ -14,7 +14,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.pushes import push_wrench
-from impedance_modules.plant.truth import OBJECT
+from impedance_modules.plant.ground_truth import OBJECT
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
 from impedance_modules.robot.state import RobotState

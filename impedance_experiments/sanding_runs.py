@@ -14,7 +14,7 @@ from impedance_modules.control.hand_force import HandForce
 from impedance_modules.control.roughness_windows import SAMPLE_RATE, Directions, Window, WindowFinder
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.contact.wood import WoodState
+from impedance_modules.plant.wood import WoodState
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import SurfaceSpec

@@ -22,7 +22,7 @@ from impedance_experiments.two_arms_measured import (
     steady_speeds,
 )
 from impedance_modules.control.assembly import Assembly, assemble
-from impedance_modules.plant.truth import OBJECT
+from impedance_modules.plant.ground_truth import OBJECT
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from impedance_modules.plant.contact.points import Point, hand_point, object_points
 from impedance_modules.plant.contact.surfaces import contact_table, surface_table
-from impedance_modules.plant.contact.wood import wood_tables
+from impedance_modules.plant.wood import wood_tables
 from impedance_modules.plant.grasp.coupling import body_table, prepare_hands
-from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.joints import joint_table
 from impedance_modules.plant.links import link_table
-from impedance_modules.plant.records import COUNTERS, HAND, OBJECT_SIZE, Memory
+from impedance_modules.plant.plant_state import COUNTERS, HAND, OBJECT_SIZE, Memory
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.task import SurfaceSpec
 

@@ -8,11 +8,11 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import use_machine_code
-from impedance_modules.plant import compiled_step
+from impedance_modules.plant import runge_kutta as compiled_step
 from impedance_modules.plant.contact.surfaces import NEAR, Surfaces
 from impedance_modules.plant.effects_port import JointMotion, JointTorque
 from impedance_modules.plant.links import mobility_under_water
-from impedance_modules.plant.records import ELASTIC, RATE, STAGE, START, Memory
+from impedance_modules.plant.plant_state import ELASTIC, RATE, STAGE, START, Memory
 
 Array = NDArray[np.float64]
 

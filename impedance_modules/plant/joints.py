@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.plant.options import STOP_TIME
-from impedance_modules.plant.records import ELASTIC, IDEAL, JOINT, RIGID, Table
+from impedance_modules.plant.plant_state import ELASTIC, IDEAL, JOINT, RIGID, Table
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import JointSpec
 

@@ -8,7 +8,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.plant.joints import joint_kind
-from impedance_modules.plant.records import LINK, RIGID, Table
+from impedance_modules.plant.plant_state import LINK, RIGID, Table
 from impedance_modules.robot.model import RobotModel
 
 Array = NDArray[np.float64]

@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 from impedance_modules.errors import NotConnected
 from impedance_modules.plant.assembly import build_memory
-from impedance_modules.plant.commands import CommandLine, Mode, Order, checked_effort
+from impedance_modules.plant.motor_commands import CommandLine, Mode, Order, checked_effort
 from impedance_modules.plant.contact.surfaces import Surfaces
 from impedance_modules.plant.effects_port import JointTorque, WornPlant, unworn
-from impedance_modules.plant.energy import EnergyBook
-from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.energy_balance import EnergyBook
+from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import hold_gains, motor_position
 from impedance_modules.plant.links import link_model
 from impedance_modules.plant.options import PlantOptions, divide
 from impedance_modules.plant.pushes import Pushes
-from impedance_modules.plant.records import COMMAND, IDEAL
+from impedance_modules.plant.plant_state import COMMAND, IDEAL
 from impedance_modules.plant.sensors import Sensors
-from impedance_modules.plant.stability import check_step
-from impedance_modules.plant.start import Start
-from impedance_modules.plant.truth import OBJECT, Truth
+from impedance_modules.plant.step_stability import check_step
+from impedance_modules.plant.initial_state import Start
+from impedance_modules.plant.ground_truth import OBJECT, Truth
 from impedance_modules.plant.weight import WeightCompensation
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.records import PUSH_ROW, Memory
+from impedance_modules.plant.plant_state import PUSH_ROW, Memory
 from impedance_modules.spec.task import PushSpec
 
 Array = NDArray[np.float64]

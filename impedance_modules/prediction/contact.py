@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.plant.contact.points import Point
-from impedance_modules.plant.contact.sheet import Sheet
+from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec

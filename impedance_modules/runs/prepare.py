@@ -21,7 +21,7 @@ from impedance_modules.effects.wear import wear_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 

@@ -14,7 +14,7 @@ from impedance_modules.episode.background import Background
 from impedance_modules.episode.scene import Body, BodyShape, EllipsoidStyle, Pose7, Scene, ViewSample
 from impedance_modules.episode.view import RecordingView
 from impedance_modules.modules.mobility import mobility
-from impedance_modules.plant.contact.sheet import Sheet
+from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3, rotation_angle
 from impedance_modules.robot.shapes import LinkPoses, LinkShape, link_shapes

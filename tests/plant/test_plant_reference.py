@@ -8,10 +8,10 @@ import pinocchio as pin
 import pytest
 
 from impedance_modules.plant.compiled_links import accelerate, place_links
-from impedance_modules.plant.compiled_step import rate
+from impedance_modules.plant.runge_kutta import rate
 from impedance_modules.plant.links import link_table
-from impedance_modules.plant.records import PUSH_ROW, RATE, STAGE, START
-from impedance_modules.plant.reference import plain_rate
+from impedance_modules.plant.plant_state import PUSH_ROW, RATE, STAGE, START
+from tests.reference.plant_equations import plain_rate
 from impedance_modules.robot import rotation as compiled_rotation
 from impedance_modules.robot.rotation import exp3, log3
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from impedance_modules.plant.contact.sheet import Sheet
+from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
 from tests.support.plant_parts import BAXTER, exact, loose, plant, posture, spec_of

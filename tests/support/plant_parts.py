@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.model import RobotModel

@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.rollout.wearing import Dressed
 from impedance_modules.effects.motion import JointMotion
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.seeded import Seed
+from impedance_modules.plant.rollout_plant import Seed
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from impedance_modules.effects.wear import wear_patch, wear_plant
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.seeded import SeededPlant
+from impedance_modules.plant.rollout_plant import SeededPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
 from impedance_modules.spec.robot import RobotSpec

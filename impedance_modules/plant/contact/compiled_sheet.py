@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.records import Row
+from impedance_modules.plant.plant_state import Row
 from impedance_modules.robot.rotation import turn
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.records import CELL, Row, Table
+from impedance_modules.plant.plant_state import CELL, Row, Table
 from impedance_modules.robot.rotation import dot
 
 Array = NDArray[np.float64]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.contact.points import Point
-from impedance_modules.plant.contact.sheet import spans_of
-from impedance_modules.plant.records import CONTACT_POINT, SURFACE, Row, Table
+from impedance_modules.plant.sheet import spans_of
+from impedance_modules.plant.plant_state import CONTACT_POINT, SURFACE, Row, Table
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
 

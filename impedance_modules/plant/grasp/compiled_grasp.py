@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.records import Row, Table
+from impedance_modules.plant.plant_state import Row, Table
 from impedance_modules.robot.rotation import (
     add_cross,
     add_rotation_rate,

@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.plant.grasp.held_object import HeldObject, pressing_direction, principal_inertia
+from impedance_modules.plant.grasp import HeldObject, pressing_direction, principal_inertia
 from impedance_modules.plant.options import (
     GRASP_ANGULAR_STIFFNESS,
     GRASP_DAMPING_TIME,
     GRASP_LINEAR_STIFFNESS,
     PALM_RADIUS,
 )
-from impedance_modules.plant.records import BODY, Row, Table
+from impedance_modules.plant.plant_state import BODY, Row, Table
 from impedance_modules.robot.pose import carry
 from impedance_modules.robot.rotation import exp3
 

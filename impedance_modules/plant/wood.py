@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.plant.records import CELL, SPLINTER, WAVES, WOOD, Memory, Table
+from impedance_modules.plant.plant_state import CELL, SPLINTER, WAVES, WOOD, Memory, Table
 from impedance_modules.spec.task import SurfaceSpec
 from impedance_modules.spec.wood import WoodSpec
 

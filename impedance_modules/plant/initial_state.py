@@ -8,12 +8,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.effects.drive_path import DrivePath
-from impedance_modules.plant.contact.wood import renew_wood
+from impedance_modules.plant.wood import renew_wood
 from impedance_modules.plant.effects_port import WornPlant
 from impedance_modules.plant.grasp.coupling import take_hold
-from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.integrator import Integrator
-from impedance_modules.plant.records import IDEAL, START
+from impedance_modules.plant.plant_state import IDEAL, START
 from impedance_modules.plant.weight import WeightCompensation
 
 Array = NDArray[np.float64]

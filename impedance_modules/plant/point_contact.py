@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.contact.compiled_sheet import find_on_sheet, place_on_sheet, press_on_sheet
-from impedance_modules.plant.records import Row, Table
+from impedance_modules.plant.plant_state import Row, Table
 from impedance_modules.robot.rotation import add_cross, dot, turn
 
 Array = NDArray[np.float64]

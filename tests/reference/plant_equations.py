@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from impedance_modules.plant.contact.sheet import Sheet
+from impedance_modules.plant.sheet import Sheet
 from impedance_modules.plant.joints import spring_torque
-from impedance_modules.plant.records import ELASTIC, IDEAL, PUSH_ROW, RIGID, STAGE, START, Memory, Row
+from impedance_modules.plant.plant_state import ELASTIC, IDEAL, PUSH_ROW, RIGID, STAGE, START, Memory, Row
 from impedance_modules.robot.rotation import exp3
 
 Array = NDArray[np.float64]

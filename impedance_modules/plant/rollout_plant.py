@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.plant.effects_port import JointMotion
 from impedance_modules.plant.plant import Plant
-from impedance_modules.plant.records import ELASTIC
+from impedance_modules.plant.plant_state import ELASTIC
 
 Array = NDArray[np.float64]
 

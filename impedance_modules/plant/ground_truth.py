@@ -8,12 +8,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.plant.compiled_stage import spring_loads
-from impedance_modules.plant.contact.wood import WoodState, wood_states
-from impedance_modules.plant.energy import EnergyBook, potential_energies, works
+from impedance_modules.plant.equations_of_motion import spring_loads
+from impedance_modules.plant.wood import WoodState, wood_states
+from impedance_modules.plant.energy_balance import EnergyBook, potential_energies, works
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import motor_position
-from impedance_modules.plant.records import COMMAND, ELASTIC, PUSH_ROW, Memory
+from impedance_modules.plant.plant_state import COMMAND, ELASTIC, PUSH_ROW, Memory
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 

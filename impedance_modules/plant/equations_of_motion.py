@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.contact.compiled_contact import contact_forces
+from impedance_modules.plant.point_contact import contact_forces
 from impedance_modules.plant.grasp.compiled_grasp import (
     grasp_forces,
     object_motion,
     object_rate,
 )
-from impedance_modules.plant.records import (
+from impedance_modules.plant.plant_state import (
     COMMAND,
     CONTACT,
     COUNTERS,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.compiled_links import accelerate, place_hands, place_links
-from impedance_modules.plant.compiled_stage import evaluate, hand_motion, spring
-from impedance_modules.plant.contact.compiled_contact import find_near, place_contacts, settle_contacts
+from impedance_modules.plant.equations_of_motion import evaluate, hand_motion, spring
+from impedance_modules.plant.point_contact import find_near, place_contacts, settle_contacts
 from impedance_modules.plant.contact.compiled_wood import roughen, settle_wood
 from impedance_modules.plant.grasp.compiled_grasp import (
     object_motion,
@@ -23,7 +23,7 @@ from impedance_modules.plant.grasp.compiled_grasp import (
     settle_grasps,
     settle_object,
 )
-from impedance_modules.plant.records import (
+from impedance_modules.plant.plant_state import (
     COUNTERS,
     ELASTIC,
     IDEAL,

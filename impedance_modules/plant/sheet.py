@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.records import MAX_SPANS
+from impedance_modules.plant.plant_state import MAX_SPANS
 from impedance_modules.spec.task import SheetSpec
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.plant.joints import wound
-from impedance_modules.plant.records import (
+from impedance_modules.plant.plant_state import (
     COMMAND,
     CONTACT,
     EFFECT,
