@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from impedance_modules.control.assembly import Assembly, assemble
-from impedance_modules.prediction.energy import forecast_tank
+from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.runs.prepare import make_backend

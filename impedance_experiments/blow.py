@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from impedance_modules.superposition.series_elastic import SeriesElasticJoint
+from impedance_experiments.series_elastic_joint import SeriesElasticJoint
 
 Array = NDArray[np.float64]
 

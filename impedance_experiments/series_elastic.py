@@ -13,7 +13,7 @@ from impedance_experiments.settings import Settings
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.task_reader import read_task
-from impedance_modules.superposition.series_elastic import SeriesElasticJoint, rigid_up_to
+from impedance_experiments.series_elastic_joint import SeriesElasticJoint, rigid_up_to
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impedance_experiments.blow import BLOW_TIME, Blow
 from impedance_experiments.page import Plot
-from impedance_modules.superposition.series_elastic import SeriesElasticJoint
+from impedance_experiments.series_elastic_joint import SeriesElasticJoint
 
 Array = NDArray[np.float64]
 

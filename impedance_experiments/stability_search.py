@@ -17,7 +17,7 @@ from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.plant.plant import Plant
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.stability import forecast_stability
+from impedance_modules.prediction.loop_stability import forecast_stability
 from impedance_modules.prediction.statics import Loads, analyse_state, find_rest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState

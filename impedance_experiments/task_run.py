@@ -14,7 +14,7 @@ from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.plant.plant import Plant
-from impedance_modules.prediction.check import refuse_unfit
+from impedance_modules.prediction.feasibility import refuse_unfit
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.prepare import sim_backend
 from impedance_modules.runs.run import RunOptions, RunResult, carry_out

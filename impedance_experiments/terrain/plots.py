@@ -12,7 +12,7 @@ from impedance_experiments.page import Plot
 from impedance_experiments.terrain.robustness import Robustness
 from impedance_experiments.terrain.runs import LEANT, Slide
 from impedance_modules.control.assembly import assemble
-from impedance_modules.prediction.contact import place_surface
+from impedance_modules.prediction.contact_geometry import place_surface
 
 COLOURS = {"impedance": "C0", "velocity": "C1", "position": "C3"}
 MILLIMETRES = 1000.0

@@ -13,7 +13,7 @@ from impedance_experiments.page import Cell, Table, table_of
 from impedance_experiments.settings import Settings
 from impedance_experiments.terrain.runs import Job, Slide, deviation_along_y, slide_all
 from impedance_modules.control.assembly import assemble
-from impedance_modules.prediction.contact import place_surface, surface_distance
+from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
 

@@ -27,7 +27,7 @@ def command(task: str, effects: Path | None, rate: float | None, scale: float, a
     from impedance_modules.cli.tables_check import print_forecast
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.check import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_unfit
     from impedance_modules.prediction.forecast import forecast_task
 
     assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)

@@ -116,7 +116,7 @@ def _need(text: str) -> float:
     import tempfile
 
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.energy import forecast_tank
+    from impedance_modules.prediction.energy_need import forecast_tank
     from impedance_modules.prediction.mechanism import Mechanism
     from impedance_modules.prediction.quasi_static import rehearse
 

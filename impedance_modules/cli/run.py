@@ -74,7 +74,7 @@ def command(
     from impedance_modules.cli.tables import print_run, progress
     from impedance_modules.control.assembly import assemble
     from impedance_modules.errors import BadInput
-    from impedance_modules.prediction.check import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_unfit
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")

@@ -37,7 +37,7 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
 
     from impedance_modules.cli.tables import progress
     from impedance_modules.control.adjust import as_taught
-    from impedance_modules.prediction.check import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_unfit
 
     refuse_unfit(replace(assembly, task=as_taught(assembly.task)))
     from impedance_modules.runs.playback import TAUGHT, make_playback, play_back, recorded_path, teach

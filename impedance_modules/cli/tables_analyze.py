@@ -18,7 +18,7 @@ from impedance_modules.prediction.analysis import Analysis, Felt, carried_inerti
 from impedance_modules.spec.mirror import twist_signs
 from impedance_modules.spec.task import AXES
 from impedance_modules.superposition.ellipsoid import Ellipsoid, angular_ellipsoid, linear_ellipsoid
-from impedance_modules.superposition.inertia import carry_inertia
+from impedance_modules.superposition.operational_inertia import carry_inertia
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from rich.table import Table
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.forecast import Forecast, PhaseForecast
 from impedance_modules.prediction.loads import JointLoad, Yielding
-from impedance_modules.prediction.stability import STIFFEST, StabilityForecast
+from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
 
 TIGHT = 0.7
 """Share of a limit from which a number is coloured."""

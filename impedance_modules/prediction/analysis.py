@@ -23,12 +23,12 @@ from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.prediction.quasi_static_result import Rest
 from impedance_modules.prediction.statics import analyse_state, find_rest
 from impedance_modules.robot.model import Limb
-from impedance_modules.superposition.arm import ArmImpedance
+from impedance_modules.superposition.arm_impedance import ArmImpedance
 from impedance_modules.superposition.held import HeldImpedance
-from impedance_modules.superposition.inertia import OperationalInertia
+from impedance_modules.superposition.operational_inertia import OperationalInertia
 from impedance_modules.superposition.modes import JointSpace, Mode, natural_modes
-from impedance_modules.superposition.object import HandImpedance, squeeze_force, superpose
-from impedance_modules.superposition.stiffness import net_stiffness
+from impedance_modules.superposition.object_impedance import HandImpedance, squeeze_force, superpose
+from impedance_modules.superposition.net_stiffness import net_stiffness
 
 Array = NDArray[np.float64]
 

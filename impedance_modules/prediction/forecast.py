@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.energy import TankForecast, forecast_tank
+from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.loads import ArmForecast, Yielding, forecast_arm, object_yielding
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Rest
-from impedance_modules.prediction.stability import StabilityForecast, forecast_stability
+from impedance_modules.prediction.loop_stability import StabilityForecast, forecast_stability
 from impedance_modules.prediction.statics import analyse_state
 
 

@@ -22,7 +22,7 @@ from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
 from impedance_modules.modules.total import Terms, desired_effort
 from impedance_modules.plant.contact.points import hand_point, object_points
 from impedance_modules.plant.pushes import push_wrench
-from impedance_modules.prediction.contact import Contact, find_contacts, place_surface
+from impedance_modules.prediction.contact_geometry import Contact, find_contacts, place_surface
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry

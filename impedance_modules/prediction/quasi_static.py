@@ -23,9 +23,9 @@ from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import PhaseMotion, phase_motion, start_equilibrium
 from impedance_modules.modules.pose_motion import minimum_jerk, minimum_jerk_slope
-from impedance_modules.prediction.feel import Feel, PhaseEnd
+from impedance_modules.prediction.phase_end import Feel, PhaseEnd
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.pressing import Motion, Pressing
+from impedance_modules.prediction.implicit_step import Motion, Pressing
 from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Sample
 from impedance_modules.prediction.steps import plan_steps
 from impedance_modules.spec.task import PhaseSpec, SmoothCondition

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.superposition.stiffness import SINGULAR, through_arm
+from impedance_modules.superposition.net_stiffness import SINGULAR, through_arm
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from impedance_modules.modules.held_object import HeldObject, carry_weight, squeeze_forces
 from impedance_modules.robot.pose import Pose
-from impedance_modules.superposition.arm import ArmImpedance
+from impedance_modules.superposition.arm_impedance import ArmImpedance
 from impedance_modules.superposition.modes import HeldTogether, JointSpace, hold_together
-from impedance_modules.superposition.object import (
+from impedance_modules.superposition.object_impedance import (
     HandImpedance,
     ObjectImpedance,
     superpose,

@@ -11,7 +11,7 @@ import pytest
 
 from impedance_modules.control.assembly import assemble
 from impedance_modules.control.supervisor import Ending
-from impedance_modules.prediction.energy import forecast_tank
+from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.spec.task_reader import read_task

@@ -25,7 +25,7 @@ from impedance_modules.diagnosis.probe.start import choose_start
 from impedance_modules.diagnosis.probe.strokes import Motion, Stroke
 from impedance_modules.diagnosis.rigid import BatchedRigidModel
 from impedance_modules.errors import BadInput
-from impedance_modules.prediction.check import refuse_unfit
+from impedance_modules.prediction.feasibility import refuse_unfit
 from impedance_modules.spec.robot_reader import read_robot
 from tests.support.paths import TESTS
 

@@ -19,7 +19,7 @@ from impedance_experiments.terrain.robustness import (
 )
 from impedance_experiments.terrain.runs import Slide, deviation_along_y
 from impedance_experiments.terrain.thresholds import stopped_at
-from impedance_modules.prediction.contact import place_surface, surface_distance
+from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.spec.task import SurfaceSpec
 
 

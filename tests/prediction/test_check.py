@@ -16,8 +16,8 @@ from impedance_modules.cli.main import impedance
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.errors import BadFile
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.prediction.check import Outlook, refuse_unfit
-from impedance_modules.prediction.energy import TankForecast, forecast_tank
+from impedance_modules.prediction.feasibility import Outlook, refuse_unfit
+from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.forecast import Forecast, forecast_task
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import BLENDING
@@ -282,7 +282,7 @@ def test_gains_come_in_as_in_the_run() -> None:
 
 def test_distances_from_a_box_turn_with_it() -> None:
     """A tilted box, seen from its own axes, is at the same distance; the normal is the distance's gradient."""
-    from impedance_modules.prediction.contact import place_surface, surface_distance
+    from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
     from impedance_modules.robot.rotation import exp3
     from impedance_modules.spec.task import SurfaceSpec
 

@@ -19,7 +19,7 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import HybridAxis, ObjectSpec
-from impedance_modules.superposition.arm import ArmImpedance, arm_impedance
+from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
 from impedance_modules.superposition.held import HeldImpedance, held_impedance
 from impedance_modules.superposition.modes import hold_together
 from tests.support.arm_samples import (

@@ -26,7 +26,7 @@ from impedance_modules.superposition.ellipsoid import (
     ellipsoid,
     linear_ellipsoid,
 )
-from impedance_modules.superposition.inertia import carry_inertia, operational_inertia
+from impedance_modules.superposition.operational_inertia import carry_inertia, operational_inertia
 from impedance_modules.superposition.modes import (
     JointSpace,
     hold_together,
@@ -34,7 +34,7 @@ from impedance_modules.superposition.modes import (
     least_damped,
     natural_modes,
 )
-from impedance_modules.superposition.object import superpose_inertia, turning_stiffness
+from impedance_modules.superposition.object_impedance import superpose_inertia, turning_stiffness
 from impedance_modules.superposition.sampled_loop import (
     Gains,
     highest_stable_stiffness,
@@ -42,7 +42,7 @@ from impedance_modules.superposition.sampled_loop import (
     sampled_modes,
     spectral_radius,
 )
-from impedance_modules.superposition.stiffness import gamma, net_stiffness
+from impedance_modules.superposition.net_stiffness import gamma, net_stiffness
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
     Array,

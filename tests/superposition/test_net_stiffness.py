@@ -12,7 +12,7 @@ from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
 from impedance_modules.superposition.spring_stiffness import spring_stiffness
-from impedance_modules.superposition.stiffness import (
+from impedance_modules.superposition.net_stiffness import (
     carried_wrench,
     gamma,
     net_stiffness,

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from impedance_modules.superposition.elastic_joints import Drives, Sampling, sampled_arm
-from impedance_modules.superposition.series_elastic import SeriesElasticJoint, rigid_up_to
+from impedance_experiments.series_elastic_joint import SeriesElasticJoint, rigid_up_to
 
 
 def random_joint(rng: np.random.Generator) -> SeriesElasticJoint:

@@ -14,14 +14,14 @@ from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry, rotate_six
 from impedance_modules.superposition.damping import hand_damping
-from impedance_modules.superposition.inertia import (
+from impedance_modules.superposition.operational_inertia import (
     OperationalInertia,
     carry_inertia,
     from_mobility,
     operational_inertia,
     without_reflected_inertia,
 )
-from impedance_modules.superposition.object import (
+from impedance_modules.superposition.object_impedance import (
     HandImpedance,
     squeeze_force,
     superpose,

@@ -14,7 +14,7 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import ImpedanceError
-from impedance_modules.prediction.check import refuse_unfit
+from impedance_modules.prediction.feasibility import refuse_unfit
 from impedance_modules.runs.prepare import sim_backend
 from impedance_modules.runs.record import Recorder
 from impedance_modules.runs.summary import Summary

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from impedance_modules.errors import BadInput
-from impedance_modules.superposition.stiffness import gamma
+from impedance_modules.superposition.net_stiffness import gamma
 
 Array = NDArray[np.float64]
 

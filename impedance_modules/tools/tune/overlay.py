@@ -13,7 +13,7 @@ import numpy as np
 
 from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
-from impedance_modules.prediction.energy import forecast_tank
+from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.robot.model import RobotModel

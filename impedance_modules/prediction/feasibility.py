@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
-from impedance_modules.prediction.energy import TankForecast, forecast_tank
+from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import rehearse
 from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Rest

@@ -21,7 +21,7 @@ from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.pose import Pose
 from impedance_modules.superposition.damping import hand_damping
-from impedance_modules.superposition.inertia import (
+from impedance_modules.superposition.operational_inertia import (
     OperationalInertia,
     operational_inertia,
     without_reflected_inertia,
@@ -32,7 +32,7 @@ from impedance_modules.superposition.spring_stiffness import (
     spring_stiffness,
     spring_stiffness_without_preload,
 )
-from impedance_modules.superposition.stiffness import (
+from impedance_modules.superposition.net_stiffness import (
     NetStiffness,
     carried_wrench,
     gamma,

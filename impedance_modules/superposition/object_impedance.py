@@ -24,7 +24,7 @@ from impedance_modules.modules.held_object import share_wrench
 from impedance_modules.modules.mobility import parallel_sum
 from impedance_modules.robot.pose import carry
 from impedance_modules.robot.rotation import skew
-from impedance_modules.superposition.inertia import OperationalInertia, carry_inertia, from_mobility
+from impedance_modules.superposition.operational_inertia import OperationalInertia, carry_inertia, from_mobility
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
-from impedance_modules.superposition.arm import ArmImpedance
+from impedance_modules.superposition.arm_impedance import ArmImpedance
 from impedance_modules.superposition.elastic_joints import (
     SampledArm,
     drives_of,
