@@ -15,7 +15,7 @@ from impedance_experiments.page import Cell, Plot, Table, table_of
 from impedance_experiments.pushing import only_arm
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.analysis import analyse_task
-from impedance_modules.superposition.ellipsoid import linear_ellipsoid
+from impedance_modules.superposition.operational_inertia import linear_ellipsoid
 
 Array = NDArray[np.float64]
 

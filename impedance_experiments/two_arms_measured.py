@@ -18,7 +18,7 @@ from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import Analysed, analyse_state
-from impedance_modules.superposition.held import HeldImpedance
+from impedance_modules.superposition.object_impedance import HeldImpedance
 from impedance_modules.superposition.operational_inertia import carry_inertia
 
 Array = NDArray[np.float64]

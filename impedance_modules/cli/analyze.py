@@ -26,8 +26,7 @@ def command(task: str, phase: str | None, effects: Path | None, json_file: Path 
     from impedance_modules.cli.tables_analyze import print_analysis
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.analysis import analyse_task
-    from impedance_modules.prediction.analysis_json import write_analysis
+    from impedance_modules.prediction.analysis import analyse_task, write_analysis
 
     assembly = assemble(task, effects=effects, rate=None, scale=1.0, arm=None)
     assembly = replace(assembly, task=as_taught(assembly.task))

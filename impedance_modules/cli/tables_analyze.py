@@ -17,8 +17,12 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.analysis import Analysis, Felt, carried_inertia
 from impedance_modules.spec.mirror import twist_signs
 from impedance_modules.spec.task import AXES
-from impedance_modules.superposition.ellipsoid import Ellipsoid, angular_ellipsoid, linear_ellipsoid
-from impedance_modules.superposition.operational_inertia import carry_inertia
+from impedance_modules.superposition.operational_inertia import (
+    Ellipsoid,
+    angular_ellipsoid,
+    carry_inertia,
+    linear_ellipsoid,
+)
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.forecast import Forecast, PhaseForecast
-from impedance_modules.prediction.loads import JointLoad, Yielding
+from impedance_modules.prediction.forecast import Forecast, JointLoad, PhaseForecast, Yielding
 from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
 
 TIGHT = 0.7

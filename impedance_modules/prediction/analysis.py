@@ -7,8 +7,11 @@ printed: no stiffness where an arm folds or its joint springs are singular, no i
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +22,19 @@ from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.quasi_static import rehearse
-from impedance_modules.prediction.quasi_static_result import Rest
+from impedance_modules.prediction.quasi_static import Rest, rehearse
 from impedance_modules.prediction.statics import analyse_state, find_rest
 from impedance_modules.robot.model import Limb
 from impedance_modules.superposition.arm_impedance import ArmImpedance
-from impedance_modules.superposition.held import HeldImpedance
-from impedance_modules.superposition.operational_inertia import OperationalInertia
 from impedance_modules.superposition.modes import JointSpace, Mode, natural_modes
-from impedance_modules.superposition.object_impedance import HandImpedance, squeeze_force, superpose
 from impedance_modules.superposition.net_stiffness import net_stiffness
+from impedance_modules.superposition.object_impedance import (
+    HandImpedance,
+    HeldImpedance,
+    squeeze_force,
+    superpose,
+)
+from impedance_modules.superposition.operational_inertia import OperationalInertia
 
 Array = NDArray[np.float64]
 
@@ -217,3 +223,48 @@ def _angles(limb: Limb, q: Array) -> dict[str, float]:
 def carried_inertia(hand: HandImpedance) -> OperationalInertia:
     """Carries a hand's inertia to the object: one summand of the thesis's eq. 4.30."""
     return hand.inertia.carried(hand.offset)
+
+
+MATRICES = (
+    "inertia",
+    "inertia_without_reflected",
+    "mobility",
+    "damping",
+    "stiffness",
+    "compliance",
+    "stiffness_without_preload",
+)
+
+
+def analysis_json(analysis: Analysis) -> dict[str, Any]:
+    """Gives ``{"format": 1, "arms": {SIDE: X}, "object": X or null}``."""
+    felt = analysis.object
+    return {
+        "format": 1,
+        "arms": {limb: _frame(found, analysis.phase) for limb, found in analysis.arms.items()},
+        "object": None if felt is None else _frame(felt, analysis.phase),
+    }
+
+
+def write_analysis(analysis: Analysis, path: Path) -> None:
+    """Writes the JSON file.
+
+    Raises:
+        BadInput: The file cannot be written.
+    """
+    text = json.dumps(analysis_json(analysis), indent=1, allow_nan=False)
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"--json {path}: cannot be written: {error.strerror}") from None
+
+
+def _frame(felt: Felt, phase: str | None) -> dict[str, Any]:
+    found: dict[str, Any] = {"frame": felt.frame, "position": felt.position.tolist(), "q": dict(felt.q)}
+    found.update({name: _numbers(getattr(felt, name)) for name in MATRICES})
+    found.update({"preload": felt.preload.tolist(), "folds": felt.folds, "phase": phase})
+    return found
+
+
+def _numbers(matrix: NDArray[np.float64] | None) -> list[list[float]] | None:
+    return None if matrix is None else [[float(value) for value in row] for row in matrix]

@@ -11,6 +11,7 @@ moment T must cover the floor and the commands in flight, \sum |\tau| (v_max (ho
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,8 +20,10 @@ from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static_result import Rehearsal
-from impedance_modules.prediction.sensing import charged, sensing_rate
+from impedance_modules.prediction.quasi_static import Rehearsal
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.safety.ledger import DEVIATIONS
+from impedance_modules.superposition.elastic_joints import sampling_of
 
 Array = NDArray[np.float64]
 
@@ -51,7 +54,7 @@ class TankForecast:
 def forecast_tank(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal) -> TankForecast:
     """Follows the tank's level through a rehearsal."""
     samples = rehearsal.samples
-    charges, unrest = _noise(assembly, mechanism, rehearsal)
+    charges, unrest = _sensing_along(assembly, mechanism, rehearsal)
     wound = np.array([_wound(assembly, sample.effort) for sample in samples])
     flight = np.array(
         [_in_flight(assembly, s.effort, noise) for s, noise in zip(samples, unrest, strict=True)]
@@ -109,7 +112,7 @@ def _in_flight(assembly: Assembly, effort: Array, unrest: Array) -> float:
     return float(size @ price + NOISIEST * 0.6 * np.linalg.norm(unrest * price))
 
 
-def _noise(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal) -> tuple[Array, Array]:
+def _sensing_along(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal) -> tuple[Array, Array]:
     """Gives the charge for sensing up to every sample [J], and the torque's noise at it (m, n) [N.m]."""
     charges = np.zeros(len(rehearsal.samples))
     unrest = np.zeros((len(rehearsal.samples), assembly.model.n))
@@ -124,3 +127,63 @@ def _noise(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal) -> tu
         variance += rate.variance * (phase.ended - phase.began)
         energy += rate.energy * (phase.ended - phase.began)
     return charges, unrest
+
+
+@dataclass(frozen=True)
+class SensingRate:
+    """Cost of sensing under one phase's gains.
+
+    Attributes:
+        variance: Per second, where the sensors' errors are white [J^2/s]; else 0.
+        energy: Per second, where only their bound is known [J/s]; else 0.
+        unrest: (n,) standard deviation of the noise in the commanded torque [N.m].
+    """
+
+    variance: float
+    energy: float
+    unrest: Array
+
+
+def sensing_rate(
+    assembly: Assembly, joints: NDArray[np.intp], stiffness: Array, dampers: Array
+) -> SensingRate:
+    """Predicts the cost of sensing under gains (k, k) over ``joints``."""
+    spread = np.sqrt(_torque_variance(assembly, joints, stiffness, dampers))
+    settings = assembly.tank
+    unrest = np.zeros(assembly.model.n)
+    # A white torque changes from cycle to cycle by sqrt(2) of its own deviation.
+    unrest[joints] = spread / math.sqrt(2.0)
+    if settings.sensing_deviation is None:
+        # The mean of |x| of a normal x is sqrt(2 / pi) of its deviation.
+        energy = math.sqrt(2.0 / math.pi) * float(spread @ settings.sensing_error[joints])
+        return SensingRate(0.0, energy * assembly.rate, unrest)
+    variance = float(np.sum((spread * settings.sensing_deviation[joints]) ** 2))
+    return SensingRate(variance * assembly.rate, 0.0, unrest)
+
+
+def charged(variance: float, energy: float) -> float:
+    """Gives the charge [J] from an accumulated variance [J^2] and energy [J]."""
+    return DEVIATIONS * math.sqrt(variance) + energy
+
+
+def _torque_variance(assembly: Assembly, joints: NDArray[np.intp], stiffness: Array, dampers: Array) -> Array:
+    """Gives the variance (k,) of the torque's change from one cycle to the next [N^2.m^2]."""
+    position, wind = _sensor_variances(assembly.model)
+    position, wind = position[joints], wind[joints]
+    sampling = sampling_of(assembly.robot, assembly.rate, True)
+    loop, period = assembly.period / sampling.robot_loops, assembly.period
+    by_position = stiffness + dampers * _share(loop, sampling.velocity_filter) / loop
+    by_wind = dampers * _share(period, sampling.velocity_filter) / period
+    return np.asarray(2.0 * (by_position**2 @ position + by_wind**2 @ wind))
+
+
+def _share(period: float, lag: float) -> float:
+    return 1.0 - math.exp(-period / lag) if lag > 0.0 else 1.0
+
+
+def _sensor_variances(model: RobotModel) -> tuple[Array, Array]:
+    """Gives variances (n,) of measured positions and of effort / K_sea [rad^2], rounding included."""
+    sensors = model.spec.sensors
+    position = sensors.position_resolution**2 / 12.0 + sensors.position_noise**2
+    effort = sensors.effort_resolution**2 / 12.0 + sensors.effort_noise**2
+    return np.full(model.n, position), effort * model.spring_compliance() ** 2

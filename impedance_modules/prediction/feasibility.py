@@ -13,8 +13,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import rehearse
-from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Rest
+from impedance_modules.prediction.quasi_static import PhaseRehearsal, Rehearsal, Rest, rehearse
 from impedance_modules.prediction.statics import rests_of
 from impedance_modules.spec.task import Sine
 

@@ -23,8 +23,8 @@ from impedance_modules.superposition.elastic_joints import (
     sampled_arm,
     sampling_of,
 )
-from impedance_modules.superposition.held import HeldImpedance
 from impedance_modules.superposition.modes import least_damped
+from impedance_modules.superposition.object_impedance import HeldImpedance
 from impedance_modules.superposition.sampled_loop import (
     MARGIN,
     Gains,

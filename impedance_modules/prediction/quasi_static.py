@@ -15,19 +15,20 @@ p = 1/2 would lose no energy, p = 1 lets a landing point stay down. The modules'
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import Damping, phase_damping
-from impedance_modules.modules.equilibrium import PhaseMotion, phase_motion, start_equilibrium
+from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion, phase_motion, start_equilibrium
 from impedance_modules.modules.pose_motion import minimum_jerk, minimum_jerk_slope
-from impedance_modules.prediction.phase_end import Feel, PhaseEnd
-from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.implicit_step import Motion, Pressing
-from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Sample
-from impedance_modules.prediction.steps import plan_steps
+from impedance_modules.prediction.mechanism import Mechanism, Setting
+from impedance_modules.prediction.phase_end import Feel, PhaseEnd
 from impedance_modules.spec.task import PhaseSpec, SmoothCondition
 
 Array = NDArray[np.float64]
@@ -221,3 +222,144 @@ def _drift(mechanism: Mechanism, modules: TaskModules, motion: PhaseMotion, cloc
                 pull = spring.world_stiffness @ twists[spring.name]
                 found += mechanism.jacobian(spring.frame).T @ pull
     return found
+
+
+FINEST, COARSEST = 0.025, 0.04
+"""Bounds of a step [s]; hands swing with 10 to 20 rad/s."""
+
+STEPS = 200
+"""Of a phase that does not oscillate."""
+
+STEPS_PER_PERIOD = 32
+"""Of an oscillation."""
+
+SETTLING = 3.0
+"""Time after which a motion that only repeats itself is taken as periodic [s], or two of its periods."""
+
+
+@dataclass(frozen=True)
+class StepPlan:
+    """Steps of one phase.
+
+    Attributes:
+        step: Length of a step [s].
+        rehearsed: Time that is rehearsed [s].
+        skipped: Time that only repeats what was rehearsed [s].
+        period: Over which it repeats [s].
+    """
+
+    step: float
+    rehearsed: float
+    skipped: float
+    period: float
+
+
+def plan_steps(phase: PhaseSpec, motion: PhaseMotion, *, whole: bool) -> StepPlan:
+    """Divides a phase; one that waits for something, or must be rehearsed ``whole``, is not cut short."""
+    waves = np.concatenate([np.zeros(0), *(m.frequency[m.amplitude != 0.0] for m in motion.moved.values())])
+    step = min(max(phase.duration / STEPS, FINEST), COARSEST)
+    period = 1.0
+    if waves.size:
+        step = min(step, 1.0 / (STEPS_PER_PERIOD * float(np.max(waves))))
+        period = 1.0 / float(np.min(waves))
+    repeats_after = max(SETTLING, 2.0 * period) + period
+    if whole or phase.until is not None or _travels(motion) or phase.duration <= repeats_after:
+        return StepPlan(step, phase.duration, 0.0, period)
+    return StepPlan(step, repeats_after, phase.duration - repeats_after, period)
+
+
+def _travels(motion: PhaseMotion) -> bool:
+    """Tells whether anything goes to a new place during the whole phase."""
+    if any(np.any(goal != motion.start.rests[limb]) for limb, goal in motion.goals.items()):
+        return True
+    for moved in motion.moved.values():
+        first, last = moved.triples()
+        if np.any(moved.goal[:3] != moved.start.translation) or np.any(np.abs(last - first) > 1e-12):
+            return True
+    return False
+
+
+@dataclass(frozen=True)
+class PhaseRehearsal:
+    """One phase as it was rehearsed.
+
+    Attributes:
+        name: Of the phase.
+        modules: With its gains.
+        damping: Designed at its start.
+        motion: Of its equilibria.
+        began, ended: When [s].
+        clock: Where the phase's clock stopped: ``duration``, or earlier where ``until`` was met [s].
+        met: Whether ``until`` was met; None without one.
+        samples: Rows of the rehearsal that belong to it.
+        q: (n,) where it ended [rad].
+    """
+
+    name: str
+    modules: TaskModules
+    damping: Damping
+    motion: PhaseMotion
+    began: float
+    ended: float
+    clock: float
+    met: bool | None
+    samples: slice
+    q: Array
+
+    @property
+    def equilibrium(self) -> Equilibrium:
+        """All equilibria where the phase ends."""
+        return self.motion.at(self.clock)
+
+    @property
+    def setting(self) -> Setting:
+        """What pulls where the phase ends."""
+        return Setting(self.modules, self.equilibrium, self.damping)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The rehearsed task at one instant; energies count from the start.
+
+    Attributes:
+        time: [s].
+        q: (n,) [rad].
+        effort: (n,) torque that the modules ask for [N.m].
+        potential: U of springs and joint bias [J].
+        work: Of that torque on the joints [J].
+        kinetic: Of arms, rotors and object [J].
+        rubbed: Lost on surfaces [J].
+        friction: Lost in the motors' own friction [J].
+    """
+
+    time: float
+    q: Array
+    effort: Array
+    potential: float
+    work: float
+    kinetic: float
+    rubbed: float
+    friction: float
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A static equilibrium.
+
+    Attributes:
+        q: (n,) [rad].
+        effort: (n,) torque that the modules command [N.m].
+        pressure: Hand frame or ``object`` -> (6,) of the surfaces on it, at its origin, world axes [N, N.m].
+    """
+
+    q: Array
+    effort: Array
+    pressure: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """A whole task, rehearsed: its phases and samples."""
+
+    phases: tuple[PhaseRehearsal, ...]
+    samples: tuple[Sample, ...]

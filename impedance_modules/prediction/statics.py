@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.contact_geometry import Contact
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.quasi_static_result import Rehearsal, Rest
+from impedance_modules.prediction.quasi_static import Rehearsal, Rest
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
-from impedance_modules.superposition.held import HeldImpedance, held_impedance
-from impedance_modules.superposition.object_impedance import turning_stiffness
+from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance, turning_stiffness
 
 Array = NDArray[np.float64]
 

@@ -22,8 +22,7 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.compiled_row import write_poses
 from impedance_modules.safety.problem import RowKind
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
-from impedance_modules.superposition.ellipsoid import ellipsoid
-from impedance_modules.superposition.operational_inertia import from_mobility
+from impedance_modules.superposition.operational_inertia import ellipsoid, from_mobility
 
 Array = NDArray[np.float64]
 

@@ -20,25 +20,23 @@ from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.pose import Pose
-from impedance_modules.superposition.damping import hand_damping
+from impedance_modules.superposition.modes import JointSpace, joint_space_stiffness
+from impedance_modules.superposition.net_stiffness import (
+    NetStiffness,
+    carried_wrench,
+    gamma,
+    hand_damping,
+    net_stiffness,
+    seen_from_elsewhere,
+    spring_stiffness,
+    spring_stiffness_without_preload,
+)
 from impedance_modules.superposition.operational_inertia import (
     OperationalInertia,
     operational_inertia,
     without_reflected_inertia,
 )
-from impedance_modules.superposition.modes import JointSpace, joint_space_stiffness
 from impedance_modules.superposition.sampled_loop import Gains
-from impedance_modules.superposition.spring_stiffness import (
-    spring_stiffness,
-    spring_stiffness_without_preload,
-)
-from impedance_modules.superposition.net_stiffness import (
-    NetStiffness,
-    carried_wrench,
-    gamma,
-    net_stiffness,
-    seen_from_elsewhere,
-)
 
 Array = NDArray[np.float64]
 

@@ -87,3 +87,48 @@ def without_reflected_inertia(inverse_inertia: Array, reflected_inertia: Array) 
     """Gives M^-1 from (M + I_r)^-1 (k, k) and I_r (k,), for comparison with the bare links."""
     links = np.linalg.inv(inverse_inertia) - np.diag(reflected_inertia)
     return np.asarray(np.linalg.inv(0.5 * (links + links.T)), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """Principal values of a symmetric 3x3 matrix A: the push along u is u^T A u per unit motion.
+
+    Attributes:
+        half_axes: (..., 3) eigenvalues in ascending order, in the matrix's units. A negative one marks a
+            direction of unstable stiffness; nothing is squared or rooted.
+        directions: (..., 3, 3) right-handed unit vectors in world axes, one per column.
+    """
+
+    half_axes: Array
+    directions: Array
+
+
+def ellipsoid(block: Array) -> Ellipsoid:
+    """Finds the principal axes of the symmetric part of a (3, 3) block, or of each in a stack (..., 3, 3)."""
+    values, vectors = np.linalg.eigh(0.5 * (block + np.swapaxes(block, -1, -2)))
+    vectors[np.linalg.det(vectors) < 0.0, :, 2] *= -1.0
+    return Ellipsoid(values, vectors)
+
+
+def linear_ellipsoid(matrix: Array) -> Ellipsoid:
+    """Takes the linear block of a (6, 6): the hand moves without turning."""
+    return ellipsoid(matrix[:3, :3])
+
+
+def angular_ellipsoid(matrix: Array) -> Ellipsoid:
+    """Takes the angular block of a (6, 6): the hand turns about its origin without moving."""
+    return ellipsoid(matrix[3:, 3:])
+
+
+def apparent_mass(mobility: Array, direction: Array) -> float | None:
+    """Gives the mass that a push on a hand free to turn meets, 1 / (u^T Y_v u) [kg].
+
+    Args:
+        mobility: (6, 6) Y at the hand.
+        direction: (3,) unit vector u of the push, world axes.
+
+    Returns:
+        The mass; None where the hand cannot move that way at all.
+    """
+    admitted = float(direction @ mobility[:3, :3] @ direction)
+    return None if admitted <= 0.0 else 1.0 / admitted

@@ -20,8 +20,7 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.record import SCALARS
 from impedance_modules.runs.scene import INERTIA_SCALE, SceneView
 from impedance_modules.runs.tally import BLOCK, Tally
-from impedance_modules.superposition.ellipsoid import ellipsoid
-from impedance_modules.superposition.operational_inertia import operational_inertia
+from impedance_modules.superposition.operational_inertia import ellipsoid, operational_inertia
 from tests.support.arm_samples import Array, random_psd, random_rotation
 from tests.support.paths import TESTS
 

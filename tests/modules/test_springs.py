@@ -16,7 +16,7 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import HybridAxis
-from impedance_modules.superposition.spring_stiffness import (
+from impedance_modules.superposition.net_stiffness import (
     spring_stiffness,
     spring_stiffness_without_preload,
 )

@@ -20,8 +20,8 @@ from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import HybridAxis, ObjectSpec
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
-from impedance_modules.superposition.held import HeldImpedance, held_impedance
 from impedance_modules.superposition.modes import hold_together
+from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
     Array,

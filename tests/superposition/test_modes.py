@@ -20,13 +20,6 @@ from impedance_modules.superposition.elastic_joints import (
     sampled_arm,
     sampling_of,
 )
-from impedance_modules.superposition.ellipsoid import (
-    angular_ellipsoid,
-    apparent_mass,
-    ellipsoid,
-    linear_ellipsoid,
-)
-from impedance_modules.superposition.operational_inertia import carry_inertia, operational_inertia
 from impedance_modules.superposition.modes import (
     JointSpace,
     hold_together,
@@ -34,7 +27,16 @@ from impedance_modules.superposition.modes import (
     least_damped,
     natural_modes,
 )
+from impedance_modules.superposition.net_stiffness import gamma, net_stiffness
 from impedance_modules.superposition.object_impedance import superpose_inertia, turning_stiffness
+from impedance_modules.superposition.operational_inertia import (
+    angular_ellipsoid,
+    apparent_mass,
+    carry_inertia,
+    ellipsoid,
+    linear_ellipsoid,
+    operational_inertia,
+)
 from impedance_modules.superposition.sampled_loop import (
     Gains,
     highest_stable_stiffness,
@@ -42,7 +44,6 @@ from impedance_modules.superposition.sampled_loop import (
     sampled_modes,
     spectral_radius,
 )
-from impedance_modules.superposition.net_stiffness import gamma, net_stiffness
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
     Array,

@@ -11,12 +11,12 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
-from impedance_modules.superposition.spring_stiffness import spring_stiffness
 from impedance_modules.superposition.net_stiffness import (
     carried_wrench,
     gamma,
     net_stiffness,
     seen_from_elsewhere,
+    spring_stiffness,
     through_arm,
 )
 from tests.support.arm_samples import (

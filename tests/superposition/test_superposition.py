@@ -13,14 +13,7 @@ from impedance_modules.modules.mobility import carry_mobility, mobility, paralle
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry, rotate_six
-from impedance_modules.superposition.damping import hand_damping
-from impedance_modules.superposition.operational_inertia import (
-    OperationalInertia,
-    carry_inertia,
-    from_mobility,
-    operational_inertia,
-    without_reflected_inertia,
-)
+from impedance_modules.superposition.net_stiffness import hand_damping, spring_stiffness
 from impedance_modules.superposition.object_impedance import (
     HandImpedance,
     squeeze_force,
@@ -28,7 +21,13 @@ from impedance_modules.superposition.object_impedance import (
     superpose_inertia,
     turning_stiffness,
 )
-from impedance_modules.superposition.spring_stiffness import spring_stiffness
+from impedance_modules.superposition.operational_inertia import (
+    OperationalInertia,
+    carry_inertia,
+    from_mobility,
+    operational_inertia,
+    without_reflected_inertia,
+)
 from tests.reference.closed_chain import ClosedChain
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
