@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.drive_path import DrivePath
 from impedance_modules.plant.wood import renew_wood
-from impedance_modules.plant.effects_port import WornPlant
+from impedance_modules.effects.worn import WornPlant
 from impedance_modules.plant.grasp.coupling import take_hold
 from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.integrator import Integrator

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from impedance_modules.compiled import use_machine_code
 from impedance_modules.plant import runge_kutta as compiled_step
 from impedance_modules.plant.contact.surfaces import NEAR, Surfaces
-from impedance_modules.plant.effects_port import JointMotion, JointTorque
+from impedance_modules.effects.motion import JointMotion, JointTorque
 from impedance_modules.plant.links import mobility_under_water
 from impedance_modules.plant.plant_state import ELASTIC, RATE, STAGE, START, Memory
 

@@ -12,12 +12,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.plant.options import STOP_TIME
 from impedance_modules.plant.plant_state import ELASTIC, IDEAL, JOINT, RIGID, Table
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import JointSpec
 
 Array = NDArray[np.float64]
+
+STOP_TIME = 5e-4
+"""Damping of a joint stop over its stiffness [s]."""
 
 STOP_STIFFENING = 10.0
 """Stiffness of a stop over that of the joint's spring."""

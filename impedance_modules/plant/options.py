@@ -8,21 +8,6 @@ from dataclasses import dataclass
 
 from impedance_modules.errors import BadInput
 
-GRASP_LINEAR_STIFFNESS = 3e5
-"""Of the coupling between a hand and a held object [N/m]: a thousand times a task's 300 N/m."""
-
-GRASP_ANGULAR_STIFFNESS = 5e3
-"""Of the same coupling [N.m/rad]: several hundred times a task's 10 N.m/rad."""
-
-GRASP_DAMPING_TIME = 1e-4
-"""Damping of the coupling over its stiffness [s]: a tenth of critical at 2000 rad/s."""
-
-PALM_RADIUS = 0.03
-"""Of the patch through which a friction grasp passes torque, at most mu N PALM_RADIUS [m]."""
-
-STOP_TIME = 5e-4
-"""Damping of a joint stop over its stiffness [s]."""
-
 ROBOT_LOOP = 1e-3
 """Longest period of the robot's own loop: gravity compensation and velocity estimate [s]."""
 

@@ -13,7 +13,9 @@ from impedance_modules.errors import NotConnected
 from impedance_modules.plant.assembly import build_memory
 from impedance_modules.plant.motor_commands import CommandLine, Mode, Order, checked_effort
 from impedance_modules.plant.contact.surfaces import Surfaces
-from impedance_modules.plant.effects_port import JointTorque, WornPlant, unworn
+from impedance_modules.effects.motion import JointTorque
+from impedance_modules.effects.worn import WornPlant
+from impedance_modules.plant.effects_port import unworn
 from impedance_modules.plant.energy_balance import EnergyBook
 from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.integrator import Integrator

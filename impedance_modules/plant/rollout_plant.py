@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.plant.effects_port import JointMotion
+from impedance_modules.effects.motion import JointMotion
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.plant_state import ELASTIC
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.effects_port import WornPlant
+from impedance_modules.effects.worn import WornPlant
 from impedance_modules.robot.model import RobotModel
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.plant.effects_port import JointMotion
+from impedance_modules.effects.motion import JointMotion
 from impedance_modules.plant.options import PlantOptions
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState

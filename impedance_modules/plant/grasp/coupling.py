@@ -12,17 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.plant.grasp import HeldObject, pressing_direction, principal_inertia
-from impedance_modules.plant.options import (
-    GRASP_ANGULAR_STIFFNESS,
-    GRASP_DAMPING_TIME,
-    GRASP_LINEAR_STIFFNESS,
-    PALM_RADIUS,
-)
 from impedance_modules.plant.plant_state import BODY, Row, Table
 from impedance_modules.robot.pose import carry
 from impedance_modules.robot.rotation import exp3
 
 Array = NDArray[np.float64]
+
+GRASP_LINEAR_STIFFNESS = 3e5
+"""Of the coupling between a hand and a held object [N/m]: a thousand times a task's 300 N/m."""
+
+GRASP_ANGULAR_STIFFNESS = 5e3
+"""Of the same coupling [N.m/rad]: several hundred times a task's 10 N.m/rad."""
+
+GRASP_DAMPING_TIME = 1e-4
+"""Damping of the coupling over its stiffness [s]: a tenth of critical at 2000 rad/s."""
+
+PALM_RADIUS = 0.03
+"""Of the patch through which a friction grasp passes torque, at most mu N PALM_RADIUS [m]."""
 
 
 def body_table(held: HeldObject | None, gravity: Array) -> Table:
