@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.point_contact import contact_forces
-from impedance_modules.plant.grasp.compiled_grasp import (
+from impedance_modules.plant.grasp import (
     grasp_forces,
     object_motion,
     object_rate,
@@ -37,6 +36,7 @@ from impedance_modules.plant.plant_state import (
     Row,
     Table,
 )
+from impedance_modules.plant.point_contact import contact_forces
 
 Array = NDArray[np.float64]
 

@@ -3,18 +3,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.effects.drive_path import DrivePath
-from impedance_modules.plant.wood import renew_wood
 from impedance_modules.effects.worn import WornPlant
-from impedance_modules.plant.grasp.coupling import take_hold
-from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.grasp import HeldObject, body_table, prepare_hands, take_hold
 from impedance_modules.plant.integrator import Integrator
-from impedance_modules.plant.plant_state import IDEAL, START
-from impedance_modules.plant.weight import WeightCompensation
+from impedance_modules.plant.joints import joint_table
+from impedance_modules.plant.links import link_table
+from impedance_modules.plant.motor_commands import WeightCompensation
+from impedance_modules.plant.plant_state import COUNTERS, HAND, IDEAL, OBJECT_SIZE, START, Memory
+from impedance_modules.plant.point_contact import (
+    Point,
+    contact_table,
+    hand_point,
+    object_points,
+    surface_table,
+)
+from impedance_modules.plant.wood import renew_wood, wood_tables
+from impedance_modules.robot.model import RobotModel
+from impedance_modules.spec.task import SurfaceSpec
 
 Array = NDArray[np.float64]
 
@@ -112,3 +124,46 @@ class Start:
         at_rest = self._integrator.motion(START)
         for effect in self._worn.torques:
             effect.start(at_rest, self._integrator.step)
+
+
+def build_memory(
+    model: RobotModel,
+    links: pin.Model,
+    frames: tuple[str, ...],
+    surfaces: Sequence[SurfaceSpec],
+    held: HeldObject | None,
+    *,
+    added_mass: Array | None = None,
+) -> Memory:
+    """Takes the memory once and fills in every constant; ``added_mass`` is (n, 6, 6) of water, or None."""
+    n, h = model.n, len(frames)
+    hands = np.zeros(h, HAND)
+    hands["turn"] = np.eye(3)
+    for hand, frame in zip(hands, frames, strict=True):
+        mount = links.frames[model.frame_id(frame)]
+        hand["link"] = mount.parentJoint
+        hand["mount_rotation"] = mount.placement.rotation
+        hand["mount_translation"] = mount.placement.translation
+    if held is not None:
+        prepare_hands(hands, frames, held)
+    bodies: list[Sequence[Point]] = [(hand_point(),) for _ in frames]
+    if held is not None:
+        bodies.append(object_points(held.spec.shape, held.spec.size))
+    woods, worn, splinters = wood_tables(surfaces)
+    return Memory(
+        state=np.zeros((4, 4 * n + OBJECT_SIZE + COUNTERS)),
+        joints=joint_table(model),
+        links=link_table(links, added_mass),
+        hands=hands,
+        body=body_table(held, links.gravity.linear),
+        contacts=contact_table(surfaces, bodies, woods),
+        surfaces=surface_table(surfaces),
+        woods=woods,
+        worn=worn,
+        splinters=splinters,
+        jacobian=np.zeros((h, 6, n)),
+        motion=np.zeros((h + 1, 2, 6)),
+        wrench=np.zeros((h + 1, 3, 6)),
+        torque=np.zeros(n),
+        acceleration=np.zeros(n),
+    )

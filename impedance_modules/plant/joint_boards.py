@@ -11,6 +11,7 @@ Pushes and built-in springs act on the links; both are held over one period.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,10 +22,8 @@ from numpy.typing import NDArray
 
 from impedance_modules.effects.motion import JointMotion
 from impedance_modules.effects.worn import WornPlant
-from impedance_modules.plant.effects_port import unworn
 from impedance_modules.plant.joints import structural_stiffness
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions, unworn
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import ParallelSpringSpec
 from impedance_modules.spec.task import SurfaceSpec
@@ -165,3 +164,166 @@ class DrivenPlant(Plant):
     def _springs(self, position: Array) -> Array:
         """Computes the torque of the built-in springs on the joints (n,) [N.m]."""
         return self._preload - self._stiffness * position
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """How a robot's own modes are tuned.
+
+    Attributes:
+        tick: Period of the robot's own loop [s].
+        lag: By which position mode trails a moving command [s].
+        integral_rate, integral_limit: Integral action of the position servo [1/s] and its limit [rad].
+    """
+
+    tick: float
+    lag: float
+    integral_rate: float
+    integral_limit: float
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far and how fast a limb's joints go, each (k,): [rad], [rad], [rad/s]."""
+
+    low: Array
+    high: Array
+    speed: Array
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """A limb's measured positions (k,) [rad] and velocities (k,) [rad/s]."""
+
+    position: Array
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class Servo:
+    """How a limb's servo is set, each (k,).
+
+    Attributes:
+        ahead: By how much the weight winds the joints' springs [rad].
+        lead: D_s / K_s [s].
+        ease: Of the links' swing [s].
+    """
+
+    ahead: Array
+    lead: Array
+    ease: Array
+
+
+class Reference:
+    """The moving set-point of one limb's servo.
+
+    Attributes:
+        position: (k,) where the links shall be [rad].
+        velocity: (k,) how fast it moves [rad/s].
+        integral: (k,) of the position error times the integral rate [rad].
+    """
+
+    def __init__(self, reach: Reach, tuning: Tuning) -> None:
+        self._reach, self._tuning = reach, tuning
+        self._catching_up = 1.0 - math.exp(-tuning.tick / tuning.lag)
+        k = reach.speed.size
+        self.position, self.velocity, self.integral = np.zeros(k), np.zeros(k), np.zeros(k)
+        self._eased = np.zeros(k)
+
+    def settle(self, position: Array) -> None:
+        """Starts to hold at measured positions (k,) [rad]."""
+        self.position = position.copy()
+        self._eased = position.copy()
+        self.velocity[:] = 0.0
+        self.integral[:] = 0.0
+
+    def stay(self) -> None:
+        """Holds."""
+        self.velocity[:] = 0.0
+        self._eased = self.position.copy()
+
+    def approach(self, target: Array, ratio: float) -> None:
+        """Moves on in position mode at a share of the top speed."""
+        target = np.clip(target, self._reach.low, self._reach.high)
+        step = ratio * self._reach.speed * self._tuning.tick
+        self._eased = self._eased + np.clip(target - self._eased, -step, step)
+        self._move(self._catching_up * (self._eased - self.position))
+
+    def follow(self, target: Array) -> None:
+        """Moves on in raw position mode: only the joints' top speed is kept."""
+        step = self._reach.speed * self._tuning.tick
+        self._move(np.clip(target - self.position, -step, step))
+        self._eased = self.position.copy()
+
+    def run(self, velocity: Array) -> None:
+        """Moves on in velocity mode, up to the limits."""
+        bounded = np.clip(velocity, -self._reach.speed, self._reach.speed)
+        goal = np.clip(self.position + bounded * self._tuning.tick, self._reach.low, self._reach.high)
+        self._move(goal - self.position)
+        self._eased = self.position.copy()
+
+    def motor_target(self, sensed: Sensed, servo: Servo) -> Array:
+        """Computes theta_s (k,) [rad].
+
+        Args:
+            sensed: What the joints report.
+            servo: How the joints' servo is set.
+        """
+        tuning = self._tuning
+        self.integral += tuning.integral_rate * tuning.tick * (self.position - sensed.position)
+        np.clip(self.integral, -tuning.integral_limit, tuning.integral_limit, out=self.integral)
+        swing = sensed.velocity - self.velocity
+        ahead = servo.ahead + servo.lead * self.velocity - servo.ease * swing
+        return np.asarray(self.position + self.integral + ahead)
+
+    def _move(self, step: Array) -> None:
+        self.position = self.position + step
+        self.velocity = step / self._tuning.tick
+
+
+NOTHING = 1e-6
+"""What has faded below this is over [N.m]."""
+
+
+@dataclass(frozen=True)
+class CollisionLimits:
+    """When a limb has collided.
+
+    Attributes:
+        impact, squish: (k,) sudden and steady torque that count [N.m]; infinite where nothing is watched.
+        impact_time: Time constant of the low pass behind the one [s].
+        squish_time: Duration of the other [s].
+        tick: Between two looks [s].
+    """
+
+    impact: Array
+    squish: Array
+    impact_time: float
+    squish_time: float
+    tick: float
+
+
+class ContactSense:
+    """Watches one limb for impacts and squeezes."""
+
+    def __init__(self, limits: CollisionLimits) -> None:
+        self._limits = limits
+        self._fade = 1.0 - math.exp(-limits.tick / limits.impact_time)
+        self._slow = np.zeros(limits.impact.size)
+        self._pressed = 0.0
+
+    @property
+    def calm(self) -> bool:
+        """Says whether nothing has pressed lately."""
+        return not self._slow.any() and self._pressed == 0.0
+
+    def feel(self, torque: Array) -> str:
+        """Takes the torque (k,) [N.m] of one tick; returns ``impact``, ``squish`` or nothing."""
+        sudden = np.abs(torque - self._slow)
+        self._slow = self._slow + self._fade * (torque - self._slow)
+        self._slow[np.abs(self._slow) < NOTHING] = 0.0
+        pressed = bool((np.abs(torque) > self._limits.squish).any())
+        self._pressed = self._pressed + self._limits.tick if pressed else 0.0
+        if (sudden > self._limits.impact).any():
+            return "impact"
+        return "squish" if self._pressed >= self._limits.squish_time else ""

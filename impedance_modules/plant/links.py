@@ -7,9 +7,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.plant.joints import joint_kind
-from impedance_modules.plant.plant_state import LINK, RIGID, Table
+from impedance_modules.plant.plant_state import LINK, RIGID, Row, Table
 from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.rotation import add_cross, compose, dot, exponential, turn
 
 Array = NDArray[np.float64]
 
@@ -70,3 +72,170 @@ def mobility_under_water(links: pin.Model, table: Table, data: pin.Data, q: Arra
         return dry
     water = water_inertia(links, table, q)
     return np.asarray(np.linalg.solve(np.eye(q.size) + dry @ water, dry))
+
+
+@compiled
+def place_links(links: Table, position: Array) -> None:
+    """Writes each link's pose and its joint's axis at joint positions (n,) [rad]; row 0 is the world."""
+    turned, around = np.empty((3, 3)), np.empty(3)
+    for i in range(1, links.size):
+        link, parent = links[i], links[links[i].parent]
+        turn(parent.rotation, link.rest_translation, link.translation)
+        compose(parent.rotation, link.rest_rotation, turned)
+        for k in range(3):
+            link.translation[k] += parent.translation[k]
+            around[k] = link.screw[3 + k] * position[i - 1]
+        exponential(around, link.joint_rotation)
+        compose(turned, link.joint_rotation, link.rotation)
+        turn(turned, link.screw[3:], link.axis[3:])
+        turn(turned, link.screw[:3], link.axis[:3])
+        for k in range(3):
+            link.translation[k] += link.axis[k] * position[i - 1]
+        add_cross(link.translation, link.axis[3:], link.axis[:3])
+
+
+@compiled
+def place_hands(hands: Table, links: Table, jacobian: Array) -> None:
+    """Writes each hand's pose and its Jacobian (6, n), world axes at the hand, from the links' poses."""
+    for h in range(hands.size):
+        hand, link = hands[h], links[hands[h].link]
+        turn(link.rotation, hand.mount_translation, hand.translation)
+        compose(link.rotation, hand.mount_rotation, hand.rotation)
+        for k in range(3):
+            hand.translation[k] += link.translation[k]
+        i = hand.link
+        while i > 0:
+            axis, column = links[i].axis, jacobian[h, :, i - 1]
+            for k in range(6):
+                column[k] = axis[k]
+            add_cross(axis[3:], hand.translation, column)
+            i = links[i].parent
+
+
+@compiled
+def accelerate(links: Table, velocity: Array, torque: Array, acceleration: Array) -> None:
+    """Writes the joints' acceleration (n,) under a torque (n,) [N.m], the links placed already."""
+    for i in range(1, links.size):
+        _move(links[i], links[links[i].parent], velocity[i - 1])
+        if links[i].wet:
+            _undo_weight(links[i], links[0])
+    for i in range(links.size - 1, 0, -1):
+        _yield_to_joint(links[i], links[links[i].parent], torque[i - 1])
+    for i in range(1, links.size):
+        link, parent = links[i], links[links[i].parent]
+        rest = link.torque
+        for k in range(6):
+            link.acceleration[k] = parent.acceleration[k] + link.drift[k]
+            rest -= link.push[k] * link.acceleration[k]
+        acceleration[i - 1] = rest / link.inertia_along
+        for k in range(6):
+            link.acceleration[k] += link.axis[k] * acceleration[i - 1]
+
+
+@compiled
+def _move(link: Row, parent: Row, speed: float) -> None:
+    """Writes a link's twist, its drift c, its own inertia and its bias force b."""
+    axis, twist, drift = link.axis, link.velocity, link.drift
+    for k in range(6):
+        twist[k] = parent.velocity[k] + axis[k] * speed
+        drift[k] = 0.0
+    add_cross(twist[3:], axis[3:], drift[3:])
+    add_cross(twist[3:], axis[:3], drift[:3])
+    add_cross(twist[:3], axis[3:], drift[:3])
+    for k in range(6):
+        drift[k] *= speed
+    _own_inertia(link)
+    if link.wet:
+        _take_water_along(link)
+    momentum, force = link.momentum, link.force
+    for r in range(6):
+        total = 0.0
+        for k in range(6):
+            total += link.articulated[r, k] * twist[k]
+        momentum[r], force[r] = total, 0.0
+    add_cross(twist[3:], momentum[:3], force[:3])
+    add_cross(twist[3:], momentum[3:], force[3:])
+    add_cross(twist[:3], momentum[:3], force[3:])
+
+
+@compiled
+def _own_inertia(link: Row) -> None:
+    """Writes a link's spatial inertia at the world's origin, [[m, -m [c]], [m [c], I - m [c] [c]]]."""
+    inertia, turned, centre, mass = link.articulated, link.turned_inertia, link.centre_now, link.mass
+    turn(link.rotation, link.centre, centre)
+    for k in range(3):
+        centre[k] += link.translation[k]
+    compose(link.rotation, link.inertia, turned)
+    square = mass * dot(centre, centre)
+    for r in range(3):
+        for c in range(r + 1):
+            inertia[r, c] = inertia[c, r] = 0.0
+            value = dot(turned[r], link.rotation[c]) - mass * centre[r] * centre[c]
+            inertia[3 + r, 3 + c] = inertia[3 + c, 3 + r] = value
+        inertia[r, r] = mass
+        inertia[3 + r, 3 + r] += square
+        inertia[r, 3 + r] = inertia[3 + r, r] = 0.0
+    x, y, z = mass * centre[0], mass * centre[1], mass * centre[2]
+    inertia[3, 1] = inertia[1, 3] = -z
+    inertia[3, 2] = inertia[2, 3] = y
+    inertia[4, 0] = inertia[0, 4] = z
+    inertia[4, 2] = inertia[2, 4] = -x
+    inertia[5, 0] = inertia[0, 5] = -y
+    inertia[5, 1] = inertia[1, 5] = x
+
+
+@compiled
+def _take_water_along(link: Row) -> None:
+    """Adds X^T W X to a link's inertia, X = [[R^T, -R^T [p]], [0, R^T]] from the world's origin to its own axes."""
+    R, p, W, out = link.rotation, link.translation, link.water, link.water_now
+    X, half = np.zeros((6, 6)), np.zeros((6, 6))
+    for r in range(3):
+        for c in range(3):
+            X[r, c] = X[3 + r, 3 + c] = R[c, r]
+        X[r, 3] = R[2, r] * p[1] - R[1, r] * p[2]
+        X[r, 4] = R[0, r] * p[2] - R[2, r] * p[0]
+        X[r, 5] = R[1, r] * p[0] - R[0, r] * p[1]
+    for r in range(6):
+        for c in range(6):
+            for k in range(6):
+                half[r, c] += W[r, k] * X[k, c]
+    for r in range(6):
+        for c in range(6):
+            total = 0.0
+            for k in range(6):
+                total += X[k, r] * half[k, c]
+            out[r, c] = total
+            link.articulated[r, c] += total
+
+
+@compiled
+def _undo_weight(link: Row, world: Row) -> None:
+    """Adds W g to a link's bias force; the world's acceleration is -g."""
+    for r in range(6):
+        for k in range(6):
+            link.force[r] -= link.water_now[r, k] * world.acceleration[k]
+
+
+@compiled
+def _yield_to_joint(link: Row, parent: Row, torque: float) -> None:
+    """Adds a link's articulated inertia and bias force to its parent's, less what its joint yields."""
+    axis, push, inertia, drift = link.axis, link.push, link.articulated, link.drift
+    along, rest, carried = link.armature, torque, 0.0
+    for r in range(6):
+        total = 0.0
+        for c in range(6):
+            total += inertia[r, c] * axis[c]
+        push[r] = total
+        along += axis[r] * total
+        rest -= axis[r] * link.force[r]
+        carried += total * drift[r]
+    link.inertia_along, link.torque = along, rest
+    if link.parent == 0:
+        return
+    handed, force, scale = parent.articulated, parent.force, 1.0 / along
+    for r in range(6):
+        share, total = push[r] * scale, 0.0
+        for c in range(6):
+            total += inertia[r, c] * drift[c]
+            handed[r, c] += inertia[r, c] - share * push[c]
+        force[r] += link.force[r] + total + share * (rest - carried)

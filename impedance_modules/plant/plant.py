@@ -3,32 +3,36 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.errors import NotConnected
-from impedance_modules.plant.assembly import build_memory
-from impedance_modules.plant.motor_commands import CommandLine, Mode, Order, checked_effort
-from impedance_modules.plant.contact.surfaces import Surfaces
-from impedance_modules.effects.motion import JointTorque
+from impedance_modules.effects.builder import PlantBuilder
+from impedance_modules.effects.motion import JointMotion, JointTorque
 from impedance_modules.effects.worn import WornPlant
-from impedance_modules.plant.effects_port import unworn
+from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.plant.energy_balance import EnergyBook
 from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.ground_truth import OBJECT, Truth
+from impedance_modules.plant.initial_state import Start, build_memory
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import hold_gains, motor_position
 from impedance_modules.plant.links import link_model
-from impedance_modules.plant.options import PlantOptions, divide
-from impedance_modules.plant.pushes import Pushes
+from impedance_modules.plant.motor_commands import (
+    CommandLine,
+    Mode,
+    Order,
+    WeightCompensation,
+    checked_effort,
+)
 from impedance_modules.plant.plant_state import COMMAND, IDEAL
+from impedance_modules.plant.point_contact import Surfaces
+from impedance_modules.plant.pushes import Pushes
 from impedance_modules.plant.sensors import Sensors
 from impedance_modules.plant.step_stability import check_step
-from impedance_modules.plant.initial_state import Start
-from impedance_modules.plant.ground_truth import OBJECT, Truth
-from impedance_modules.plant.weight import WeightCompensation
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import PushSpec, SurfaceSpec
@@ -237,3 +241,63 @@ class Plant(Truth):
     def energy(self) -> EnergyBook:
         """Closes the books: every energy and work since ``reset`` [J]."""
         return self.energy_book(self._gravity)
+
+
+__all__ = ["JointMotion", "JointTorque", "WornPlant", "unworn"]
+
+
+def unworn(model: RobotModel) -> WornPlant:
+    """Returns what a plant wears without a patch: nothing."""
+    return PlantBuilder(model).finish()
+
+
+ROBOT_LOOP = 1e-3
+"""Longest period of the robot's own loop: gravity compensation and velocity estimate [s]."""
+
+
+@dataclass(frozen=True)
+class PlantOptions:
+    """How the plant is stepped.
+
+    Attributes:
+        rate: Of the control cycle: one ``advance`` lasts 1 / rate [Hz].
+        seed: Of the sensor noise; the same seed gives the same run, bit by bit.
+        noise: Sensor noise as the robot file declares it; False switches it off.
+        step: Longest integration step [s]; whole steps fill the robot's own loop.
+        gravity: Acceleration in world axes [m/s^2].
+    """
+
+    rate: float
+    seed: int
+    noise: bool = True
+    step: float = 0.25e-3
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "step"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise BadInput(f"plant option {name} is {value}; valid: a finite number above 0")
+
+
+@dataclass(frozen=True)
+class Division:
+    """How a control period divides: ``loops`` loops of the robot, each of ``steps`` steps [s]."""
+
+    loops: int
+    steps: int
+    step: float
+    loop: float
+
+
+def divide(options: PlantOptions) -> Division:
+    """Divides the control period into the fewest loops of at most 1 ms, and those into whole steps."""
+    period = 1.0 / options.rate
+    loops = _whole(period / ROBOT_LOOP)
+    steps = _whole(period / loops / options.step)
+    return Division(loops, steps, period / (loops * steps), period / loops)
+
+
+def _whole(ratio: float) -> int:
+    """Rounds up, forgiving the last digits of a quotient that should be whole."""
+    return max(1, math.ceil(ratio - 1e-9))

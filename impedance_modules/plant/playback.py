@@ -22,9 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.collision import CollisionLimits, ContactSense
-from impedance_modules.plant.joint_boards import BoardOrders, DrivenPlant
-from impedance_modules.plant.servo import Reach, Reference, Sensed, Servo, Tuning
+from impedance_modules.plant.joint_boards import (
+    BoardOrders,
+    CollisionLimits,
+    ContactSense,
+    DrivenPlant,
+    Reach,
+    Reference,
+    Sensed,
+    Servo,
+    Tuning,
+)
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.robot import PlaybackSpec

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant import runge_kutta as compiled_step
+from impedance_modules.plant import integrator as compiled_step
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.plant_state import COUNTERS, ELASTIC, RATE, STAGE, Memory
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.plant.contact.points import Point
+from impedance_modules.plant.point_contact import Point
 from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3

@@ -20,7 +20,7 @@ from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
 from impedance_modules.modules.total import Terms, desired_effort
-from impedance_modules.plant.contact.points import hand_point, object_points
+from impedance_modules.plant.point_contact import hand_point, object_points
 from impedance_modules.plant.pushes import push_wrench
 from impedance_modules.prediction.contact_geometry import Contact, find_contacts, place_surface
 from impedance_modules.robot.kinematics import Kinematics

@@ -22,8 +22,7 @@ from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.grasp import HeldObject
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 
 Array = NDArray[np.float64]
 

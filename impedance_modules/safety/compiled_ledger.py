@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
+from impedance_modules.safety.clear_tank import Tank, TankSettings
 from impedance_modules.safety.ledger import DEVIATIONS
-from impedance_modules.safety.tank import Tank, TankSettings
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from impedance_modules.errors import SafetyStop
-from impedance_modules.safety.motor_port import Vector, absolute_dot, motor_positions
-from impedance_modules.safety.tank import Tank, TankSettings
+from impedance_modules.records import Vector
+from impedance_modules.safety.clear_tank import Tank, TankSettings, absolute_dot, motor_positions
 
 DEVIATIONS = 6.0
 """Of the accumulated error of white sensors that are charged: exceeded by one run in a thousand million."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impedance_modules.safety.motor_port import Vector
+from impedance_modules.records import Vector
 
 
 def damping_effort(damping: Vector, v: Vector, effort_max: Vector) -> Vector:

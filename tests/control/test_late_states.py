@@ -17,8 +17,8 @@ from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.prepare import sim_backend
+from impedance_modules.safety.clear_tank import Tank, filled_tank
 from impedance_modules.safety.ledger import measure, pay
-from impedance_modules.safety.tank import Tank, filled_tank
 from tests.control.test_passivity_on_the_plant import ROUNDING, Adversity, meet
 from tests.support.tank_worlds import Wire, settings_of
 

@@ -24,11 +24,10 @@ from impedance_modules.control.controller import Controller
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.effects.motion import JointMotion
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.state import RobotState
+from impedance_modules.safety.clear_tank import sensing_uncertainty
 from impedance_modules.safety.compiled_ledger import FLOOR
-from impedance_modules.safety.tank import sensing_uncertainty
 from impedance_modules.spec.task import SurfaceSpec
 
 Random = np.random.Generator

@@ -21,8 +21,7 @@ from impedance_modules.diagnosis.rollout.wearing import dress
 from impedance_modules.diagnosis.tree import read_tree
 from impedance_modules.effects.motion import JointMotion
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.plant.rollout_plant import Seed, SeededPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, Quantity

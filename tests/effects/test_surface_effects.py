@@ -12,8 +12,7 @@ from impedance_modules.effects.rigid import RigidModel
 from impedance_modules.effects.signals import Signals
 from impedance_modules.effects.surfaces import touches
 from impedance_modules.effects.wear import wear_surfaces
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from tests.support.plant_parts import SIX_JOINTS, exact, plane, spec_of
 from tests.support.worn_recordings import patch_of, start, worn

@@ -6,8 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from impedance_modules.effects.water_torque import Buoyancy, Drag
-from impedance_modules.plant.compiled_links import accelerate, place_links
-from impedance_modules.plant.links import link_table
+from impedance_modules.plant.links import accelerate, link_table, place_links
 from impedance_modules.robot.model import RobotModel
 from tests.plant.test_plant_reference import random_tree
 from tests.support.plant_parts import SIX_JOINTS, spec_of, undamped

@@ -7,14 +7,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from impedance_modules.plant.compiled_links import accelerate, place_links
-from impedance_modules.plant.runge_kutta import rate
-from impedance_modules.plant.links import link_table
+from impedance_modules.plant.integrator import rate
+from impedance_modules.plant.links import accelerate, link_table, place_links
 from impedance_modules.plant.plant_state import PUSH_ROW, RATE, STAGE, START
-from tests.reference.plant_equations import plain_rate
 from impedance_modules.robot import rotation as compiled_rotation
 from impedance_modules.robot.rotation import exp3, log3
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
+from tests.reference.plant_equations import plain_rate
 from tests.support.plant_parts import (
     BAXTER,
     SIX_JOINTS,

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from impedance_modules.effects.motion import JointMotion
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.plant.motor_commands import CommandLine, Mode, Order, delay_periods
-from impedance_modules.effects.motion import JointMotion
-from impedance_modules.plant.options import PlantOptions, divide
+from impedance_modules.plant.plant import PlantOptions, divide
 from impedance_modules.spec.robot import TimingSpec
 from tests.support.plant_parts import (
     BAXTER,

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from impedance_modules.modules.damping import endpoint_damping, joint_damping
 from impedance_modules.modules.mobility import mobility
 from impedance_modules.modules.motor_velocity import MotorVelocity
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot

@@ -21,9 +21,9 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety import ledger
 from impedance_modules.safety.build import FilterState, build
+from impedance_modules.safety.clear_tank import Tank, filled_tank
 from impedance_modules.safety.problem import FilterLayout, FilterWorkspace
 from impedance_modules.safety.solvers.make import make_solver
-from impedance_modules.safety.tank import Tank, filled_tank
 from impedance_modules.spec.task import PhaseSpec
 
 

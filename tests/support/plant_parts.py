@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.plant.grasp import HeldObject
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import RobotSpec, SensorSpec
 from impedance_modules.spec.robot_reader import read_robot

@@ -21,7 +21,7 @@ from impedance_modules.effects.residuals import Residual
 from impedance_modules.effects.wear import wear_patch, wear_plant
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.plant.rollout_plant import SeededPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
