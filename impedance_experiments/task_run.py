@@ -14,7 +14,7 @@ from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.plant.plant import Plant
-from impedance_modules.prediction.feasibility import refuse_unfit
+from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.prepare import sim_backend
 from impedance_modules.runs.run import RunOptions, RunResult, carry_out
@@ -38,7 +38,7 @@ def record_task(task: str, out: Path, *, effects: Path | None = None, seed: int 
         BadInput: The task is refused.
     """
     assembly = assemble(task, effects=effects, rate=None, scale=1.0, arm=None)
-    refuse_unfit(assembly)
+    refuse_infeasible(assembly)
     options = RunOptions(out=out, seed=seed, duration=None, live=False, read_only=False, backend="sim")
     result = carry_out(assembly, sim_backend(assembly, seed), options, lambda _time, _phase: None)
     return TaskRun(assembly, result, read_episode(out))

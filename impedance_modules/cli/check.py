@@ -20,18 +20,18 @@ from impedance_modules.cli.options import arm_option, effects_option, rate_optio
 def command(task: str, effects: Path | None, rate: float | None, scale: float, arm: str | None) -> int:
     """Check TASK, a file or the name of a shipped task, and predict what it will do.
 
-    Torque margins, yielding under load, stability of the sampled loop, and the energy the tank must cover; of a task
+    Torque margins, deflection under load, stability of the sampled loop, and the energy the tank must cover; of a task
     with playback, as its springs teach it. Every problem is
     printed as file:line:col: path: message. Exit: 0 good, 2 not.
     """
     from impedance_modules.cli.tables_check import print_forecast
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.feasibility import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_infeasible
     from impedance_modules.prediction.forecast import forecast_task
 
     assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
     assembly = replace(assembly, task=as_taught(assembly.task))
-    outlook = refuse_unfit(assembly)
-    print_forecast(assembly, forecast_task(assembly, outlook.rehearsal, outlook.rests))
+    prediction = refuse_infeasible(assembly)
+    print_forecast(assembly, forecast_task(assembly, prediction.motion, prediction.rests))
     return 0

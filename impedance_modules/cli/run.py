@@ -74,7 +74,7 @@ def command(
     from impedance_modules.cli.tables import print_run, progress
     from impedance_modules.control.assembly import assemble
     from impedance_modules.errors import BadInput
-    from impedance_modules.prediction.feasibility import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_infeasible
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")
@@ -94,7 +94,7 @@ def command(
             return play_task_back(assembly, asked)
         if (backend == "replay") != (log is not None):
             raise BadInput("--backend replay and --log DIR go together: the log is the robot")
-        refuse_unfit(assembly)
+        refuse_infeasible(assembly)
         # Only now: everything below wakes the compiler.
         from impedance_modules.runs.prepare import baxter_backend, make_backend
         from impedance_modules.runs.run import RunOptions, carry_out

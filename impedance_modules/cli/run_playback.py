@@ -37,9 +37,9 @@ def play_task_back(assembly: Assembly, options: PlaybackOptions) -> int:
 
     from impedance_modules.cli.tables import progress
     from impedance_modules.control.adjust import as_taught
-    from impedance_modules.prediction.feasibility import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_infeasible
 
-    refuse_unfit(replace(assembly, task=as_taught(assembly.task)))
+    refuse_infeasible(replace(assembly, task=as_taught(assembly.task)))
     from impedance_modules.runs.playback import TAUGHT, make_playback, play_back, recorded_path, teach
     from impedance_modules.runs.run import RunOptions
 

@@ -22,11 +22,11 @@ from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.quasi_static import Rest, rehearse
+from impedance_modules.prediction.quasi_static import Rest, predict_motion
 from impedance_modules.prediction.statics import analyse_state, find_rest
 from impedance_modules.robot.model import Limb
 from impedance_modules.superposition.arm_impedance import ArmImpedance
-from impedance_modules.superposition.modes import JointSpace, Mode, natural_modes
+from impedance_modules.superposition.modes import JointSpace, VibrationMode, natural_modes
 from impedance_modules.superposition.net_stiffness import net_stiffness
 from impedance_modules.superposition.object_impedance import (
     HandImpedance,
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Felt:
+class FrameImpedance:
     """What a push on one frame meets; (6, 6), linear then angular, world axes, at the frame's origin, SI units.
 
     Attributes:
@@ -71,7 +71,7 @@ class Felt:
     stiffness_without_preload: Array | None
     preload: Array
     folds: bool
-    modes: tuple[Mode, ...]
+    modes: tuple[VibrationMode, ...]
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ class Analysis:
     """
 
     phase: str | None
-    arms: Mapping[str, Felt]
-    object: Felt | None
+    arms: Mapping[str, FrameImpedance]
+    object: FrameImpedance | None
     summands: Mapping[str, HandImpedance]
     own: Array | None
     squeeze: float | None
@@ -100,7 +100,7 @@ class Analysis:
 def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
     """Analyses a task at its start posture, or at rest where a phase ends, in contact.
 
-    A phase ends where its rehearsal does: after its duration, or when its ``until`` is met.
+    A phase ends where its motion does: after its duration, or when its ``until`` is met.
 
     Raises:
         BadInput: There is no such phase, or no static equilibrium was found in it.
@@ -118,14 +118,14 @@ def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
             f"--phase {phase}: task '{assembly.task.name}' has no such phase{nearest(phase, names)}"
             f" (valid: {', '.join(names)})"
         )
-    rehearsed = rehearse(assembly).phases[names.index(phase)]
-    rest = find_rest(mechanism, rehearsed.setting, rehearsed.q)
+    predicted = predict_motion(assembly).phases[names.index(phase)]
+    rest = find_rest(mechanism, predicted.setting, predicted.q)
     if rest is None:
         raise BadInput(
             f"--phase {phase}: no static equilibrium where it ends; a force axis without stiffness may push into"
             " nothing, or an arm folds (valid: a phase that comes to rest)"
         )
-    return _analysis(mechanism, rehearsed.setting, rest.q, phase, rest)
+    return _analysis(mechanism, predicted.setting, rest.q, phase, rest)
 
 
 def _analysis(
@@ -150,10 +150,10 @@ def _analysis(
     )
 
 
-def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> Felt:
+def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> FrameImpedance:
     found = arm.stiffness
     friction = np.diag(mechanism.model.column("motor_damping")[limb.joints])
-    return Felt(
+    return FrameImpedance(
         frame=limb.hand,
         position=arm.pose.translation,
         q=_angles(limb, q),
@@ -172,13 +172,13 @@ def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> Felt
 
 def _object(
     mechanism: Mechanism, limbs: list[Limb], arms: Mapping[str, ArmImpedance], held: HeldImpedance, q: Array
-) -> Felt:
+) -> FrameImpedance:
     found, singular = held.impedance, held.joints_singular
     motion = held.motion
     joints = np.concatenate([limb.joints for limb in limbs])
     friction = np.diag(mechanism.model.column("motor_damping")[joints])
     hidden = singular or held.folds
-    return Felt(
+    return FrameImpedance(
         frame=OBJECT,
         position=held.pose.translation,
         q={name: angle for limb in limbs for name, angle in _angles(limb, q).items()},
@@ -212,7 +212,7 @@ def _relaxed(arms: list[ArmImpedance], held: HeldImpedance) -> Array | None:
     return superpose(hands, None).stiffness
 
 
-def _modes(system: JointSpace, friction: Array) -> tuple[Mode, ...]:
+def _modes(system: JointSpace, friction: Array) -> tuple[VibrationMode, ...]:
     return natural_modes(replace(system, damping=system.damping + friction))
 
 
@@ -259,7 +259,7 @@ def write_analysis(analysis: Analysis, path: Path) -> None:
         raise BadInput(f"--json {path}: cannot be written: {error.strerror}") from None
 
 
-def _frame(felt: Felt, phase: str | None) -> dict[str, Any]:
+def _frame(felt: FrameImpedance, phase: str | None) -> dict[str, Any]:
     found: dict[str, Any] = {"frame": felt.frame, "position": felt.position.tolist(), "q": dict(felt.q)}
     found.update({name: _numbers(getattr(felt, name)) for name in MATRICES})
     found.update({"preload": felt.preload.tolist(), "folds": felt.folds, "phase": phase})

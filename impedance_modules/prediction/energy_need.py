@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""How much energy the tank must hold at the start so that the task is never slowed.
 
-Along the rehearsal the tank's level is, as the ledger books it (docs/passivity.md),
+Along the motion the tank's level is, as the ledger books it (docs/passivity.md),
 
     T = T_0 - U - W - C,      W = \int \tau . dq + \sum \tau^2 / (2 K_sea)        (work on the motors)
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import Rehearsal
+from impedance_modules.prediction.quasi_static import MotionPrediction
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.safety.ledger import DEVIATIONS
 from impedance_modules.superposition.elastic_joints import sampling_of
@@ -51,10 +51,10 @@ class TankForecast:
     sensing: float
 
 
-def forecast_tank(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal) -> TankForecast:
-    """Follows the tank's level through a rehearsal."""
-    samples = rehearsal.samples
-    charges, unrest = _sensing_along(assembly, mechanism, rehearsal)
+def forecast_tank(assembly: Assembly, mechanism: Mechanism, motion: MotionPrediction) -> TankForecast:
+    """Follows the tank's level through a motion."""
+    samples = motion.samples
+    charges, unrest = _sensing_along(assembly, mechanism, motion)
     wound = np.array([_wound(assembly, sample.effort) for sample in samples])
     flight = np.array(
         [_in_flight(assembly, s.effort, noise) for s, noise in zip(samples, unrest, strict=True)]
@@ -78,7 +78,7 @@ def forecast_tank(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal
         "spilled over the ceiling": float(spilled[worst]),
     }
     end_term = float(np.abs(samples[-1].effort) @ assembly.tank.sensing_error)
-    phase = next(p for p in rehearsal.phases if p.samples.start <= worst < p.samples.stop)
+    phase = next(p for p in motion.phases if p.samples.start <= worst < p.samples.stop)
     return TankForecast(float(asked[worst]), at.time, phase.name, costs, float(charges[-1]) + end_term)
 
 
@@ -112,17 +112,17 @@ def _in_flight(assembly: Assembly, effort: Array, unrest: Array) -> float:
     return float(size @ price + NOISIEST * 0.6 * np.linalg.norm(unrest * price))
 
 
-def _sensing_along(assembly: Assembly, mechanism: Mechanism, rehearsal: Rehearsal) -> tuple[Array, Array]:
+def _sensing_along(assembly: Assembly, mechanism: Mechanism, motion: MotionPrediction) -> tuple[Array, Array]:
     """Gives the charge for sensing up to every sample [J], and the torque's noise at it (m, n) [N.m]."""
-    charges = np.zeros(len(rehearsal.samples))
-    unrest = np.zeros((len(rehearsal.samples), assembly.model.n))
+    charges = np.zeros(len(motion.samples))
+    unrest = np.zeros((len(motion.samples), assembly.model.n))
     variance = energy = 0.0
-    for phase in rehearsal.phases:
+    for phase in motion.phases:
         mechanism.update(phase.q, np.zeros_like(phase.q))
         rate = sensing_rate(assembly, mechanism.joints, *mechanism.gains(phase.modules, phase.damping))
         unrest[phase.samples] = rate.unrest
         for index in range(phase.samples.start, phase.samples.stop):
-            since = rehearsal.samples[index].time - phase.began
+            since = motion.samples[index].time - phase.began
             charges[index] = charged(variance + rate.variance * since, energy + rate.energy * since)
         variance += rate.variance * (phase.ended - phase.began)
         energy += rate.energy * (phase.ended - phase.began)

@@ -13,7 +13,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import PhaseRehearsal, Rehearsal, Rest, rehearse
+from impedance_modules.prediction.quasi_static import PredictedPhase, MotionPrediction, Rest, predict_motion
 from impedance_modules.prediction.statics import rests_of
 from impedance_modules.spec.task import Sine
 
@@ -24,17 +24,17 @@ TELLING = 0.05
 
 
 @dataclass(frozen=True)
-class Outlook:
-    """A rehearsal and where each of its phases comes to rest, None where it does not."""
+class TaskPrediction:
+    """A motion and where each of its phases comes to rest, None where it does not."""
 
-    rehearsal: Rehearsal
+    motion: MotionPrediction
     rests: tuple[Rest | None, ...]
 
 
-def refuse_unfit(assembly: Assembly) -> Outlook:
+def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
-    A sine that the control rate cannot follow; a torque beyond a joint's limit, in the rehearsal or at rest; a tank
+    A sine that the control rate cannot follow; a torque beyond a joint's limit, in the motion or at rest; a tank
     that cannot pay for the task.
 
     Returns:
@@ -46,15 +46,15 @@ def refuse_unfit(assembly: Assembly) -> Outlook:
     too_fast = list(_too_fast(assembly))
     if too_fast:
         raise BadFile(too_fast)
-    rehearsal, mechanism = rehearse(assembly), Mechanism(assembly)
-    outlook = Outlook(rehearsal, rests_of(mechanism, rehearsal))
+    motion, mechanism = predict_motion(assembly), Mechanism(assembly)
+    prediction = TaskPrediction(motion, rests_of(mechanism, motion))
     problems = [
-        *_too_strong(assembly, outlook),
-        *_too_dear(assembly, forecast_tank(assembly, mechanism, rehearsal)),
+        *_too_strong(assembly, prediction),
+        *_too_dear(assembly, forecast_tank(assembly, mechanism, motion)),
     ]
     if problems:
         raise BadFile(problems)
-    return outlook
+    return prediction
 
 
 def _too_fast(assembly: Assembly) -> Iterator[Problem]:
@@ -70,11 +70,11 @@ def _too_fast(assembly: Assembly) -> Iterator[Problem]:
                     )
 
 
-def _too_strong(assembly: Assembly, outlook: Outlook) -> Iterator[Problem]:
+def _too_strong(assembly: Assembly, prediction: TaskPrediction) -> Iterator[Problem]:
     """Finds joints whose commanded torque would pass the limit."""
     limit = assembly.limits.effort_max
-    for index, phase in enumerate(outlook.rehearsal.phases):
-        demand = _demand(outlook.rehearsal, phase, outlook.rests[index])
+    for index, phase in enumerate(prediction.motion.phases):
+        demand = _demand(prediction.motion, phase, prediction.rests[index])
         worst = int(np.argmax(demand / limit))
         if demand[worst] > limit[worst]:
             yield assembly.task.document.problem(
@@ -85,9 +85,9 @@ def _too_strong(assembly: Assembly, outlook: Outlook) -> Iterator[Problem]:
             )
 
 
-def _demand(rehearsal: Rehearsal, phase: PhaseRehearsal, rest: Rest | None) -> Array:
+def _demand(motion: MotionPrediction, phase: PredictedPhase, rest: Rest | None) -> Array:
     """Gives the largest commanded torque of a phase, (n,) [N.m]."""
-    efforts = [np.abs(sample.effort) for sample in rehearsal.samples[phase.samples]]
+    efforts = [np.abs(sample.effort) for sample in motion.samples[phase.samples]]
     if rest is not None:
         efforts.append(np.abs(rest.effort))
     return np.asarray(np.max(efforts, axis=0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Everything ``check`` says about a task: per phase and arm loads and yielding, loops, and the tank."""
+"""Everything ``check`` says about a task: per phase and arm loads and deflection, loops, and the tank."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from impedance_modules.modules.spring import displacement
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.loop_stability import StabilityForecast, forecast_stability
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import PhaseRehearsal, Rehearsal, Rest
+from impedance_modules.prediction.quasi_static import PredictedPhase, MotionPrediction, Rest
 from impedance_modules.prediction.statics import analyse_state
 from impedance_modules.robot.model import Limb, RobotModel
 
@@ -25,11 +25,11 @@ class ObjectForecast:
     """The held object at a phase's rest.
 
     Attributes:
-        yielding: From its target.
+        deflection: From its target.
         pressed: Force of the surfaces on it [N].
     """
 
-    yielding: Yielding
+    deflection: Deflection
     pressed: float
 
 
@@ -38,7 +38,7 @@ class PhaseForecast:
     """One phase.
 
     Attributes:
-        rehearsed: How it went.
+        predicted: How it went.
         rest: Its static equilibrium where it ends; None where none was found.
         arms: What it asks of every arm.
         object: The held object at rest; None without an object or a rest.
@@ -46,7 +46,7 @@ class PhaseForecast:
         folds: Arms (or ``object``) that would fold at rest.
     """
 
-    rehearsed: PhaseRehearsal
+    predicted: PredictedPhase
     rest: Rest | None
     arms: tuple[ArmForecast, ...]
     object: ObjectForecast | None
@@ -69,34 +69,34 @@ class Forecast:
     notes: tuple[str, ...]
 
 
-def forecast_task(assembly: Assembly, rehearsal: Rehearsal, rests: Sequence[Rest | None]) -> Forecast:
+def forecast_task(assembly: Assembly, motion: MotionPrediction, rests: Sequence[Rest | None]) -> Forecast:
     """Predicts everything that ``check`` prints.
 
     Args:
         assembly: The task.
-        rehearsal: Of it.
+        motion: Of it.
         rests: Where each phase comes to rest.
     """
     mechanism = Mechanism(assembly)
     loops: dict[bytes, tuple[StabilityForecast, ...]] = {}
     phases = tuple(
-        _forecast_phase(assembly, mechanism, rehearsal, phase, rest, loops)
-        for phase, rest in zip(rehearsal.phases, rests, strict=True)
+        _forecast_phase(assembly, mechanism, motion, phase, rest, loops)
+        for phase, rest in zip(motion.phases, rests, strict=True)
     )
     notes = tuple(dict.fromkeys(note for phase in phases for note in _notes(phase)))
-    return Forecast(phases, forecast_tank(assembly, mechanism, rehearsal), notes)
+    return Forecast(phases, forecast_tank(assembly, mechanism, motion), notes)
 
 
 def _forecast_phase(  # noqa: PLR0917 - a phase, how it went, and where it rests
     assembly: Assembly,
     mechanism: Mechanism,
-    rehearsal: Rehearsal,
-    phase: PhaseRehearsal,
+    motion: MotionPrediction,
+    phase: PredictedPhase,
     rest: Rest | None,
     loops: dict[bytes, tuple[StabilityForecast, ...]],
 ) -> PhaseForecast:
     modules = phase.modules
-    arms = tuple(forecast_arm(mechanism, arm.limb, phase, rehearsal, rest) for arm in modules.arms)
+    arms = tuple(forecast_arm(mechanism, arm.limb, phase, motion, rest) for arm in modules.arms)
     state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
     folds = [limb for limb, arm in state.arms.items() if arm.stiffness.folds]
     held = state.held
@@ -107,7 +107,7 @@ def _forecast_phase(  # noqa: PLR0917 - a phase, how it went, and where it rests
     if key not in loops:
         loops[key] = forecast_stability(assembly, modules, state.arms, held)
     return PhaseForecast(
-        rehearsed=phase,
+        predicted=phase,
         rest=rest,
         arms=arms,
         object=None if rest is None else _object(mechanism, phase, rest),
@@ -116,22 +116,22 @@ def _forecast_phase(  # noqa: PLR0917 - a phase, how it went, and where it rests
     )
 
 
-def _object(mechanism: Mechanism, phase: PhaseRehearsal, rest: Rest) -> ObjectForecast | None:
-    yielding = object_yielding(mechanism, phase.equilibrium, rest)
-    if yielding is None:
+def _object(mechanism: Mechanism, phase: PredictedPhase, rest: Rest) -> ObjectForecast | None:
+    deflection = object_deflection(mechanism, phase.equilibrium, rest)
+    if deflection is None:
         return None
-    return ObjectForecast(yielding, float((rest.pressure["object"][:3] ** 2).sum() ** 0.5))
+    return ObjectForecast(deflection, float((rest.pressure["object"][:3] ** 2).sum() ** 0.5))
 
 
-def _gains_key(phase: PhaseRehearsal) -> bytes:
+def _gains_key(phase: PredictedPhase) -> bytes:
     """Tells phases with different gains apart; postures within one task change a loop little."""
     springs = [spring for arm in phase.modules.arms for spring in arm.springs]
     return b"".join(spring.stiffness.tobytes() + spring.damping.tobytes() for spring in springs)
 
 
 def _notes(phase: PhaseForecast) -> Iterator[str]:
-    name = phase.rehearsed.name
-    if phase.rehearsed.met is False:
+    name = phase.predicted.name
+    if phase.predicted.met is False:
         yield f"phase '{name}': what it waits for has not come by the end of its duration"
     if phase.rest is None:
         yield f"phase '{name}': no static equilibrium was found where it ends"
@@ -179,7 +179,7 @@ class JointLoad:
 
 
 @dataclass(frozen=True)
-class Yielding:
+class Deflection:
     """How far something at rest is from its equilibrium: distance [m] and angle [rad]."""
 
     distance: float
@@ -192,11 +192,11 @@ class ArmForecast:
 
     Attributes:
         limb: The arm.
-        commanded: Joint whose commanded torque comes closest to the limit, in the rehearsal or at rest.
+        commanded: Joint whose commanded torque comes closest to the limit, in the motion or at rest.
         total: The same with the torque that carries the arm's own weight. The limit is the motor's; springs
             that help a real robot carry its arms are not in its description, so this is an upper bound.
         beyond: Joint -> how far it would leave its range [rad]; empty if none does.
-        yielding: Of the hand at rest, against its springs; None without a spring there or without a rest.
+        deflection: Of the hand at rest, against its springs; None without a spring there or without a rest.
         pressed: Force of the surfaces on the hand at rest [N]; None without a rest.
     """
 
@@ -204,15 +204,15 @@ class ArmForecast:
     commanded: JointLoad
     total: JointLoad
     beyond: dict[str, float]
-    yielding: Yielding | None
+    deflection: Deflection | None
     pressed: float | None
 
 
 def forecast_arm(
-    mechanism: Mechanism, limb: Limb, phase: PhaseRehearsal, rehearsal: Rehearsal, rest: Rest | None
+    mechanism: Mechanism, limb: Limb, phase: PredictedPhase, motion: MotionPrediction, rest: Rest | None
 ) -> ArmForecast:
     """Sums up one arm in one phase."""
-    model, samples = mechanism.model, rehearsal.samples[phase.samples]
+    model, samples = mechanism.model, motion.samples[phase.samples]
     efforts = [sample.effort for sample in samples]
     looks = [*samples[:: max(1, len(samples) // LOOKS)]]
     loaded = [sample.effort + model.gravity(sample.q) for sample in looks]
@@ -224,17 +224,17 @@ def forecast_arm(
         commanded=_worst(model, limb, efforts),
         total=_worst(model, limb, loaded),
         beyond=_beyond(model, limb, [sample.q for sample in samples]),
-        yielding=None if rest is None else _hand_yielding(mechanism, limb, phase, rest),
+        deflection=None if rest is None else _hand_deflection(mechanism, limb, phase, rest),
         pressed=None if rest is None else float(np.linalg.norm(rest.pressure[limb.hand][:3])),
     )
 
 
-def object_yielding(mechanism: Mechanism, targets: Equilibrium, rest: Rest) -> Yielding | None:
+def object_deflection(mechanism: Mechanism, targets: Equilibrium, rest: Rest) -> Deflection | None:
     """Gives how far the held object at rest is from its target; None without an object."""
     if targets.object is None:
         return None
     mechanism.update(rest.q, np.zeros_like(rest.q))
-    return _yielding(displacement(mechanism.object_pose(), targets.object))
+    return _deflection(displacement(mechanism.object_pose(), targets.object))
 
 
 def _worst(model: RobotModel, limb: Limb, efforts: Sequence[Array]) -> JointLoad:
@@ -254,16 +254,16 @@ def _beyond(model: RobotModel, limb: Limb, positions: Sequence[Array]) -> dict[s
     return {model.joint_names[j]: float(outside[j]) for j in limb.joints if outside[j] > 0.0}
 
 
-def _hand_yielding(mechanism: Mechanism, limb: Limb, phase: PhaseRehearsal, rest: Rest) -> Yielding | None:
+def _hand_deflection(mechanism: Mechanism, limb: Limb, phase: PredictedPhase, rest: Rest) -> Deflection | None:
     """Takes the hand's spring that is stretched farthest."""
     springs = [s for s in phase.modules.arm(limb.name).springs if s.frame == limb.hand]
     if not springs:
         return None
     pose = mechanism.model.pose(rest.q, limb.hand)
     targets = phase.equilibrium.springs
-    found = [_yielding(displacement(pose, targets[spring.name])) for spring in springs]
-    return max(found, key=lambda yielding: yielding.distance)
+    found = [_deflection(displacement(pose, targets[spring.name])) for spring in springs]
+    return max(found, key=lambda deflection: deflection.distance)
 
 
-def _yielding(offset: Array) -> Yielding:
-    return Yielding(float(np.linalg.norm(offset[:3])), float(np.linalg.norm(offset[3:])))
+def _deflection(offset: Array) -> Deflection:
+    return Deflection(float(np.linalg.norm(offset[:3])), float(np.linalg.norm(offset[3:])))

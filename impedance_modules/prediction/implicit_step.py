@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""One implicit step of the rehearsed arms, with surfaces that press and rub.
+r"""One implicit step of the predicted arms, with surfaces that press and rub.
 
 A point at depth d with normal n gets N = k d+ - c d'+, d+ = d - h n . J v+, never less than zero, and friction
 -\mu N v_t / max(|v_t|, v_s): both are linear in the new velocity once N and |v_t| of the last step stand in.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""When a rehearsed phase would end: contact as the run judges it, arrival by distance.
+"""When a predicted phase would end: contact as the run judges it, arrival by distance.
 
 The run takes contact from measured effort through a filter (``control.conditions``, ``robot.external_torque``). The
-same formula is applied to the rehearsed motion, so a rehearsed contact comes as late as the real one.
+same formula is applied to the predicted motion, so a predicted contact comes as late as the real one.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""A task rehearsed on the rigid arms, in large steps, before anything moves.
+r"""A task predicted on the rigid arms, in large steps, before anything moves.
 
     (M + I_r) qdd + C + D qd = \tau_modules + contact + weight of the object,      A qd = 0 in the grasps
 
@@ -40,19 +40,19 @@ BLENDING = 0.5
 """Gains of a phase come in over this time [s], as in the run (``control.gains``, which needs the compiler)."""
 
 
-def rehearse(assembly: Assembly) -> Rehearsal:
+def predict_motion(assembly: Assembly) -> MotionPrediction:
     """Goes through all phases of a task.
 
     A phase whose ``until`` is not met within its duration goes on to the next, whatever the task says then. A
-    surface that becomes smooth is not rehearsed: such a phase takes its whole duration.
+    surface that becomes smooth is not predicted: such a phase takes its whole duration.
     """
     stage = _Stage(assembly)
     phases = tuple(stage.play(phase) for phase in assembly.task.phases)
-    return Rehearsal(phases, tuple(stage.samples))
+    return MotionPrediction(phases, tuple(stage.samples))
 
 
 class _Stage:
-    """The moving state of a rehearsal."""
+    """The moving state of a motion."""
 
     def __init__(self, assembly: Assembly) -> None:
         self._mechanism = Mechanism(assembly)
@@ -66,9 +66,9 @@ class _Stage:
         self._feel = Feel(self._mechanism)
         self._pushed = bool(assembly.task.pushes)
         self._time = self._work = self._rubbed = self._friction = 0.0
-        self.samples: list[Sample] = []
+        self.samples: list[PredictedSample] = []
 
-    def play(self, phase: PhaseSpec) -> PhaseRehearsal:
+    def play(self, phase: PhaseSpec) -> PredictedPhase:
         """Rehearses one phase from where the last one ended."""
         mechanism, first = self._mechanism, len(self.samples)
         mechanism.update(self._q, self._v)
@@ -78,8 +78,8 @@ class _Stage:
         began, clock = self._time, 0.0
         plan = plan_steps(phase, motion, whole=self._pushed)
         end, met = PhaseEnd(phase, mechanism, self._feel, motion), False
-        while clock < plan.rehearsed - 1e-9 and not met:
-            step = min(plan.step, plan.rehearsed - clock)
+        while clock < plan.predicted - 1e-9 and not met:
+            step = min(plan.step, plan.predicted - clock)
             self._advance(modules, damping, motion, clock, step)
             clock, self._time = clock + step, self._time + step
             met = phase.until is not None and end.met(step)
@@ -89,7 +89,7 @@ class _Stage:
             clock += plan.skipped
         self._modules, self._old = modules, (modules, damping)
         self._equilibrium = motion.at(clock)
-        return PhaseRehearsal(
+        return PredictedPhase(
             name=phase.name,
             modules=modules,
             damping=damping,
@@ -150,7 +150,7 @@ class _Stage:
         v = self._v[self._mechanism.joints]
         kinetic = 0.5 * float(v @ self._mechanism.inertia() @ v) if np.any(v) else 0.0
         self.samples.append(
-            Sample(
+            PredictedSample(
                 self._time,
                 self._q.copy(),
                 effort,
@@ -192,7 +192,7 @@ class _Stage:
         self._rubbed += share * (last.rubbed - since.rubbed)
         self._friction += share * (last.friction - since.friction)
         self.samples.append(
-            Sample(
+            PredictedSample(
                 self._time,
                 last.q,
                 last.effort,
@@ -243,19 +243,19 @@ class StepPlan:
 
     Attributes:
         step: Length of a step [s].
-        rehearsed: Time that is rehearsed [s].
-        skipped: Time that only repeats what was rehearsed [s].
+        predicted: Time that is predicted [s].
+        skipped: Time that only repeats what was predicted [s].
         period: Over which it repeats [s].
     """
 
     step: float
-    rehearsed: float
+    predicted: float
     skipped: float
     period: float
 
 
 def plan_steps(phase: PhaseSpec, motion: PhaseMotion, *, whole: bool) -> StepPlan:
-    """Divides a phase; one that waits for something, or must be rehearsed ``whole``, is not cut short."""
+    """Divides a phase; one that waits for something, or must be predicted ``whole``, is not cut short."""
     waves = np.concatenate([np.zeros(0), *(m.frequency[m.amplitude != 0.0] for m in motion.moved.values())])
     step = min(max(phase.duration / STEPS, FINEST), COARSEST)
     period = 1.0
@@ -280,8 +280,8 @@ def _travels(motion: PhaseMotion) -> bool:
 
 
 @dataclass(frozen=True)
-class PhaseRehearsal:
-    """One phase as it was rehearsed.
+class PredictedPhase:
+    """One phase as it was predicted.
 
     Attributes:
         name: Of the phase.
@@ -291,7 +291,7 @@ class PhaseRehearsal:
         began, ended: When [s].
         clock: Where the phase's clock stopped: ``duration``, or earlier where ``until`` was met [s].
         met: Whether ``until`` was met; None without one.
-        samples: Rows of the rehearsal that belong to it.
+        samples: Rows of the motion that belong to it.
         q: (n,) where it ended [rad].
     """
 
@@ -318,8 +318,8 @@ class PhaseRehearsal:
 
 
 @dataclass(frozen=True)
-class Sample:
-    """The rehearsed task at one instant; energies count from the start.
+class PredictedSample:
+    """The predicted task at one instant; energies count from the start.
 
     Attributes:
         time: [s].
@@ -358,8 +358,8 @@ class Rest:
 
 
 @dataclass(frozen=True)
-class Rehearsal:
-    """A whole task, rehearsed: its phases and samples."""
+class MotionPrediction:
+    """A whole task, predicted: its phases and samples."""
 
-    phases: tuple[PhaseRehearsal, ...]
-    samples: tuple[Sample, ...]
+    phases: tuple[PredictedPhase, ...]
+    samples: tuple[PredictedSample, ...]

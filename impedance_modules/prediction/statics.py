@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.contact_geometry import Contact
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.quasi_static import Rehearsal, Rest
+from impedance_modules.prediction.quasi_static import MotionPrediction, Rest
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
-from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance, turning_stiffness
+from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance, lever_arm_stiffness
 
 Array = NDArray[np.float64]
 
@@ -113,9 +113,9 @@ def find_rest(
     return None
 
 
-def rests_of(mechanism: Mechanism, rehearsal: Rehearsal) -> tuple[Rest | None, ...]:
+def rests_of(mechanism: Mechanism, motion: MotionPrediction) -> tuple[Rest | None, ...]:
     """Finds where every phase would come to rest; None where one would not."""
-    return tuple(find_rest(mechanism, phase.setting, phase.q) for phase in rehearsal.phases)
+    return tuple(find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases)
 
 
 class _Balance:
@@ -211,11 +211,11 @@ class _Balance:
         turning = np.zeros((6, 6))
         if state.held is not None:
             for hand in state.held.hands:
-                turning = turning + turning_stiffness(-hand.wrench[:3], hand.offset)
+                turning = turning + lever_arm_stiffness(-hand.wrench[:3], hand.offset)
         for contact, _ in self._touching:
             force = contact.surface.stiffness * contact.depth * contact.normal
             if contact.key[0] == len(self._setting.modules.arms):
-                turning = turning + turning_stiffness(-force, contact.arm)
+                turning = turning + lever_arm_stiffness(-force, contact.arm)
         if state.held is not None:
             J = mechanism.object_jacobian()
             found += J.T @ turning @ J

@@ -27,7 +27,7 @@ from impedance_modules.superposition.net_stiffness import (
     gamma,
     hand_damping,
     net_stiffness,
-    seen_from_elsewhere,
+    as_joint_stiffness,
     spring_stiffness,
     spring_stiffness_without_preload,
 )
@@ -169,7 +169,7 @@ def _joint_side(
         damped = damping.of_joints(arm.limb.name)
     relaxed = stiffness
     for part in others:
-        stiffness = stiffness + seen_from_elsewhere(part.jacobian, part.stiffness, part.wrench)
+        stiffness = stiffness + as_joint_stiffness(part.jacobian, part.stiffness, part.wrench)
         relaxed = relaxed + part.jacobian.T @ part.relaxed @ part.jacobian
         load = load - part.jacobian.T @ part.wrench
         damped = damped + part.jacobian.T @ (part.modal + part.explicit) @ part.jacobian

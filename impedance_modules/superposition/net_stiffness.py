@@ -135,7 +135,7 @@ def through_arm(jacobian: Array, joint_matrix: Array) -> Array | None:
     return -scale * np.asarray(np.linalg.pinv(statics, rcond=1e-12)[k:, k:])
 
 
-def seen_from_elsewhere(jacobian: Array, stiffness: Array, wrench: Array) -> Array:
+def as_joint_stiffness(jacobian: Array, stiffness: Array, wrench: Array) -> Array:
     r"""Turns a spring on another frame of the arm into joint stiffness: J^T K J - \Gamma(w), (k, k).
 
     Args:

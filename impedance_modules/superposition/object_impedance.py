@@ -108,7 +108,7 @@ def superpose_inertia(
     return from_mobility(reduce(parallel_sum, mobilities))
 
 
-def turning_stiffness(force_on_hand: Array, offset: Array) -> Array:
+def lever_arm_stiffness(force_on_hand: Array, offset: Array) -> Array:
     """Gives diag(0, [f]x [r]x), (6, 6): a force whose lever arm turns with the object resists or helps.
 
     Args:
@@ -142,7 +142,7 @@ def squeeze_force(hands: Sequence[HandImpedance], internal: Array) -> float:
 
 def _carried_stiffness(hand: HandImpedance) -> Array | None:
     carried = _carried(hand.stiffness, hand.offset)
-    return None if carried is None else carried + turning_stiffness(-hand.wrench[:3], hand.offset)
+    return None if carried is None else carried + lever_arm_stiffness(-hand.wrench[:3], hand.offset)
 
 
 def _carried(matrix: Array | None, offset: Array) -> Array | None:
@@ -200,7 +200,7 @@ def held_impedance(held: HeldObject, arms: Mapping[str, ArmImpedance]) -> HeldIm
         _block([arm.system.stiffness for arm in holding]),
         _block([arm.system.damping for arm in holding]),
     )
-    turning = np.sum([turning_stiffness(-hand.wrench[:3], hand.offset) for hand in hands], axis=0)
+    turning = np.sum([lever_arm_stiffness(-hand.wrench[:3], hand.offset) for hand in hands], axis=0)
     summed = superpose(hands, own)
     return HeldImpedance(
         pose=pose,

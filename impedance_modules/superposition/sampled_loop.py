@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.superposition.elastic_joints import SampledArm
-from impedance_modules.superposition.modes import Mode, modes_of
+from impedance_modules.superposition.modes import VibrationMode, modes_of
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def spectral_radius(arm: SampledArm, gains: Gains) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(loop_matrix(arm, gains)))))
 
 
-def sampled_modes(arm: SampledArm, gains: Gains) -> tuple[Mode, ...]:
+def sampled_modes(arm: SampledArm, gains: Gains) -> tuple[VibrationMode, ...]:
     """Finds the loop's modes as a continuous observer sees them, s = rate log(z), slowest first.
 
     Motions that die within a small fraction of a period, such as the pure delay's, are left out.

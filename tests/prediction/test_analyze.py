@@ -14,9 +14,9 @@ from impedance_modules.cli.main import impedance
 from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.prediction.analysis import Felt, analyse_task
+from impedance_modules.prediction.analysis import FrameImpedance, analyse_task
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import rehearse
+from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.prediction.statics import Loads, find_rest
 from impedance_modules.robot.pose import carry
 from impedance_modules.robot.rotation import log3
@@ -48,18 +48,18 @@ def test_the_json_keeps_the_contract(tmp_path: Path) -> None:
     found, printed = analyse(write_task(tmp_path, BOX), tmp_path)
     assert set(found) == {"format", "arms", "object"} and found["format"] == 1
     assert set(found["arms"]) == {"right", "left"}
-    for felt, frame, joints in (
+    for frame_impedance, frame, joints in (
         (found["arms"]["right"], "right_hand", 7),
         (found["arms"]["left"], "left_hand", 7),
         (found["object"], "object", 14),
     ):
-        assert set(felt) == KEYS
-        assert felt["frame"] == frame and felt["phase"] is None and felt["folds"] is False
-        assert len(felt["position"]) == 3 and len(felt["preload"]) == 6 and len(felt["q"]) == joints
+        assert set(frame_impedance) == KEYS
+        assert frame_impedance["frame"] == frame and frame_impedance["phase"] is None and frame_impedance["folds"] is False
+        assert len(frame_impedance["position"]) == 3 and len(frame_impedance["preload"]) == 6 and len(frame_impedance["q"]) == joints
         for name in ("inertia", "inertia_without_reflected", "mobility", "damping", "stiffness"):
-            matrix(felt, name)
-        assert felt["compliance"] is None
-        np.testing.assert_allclose(matrix(felt, "inertia") @ matrix(felt, "mobility"), np.eye(6), atol=1e-8)
+            matrix(frame_impedance, name)
+        assert frame_impedance["compliance"] is None
+        np.testing.assert_allclose(matrix(frame_impedance, "inertia") @ matrix(frame_impedance, "mobility"), np.eye(6), atol=1e-8)
     for word in (
         "inertia of 'left', at the object",
         "mirror plane",
@@ -105,13 +105,13 @@ def test_the_patch_takes_the_reflected_inertia_away(tmp_path: Path) -> None:
     )
 
 
-def measured_compliance(path: Path, phase: str, frame: str) -> tuple[np.ndarray, Felt]:
+def measured_compliance(path: Path, phase: str, frame: str) -> tuple[np.ndarray, FrameImpedance]:
     """Pushes a frame at rest in contact, the surfaces' force kept as it was, and watches it move."""
     assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
     found = analyse_task(assembly, phase)
-    felt = found.object if frame == OBJECT else next(f for f in found.arms.values() if f.frame == frame)
+    frame_impedance = found.object if frame == OBJECT else next(f for f in found.arms.values() if f.frame == frame)
     names = [spec.name for spec in assembly.task.phases]
-    rehearsed = rehearse(assembly).phases[names.index(phase)]
+    predicted = predict_motion(assembly).phases[names.index(phase)]
     mechanism = Mechanism(assembly)
     pressed = {name: wrench for name, wrench in found.pressure.items() if np.any(wrench)}
     assert pressed and max(np.linalg.norm(wrench[:3]) for wrench in pressed.values()) > 1.0
@@ -120,27 +120,27 @@ def measured_compliance(path: Path, phase: str, frame: str) -> tuple[np.ndarray,
         poses = []
         for sign in (1.0, -1.0):
             pushes = {**pressed, frame: pressed.get(frame, np.zeros(6)) + sign * 1e-3 * unit}
-            rest = find_rest(mechanism, rehearsed.setting, rehearsed.q, Loads(pushes, surfaces=False))
+            rest = find_rest(mechanism, predicted.setting, predicted.q, Loads(pushes, surfaces=False))
             assert rest is not None
             mechanism.update(rest.q, np.zeros_like(rest.q))
             poses.append(mechanism.object_pose() if frame == OBJECT else mechanism.kinematics.pose(frame))
         turn = log3(poses[0].rotation @ poses[1].rotation.T)
         columns.append(np.append(poses[0].translation - poses[1].translation, turn) / 2e-3)
-    return np.array(columns).T, felt
+    return np.array(columns).T, frame_impedance
 
 
 def test_a_hand_on_a_table_yields_as_printed(tmp_path: Path) -> None:
-    compliance, felt = measured_compliance(wipe(tmp_path), "press", "right_hand")
-    np.testing.assert_allclose(felt.stiffness @ compliance, np.eye(6), atol=2e-4)
+    compliance, frame_impedance = measured_compliance(wipe(tmp_path), "press", "right_hand")
+    np.testing.assert_allclose(frame_impedance.stiffness @ compliance, np.eye(6), atol=2e-4)
     # Its load matters: the relaxed springs would not do.
-    assert np.max(np.abs(felt.stiffness_without_preload @ compliance - np.eye(6))) > 1e-2
+    assert np.max(np.abs(frame_impedance.stiffness_without_preload @ compliance - np.eye(6))) > 1e-2
 
 
 def test_a_box_on_a_table_yields_as_the_sum_says(tmp_path: Path) -> None:
-    compliance, felt = measured_compliance(write_task(tmp_path, BOX), "lower", OBJECT)
-    np.testing.assert_allclose(felt.stiffness @ compliance, np.eye(6), atol=2e-4)
+    compliance, frame_impedance = measured_compliance(write_task(tmp_path, BOX), "lower", OBJECT)
+    np.testing.assert_allclose(frame_impedance.stiffness @ compliance, np.eye(6), atol=2e-4)
     # At rest the modules carry what the table and the weight put on the box.
-    assert felt.preload[2] == pytest.approx(9.81 - pressure_on_box(tmp_path), abs=1e-6)
+    assert frame_impedance.preload[2] == pytest.approx(9.81 - pressure_on_box(tmp_path), abs=1e-6)
 
 
 def pressure_on_box(folder: Path) -> float:
@@ -152,8 +152,8 @@ def test_singular_joint_springs_give_the_compliance_instead(tmp_path: Path) -> N
     """A task without joint bias: the hands' springs alone hold the arms."""
     bias = next(line for line in BOX.splitlines() if "joint_bias" in line)
     found, _ = analyse(write_task(tmp_path, BOX, (bias + "\n", "")), tmp_path)
-    for felt in (*found["arms"].values(), found["object"]):
-        assert felt["stiffness"] is None and felt["damping"] is None and felt["folds"] is False
+    for frame_impedance in (*found["arms"].values(), found["object"]):
+        assert frame_impedance["stiffness"] is None and frame_impedance["damping"] is None and frame_impedance["folds"] is False
     hand = np.diag([1 / 200, 1 / 200, 1 / 200, 1 / 5, 1 / 5, 1 / 5])
     np.testing.assert_allclose(found["arms"]["right"]["compliance"], hand, atol=1e-9)
     held = found["object"]
@@ -170,9 +170,9 @@ def test_a_singular_posture_has_a_mobility_and_no_inertia(tmp_path: Path) -> Non
     angles = (0.450101632, -1.584106238, -1.70517559, -0.005707083, 1.910251067, 2.092738563, 0.682882511)
     named = ", ".join(f"{joint}: {angle}" for joint, angle in zip(JOINTS, angles, strict=True))
     path = write_task(tmp_path, HOLD_AND_LIFT, (posture, f"    posture: {{{named}}}"))
-    felt = analyse(path, tmp_path)[0]["arms"]["right"]
-    assert felt["inertia"] is None and felt["stiffness"] is None
-    assert np.linalg.cond(matrix(felt, "mobility")) > 1e9
+    frame_impedance = analyse(path, tmp_path)[0]["arms"]["right"]
+    assert frame_impedance["inertia"] is None and frame_impedance["stiffness"] is None
+    assert np.linalg.cond(matrix(frame_impedance, "mobility")) > 1e9
 
 
 def test_bad_requests_teach(tmp_path: Path) -> None:

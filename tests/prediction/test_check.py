@@ -16,7 +16,7 @@ from impedance_modules.cli.main import impedance
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.errors import BadFile
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.prediction.feasibility import Outlook, refuse_unfit
+from impedance_modules.prediction.feasibility import TaskPrediction, refuse_infeasible
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.forecast import Forecast, forecast_task
 from impedance_modules.prediction.mechanism import Mechanism
@@ -28,14 +28,14 @@ ROOT = CHECKOUT
 SLOW = ("numba", "rerun", "pyarrow", "matplotlib", "scipy.signal", "daqp", "proxsuite")
 
 
-def prepared(path: Path, rate: float | None = None, arm: str | None = None) -> tuple[Assembly, Outlook]:
+def prepared(path: Path, rate: float | None = None, arm: str | None = None) -> tuple[Assembly, TaskPrediction]:
     assembly = assemble(str(path), effects=None, rate=rate, scale=1.0, arm=arm)
-    return assembly, refuse_unfit(assembly)
+    return assembly, refuse_infeasible(assembly)
 
 
 def forecast(path: Path) -> tuple[Assembly, Forecast]:
-    assembly, outlook = prepared(path)
-    return assembly, forecast_task(assembly, outlook.rehearsal, outlook.rests)
+    assembly, prediction = prepared(path)
+    return assembly, forecast_task(assembly, prediction.motion, prediction.rests)
 
 
 class Measured:
@@ -75,8 +75,8 @@ class Measured:
         )
 
 
-def tank_of(assembly: Assembly, outlook: Outlook) -> TankForecast:
-    return forecast_tank(assembly, Mechanism(assembly), outlook.rehearsal)
+def tank_of(assembly: Assembly, prediction: TaskPrediction) -> TankForecast:
+    return forecast_tank(assembly, Mechanism(assembly), prediction.motion)
 
 
 @pytest.mark.parametrize("name", ["hold-and-lift", "wipe", "box"])
@@ -84,15 +84,15 @@ def test_the_predicted_tank_is_what_the_run_needs(tmp_path: Path, name: str) -> 
     """Need within 10 %, phases within 0.1 s, sensing within 30 %, torque at rest within 5 % of the largest."""
     texts = {"hold-and-lift": HOLD_AND_LIFT, "box": BOX}
     path = wipe(tmp_path) if name == "wipe" else write_task(tmp_path, texts[name])
-    assembly, outlook = prepared(path)
-    predicted, run = tank_of(assembly, outlook), Measured(assembly)
+    assembly, prediction = prepared(path)
+    predicted, run = tank_of(assembly, prediction), Measured(assembly)
     assert run.ending.value == "done"
     assert predicted.need == pytest.approx(run.need, rel=0.1)
-    expected = [phase.ended - phase.began for phase in outlook.rehearsal.phases]
+    expected = [phase.ended - phase.began for phase in prediction.motion.phases]
     assert run.seconds == pytest.approx(expected, abs=0.1)
-    end_term = float(np.abs(outlook.rehearsal.samples[-1].effort) @ assembly.tank.sensing_error)
+    end_term = float(np.abs(prediction.motion.samples[-1].effort) @ assembly.tank.sensing_error)
     assert predicted.sensing - end_term == pytest.approx(run.charged, rel=0.3)
-    last = outlook.rehearsal.samples[-1].effort
+    last = prediction.motion.samples[-1].effort
     assert np.max(np.abs(run.effort - last)) < 0.05 * np.max(np.abs(last)) + 1.0
     # The parts are the whole.
     parts = sum(predicted.costs.values())
@@ -100,8 +100,8 @@ def test_the_predicted_tank_is_what_the_run_needs(tmp_path: Path, name: str) -> 
 
 
 def test_a_tank_that_holds_the_need_does_not_slow_and_half_of_it_does(tmp_path: Path) -> None:
-    assembly, outlook = prepared(write_task(tmp_path, HOLD_AND_LIFT))
-    need = tank_of(assembly, outlook).need
+    assembly, prediction = prepared(write_task(tmp_path, HOLD_AND_LIFT))
+    need = tank_of(assembly, prediction).need
     spare = need - assembly.tank.floor
     enough = write_task(tmp_path, HOLD_AND_LIFT, ("initial: 5", f"initial: {need + 0.15 * spare:.3f}"))
     short = tmp_path / "short"
@@ -125,8 +125,8 @@ def test_rest_is_where_the_potential_energy_is_stationary(tmp_path: Path, seed: 
         BOX,
         ("{z: -0.05}", f"{{z: {height:.4f}, ry: {turn:.4f}, x: {0.62 + 0.05 * random.random():.4f}}}"),
     )
-    assembly, outlook = prepared(path)
-    phase, rest = outlook.rehearsal.phases[1], outlook.rests[1]
+    assembly, prediction = prepared(path)
+    phase, rest = prediction.motion.phases[1], prediction.rests[1]
     assert rest is not None
     mechanism = Mechanism(assembly)
 
@@ -158,11 +158,11 @@ def test_rest_is_where_the_potential_energy_is_stationary(tmp_path: Path, seed: 
 def test_the_hand_yields_by_force_over_stiffness(tmp_path: Path) -> None:
     """One stiff axis against a table: the table's force is K times the stretch, less what the joints take."""
     _, found = forecast(wipe(tmp_path))
-    press = next(phase for phase in found.phases if phase.rehearsed.name == "press")
+    press = next(phase for phase in found.phases if phase.predicted.name == "press")
     arm = press.arms[0]
-    assert arm.pressed == pytest.approx(200.0 * arm.yielding.distance, rel=0.15)
+    assert arm.contact_force == pytest.approx(200.0 * arm.deflection.distance, rel=0.15)
     assert arm.commanded.torque < arm.total.torque
-    assert press.rehearsed.met is None and found.phases[0].rehearsed.met is True
+    assert press.predicted.met is None and found.phases[0].predicted.met is True
 
 
 def test_an_unstable_loop_is_announced(tmp_path: Path) -> None:
@@ -264,13 +264,13 @@ def test_nothing_slow_is_imported(tmp_path: Path, verb: str) -> None:
 def test_one_arm_scale_and_patch_are_taken_into_account(tmp_path: Path) -> None:
     path = write_task(tmp_path, HOLD_AND_LIFT)
     both = tank_of(*prepared(path)).need
-    assembly, outlook = prepared(path, arm="left")
-    assert tank_of(assembly, outlook).need < 0.8 * both
+    assembly, prediction = prepared(path, arm="left")
+    assert tank_of(assembly, prediction).need < 0.8 * both
     soft = assemble(str(path), effects=None, rate=None, scale=0.3, arm=None)
-    assert tank_of(soft, refuse_unfit(soft)).need < 0.9 * both
+    assert tank_of(soft, refuse_infeasible(soft)).need < 0.9 * both
     patch = ROOT / "robots" / "baxter" / "patches" / "without-reflected-inertia.yaml"
     light = assemble(str(path), effects=patch, rate=None, scale=1.0, arm=None)
-    moving = tank_of(light, refuse_unfit(light)).costs["arms moving"]
+    moving = tank_of(light, refuse_infeasible(light)).costs["arms moving"]
     assert moving < 0.8 * tank_of(*prepared(path)).costs["arms moving"]
 
 

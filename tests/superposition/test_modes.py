@@ -28,7 +28,7 @@ from impedance_modules.superposition.modes import (
     natural_modes,
 )
 from impedance_modules.superposition.net_stiffness import gamma, net_stiffness
-from impedance_modules.superposition.object_impedance import superpose_inertia, turning_stiffness
+from impedance_modules.superposition.object_impedance import superpose_inertia, lever_arm_stiffness
 from impedance_modules.superposition.operational_inertia import (
     angular_ellipsoid,
     apparent_mass,
@@ -104,8 +104,8 @@ def test_arms_held_together_have_the_sums_as_their_limits(robot, seed: int) -> N
         carried = np.append(5.0 * random.normal(size=3), 0.3 * random.normal(size=3))
         force = 10.0 * random.normal(size=3)
         found = net_stiffness(J, springs, end, carried)
-        summed += carry_inertia(found.at_hand, offset) + turning_stiffness(force, offset)
-        turning += turning_stiffness(force, offset)
+        summed += carry_inertia(found.at_hand, offset) + lever_arm_stiffness(force, offset)
+        turning += lever_arm_stiffness(force, offset)
         arms.append((np.linalg.inv(inverse), joint_space_stiffness(J, springs, end, gamma(J, carried))))
         inertias.append(operational_inertia(J, inverse).carried(offset))
     held = hold_together(jacobians, offsets)

@@ -15,7 +15,7 @@ from impedance_modules.superposition.net_stiffness import (
     carried_wrench,
     gamma,
     net_stiffness,
-    seen_from_elsewhere,
+    as_joint_stiffness,
     spring_stiffness,
     through_arm,
 )
@@ -223,7 +223,7 @@ def test_a_spring_on_another_frame_counts_as_joint_stiffness(robot) -> None:
         slope.append(-(effort(q + step) - effort(q - step)) / 2e-5)
     effort(q)
     J, pose = kinematics.jacobian[0][:, limb.joints], kinematics.pose(frame)
-    found = seen_from_elsewhere(J, spring_stiffness(spring, pose, target), spring.wrench(pose, target))
+    found = as_joint_stiffness(J, spring_stiffness(spring, pose, target), spring.wrench(pose, target))
     assert relative(found, np.array(slope).T) < 1e-7
 
 

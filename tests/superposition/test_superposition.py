@@ -19,7 +19,7 @@ from impedance_modules.superposition.object_impedance import (
     squeeze_force,
     superpose,
     superpose_inertia,
-    turning_stiffness,
+    lever_arm_stiffness,
 )
 from impedance_modules.superposition.operational_inertia import (
     OperationalInertia,
@@ -173,7 +173,7 @@ def test_the_sum_does_not_depend_on_where_or_how_it_is_looked_at() -> None:
         assert relative(there.damping, carry_inertia(here.damping, shift)) < 1e-11
         assert relative(there.wrench, carry(shift).T @ here.wrench) < 1e-11
         # A net force at O turns its own lever arm about the new point.
-        moved = carry_inertia(here.stiffness, shift) + turning_stiffness(-here.wrench[:3], shift)
+        moved = carry_inertia(here.stiffness, shift) + lever_arm_stiffness(-here.wrench[:3], shift)
         assert relative(there.stiffness, moved) < 1e-11
         turned = superpose([_seen(hand, np.zeros(3), turn) for hand in hands], None)
         six = rotate_six(turn)

@@ -15,7 +15,7 @@ from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
 from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import rehearse
+from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.change import Steps, changed, task_document
 from impedance_modules.spec.source import Document
@@ -138,4 +138,4 @@ def _need(text: str) -> float:
         path = Path(folder) / "task.yaml"
         path.write_text(text, encoding="utf-8")
         assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
-        return forecast_tank(assembly, Mechanism(assembly), rehearse(assembly)).need
+        return forecast_tank(assembly, Mechanism(assembly), predict_motion(assembly)).need
