@@ -11,7 +11,7 @@ import pytest
 
 from impedance_modules.safety import compiled_ledger, ledger
 from impedance_modules.safety.compiled_ledger import LEVEL, POTENTIAL, SCALE, SHORT, Book
-from impedance_modules.safety.tank import Tank, TankSettings, filled_tank
+from impedance_modules.safety.clear_tank import Tank, TankSettings, filled_tank
 from tests.support.tank_worlds import settings_of
 
 Random = np.random.Generator

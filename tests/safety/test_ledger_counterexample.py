@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.safety.ledger import measure, pay, settle
-from impedance_modules.safety.tank import TankSettings, filled_tank
+from impedance_modules.safety.clear_tank import TankSettings, filled_tank
 
 PERIOD, SUBSTEPS = 0.0005, 4
 

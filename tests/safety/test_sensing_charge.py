@@ -8,7 +8,7 @@ import pytest
 
 from impedance_modules.safety.ledger import measure, pay, settle
 from impedance_modules.safety.motor_port import sensing_deviation, sensing_error
-from impedance_modules.safety.tank import filled_tank
+from impedance_modules.safety.clear_tank import filled_tank
 from impedance_modules.spec.robot import SensorSpec
 from tests.support.tank_worlds import settings_of
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.safety.ledger import grant, measure, missed, pay, settle
-from impedance_modules.safety.tank import Tank, TankSettings, filled_tank, sensing_uncertainty
+from impedance_modules.safety.clear_tank import Tank, TankSettings, filled_tank, sensing_uncertainty
 from tests.support.tank_worlds import ElasticArm, Springs, Wire, random_springs, settings_of
 
 EPS = 1e-9

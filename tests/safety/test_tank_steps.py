@@ -11,7 +11,7 @@ import pytest
 from impedance_modules.errors import BadInput, SafetyStop
 from impedance_modules.safety.ledger import grant, measure, missed, pay, settle
 from impedance_modules.safety.motor_port import motor_positions, sensing_error, spring_compliances
-from impedance_modules.safety.tank import filled_tank, power_budget
+from impedance_modules.safety.clear_tank import filled_tank, power_budget
 from impedance_modules.spec.robot import JointSpec, SensorSpec
 from tests.support.tank_worlds import Springs, Wire, settings_of
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import expm
 
-from impedance_modules.safety.tank import TankSettings
+from impedance_modules.safety.clear_tank import TankSettings
 
 
 def settings_of(n: int, **changes: object) -> TankSettings:
