@@ -33,5 +33,5 @@ def command(task: str, effects: Path | None, rate: float | None, scale: float, a
     assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
     assembly = replace(assembly, task=as_taught(assembly.task))
     prediction = refuse_infeasible(assembly)
-    print_forecast(assembly, forecast_task(assembly, prediction.motion, prediction.rests))
+    print_forecast(assembly, forecast_task(assembly, prediction))
     return 0

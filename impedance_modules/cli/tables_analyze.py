@@ -63,7 +63,9 @@ def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
 def _print_felt(console: Console, frame_impedance: FrameImpedance, analysis: Analysis) -> None:
     console.print(f"origin {_vector(frame_impedance.position)} m")
     carried = "modules exert" if frame_impedance.frame == "object" else "joint springs carry"
-    console.print(f"{carried} {_vector(frame_impedance.preload[:3])} N, {_vector(frame_impedance.preload[3:])} N.m")
+    console.print(
+        f"{carried} {_vector(frame_impedance.preload[:3])} N, {_vector(frame_impedance.preload[3:])} N.m"
+    )
     if frame_impedance.frame in analysis.pressure:
         force = analysis.pressure[frame_impedance.frame]
         console.print(f"surfaces press {_vector(force[:3])} N, {_vector(force[3:])} N.m")

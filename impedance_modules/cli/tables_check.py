@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.forecast import Forecast, JointLoad, PhaseForecast, Deflection
+from impedance_modules.prediction.forecast import Deflection, Forecast, JointLoad, PhaseForecast
 from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
 
 TIGHT = 0.7

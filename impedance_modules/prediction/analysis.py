@@ -22,8 +22,8 @@ from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.quasi_static import Rest, predict_motion
-from impedance_modules.prediction.statics import analyse_state, find_rest
+from impedance_modules.prediction.quasi_static import predict_motion
+from impedance_modules.prediction.statics import Rest, analyse_state, find_rest
 from impedance_modules.robot.model import Limb
 from impedance_modules.superposition.arm_impedance import ArmImpedance
 from impedance_modules.superposition.modes import JointSpace, VibrationMode, natural_modes

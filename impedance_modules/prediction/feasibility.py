@@ -13,51 +13,59 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import PredictedPhase, MotionPrediction, Rest, predict_motion
-from impedance_modules.prediction.statics import rests_of
+from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase, predict_motion
+from impedance_modules.prediction.statics import Rest, find_rest
 from impedance_modules.spec.task import Sine
 
 Array = NDArray[np.float64]
 
-TELLING = 0.05
+NAMED_SHARE = 0.05
 """Share of the tank's need from which a cost is named."""
 
 
 @dataclass(frozen=True)
 class TaskPrediction:
-    """A motion and where each of its phases comes to rest, None where it does not."""
+    """What a task's feasibility is judged by.
+
+    Attributes:
+        motion: Its quasi-static prediction.
+        rests: Where each phase comes to rest; None where one does not.
+        tank: The energy it needs.
+    """
 
     motion: MotionPrediction
     rests: tuple[Rest | None, ...]
+    tank: TankForecast
 
 
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
-    A sine that the control rate cannot follow; a torque beyond a joint's limit, in the motion or at rest; a tank
-    that cannot pay for the task.
+    A sine that the control rate cannot follow; a torque beyond a joint's limit, in motion or at rest; a tank that
+    holds less than the task needs.
 
     Returns:
-        What the judgement is based on.
+        What was predicted.
 
     Raises:
         BadFile: With the place in the task file of every reason.
     """
-    too_fast = list(_too_fast(assembly))
-    if too_fast:
-        raise BadFile(too_fast)
+    sines = list(_sines_above_nyquist(assembly))
+    if sines:
+        raise BadFile(sines)
     motion, mechanism = predict_motion(assembly), Mechanism(assembly)
-    prediction = TaskPrediction(motion, rests_of(mechanism, motion))
+    rests = tuple(find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases)
+    prediction = TaskPrediction(motion, rests, forecast_tank(assembly, mechanism, motion))
     problems = [
-        *_too_strong(assembly, prediction),
-        *_too_dear(assembly, forecast_tank(assembly, mechanism, motion)),
+        *_efforts_beyond_limits(assembly, prediction),
+        *_need_beyond_tank(assembly, prediction.tank),
     ]
     if problems:
         raise BadFile(problems)
     return prediction
 
 
-def _too_fast(assembly: Assembly) -> Iterator[Problem]:
+def _sines_above_nyquist(assembly: Assembly) -> Iterator[Problem]:
     """Finds sines at or above half the rate that is used (Nyquist)."""
     highest = 0.5 * assembly.rate
     for index, phase in enumerate(assembly.task.phases):
@@ -70,7 +78,7 @@ def _too_fast(assembly: Assembly) -> Iterator[Problem]:
                     )
 
 
-def _too_strong(assembly: Assembly, prediction: TaskPrediction) -> Iterator[Problem]:
+def _efforts_beyond_limits(assembly: Assembly, prediction: TaskPrediction) -> Iterator[Problem]:
     """Finds joints whose commanded torque would pass the limit."""
     limit = assembly.limits.effort_max
     for index, phase in enumerate(prediction.motion.phases):
@@ -93,11 +101,12 @@ def _demand(motion: MotionPrediction, phase: PredictedPhase, rest: Rest | None) 
     return np.asarray(np.max(efforts, axis=0))
 
 
-def _too_dear(assembly: Assembly, tank: TankForecast) -> Iterator[Problem]:
+def _need_beyond_tank(assembly: Assembly, tank: TankForecast) -> Iterator[Problem]:
+    """Compares the energy that the task needs with what its tank holds at the start."""
     if tank.need <= assembly.tank.initial:
         return
     ranked = sorted(tank.costs.items(), key=lambda item: -item[1])
-    named = [f"{name} {cost:.2f} J" for name, cost in ranked if cost > TELLING * tank.need]
+    named = [f"{name} {cost:.2f} J" for name, cost in ranked if cost > NAMED_SHARE * tank.need]
     yield assembly.task.document.problem(
         ("safety", "tank", "initial"),
         f"the task needs {tank.need:.2f} J in its tank, {assembly.tank.initial:g} J would slow it in phase"

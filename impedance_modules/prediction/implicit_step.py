@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""One implicit step of the predicted arms, with surfaces that press and rub.
+r"""One linearly implicit step of the arms, the object in their hands, and surfaces with friction.
 
-A point at depth d with normal n gets N = k d+ - c d'+, d+ = d - h n . J v+, never less than zero, and friction
--\mu N v_t / max(|v_t|, v_s): both are linear in the new velocity once N and |v_t| of the last step stand in.
+From stiffness K and dampers D of springs and surfaces, the velocity v+ after the time s is, stable for any s,
+
+    (M + s D + s^2 K) (v+ - v) = s (\tau - s K v) + contact,     A v+ = -(disagreement of the hands) / s
+
+A point at depth d with normal n gets N = k d+ - c d'+, d+ = d - s n . J v+, never less than zero, and friction
+-\mu N v_t / max(|v_t|, v_s): both are linear in v+ once N and |v_t| of the last step stand in.
 """
 
 from __future__ import annotations
@@ -20,15 +24,15 @@ Array = NDArray[np.float64]
 NEAR = 0.02
 """Distance at which a point is watched [m]."""
 
-STICKING = 2e-3
-"""Sliding speed below which friction grows in proportion [m/s]: sticking points creep slower than this."""
+REGULARISATION_VELOCITY = 2e-3
+"""Regularisation velocity of friction v_s [m/s]: sticking points creep slower than this."""
 
 TRIES = 3
-"""Solutions per step while points that would be pulled are let go."""
+"""Solutions per step while points that a surface would have to pull are left out."""
 
 
 @dataclass(frozen=True)
-class Motion:
+class EquationOfMotion:
     """The equation of motion at one state, over k joints.
 
     Attributes:
@@ -44,12 +48,12 @@ class Motion:
     velocity: Array
 
 
-class Pressing:
-    """Solves steps and remembers how hard every point pressed.
+class ImplicitStep:
+    """Solves steps and keeps the normal force of every point, from which the next step's friction is.
 
     Attributes:
-        rubbed: Energy lost on surfaces in the last step [J].
-        changed: Whether the last step saw a point meet or leave a surface.
+        friction_loss: Energy lost on surfaces in the last step [J].
+        contacts_changed: Whether a point met or left a surface in the last step.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -57,10 +61,10 @@ class Pressing:
         self._pressure: dict[tuple[int, int, int], float] = {}
         self._before: dict[tuple[int, int, int], float] = {}
         self._step_of: Array = np.zeros(0)
-        self.rubbed = 0.0
-        self.changed = False
+        self.friction_loss = 0.0
+        self.contacts_changed = False
 
-    def solve(self, now: Motion, step: float) -> Array:
+    def solve(self, now: EquationOfMotion, step: float) -> Array:
         """Gives the velocity (k,) [rad/s] at the end of an implicit Euler step [s].
 
         Called again at the same state it forgets the first answer.
@@ -84,8 +88,8 @@ class Pressing:
             if len(kept) == len(points):
                 break
             points = kept
-        self._remember(points, new, step)
-        self.changed = self._pressure.keys() != self._before.keys()
+        self._keep(points, new, step)
+        self.contacts_changed = self._pressure.keys() != self._before.keys()
         return new
 
     def _velocity(
@@ -118,8 +122,8 @@ class Pressing:
         along = J - np.outer(contact.normal, into)
         speed = float(np.linalg.norm(along @ v))
         pressure = self._pressure.get(contact.key, max(0.0, surface.stiffness * contact.depth))
-        rubbing = surface.fresh_friction * pressure / max(speed, STICKING)
-        matrix = step * (rate * np.outer(into, into) + rubbing * along.T @ along)
+        friction = surface.fresh_friction * pressure / max(speed, REGULARISATION_VELOCITY)
+        matrix = step * (rate * np.outer(into, into) + friction * along.T @ along)
         return matrix, step * surface.stiffness * contact.depth * into
 
     def _pressure_of(self, contact: Contact, J: Array, new: Array, step: float) -> float:
@@ -128,8 +132,8 @@ class Pressing:
         damped = surface.damping * approach if contact.depth > 0.0 else 0.0
         return surface.stiffness * (contact.depth + step * approach) + damped
 
-    def _remember(self, points: list[tuple[Contact, Array]], new: Array, step: float) -> None:
-        self.rubbed = 0.0
+    def _keep(self, points: list[tuple[Contact, Array]], new: Array, step: float) -> None:
+        self.friction_loss = 0.0
         before, self._pressure = self._pressure, {}
         for contact, J in points:
             pressure = self._pressure_of(contact, J, new, step)
@@ -137,6 +141,10 @@ class Pressing:
             along = J @ new - contact.normal * float(contact.normal @ J @ new)
             speed = float(np.linalg.norm(along))
             pressed = before.get(contact.key, pressure)
-            self.rubbed += (
-                step * contact.surface.fresh_friction * pressed * speed * min(1.0, speed / STICKING)
+            self.friction_loss += (
+                step
+                * contact.surface.fresh_friction
+                * pressed
+                * speed
+                * min(1.0, speed / REGULARISATION_VELOCITY)
             )

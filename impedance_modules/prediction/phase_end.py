@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""When a predicted phase would end: contact as the run judges it, arrival by distance.
+"""When a phase would end: contact as the run judges it, arrival by distance.
 
 The run takes contact from measured effort through a filter (``control.conditions``, ``robot.external_torque``). The
-same formula is applied to the predicted motion, so a predicted contact comes as late as the real one.
+same formula is applied to the predicted motion, so a predicted contact is as late as the real one.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCond
 Array = NDArray[np.float64]
 
 
-class Feel:
-    """Wrench of the surroundings on every hand, as the run would estimate it.
+class ExternalForce:
+    """Force of the surroundings on every hand, as the run would estimate it.
 
     Attributes:
         torque: (k,) filtered external torque [N.m].
@@ -32,17 +32,17 @@ class Feel:
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism
         self.torque: Array = np.zeros(mechanism.k)
-        self._settled = False
+        self._started = False
 
     def update(self, external: Array, step: float) -> None:
         """Takes the external torque (k,) [N.m] of the last ``step`` [s]."""
         time_constant = self._mechanism.model.spec.contact_detection.time
-        share = step / (time_constant + step) if self._settled else 1.0
+        share = step / (time_constant + step) if self._started else 1.0
         self.torque = self.torque + share * (external - self.torque)
-        self._settled = True
+        self._started = True
 
     def force_on(self, target: str | None) -> float:
-        """Gives how hard the surroundings push on an arm, the object, or whichever feels most [N]."""
+        """Gives how hard the surroundings push on an arm, the object, or the arm pushed hardest [N]."""
         by_arm = {arm.limb.name: self._force(arm.limb.hand, arm.limb.name) for arm in self._arms()}
         if target in by_arm:
             return float(np.linalg.norm(by_arm[target]))
@@ -66,9 +66,11 @@ class Feel:
 class PhaseEnd:
     """Judges, step by step, whether a phase's ``until`` is met."""
 
-    def __init__(self, phase: PhaseSpec, mechanism: Mechanism, feel: Feel, motion: PhaseMotion) -> None:
+    def __init__(
+        self, phase: PhaseSpec, mechanism: Mechanism, external: ExternalForce, motion: PhaseMotion
+    ) -> None:
         self._until = phase.until
-        self._mechanism, self._feel = mechanism, feel
+        self._mechanism, self._external = mechanism, external
         self._held_for = 0.0
         self._goals = _goals(motion) if isinstance(phase.until, ReachedCondition) else {}
 
@@ -76,14 +78,14 @@ class PhaseEnd:
         """Tells whether the phase ends now; call once per step of ``step`` seconds."""
         until = self._until
         if isinstance(until, ContactCondition):
-            return self._touches(until, step)
+            return self._in_contact(until, step)
         return isinstance(until, ReachedCondition) and self._reached(until)
 
-    def _touches(self, until: ContactCondition, step: float) -> bool:
+    def _in_contact(self, until: ContactCondition, step: float) -> bool:
         detection = self._mechanism.model.spec.contact_detection
         force = detection.force if until.force is None else until.force
         time = detection.time if until.time is None else until.time
-        there = self._feel.force_on(until.target) >= force
+        there = self._external.force_on(until.target) >= force
         self._held_for = self._held_for + step if there == until.present else 0.0
         return self._held_for >= time
 
