@@ -381,6 +381,12 @@ def release_springs(tank: Tank) -> None:
 
 
 @compiled
+def available(tank: Tank) -> float:
+    """What the filter's power row may spend, ``max(0, T - floor)`` [J]."""
+    return max(0.0, tank.level - tank.floor)
+
+
+@compiled
 def limit_to_budget(tank: Tank, effort: Vector, stopping: bool) -> float:
     """The guarantee: scales a torque until the tank can answer for all it and its forerunners may spend.
 
@@ -399,7 +405,7 @@ def limit_to_budget(tank: Tank, effort: Vector, stopping: bool) -> float:
     Returns:
         s; the torque is untouched where it is 1.
     """
-    available = tank.level - (0.0 if stopping else tank.floor)
+    spendable = tank.level - (0.0 if stopping else tank.floor)
     reserved = absolute_dot(tank.applied, tank.sensing_error)
     for k in range(tank.pending.shape[0] - 1):
         for i in range(effort.size):
@@ -408,8 +414,8 @@ def limit_to_budget(tank: Tank, effort: Vector, stopping: bool) -> float:
     power = absolute_dot(effort, tank.speed_bound)
     blindness = absolute_dot(effort, tank.sensing_error)
     scale = min(
-        _part(available - reserved, power * tank.hold + 4.0 * blindness),
-        _part(available, power * ((1.0 + tank.delay) * tank.period)),
+        _part(spendable - reserved, power * tank.hold + 4.0 * blindness),
+        _part(spendable, power * ((1.0 + tank.delay) * tank.period)),
     )
     for i in range(effort.size):
         if scale < 1.0:
