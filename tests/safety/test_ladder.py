@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.safety import stop_events
-from impedance_modules.safety.ladder import RUNNING, Decision, descend
+from impedance_modules.safety.stop_levels import RUNNING, Decision, descend
 from impedance_modules.safety.stop_events import RUNG_OF, Event, Occurrence, Rung, StopLimits, watch_time
 from impedance_modules.safety.stopping import damping_effort, hold_effort, hold_potential
 

@@ -53,7 +53,7 @@ def _make_daqp() -> Solver:
 def _make_proxsuite() -> Solver:
     from proxsuite import proxqp  # noqa: PLC0415
 
-    from impedance_modules.safety.solvers.proxsuite_solver import ProxsuiteSolver  # noqa: PLC0415
+    from impedance_modules.safety.solvers.general_solvers import ProxsuiteSolver  # noqa: PLC0415
 
     return ProxsuiteSolver(proxqp)
 
