@@ -47,7 +47,7 @@ from impedance_modules.safety.clear_tank import Tank, filled_tank
 from impedance_modules.safety.compiled_lane import UNDECIDED
 from impedance_modules.safety.compiled_ledger import LEVEL, POTENTIAL, SCALE
 from impedance_modules.safety.problem import FilterLayout
-from impedance_modules.safety.solvers.make import make_solver
+from impedance_modules.safety.solvers.solution import make_solver
 from impedance_modules.spec.task import PhaseSpec
 
 Array = NDArray[np.float64]

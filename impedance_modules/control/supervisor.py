@@ -21,9 +21,15 @@ from impedance_modules.control.lost_contact import LostContact
 from impedance_modules.control.phases import Outcome, Sequence
 from impedance_modules.control.timekeeper import Timekeeper, stop_limits
 from impedance_modules.robot.state import RobotState
-from impedance_modules.safety.stop_levels import RUNNING, Decision, descend
-from impedance_modules.safety.stop_events import Event, Occurrence, Rung
-from impedance_modules.safety.stopping import damping_effort
+from impedance_modules.safety.stop_levels import (
+    RUNNING,
+    Decision,
+    Event,
+    Occurrence,
+    Rung,
+    damping_effort,
+    descend,
+)
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from impedance_modules.control.controller import Controller
 from impedance_modules.robot.state import RobotState
-from impedance_modules.safety.stop_events import Event, Occurrence, StopLimits, watch_time
+from impedance_modules.safety.stop_levels import Event, Occurrence, StopLimits, watch_time
 
 
 class Timekeeper:

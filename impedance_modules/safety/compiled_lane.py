@@ -29,7 +29,7 @@ from impedance_modules.safety.compiled_dual import (
     write_change,
 )
 from impedance_modules.safety.solvers.compiled import land
-from impedance_modules.safety.solvers.shifted import HARD_TOLERANCE
+from impedance_modules.safety.solvers.normal_form import HARD_TOLERANCE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

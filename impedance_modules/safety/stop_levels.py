@@ -16,8 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from enum import IntEnum, StrEnum
 
-from impedance_modules.safety.stop_events import BLIND, RUNG_OF, Event, Occurrence, Rung, StopLimits
+import numpy as np
+
+from impedance_modules.records import Vector
 
 
 @dataclass(frozen=True)
@@ -126,3 +129,187 @@ def _braked(now: Decision, going_blind: bool, speed: float, limits: StopLimits) 
     else:
         return replace(now, braking=braking)
     return Decision(Rung.HOLD, f"{now.reason}; {end} -> hold", True, 0.0, None, None)
+
+
+class Rung(IntEnum):
+    """What leaves for one arm; a higher number is a harder stop."""
+
+    RUN = 0
+    SCALE = 1
+    DAMP = 2
+    HOLD = 3
+    RELEASE = 4
+
+
+class Event(StrEnum):
+    """What can go wrong in a cycle; ``RUNG_OF`` says what follows."""
+
+    TANK_LOW = "tank_low"
+    LATE_CYCLE = "late_cycle"
+    LATE_CYCLES = "late_cycles"
+    STALE_STATE = "stale_state"
+    STATE_NOT_FINITE = "state_not_finite"
+    EFFORT_NOT_FINITE = "effort_not_finite"
+    SOLVER_FAILED = "solver_failed"
+    OVERSPEED = "overspeed"
+    TANK_STARVED = "tank_starved"
+    POSITION_LIMIT = "position_limit"
+    PHASE_NOT_MET = "phase_not_met"
+    INTERRUPT = "interrupt"
+    OTHER_ARM = "other_arm"
+    COLLISION = "collision"
+    CUFF = "cuff"
+    TORQUE_REFUSED = "torque_refused"
+    CONTROLLER_SILENT = "controller_silent"
+    STATE_LOST = "state_lost"
+    HOLD_REFUSED = "hold_refused"
+    ROBOT_DISABLED = "robot_disabled"
+    BACKEND_LOST = "backend_lost"
+
+
+RUNG_OF: Mapping[Event, Rung] = {
+    Event.TANK_LOW: Rung.SCALE,
+    Event.LATE_CYCLE: Rung.SCALE,
+    Event.LATE_CYCLES: Rung.DAMP,
+    Event.STALE_STATE: Rung.DAMP,
+    Event.STATE_NOT_FINITE: Rung.DAMP,
+    Event.EFFORT_NOT_FINITE: Rung.DAMP,
+    Event.SOLVER_FAILED: Rung.DAMP,
+    Event.OVERSPEED: Rung.DAMP,
+    Event.TANK_STARVED: Rung.DAMP,
+    Event.POSITION_LIMIT: Rung.DAMP,
+    Event.PHASE_NOT_MET: Rung.DAMP,
+    Event.INTERRUPT: Rung.DAMP,
+    Event.OTHER_ARM: Rung.DAMP,
+    Event.COLLISION: Rung.HOLD,
+    Event.CUFF: Rung.HOLD,
+    Event.TORQUE_REFUSED: Rung.HOLD,
+    Event.CONTROLLER_SILENT: Rung.HOLD,
+    Event.STATE_LOST: Rung.HOLD,
+    Event.HOLD_REFUSED: Rung.RELEASE,
+    Event.ROBOT_DISABLED: Rung.RELEASE,
+    Event.BACKEND_LOST: Rung.RELEASE,
+}
+
+BLIND: frozenset[Event] = frozenset({Event.STALE_STATE, Event.STATE_NOT_FINITE})
+"""Events after which the velocity is not known: braking is brief."""
+
+
+@dataclass(frozen=True)
+class StopLimits:
+    """Thresholds of the ladder.
+
+    Attributes:
+        damping_time: Longest braking on a sound velocity [s].
+        blind_damping_time: Longest braking on the last velocity seen [s].
+        rest_speed: Every joint below this counts as at rest [rad/s].
+        speed_growth: Braking ends in a hold when the speed exceeds this many times its value at the start.
+        late_cycles: More late cycles than this in a second stop the arms.
+        stale_time, lost_time: Age of the last state that stops, and that makes damping a guess [s].
+        starvation_time: Longest time for which the tank may reduce torque or springs [s].
+    """
+
+    damping_time: float
+    blind_damping_time: float
+    rest_speed: float
+    speed_growth: float
+    late_cycles: int
+    stale_time: float
+    lost_time: float
+    starvation_time: float
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """One event of one cycle.
+
+    Attributes:
+        event: What happened.
+        arm: Which arm; None concerns all.
+        detail: Numbers and names for the reason, e.g. ``joint 3 at 2.4 rad/s, bound 2.0``.
+    """
+
+    event: Event
+    arm: str | None
+    detail: str
+
+
+def watch_time(
+    late: bool, late_in_last_second: int, state_age: float, starved_time: float, limits: StopLimits
+) -> tuple[Occurrence, ...]:
+    """Turns a cycle's clocks into events for all arms.
+
+    Args:
+        late: This cycle's torque missed its deadline.
+        late_in_last_second: Late cycles in the second that ends now.
+        state_age: Age of the newest usable state [s].
+        starved_time: ``Tank.starved_time`` [s].
+        limits: Thresholds.
+    """
+    found: list[Occurrence] = []
+    if late_in_last_second > limits.late_cycles:
+        found.append(Occurrence(Event.LATE_CYCLES, None, f"{late_in_last_second} late cycles in one second"))
+    if late:
+        found.append(Occurrence(Event.LATE_CYCLE, None, "torque ready after its deadline"))
+    if state_age >= limits.lost_time:
+        found.append(Occurrence(Event.STATE_LOST, None, f"no state for {state_age:.3f} s"))
+    elif state_age >= limits.stale_time:
+        found.append(Occurrence(Event.STALE_STATE, None, f"no state for {state_age:.3f} s"))
+    if starved_time >= limits.starvation_time:
+        found.append(Occurrence(Event.TANK_STARVED, None, f"tank short of energy for {starved_time:.2f} s"))
+    elif starved_time > 0:
+        found.append(Occurrence(Event.TANK_LOW, None, "torque or springs reduced to what the tank can pay"))
+    return tuple(found)
+
+
+def damping_effort(damping: Vector, v: Vector, effort_max: Vector) -> Vector:
+    """Brakes all joints without pushing anywhere.
+
+    ``tau = -s D v``, s in (0, 1] the largest that keeps every ``|tau_i| <= effort_max_i``. One s for all
+    joints keeps the direction, so ``tau . v = -s v^T D v <= 0``; clipping joint by joint would not
+    promise that.
+
+    Args:
+        damping: (n, n) symmetric positive semidefinite joint damping D_j [N.m.s/rad].
+        v: (n,) last measured joint velocity [rad/s].
+        effort_max: (n,) [N.m].
+
+    Returns:
+        (n,) [N.m].
+    """
+    return _within(-(damping @ v), effort_max)
+
+
+def hold_effort(
+    stiffness: Vector, damping: Vector, *, q: Vector, q_hold: Vector, v: Vector, effort_max: Vector
+) -> Vector:
+    """Holds a pose where the robot has no position mode: stiff, and a gradient plus damping, so payable.
+
+    ``tau = s (K (q_hold - q) - D v)``, s in (0, 1] within the limits. q_hold is the pose measured when the
+    hold began, so its springs begin with U = 0 and cost the tank nothing to put on.
+
+    Args:
+        stiffness: (n, n) symmetric positive semidefinite [N.m/rad].
+        damping: (n, n) symmetric positive semidefinite [N.m.s/rad].
+        q: (n,) now [rad].
+        q_hold: (n,) at the beginning of the hold [rad].
+        v: (n,) [rad/s].
+        effort_max: (n,) [N.m].
+
+    Returns:
+        (n,) [N.m].
+    """
+    return _within(stiffness @ (q_hold - q) - damping @ v, effort_max)
+
+
+def hold_potential(stiffness: Vector, q: Vector, q_hold: Vector) -> float:
+    """Energy in the springs of ``hold_effort`` [J]: ``U = (q - q_hold)^T K (q - q_hold) / 2``."""
+    stretch = q - q_hold
+    return 0.5 * float(stretch @ stiffness @ stretch)
+
+
+def _within(effort: Vector, effort_max: Vector) -> Vector:
+    """The torque scaled as a whole until no joint exceeds its limit."""
+    excess = float(np.max(np.abs(effort) / effort_max, initial=1.0))
+    scaled: Vector = effort / excess
+    return scaled

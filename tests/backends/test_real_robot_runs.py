@@ -17,7 +17,7 @@ from impedance_modules.errors import ReplayMismatch
 from impedance_modules.runs.prepare import sim_backend
 from impedance_modules.runs.run import RunOptions, carry_out
 from impedance_modules.runs.verify import verify
-from impedance_modules.safety.stop_events import Rung
+from impedance_modules.safety.stop_levels import Rung
 from impedance_modules.spec.robot import JointOrigin, RobotSpec
 
 GAP = (1750, 1766)

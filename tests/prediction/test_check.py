@@ -16,8 +16,8 @@ from impedance_modules.cli.main import impedance
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.errors import BadFile
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.prediction.feasibility import TaskPrediction, refuse_infeasible
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
+from impedance_modules.prediction.feasibility import TaskPrediction, refuse_infeasible
 from impedance_modules.prediction.forecast import Forecast, forecast_task
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import BLENDING
@@ -35,7 +35,7 @@ def prepared(path: Path, rate: float | None = None, arm: str | None = None) -> t
 
 def forecast(path: Path) -> tuple[Assembly, Forecast]:
     assembly, prediction = prepared(path)
-    return assembly, forecast_task(assembly, prediction.motion, prediction.rests)
+    return assembly, forecast_task(assembly, prediction)
 
 
 class Measured:

@@ -10,10 +10,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.safety import stop_events
-from impedance_modules.safety.stop_levels import RUNNING, Decision, descend
-from impedance_modules.safety.stop_events import RUNG_OF, Event, Occurrence, Rung, StopLimits, watch_time
-from impedance_modules.safety.stopping import damping_effort, hold_effort, hold_potential
+from impedance_modules.safety import stop_levels as stop_events
+from impedance_modules.safety.stop_levels import (
+    RUNG_OF,
+    RUNNING,
+    Decision,
+    Event,
+    Occurrence,
+    Rung,
+    StopLimits,
+    damping_effort,
+    descend,
+    hold_effort,
+    hold_potential,
+    watch_time,
+)
 
 LIMITS = StopLimits(
     damping_time=0.5,

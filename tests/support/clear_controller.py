@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from impedance_modules.modules.total import Terms, desired_effort
 
 from impedance_modules.backends.backend import FirstState
 from impedance_modules.control.assembly import Assembly
@@ -15,7 +16,6 @@ from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import Equilibrium, phase_motion, start_equilibrium
 from impedance_modules.modules.motor_velocity import MotorVelocity
 from impedance_modules.modules.pose_motion import minimum_jerk
-from impedance_modules.modules.total import Terms, desired_effort
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
@@ -23,7 +23,7 @@ from impedance_modules.safety import ledger
 from impedance_modules.safety.build import FilterState, build
 from impedance_modules.safety.clear_tank import Tank, filled_tank
 from impedance_modules.safety.problem import FilterLayout, FilterWorkspace
-from impedance_modules.safety.solvers.make import make_solver
+from impedance_modules.safety.solvers.solution import make_solver
 from impedance_modules.spec.task import PhaseSpec
 
 

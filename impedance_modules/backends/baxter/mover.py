@@ -22,7 +22,7 @@ from impedance_modules.backends.baxter.session import BRAKING_SHARE, Session
 from impedance_modules.backends.baxter.stop_rules import stop_rules
 from impedance_modules.backends.baxter.stops import Stops
 from impedance_modules.errors import RobotRefused, RobotStopped
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 
 Array = NDArray[np.float64]
 

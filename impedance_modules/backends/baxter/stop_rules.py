@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.messages import AssemblyState
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 
 Array = NDArray[np.float64]
 

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.messages import AssemblyState
 from impedance_modules.backends.baxter.stop_rules import NOTHING, Fault, Mode, Order, StopRules, why_off
-from impedance_modules.safety.stop_events import Event
-from impedance_modules.safety.stopping import damping_effort
+from impedance_modules.safety.stop_levels import Event, damping_effort
 
 Array = NDArray[np.float64]
 

@@ -21,9 +21,8 @@ import numpy as np
 
 from impedance_modules.safety.problem import FilterProblem
 from impedance_modules.safety.solvers.compiled import unit_rows
-from impedance_modules.safety.solvers.finish import finish
-from impedance_modules.safety.solvers.normal_form import normal_form
-from impedance_modules.safety.solvers.shifted import INFINITE, Shifted
+from impedance_modules.safety.solvers.normal_form import INFINITE, Shifted, normal_form
+from impedance_modules.safety.solvers.polish import finish
 from impedance_modules.safety.solvers.solution import FilterSolution, failed
 
 _SETTINGS = {

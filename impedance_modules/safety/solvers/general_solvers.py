@@ -9,16 +9,21 @@ bounds in units of the largest demand, or it stalls on demands far outside the l
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
 
-from impedance_modules.safety.problem import FilterProblem
-from impedance_modules.safety.solvers.finish import finish
-from impedance_modules.safety.solvers.general_solver import GeneralSolver
-from impedance_modules.safety.solvers.normal_form import NormalForm
-from impedance_modules.safety.solvers.slack_form import slack_rows
-from impedance_modules.safety.solvers.solution import FilterSolution
+from impedance_modules.safety.problem import FilterProblem, Vector
+from impedance_modules.safety.solvers.normal_form import (
+    INFINITE,
+    NormalForm,
+    Shifted,
+    normal_form,
+    slack_rows,
+)
+from impedance_modules.safety.solvers.polish import finish
+from impedance_modules.safety.solvers.solution import FilterSolution, failed
 
 _TOLERANCE = 1e-9
 _ITERATIONS = 50
@@ -73,3 +78,77 @@ class ProxsuiteSolver(GeneralSolver):
         settings.initial_guess = self._proxqp.InitialGuess.NO_INITIAL_GUESS
         hessian, gradient = np.eye(variables), np.zeros(variables)
         self._program.init(H=hessian, g=gradient, C=matrix, l=lower, u=upper, compute_preconditioner=False)
+
+
+class GeneralSolver(ABC):
+    """A solver of quadratic programs behind the filter's interface; a problem of another shape starts it anew."""
+
+    def __init__(self) -> None:
+        self._shifted = Shifted(0, 0)
+
+    def solve(self, problem: FilterProblem) -> FilterSolution:
+        """Solves one problem (see `Solver.solve`)."""
+        if not self._shifted.fits(problem):
+            m, n = problem.matrix.shape
+            self._shifted = Shifted(n, m)
+            self._forget()
+        outcome = self._shifted.fill(problem)
+        if outcome is not None:
+            return outcome
+        try:
+            form = normal_form(problem, self._shifted)
+        except np.linalg.LinAlgError:
+            return failed("the metric is not positive definite", 0)
+        return self._optimum(problem, form)
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Drops whatever was kept for problems of the last shape."""
+
+    @abstractmethod
+    def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
+        """Solves the normal form."""
+
+
+class QpsolversSolver(GeneralSolver):
+    """A solver behind qpsolvers' interface; slower than a native one, for comparison.
+
+    Args:
+        solver: Name as qpsolvers knows it.
+        qpsolvers: The module, handed in so that only `make_solver` imports it.
+    """
+
+    def __init__(self, solver: str, qpsolvers: Any) -> None:
+        super().__init__()
+        self.name = f"qpsolvers:{solver}"
+        self._solver = solver
+        self._qpsolvers = qpsolvers
+
+    def _forget(self) -> None:
+        """Nothing is kept from problem to problem."""
+
+    def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
+        multipliers, found = self._multipliers(form)
+        status = f"{self._solver} {'solved' if found else 'found no solution'}"
+        if multipliers is None:
+            return failed(status, 1)
+        return finish(problem, self._shifted, form, multipliers, iterations=1, solved=found, status=status)
+
+    def _multipliers(self, form: NormalForm) -> tuple[Vector | None, bool]:
+        matrix = slack_rows(form)
+        above, below = form.upper < INFINITE, form.lower > -INFINITE
+        variables = matrix.shape[1]
+        quadratic = self._qpsolvers.Problem(
+            P=np.eye(variables),
+            q=np.zeros(variables),
+            G=np.vstack([matrix[above], -matrix[below]]),
+            h=np.concatenate([form.upper[above], -form.lower[below]]),
+        )
+        answer = self._qpsolvers.solve_problem(quadratic, solver=self._solver)
+        if answer.z is None:
+            return None, False
+        multipliers = np.zeros(form.upper.size)
+        count = int(above.sum())
+        multipliers[above] += answer.z[:count]
+        multipliers[below] -= answer.z[count:]
+        return multipliers, bool(answer.found)

@@ -15,7 +15,7 @@ from impedance_modules.backends.baxter.approach import ARRIVED
 from impedance_modules.backends.baxter.awake import AwakeProcessor
 from impedance_modules.backends.baxter.watchdog import HELD_UP, LOOK, Watchdog
 from impedance_modules.errors import RobotRefused, RobotStopped
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 from tests.support.baxter_driving import POSITION, SPEC, STALE, TORQUE, driving, started
 from tests.support.baxter_stand_in import StandIn
 

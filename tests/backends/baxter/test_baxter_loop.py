@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.control.loop import Interrupt, run_loop
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 from tests.support.baxter_driving import POSITION, SPEC, TORQUE, Drive, driving
 from tests.support.baxter_stand_in import StandIn
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from impedance_modules.backends.baxter.messages import AssemblyState
 from impedance_modules.backends.baxter.stop_rules import Mode, stop_rules, why_off
 from impedance_modules.backends.baxter.stops import Stops
-from impedance_modules.safety.stop_events import RUNG_OF, Event, Rung
+from impedance_modules.safety.stop_levels import RUNG_OF, Event, Rung
 
 N = 4
 LIMBS = {"one": np.array([0, 1]), "two": np.array([2, 3])}
