@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Watches every cycle and decides what leaves: the law's torque, a braking torque, or nothing.
 
-All causes end in one place, the stop ladder of ``safety.ladder``; every stop has a reason in ``reason`` and in
+All causes end in one place, the stop decisions of ``safety.decisions``; every stop has a reason in ``reason`` and in
 ``messages``. The supervisor is a function of the states it is given (and of lateness and interrupts, which are
 recorded), so a replay decides the same.
 """
@@ -26,9 +26,9 @@ from impedance_modules.safety.stop_levels import (
     Decision,
     Event,
     Occurrence,
-    Rung,
+    StopLevel,
     damping_effort,
-    descend,
+    escalate,
 )
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ class Supervisor:
         controller: The law.
         sequence: The phases.
         touch: What the hands feel.
-        ladder: Arm -> what it sends and why.
+        decisions: Arm -> what it sends and why.
         ending: None while the run goes on.
         reason: Why it stopped; empty after a task that is done.
         messages: (time, text) of everything worth telling.
@@ -75,8 +75,8 @@ class Supervisor:
             self._every * assembly.period,
         )
         self.sequence = Sequence(self.controller, self.touch)
-        self.ladder: dict[str, Decision] = {arm.limb.name: RUNNING for arm in assembly.modules.arms}
-        self._hardest = Rung.RUN
+        self.decisions: dict[str, Decision] = {arm.limb.name: RUNNING for arm in assembly.modules.arms}
+        self._hardest = StopLevel.RUN
         self.ending: Ending | None = None
         self.reason = ""
         self.messages: list[tuple[float, str]] = []
@@ -85,7 +85,7 @@ class Supervisor:
         self._interrupted = False
         self._unseen: RobotState | None = None
         self._seen: list[Occurrence] = []
-        self._speeds = dict.fromkeys(self.ladder, 0.0)
+        self._speeds = dict.fromkeys(self.decisions, 0.0)
         self._velocity: Array = np.zeros(assembly.model.n)
         self._time = 0.0
         limits = assembly.limits
@@ -101,17 +101,17 @@ class Supervisor:
         return self._timekeeper.missed
 
     @property
-    def rung(self) -> Rung:
-        """The lowest rung any arm is on; SCALE while the tank slows the task."""
+    def stop_level(self) -> StopLevel:
+        """The lowest stop_level any arm is on; SCALE while the tank slows the task."""
         controller = self.controller
-        if self._hardest == Rung.RUN and (controller.starved_time > 0.0 or controller.granted < 1.0):
-            return Rung.SCALE
+        if self._hardest == StopLevel.RUN and (controller.starved_time > 0.0 or controller.granted < 1.0):
+            return StopLevel.SCALE
         return self._hardest
 
     @property
     def released(self) -> bool:
         """Whether some arm must not be held."""
-        return any(decision.rung == Rung.RELEASE for decision in self.ladder.values())
+        return any(decision.stop_level == StopLevel.RELEASE for decision in self.decisions.values())
 
     def note(self, text: str) -> None:
         """Adds a message at the last known time."""
@@ -124,7 +124,7 @@ class Supervisor:
             event: One that leads to a hold or a release.
             detail: Numbers and names for the reason.
         """
-        self._descend(None, [Occurrence(event, None, detail)], entering=False)
+        self._escalate(None, [Occurrence(event, None, detail)], entering=False)
 
     def start(self, first: FirstState) -> None:
         """Takes over the robot as it stands.
@@ -148,7 +148,7 @@ class Supervisor:
         Returns:
             (n,) torque to send [N.m], or None when nothing may leave in this cycle. After ``ending`` is set, None.
         """
-        running = self._hardest < Rung.DAMP
+        running = self._hardest < StopLevel.DAMP
         self._unseen = None
         overdue = self._timekeeper.count(state, since=self._time, running=running)
         events = self._timekeeper.watch(self._cycle, missing=state is None, late=late) + self._seen
@@ -165,7 +165,7 @@ class Supervisor:
                 if overdue:
                     self.controller.repeat()
                 return self.controller.effort
-        return self._descend(state, events, entering=running)
+        return self._escalate(state, events, entering=running)
 
     def _run(self, state: RobotState) -> list[Occurrence]:
         """One cycle of the law; returns what went wrong."""
@@ -217,8 +217,8 @@ class Supervisor:
             self._say(state.time, f"phase '{self.sequence.phase.name}'")
             self.controller.next_phase(self.sequence.phase)
 
-    def _descend(self, state: RobotState | None, events: list[Occurrence], *, entering: bool) -> Array | None:
-        """Applies the ladder, and brakes where it says so."""
+    def _escalate(self, state: RobotState | None, events: list[Occurrence], *, entering: bool) -> Array | None:
+        """Applies the decisions, and brakes where it says so."""
         sound = state is not None and _is_finite(state)
         if state is not None and sound:
             self._velocity, self._time = state.velocity, state.time
@@ -227,16 +227,16 @@ class Supervisor:
             self.controller.miss()
         # Without a sound state, of the last velocity seen: an arm that was moving is not at rest.
         self._speeds = self._arm_speeds(self._velocity)
-        before = self.ladder
-        self.ladder = descend(before, events, self._speeds, self.assembly.period, self.stop_limits)
-        hardest = max(self.ladder.values(), key=lambda decision: decision.rung)
-        self._hardest = hardest.rung
-        if hardest.rung < Rung.DAMP:
+        before = self.decisions
+        self.decisions = escalate(before, events, self._speeds, self.assembly.period, self.stop_limits)
+        hardest = max(self.decisions.values(), key=lambda decision: decision.stop_level)
+        self._hardest = hardest.stop_level
+        if hardest.stop_level < StopLevel.DAMP:
             return None
-        if hardest.reason != max(before.values(), key=lambda decision: decision.rung).reason:
+        if hardest.reason != max(before.values(), key=lambda decision: decision.stop_level).reason:
             self._say(self._time, hardest.reason)
         self.reason = hardest.reason
-        if hardest.rung > Rung.DAMP:
+        if hardest.stop_level > StopLevel.DAMP:
             self.ending = Ending.INTERRUPTED if self._interrupted else Ending.STOPPED
             return None
         if entering:

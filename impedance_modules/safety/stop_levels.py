@@ -28,15 +28,15 @@ class Decision:
     """What one arm sends from now on, and why.
 
     Attributes:
-        rung: What leaves.
+        stop_level: What leaves.
         reason: Why, with everything that followed; empty only in RUN.
         discard: The torque computed in this cycle must not leave.
-        seconds: Time in this rung [s].
+        seconds: Time in this stop_level [s].
         braking: Longest time in DAMP [s]; None in other rungs.
         entry_speed: Largest joint speed when DAMP began [rad/s]; None in other rungs.
     """
 
-    rung: Rung
+    stop_level: StopLevel
     reason: str
     discard: bool
     seconds: float
@@ -44,10 +44,10 @@ class Decision:
     entry_speed: float | None
 
 
-RUNNING = Decision(Rung.RUN, "", discard=False, seconds=0.0, braking=None, entry_speed=None)
+RUNNING = Decision(StopLevel.RUN, "", discard=False, seconds=0.0, braking=None, entry_speed=None)
 
 
-def descend(
+def escalate(
     ladder: Mapping[str, Decision],
     occurrences: Iterable[Occurrence],
     speeds: Mapping[str, float],
@@ -71,9 +71,9 @@ def descend(
     for arm, last in ladder.items():
         mine = [replace(o, arm=arm) for o in events if o.arm == arm or o.arm not in ladder]
         own[arm] = _next(last, mine, speeds[arm], period, limits)
-    stopped = [arm for arm, decision in own.items() if decision.rung >= Rung.DAMP]
+    stopped = [arm for arm, decision in own.items() if decision.stop_level >= StopLevel.DAMP]
     for arm, decision in own.items():
-        if stopped and decision.rung < Rung.DAMP:
+        if stopped and decision.stop_level < StopLevel.DAMP:
             other = Occurrence(Event.OTHER_ARM, arm, f"{stopped[0]} stopped")
             own[arm] = _next(ladder[arm], [other], speeds[arm], period, limits)
     return own
@@ -82,34 +82,34 @@ def descend(
 def _next(
     last: Decision, events: list[Occurrence], speed: float, period: float, limits: StopLimits
 ) -> Decision:
-    """One arm's decision: the hardest rung wins, ties by the table's order."""
-    order = list(RUNG_OF)
-    events = sorted(events, key=lambda o: (-RUNG_OF[o.event], order.index(o.event)))
-    target = RUNG_OF[events[0].event] if events else Rung.RUN
-    if target >= Rung.DAMP and target > last.rung:
+    """One arm's decision: the hardest stop_level wins, ties by the table's order."""
+    order = list(LEVEL_OF)
+    events = sorted(events, key=lambda o: (-LEVEL_OF[o.event], order.index(o.event)))
+    target = LEVEL_OF[events[0].event] if events else StopLevel.RUN
+    if target >= StopLevel.DAMP and target > last.stop_level:
         return _entered(last, events[0], speed, limits)
-    if last.rung >= Rung.DAMP:
+    if last.stop_level >= StopLevel.DAMP:
         going_blind = any(o.event in BLIND for o in events)
         return _braked(replace(last, seconds=last.seconds + period), going_blind, speed, limits)
-    seconds = last.seconds + period if last.rung == target else 0.0
+    seconds = last.seconds + period if last.stop_level == target else 0.0
     if not events:
         return replace(RUNNING, seconds=seconds)
     late = any(o.event is Event.LATE_CYCLE for o in events)
-    return Decision(Rung.SCALE, _reason(events[0]), late, seconds, None, None)
+    return Decision(StopLevel.SCALE, _reason(events[0]), late, seconds, None, None)
 
 
 def _reason(occurrence: Occurrence) -> str:
-    """Arm, event, numbers and the rung it leads to, in one line."""
+    """Arm, event, numbers and the stop_level it leads to, in one line."""
     name = occurrence.event.replace("_", " ")
-    rung = RUNG_OF[occurrence.event].name.lower()
-    return f"{occurrence.arm}: {name} ({occurrence.detail}) -> {rung}"
+    stop_level = LEVEL_OF[occurrence.event].name.lower()
+    return f"{occurrence.arm}: {name} ({occurrence.detail}) -> {stop_level}"
 
 
 def _entered(last: Decision, cause: Occurrence, speed: float, limits: StopLimits) -> Decision:
     """The first cycle of a stop; an earlier stop's reason stays in front."""
-    target = RUNG_OF[cause.event]
-    reason = f"{last.reason}; {_reason(cause)}" if last.rung >= Rung.DAMP else _reason(cause)
-    if target > Rung.DAMP:
+    target = LEVEL_OF[cause.event]
+    reason = f"{last.reason}; {_reason(cause)}" if last.stop_level >= StopLevel.DAMP else _reason(cause)
+    if target > StopLevel.DAMP:
         return Decision(target, reason, True, 0.0, None, None)
     braking = limits.blind_damping_time if cause.event in BLIND else limits.damping_time
     return Decision(target, reason, True, 0.0, braking, speed)
@@ -128,10 +128,10 @@ def _braked(now: Decision, going_blind: bool, speed: float, limits: StopLimits) 
         end = f"speed grew to {speed:.3f} rad/s"
     else:
         return replace(now, braking=braking)
-    return Decision(Rung.HOLD, f"{now.reason}; {end} -> hold", True, 0.0, None, None)
+    return Decision(StopLevel.HOLD, f"{now.reason}; {end} -> hold", True, 0.0, None, None)
 
 
-class Rung(IntEnum):
+class StopLevel(IntEnum):
     """What leaves for one arm; a higher number is a harder stop."""
 
     RUN = 0
@@ -142,7 +142,7 @@ class Rung(IntEnum):
 
 
 class Event(StrEnum):
-    """What can go wrong in a cycle; ``RUNG_OF`` says what follows."""
+    """What can go wrong in a cycle; ``LEVEL_OF`` says what follows."""
 
     TANK_LOW = "tank_low"
     LATE_CYCLE = "late_cycle"
@@ -167,28 +167,28 @@ class Event(StrEnum):
     BACKEND_LOST = "backend_lost"
 
 
-RUNG_OF: Mapping[Event, Rung] = {
-    Event.TANK_LOW: Rung.SCALE,
-    Event.LATE_CYCLE: Rung.SCALE,
-    Event.LATE_CYCLES: Rung.DAMP,
-    Event.STALE_STATE: Rung.DAMP,
-    Event.STATE_NOT_FINITE: Rung.DAMP,
-    Event.EFFORT_NOT_FINITE: Rung.DAMP,
-    Event.SOLVER_FAILED: Rung.DAMP,
-    Event.OVERSPEED: Rung.DAMP,
-    Event.TANK_STARVED: Rung.DAMP,
-    Event.POSITION_LIMIT: Rung.DAMP,
-    Event.PHASE_NOT_MET: Rung.DAMP,
-    Event.INTERRUPT: Rung.DAMP,
-    Event.OTHER_ARM: Rung.DAMP,
-    Event.COLLISION: Rung.HOLD,
-    Event.CUFF: Rung.HOLD,
-    Event.TORQUE_REFUSED: Rung.HOLD,
-    Event.CONTROLLER_SILENT: Rung.HOLD,
-    Event.STATE_LOST: Rung.HOLD,
-    Event.HOLD_REFUSED: Rung.RELEASE,
-    Event.ROBOT_DISABLED: Rung.RELEASE,
-    Event.BACKEND_LOST: Rung.RELEASE,
+LEVEL_OF: Mapping[Event, StopLevel] = {
+    Event.TANK_LOW: StopLevel.SCALE,
+    Event.LATE_CYCLE: StopLevel.SCALE,
+    Event.LATE_CYCLES: StopLevel.DAMP,
+    Event.STALE_STATE: StopLevel.DAMP,
+    Event.STATE_NOT_FINITE: StopLevel.DAMP,
+    Event.EFFORT_NOT_FINITE: StopLevel.DAMP,
+    Event.SOLVER_FAILED: StopLevel.DAMP,
+    Event.OVERSPEED: StopLevel.DAMP,
+    Event.TANK_STARVED: StopLevel.DAMP,
+    Event.POSITION_LIMIT: StopLevel.DAMP,
+    Event.PHASE_NOT_MET: StopLevel.DAMP,
+    Event.INTERRUPT: StopLevel.DAMP,
+    Event.OTHER_ARM: StopLevel.DAMP,
+    Event.COLLISION: StopLevel.HOLD,
+    Event.CUFF: StopLevel.HOLD,
+    Event.TORQUE_REFUSED: StopLevel.HOLD,
+    Event.CONTROLLER_SILENT: StopLevel.HOLD,
+    Event.STATE_LOST: StopLevel.HOLD,
+    Event.HOLD_REFUSED: StopLevel.RELEASE,
+    Event.ROBOT_DISABLED: StopLevel.RELEASE,
+    Event.BACKEND_LOST: StopLevel.RELEASE,
 }
 
 BLIND: frozenset[Event] = frozenset({Event.STALE_STATE, Event.STATE_NOT_FINITE})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stop ladder, row by row, and the promises that hold for every sequence of events."""
+"""The stop decisions, row by row, and the promises that hold for every sequence of events."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 from impedance_modules.safety import stop_levels as stop_events
 from impedance_modules.safety.stop_levels import (
-    RUNG_OF,
+    LEVEL_OF,
     RUNNING,
     Decision,
     Event,
     Occurrence,
-    Rung,
+    StopLevel,
     StopLimits,
     damping_effort,
-    descend,
+    escalate,
     hold_effort,
     hold_potential,
     watch_time,
@@ -41,39 +41,39 @@ ONE = {"a": RUNNING}
 BOTH = {"a": RUNNING, "b": RUNNING}
 
 TABLE = {
-    Event.TANK_LOW: (Rung.SCALE, None),
-    Event.LATE_CYCLE: (Rung.SCALE, None),
-    Event.LATE_CYCLES: (Rung.DAMP, 0.5),
-    Event.STALE_STATE: (Rung.DAMP, 0.02),
-    Event.STATE_NOT_FINITE: (Rung.DAMP, 0.02),
-    Event.EFFORT_NOT_FINITE: (Rung.DAMP, 0.5),
-    Event.SOLVER_FAILED: (Rung.DAMP, 0.5),
-    Event.OVERSPEED: (Rung.DAMP, 0.5),
-    Event.TANK_STARVED: (Rung.DAMP, 0.5),
-    Event.POSITION_LIMIT: (Rung.DAMP, 0.5),
-    Event.PHASE_NOT_MET: (Rung.DAMP, 0.5),
-    Event.INTERRUPT: (Rung.DAMP, 0.5),
-    Event.OTHER_ARM: (Rung.DAMP, 0.5),
-    Event.COLLISION: (Rung.HOLD, None),
-    Event.CUFF: (Rung.HOLD, None),
-    Event.TORQUE_REFUSED: (Rung.HOLD, None),
-    Event.CONTROLLER_SILENT: (Rung.HOLD, None),
-    Event.STATE_LOST: (Rung.HOLD, None),
-    Event.HOLD_REFUSED: (Rung.RELEASE, None),
-    Event.ROBOT_DISABLED: (Rung.RELEASE, None),
-    Event.BACKEND_LOST: (Rung.RELEASE, None),
+    Event.TANK_LOW: (StopLevel.SCALE, None),
+    Event.LATE_CYCLE: (StopLevel.SCALE, None),
+    Event.LATE_CYCLES: (StopLevel.DAMP, 0.5),
+    Event.STALE_STATE: (StopLevel.DAMP, 0.02),
+    Event.STATE_NOT_FINITE: (StopLevel.DAMP, 0.02),
+    Event.EFFORT_NOT_FINITE: (StopLevel.DAMP, 0.5),
+    Event.SOLVER_FAILED: (StopLevel.DAMP, 0.5),
+    Event.OVERSPEED: (StopLevel.DAMP, 0.5),
+    Event.TANK_STARVED: (StopLevel.DAMP, 0.5),
+    Event.POSITION_LIMIT: (StopLevel.DAMP, 0.5),
+    Event.PHASE_NOT_MET: (StopLevel.DAMP, 0.5),
+    Event.INTERRUPT: (StopLevel.DAMP, 0.5),
+    Event.OTHER_ARM: (StopLevel.DAMP, 0.5),
+    Event.COLLISION: (StopLevel.HOLD, None),
+    Event.CUFF: (StopLevel.HOLD, None),
+    Event.TORQUE_REFUSED: (StopLevel.HOLD, None),
+    Event.CONTROLLER_SILENT: (StopLevel.HOLD, None),
+    Event.STATE_LOST: (StopLevel.HOLD, None),
+    Event.HOLD_REFUSED: (StopLevel.RELEASE, None),
+    Event.ROBOT_DISABLED: (StopLevel.RELEASE, None),
+    Event.BACKEND_LOST: (StopLevel.RELEASE, None),
 }
 
 
 def step(
-    ladder: dict[str, Decision], *events: Event, arm: str | None = None, speed: float = 0.5
+    decisions: dict[str, Decision], *events: Event, arm: str | None = None, speed: float = 0.5
 ) -> dict[str, Decision]:
     happened = [Occurrence(event, arm, "detail 1.25") for event in events]
-    return descend(ladder, happened, dict.fromkeys(ladder, speed), PERIOD, LIMITS)
+    return escalate(decisions, happened, dict.fromkeys(decisions, speed), PERIOD, LIMITS)
 
 
 def test_the_table_has_a_row_for_every_event_and_the_docstring_says_the_same() -> None:
-    assert set(TABLE) == set(Event) == set(RUNG_OF)
+    assert set(TABLE) == set(Event) == set(LEVEL_OF)
     rows = {}
     for line in (stop_events.__doc__ or "").splitlines():
         cells = [cell.strip() for cell in line.strip("| ").split("|")]
@@ -85,73 +85,73 @@ def test_the_table_has_a_row_for_every_event_and_the_docstring_says_the_same() -
 
 @pytest.mark.parametrize("event", list(Event))
 def test_each_event_leads_to_its_rung_with_a_reason(event: Event) -> None:
-    rung, braking = TABLE[event]
+    stop_level, braking = TABLE[event]
     now = step(ONE, event)["a"]
-    assert (now.rung, now.braking) == (rung, braking)
-    for text in ("a: ", event.value.replace("_", " "), "detail 1.25", rung.name.lower()):
+    assert (now.stop_level, now.braking) == (stop_level, braking)
+    for text in ("a: ", event.value.replace("_", " "), "detail 1.25", stop_level.name.lower()):
         assert text in now.reason
-    assert now.discard == (rung >= Rung.DAMP or event is Event.LATE_CYCLE)
+    assert now.discard == (stop_level >= StopLevel.DAMP or event is Event.LATE_CYCLE)
 
 
 @pytest.mark.parametrize("event", list(Event))
 def test_what_follows_when_nothing_more_happens(event: Event) -> None:
-    ladder = step(ONE, event)
+    decisions = step(ONE, event)
     braked = 0
-    while ladder["a"].rung == Rung.DAMP:
-        ladder = step(ladder)
+    while decisions["a"].stop_level == StopLevel.DAMP:
+        decisions = step(decisions)
         braked += 1
         assert braked < 100
-    rung, braking = TABLE[event]
-    if rung == Rung.SCALE:
-        assert step(ladder)["a"].rung == Rung.RUN
-    elif rung == Rung.DAMP:
-        assert ladder["a"].rung == Rung.HOLD
+    stop_level, braking = TABLE[event]
+    if stop_level == StopLevel.SCALE:
+        assert step(decisions)["a"].stop_level == StopLevel.RUN
+    elif stop_level == StopLevel.DAMP:
+        assert decisions["a"].stop_level == StopLevel.HOLD
         assert abs(braked * PERIOD - braking) < 1.01 * PERIOD
-        assert "still at 0.500 rad/s" in ladder["a"].reason
+        assert "still at 0.500 rad/s" in decisions["a"].reason
     for _ in range(300):
-        ladder = step(ladder)
-    expected = {Rung.SCALE: Rung.RUN, Rung.DAMP: Rung.HOLD}.get(rung, rung)
-    assert ladder["a"].rung == expected
+        decisions = step(decisions)
+    expected = {StopLevel.SCALE: StopLevel.RUN, StopLevel.DAMP: StopLevel.HOLD}.get(stop_level, stop_level)
+    assert decisions["a"].stop_level == expected
 
 
 def test_braking_ends_at_rest_or_when_the_speed_does_not_decay() -> None:
     damped = step(ONE, Event.OVERSPEED, speed=1.0)
-    assert step(damped, speed=0.9)["a"].rung == Rung.DAMP
+    assert step(damped, speed=0.9)["a"].stop_level == StopLevel.DAMP
     for speed, word in ((0.005, "at rest"), (1.6, "speed grew"), (np.nan, "speed grew")):
         after = step(damped, speed=speed)["a"]
-        assert after.rung == Rung.HOLD
+        assert after.stop_level == StopLevel.HOLD
         assert "overspeed" in after.reason
         assert word in after.reason
 
 
 def test_going_blind_while_braking_makes_braking_brief() -> None:
-    ladder = step(ONE, Event.SOLVER_FAILED)
+    decisions = step(ONE, Event.SOLVER_FAILED)
     for _ in range(10):
-        ladder = step(ladder)
+        decisions = step(decisions)
     for _ in range(2):
-        ladder = step(ladder, Event.STALE_STATE)
-        assert ladder["a"].rung == Rung.DAMP
-    assert step(ladder, Event.STALE_STATE)["a"].rung == Rung.HOLD
+        decisions = step(decisions, Event.STALE_STATE)
+        assert decisions["a"].stop_level == StopLevel.DAMP
+    assert step(decisions, Event.STALE_STATE)["a"].stop_level == StopLevel.HOLD
 
 
-@pytest.mark.parametrize("event", [e for e in Event if TABLE[e][0] >= Rung.DAMP])
+@pytest.mark.parametrize("event", [e for e in Event if TABLE[e][0] >= StopLevel.DAMP])
 def test_one_arm_fails_the_other_damps(event: Event) -> None:
     now = step(BOTH, event, arm="a")
-    assert now["a"].rung == TABLE[event][0]
-    assert now["b"].rung == Rung.DAMP
+    assert now["a"].stop_level == TABLE[event][0]
+    assert now["b"].stop_level == StopLevel.DAMP
     assert now["b"].discard
     assert "a stopped" in now["b"].reason
 
 
 def test_an_event_of_an_unknown_arm_concerns_every_arm() -> None:
-    assert {d.rung for d in step(BOTH, Event.COLLISION, arm="nobody").values()} == {Rung.HOLD}
-    assert step(BOTH, Event.TANK_LOW, arm="a")["b"].rung == Rung.RUN
+    assert {d.stop_level for d in step(BOTH, Event.COLLISION, arm="nobody").values()} == {StopLevel.HOLD}
+    assert step(BOTH, Event.TANK_LOW, arm="a")["b"].stop_level == StopLevel.RUN
 
 
 def test_the_hardest_event_wins_and_a_late_torque_never_leaves() -> None:
-    assert step(ONE, Event.TANK_LOW, Event.BACKEND_LOST, Event.INTERRUPT)["a"].rung == Rung.RELEASE
+    assert step(ONE, Event.TANK_LOW, Event.BACKEND_LOST, Event.INTERRUPT)["a"].stop_level == StopLevel.RELEASE
     both = step(ONE, Event.TANK_LOW, Event.LATE_CYCLE)["a"]
-    assert both.rung == Rung.SCALE
+    assert both.stop_level == StopLevel.SCALE
     assert both.discard
 
 
@@ -168,21 +168,21 @@ def test_the_hardest_event_wins_and_a_late_torque_never_leaves() -> None:
 def test_no_sequence_of_events_climbs_back_or_stops_without_a_reason(
     story: list[tuple[list[tuple[Event, str | None]], float]],
 ) -> None:
-    ladder = dict(BOTH)
-    seen = [ladder]
+    decisions = dict(BOTH)
+    seen = [decisions]
     for events, speed in story:
         happened = [Occurrence(event, arm, "x") for event, arm in events]
-        ladder = descend(ladder, happened, {"a": speed, "b": speed}, PERIOD, LIMITS)
-        seen.append(ladder)
+        decisions = escalate(decisions, happened, {"a": speed, "b": speed}, PERIOD, LIMITS)
+        seen.append(decisions)
     for before, after in pairwise(seen):
-        stopped = any(d.rung >= Rung.DAMP for d in after.values())
+        stopped = any(d.stop_level >= StopLevel.DAMP for d in after.values())
         for arm in BOTH:
-            if before[arm].rung >= Rung.DAMP:
-                assert after[arm].rung >= before[arm].rung
+            if before[arm].stop_level >= StopLevel.DAMP:
+                assert after[arm].stop_level >= before[arm].stop_level
                 assert after[arm].reason.startswith(before[arm].reason)
-            assert (after[arm].reason == "") == (after[arm].rung == Rung.RUN)
-            assert after[arm].discard or after[arm].rung < Rung.DAMP
-            assert after[arm].rung >= Rung.DAMP or not stopped
+            assert (after[arm].reason == "") == (after[arm].stop_level == StopLevel.RUN)
+            assert after[arm].discard or after[arm].stop_level < StopLevel.DAMP
+            assert after[arm].stop_level >= StopLevel.DAMP or not stopped
 
 
 def test_clocks_turn_into_events() -> None:
