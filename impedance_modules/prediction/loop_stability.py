@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether the sampled loop around elastic joints is stable, how its worst mode rings, how stiff a hand may be.
+"""Whether the sampled loop around elastic joints is stable, how its least damped mode decays, how stiff a hand may be.
 
 Arms that hold one object together are one system; every other arm is its own. The prediction is for motion without
 contact: surfaces are not in it, and neither are the arms' own gravity and its compensation, which cancel.
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
@@ -26,19 +27,13 @@ from impedance_modules.superposition.elastic_joints import (
 from impedance_modules.superposition.modes import least_damped
 from impedance_modules.superposition.object_impedance import HeldImpedance
 from impedance_modules.superposition.sampled_loop import (
-    MARGIN,
     Gains,
+    highest_stable_stiffness,
     sampled_modes,
     spectral_radius,
 )
 
 Array = NDArray[np.float64]
-
-STRIDE = 1.6
-"""Factor by which the endpoint stiffness is changed while the limit is looked for."""
-
-SOFTEST = 1e-3
-"""Times the task's own endpoint stiffness; a loop that is unstable there is taken as unstable however soft."""
 
 STIFFEST = 30.0
 """Times the task's own endpoint stiffness; beyond it nobody asks."""
@@ -101,7 +96,7 @@ def _object_loop(
     inertia = np.zeros((6, 6)) if own is None else own.inertia(held.pose.rotation)
     twist = held.motion.twist
     loop = sampled_arm(
-        _block_diagonal([arm.system.inertia for arm in holding]),
+        block_diag(*(arm.system.inertia for arm in holding)),
         drives_of(model, joints),
         sampling_of(assembly.robot, assembly.rate, True),
         held.motion.motion,
@@ -119,51 +114,15 @@ def _forecast(name: str, loop: SampledArm, fixed: Gains, scaled: Gains, stiffest
         growth=spectral_radius(loop, now),
         frequency=None if mode is None else mode.frequency / (2.0 * math.pi),
         damping_ratio=None if mode is None else mode.damping_ratio,
-        scale=_highest(loop, fixed, scaled) if stiffest > 0.0 else None,
+        scale=highest_stable_stiffness(loop, fixed, scaled, STIFFEST) if stiffest > 0.0 else None,
         stiffness=stiffest,
     )
 
 
-def _highest(loop: SampledArm, fixed: Gains, scaled: Gains) -> float | None:
-    """Finds the scale of the endpoint stiffness, near the task's own, at which the loop loses stability.
-
-    ``sampled_loop.highest_stable_stiffness`` looks from the softest hand upwards; from 1 on, a tenth of its
-    eigenvalues do.
-    """
-
-    def stable(scale: float) -> bool:
-        stiffness, root = fixed.stiffness + scale * scaled.stiffness, math.sqrt(scale)
-        return spectral_radius(loop, Gains(stiffness, fixed.damping + root * scaled.damping)) < 1.0 + MARGIN
-
-    high = 1.0
-    while stable(high):
-        if high >= STIFFEST:
-            return None
-        high = min(STRIDE * high, STIFFEST)
-    low = high / STRIDE
-    while not stable(low):
-        if low < SOFTEST:
-            return 0.0
-        high, low = low, low / STRIDE
-    while high / low > 1.01:
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
-
-
 def _stacked(gains: list[Gains]) -> Gains:
     """Puts the gains of several arms side by side."""
-    stiffness = _block_diagonal([arm.stiffness for arm in gains])
-    return Gains(stiffness, _block_diagonal([arm.damping for arm in gains]))
-
-
-def _block_diagonal(matrices: list[Array]) -> Array:
-    ends = np.cumsum([len(matrix) for matrix in matrices])
-    found = np.zeros((ends[-1], ends[-1]))
-    for matrix, end in zip(matrices, ends, strict=True):
-        part = slice(end - len(matrix), end)
-        found[part, part] = matrix
-    return found
+    stiffness = block_diag(*(arm.stiffness for arm in gains))
+    return Gains(stiffness, block_diag(*(arm.damping for arm in gains)))
 
 
 def _stiffest(modules: TaskModules, limb: str) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One impedance module at one state: everything that a push on its hand meets, and its joint-space system.
+"""One arm at one state: inertia, damping and stiffness at its hand, and the arm in joint space.
 
 Springs on the hand count as the hand's; springs on any other frame of the arm count as joint springs. The
 load that turns with the joints is taken from the joint springs themselves, J^T F_b = K_j (q - q_0) less what
@@ -23,11 +23,11 @@ from impedance_modules.robot.pose import Pose
 from impedance_modules.superposition.modes import JointSpace, joint_space_stiffness
 from impedance_modules.superposition.net_stiffness import (
     NetStiffness,
+    as_joint_stiffness,
     carried_wrench,
     gamma,
     hand_damping,
     net_stiffness,
-    as_joint_stiffness,
     spring_stiffness,
     spring_stiffness_without_preload,
 )
@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArmImpedance:
-    """What an arm's hand feels like; (6, 6) in world axes at the hand.
+    """What a push on an arm's hand meets; (6, 6) in world axes at the hand.
 
     Attributes:
         limb: Name of the arm.
@@ -78,8 +78,8 @@ class ArmImpedance:
 
 
 @dataclass(frozen=True)
-class _Attached:
-    """Springs of one arm on one frame, summed: Jacobian over the limb's joints and (6, 6) matrices."""
+class _FrameSprings:
+    """Springs of one arm on one frame, summed: its Jacobian over the limb's joints, and (6, 6) matrices."""
 
     jacobian: Array
     stiffness: Array
@@ -90,8 +90,8 @@ class _Attached:
 
 
 @dataclass(frozen=True)
-class _JointSide:
-    """What holds the joints, the hand's springs apart: matrices (k, k), load (k,)."""
+class _JointSprings:
+    """What acts on the joints besides the hand's springs: matrices (k, k), load (k,)."""
 
     stiffness: Array
     relaxed: Array
@@ -113,9 +113,9 @@ def arm_impedance(
     """
     joints, hand = arm.limb.joints, arm.limb.hand
     frames = dict.fromkeys([hand, *(spring.frame for spring in arm.springs)])
-    parts = {frame: _attached(arm, frame, kinematics, targets, damping) for frame in frames}
+    parts = {frame: _springs_on(arm, frame, kinematics, targets, damping) for frame in frames}
     end = parts[hand]
-    side = _joint_side(arm, [parts[frame] for frame in frames if frame != hand], targets, q, damping)
+    side = _joint_springs(arm, [parts[frame] for frame in frames if frame != hand], targets, q, damping)
     preload, unbalanced = carried_wrench(end.jacobian, side.load)
     inverse = kinematics.inverse_inertia[np.ix_(joints, joints)]
     bare = without_reflected_inertia(inverse, kinematics.model.reflected_inertia[joints])
@@ -138,13 +138,13 @@ def arm_impedance(
     )
 
 
-def _attached(
+def _springs_on(
     arm: ArmModule, frame: str, kinematics: Kinematics, targets: Equilibrium, damping: Damping
-) -> _Attached:
+) -> _FrameSprings:
     pose = kinematics.pose(frame)
     springs = [spring for spring in arm.springs if spring.frame == frame]
     placed: list[tuple[Spring, Pose]] = [(spring, targets.springs[spring.name]) for spring in springs]
-    return _Attached(
+    return _FrameSprings(
         jacobian=kinematics.jacobian_of(frame)[:, arm.limb.joints],
         stiffness=_sum([spring_stiffness(spring, pose, target) for spring, target in placed]),
         relaxed=_sum([spring_stiffness_without_preload(spring, pose, target) for spring, target in placed]),
@@ -157,9 +157,9 @@ def _attached(
     )
 
 
-def _joint_side(
-    arm: ArmModule, others: Sequence[_Attached], targets: Equilibrium, q: Array, damping: Damping
-) -> _JointSide:
+def _joint_springs(
+    arm: ArmModule, others: Sequence[_FrameSprings], targets: Equilibrium, q: Array, damping: Damping
+) -> _JointSprings:
     """Collects joint springs and the springs on other frames than the hand."""
     bias, k = arm.bias, len(arm.limb.joints)
     stiffness, load, damped = np.zeros((k, k)), np.zeros(k), np.zeros((k, k))
@@ -173,10 +173,10 @@ def _joint_side(
         relaxed = relaxed + part.jacobian.T @ part.relaxed @ part.jacobian
         load = load - part.jacobian.T @ part.wrench
         damped = damped + part.jacobian.T @ (part.modal + part.explicit) @ part.jacobian
-    return _JointSide(stiffness, relaxed, load, damped)
+    return _JointSprings(stiffness, relaxed, load, damped)
 
 
-def _system(inverse_inertia: Array, end: _Attached, side: _JointSide, preload: Array) -> JointSpace:
+def _system(inverse_inertia: Array, end: _FrameSprings, side: _JointSprings, preload: Array) -> JointSpace:
     """Writes the arm in joint space, K_q = K_j - Gamma + J^T K_end J and likewise D_q."""
     J = end.jacobian
     inertia = np.asarray(np.linalg.inv(inverse_inertia), dtype=np.float64)
@@ -184,7 +184,7 @@ def _system(inverse_inertia: Array, end: _Attached, side: _JointSide, preload: A
     return JointSpace(inertia, stiffness, side.damping + J.T @ (end.modal + end.explicit) @ J)
 
 
-def _scaled(parts: Sequence[_Attached]) -> Gains:
+def _scaled(parts: Sequence[_FrameSprings]) -> Gains:
     """Sums what grows when the springs on frames are made stiffer."""
     stiffness = [part.jacobian.T @ part.stiffness @ part.jacobian for part in parts]
     modal = [part.jacobian.T @ part.modal @ part.jacobian for part in parts]

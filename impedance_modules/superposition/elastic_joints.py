@@ -162,18 +162,18 @@ def _with_estimate(step: Array, push: Array, read: Array, period: float, lag: fl
 
 
 def _on_motor_side(arm: SampledArm, drives: Drives, N: Array) -> SampledArm:
-    r"""Adds the rate of the springs' wind-up \theta - q to the velocity that is damped.
+    r"""Adds the rate of the springs' deflection \theta - q to the velocity that is damped.
 
     The effort sensor sees the spring's deflection, not its damping: effort / K_sea = \theta - q.
     """
     elastic, m = drives.elastic, N.shape[1]
     e, k, size = int(np.sum(elastic)), len(elastic), len(arm.A)
     select = np.eye(k)[:, elastic]
-    stretch = np.hstack([-np.diag(elastic.astype(float)) @ N, select])
-    wind = np.zeros((k, size))
-    wind[:, : m + e] = stretch
+    deflect = np.hstack([-np.diag(elastic.astype(float)) @ N, select])
+    deflection = np.zeros((k, size))
+    deflection[:, : m + e] = deflect
     sampling = arm.sampling
-    A, B = _with_estimate(arm.A, arm.B, wind, 1.0 / sampling.rate, sampling.velocity_filter)
+    A, B = _with_estimate(arm.A, arm.B, deflection, 1.0 / sampling.rate, sampling.velocity_filter)
     position, velocity = (np.hstack([read, np.zeros((k, 2 * k))]) for read in (arm.position, arm.velocity))
     velocity[:, size + k :] = np.eye(k)
     return SampledArm(A, B, position, velocity, sampling)
@@ -195,9 +195,9 @@ def _second_order(
     elastic, rigid = drives.elastic, drives.rigid
     select = np.eye(len(inertia))[elastic]
     m, e = N.shape[1], len(select)
-    stretch = np.hstack([-select @ N, np.eye(e)])
-    stiffness = stretch.T @ (drives.spring_stiffness[elastic][:, None] * stretch)
-    damping = stretch.T @ (drives.spring_damping[elastic][:, None] * stretch)
+    deflect = np.hstack([-select @ N, np.eye(e)])
+    stiffness = deflect.T @ (drives.spring_stiffness[elastic][:, None] * deflect)
+    damping = deflect.T @ (drives.spring_damping[elastic][:, None] * deflect)
     damping[:m, :m] += N.T @ np.diag(np.where(rigid, drives.motor_damping, 0.0)) @ N
     damping[m:, m:] += np.diag(drives.motor_damping[elastic])
     # Rotors on springs move on their own; those of rigid joints stay with the links.

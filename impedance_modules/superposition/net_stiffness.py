@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Net stiffness of a hand: joint springs seen through the arm, plus the springs at the hand.
+r"""Stiffness and damping of a hand: joint springs and dampers seen through the arm, plus those at the hand.
 
     K_net = (J (K_j - \Gamma)^-1 J^T)^-1 + K_end,      \Gamma_ij = d(J^T F_b)_i / dq_j       (thesis eq. 4.24)
 
@@ -7,8 +7,15 @@ F_b is the wrench on the hand that the joint springs carry: the sum of everythin
 virtual springs, force axes, environment and object. At rest J^T F_b = K_j (q - q_0). A loaded linkage is
 softer or stiffer than a relaxed one because its lever arms turn: that is \Gamma. Relaxed joint springs have
 \Gamma = 0. Derivation: K_j dq = \Gamma dq + J^T dF_b (the statics, differentiated), dx = J dq.
-
 The wrench is an argument: with another wrench the same function gives the thesis's eq. 5.1.
+
+K_end is minus the derivative of the end springs' wrench by a small displacement dp and a small world-axes rotation
+\delta of the frame. With K_W the declared stiffness in world axes, \phi the spring's rotation vector,
+L = d\phi / d\delta and g = K_W (dp, \phi) the gradient,
+
+    K_end = B^T K_W B + diag(0, N L),    B = diag(I, L),    N = d(L(\phi)^T g_w) / d\phi.
+
+The second part is the spring's own geometric stiffness, due to its load; it vanishes with the load.
 """
 
 from __future__ import annotations
@@ -19,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.modules.spring import Spring, displacement
+from impedance_modules.modules.spring import Spring, displacement_of
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log_jacobian, skew
 
@@ -27,6 +34,9 @@ Array = NDArray[np.float64]
 
 SINGULAR = 1e-10
 """Ratio of the smallest to the largest singular value below which a matrix counts as singular."""
+
+SERIES_ANGLE = 0.3
+"""Below this angle [rad] a series replaces quotients that would cancel; its error is below 1e-13."""
 
 
 @dataclass(frozen=True)
@@ -52,29 +62,6 @@ class NetStiffness:
     folds_held: bool
     gamma: Array
     at_hand: Array | None
-
-
-def gamma(jacobian: Array, wrench: Array) -> Array:
-    r"""Gives how the torque of a constant wrench on the hand changes as the joints turn.
-
-    \Gamma_ij = d(J^T F)_i / dq_j with F = (f, t) fixed in world axes at the moving hand. When joint j turns,
-    it turns every axis and lever further out with it:
-
-        j <= i:  f . (Jw_j x Jv_i) + t . (Jw_j x Jw_i)           j > i:  f . (Jw_i x Jv_j)
-
-    Args:
-        jacobian: (6, k), joints ordered from the base outwards; zero columns for joints beyond the frame.
-        wrench: (6,) F, world axes [N, N.m].
-
-    Returns:
-        (k, k) [N.m/rad]; symmetric when t = 0.
-    """
-    linear, angular = jacobian[:3].T, jacobian[3:].T
-    force, moment = wrench[:3], wrench[3:]
-    # turned[i, j] = f . (Jw_i x Jv_j)
-    turned = np.cross(angular[:, None], linear[None, :]) @ force
-    twisted = np.cross(angular[:, None], angular[None, :]) @ moment
-    return np.tril((turned + twisted).T) + np.triu(turned, 1)
 
 
 def net_stiffness(
@@ -109,6 +96,29 @@ def net_stiffness(
         gamma=turning,
         at_hand=at_hand,
     )
+
+
+def gamma(jacobian: Array, wrench: Array) -> Array:
+    r"""Gives how the torque of a constant wrench on the hand changes as the joints turn.
+
+    \Gamma_ij = d(J^T F)_i / dq_j with F = (f, t) fixed in world axes at the moving hand. When joint j turns,
+    it turns every axis and lever further out with it:
+
+        j <= i:  f . (Jw_j x Jv_i) + t . (Jw_j x Jw_i)           j > i:  f . (Jw_i x Jv_j)
+
+    Args:
+        jacobian: (6, k), joints ordered from the base outwards; zero columns for joints beyond the frame.
+        wrench: (6,) F, world axes [N, N.m].
+
+    Returns:
+        (k, k) [N.m/rad]; symmetric when t = 0.
+    """
+    linear, angular = jacobian[:3].T, jacobian[3:].T
+    force, moment = wrench[:3], wrench[3:]
+    # turned[i, j] = f . (Jw_i x Jv_j)
+    turned = np.cross(angular[:, None], linear[None, :]) @ force
+    twisted = np.cross(angular[:, None], angular[None, :]) @ moment
+    return np.tril((turned + twisted).T) + np.triu(turned, 1)
 
 
 def through_arm(jacobian: Array, joint_matrix: Array) -> Array | None:
@@ -160,6 +170,48 @@ def carried_wrench(jacobian: Array, joint_effort: Array) -> tuple[Array, float]:
     return wrench, float(np.max(np.abs(jacobian.T @ wrench - joint_effort)))
 
 
+def hand_damping(jacobian: Array, joint_damping: Array, end_damping: Array) -> Array | None:
+    """Computes the damping felt at a hand, B = (J D_j^-1 J^T)^-1 + D_end.
+
+    Args:
+        jacobian: (6, k) J of the hand.
+        joint_damping: (k, k) D_j [N.m.s/rad].
+        end_damping: (6, 6) D_end at the hand, world axes.
+
+    Returns:
+        (6, 6) [N.s/m, N.s, N.m.s]; None where D_j or the posture is singular.
+    """
+    if _singular(joint_damping):
+        return None
+    joint_part = through_arm(jacobian, joint_damping)
+    return None if joint_part is None else joint_part + end_damping
+
+
+def spring_stiffness(spring: Spring, pose: Pose, target: Pose) -> Array:
+    """Computes minus the derivative of ``spring.wrench`` by displacement and rotation of the frame.
+
+    Returns:
+        (6, 6) in world axes at the frame's origin. Unsymmetric while the spring carries a moment,
+        because small world-axes rotations are no coordinates; symmetric otherwise.
+    """
+    offset = displacement_of(pose, target)
+    declared = spring.in_world(spring.stiffness)
+    turn = log_jacobian(offset[3:])
+    B = np.eye(6)
+    B[3:, 3:] = turn
+    moment_gradient = declared[3:] @ offset
+    K = B.T @ declared @ B
+    K[3:, 3:] += _moment_derivative(offset[3:], moment_gradient) @ turn
+    return K
+
+
+def spring_stiffness_without_preload(spring: Spring, pose: Pose, target: Pose) -> Array:
+    """Computes what the spring would show at this deflection without its load: B^T K_W B, (6, 6)."""
+    B = np.eye(6)
+    B[3:, 3:] = log_jacobian(displacement_of(pose, target)[3:])
+    return B.T @ spring.in_world(spring.stiffness) @ B
+
+
 def _compliance(jacobian: Array, hessian: Array) -> Array | None:
     """Gives J H^-1 J^T; where H is singular, only if no free motion of the joints moves the hand."""
     left, values, right = np.linalg.svd(hessian)
@@ -191,53 +243,6 @@ def _singular(matrix: Array) -> bool:
 
 def _size(matrix: Array) -> float:
     return float(np.max(np.abs(matrix))) if matrix.size else 0.0
-
-
-def hand_damping(jacobian: Array, joint_damping: Array, end_damping: Array) -> Array | None:
-    """Computes B = (J D_j^-1 J^T)^-1 + D_end.
-
-    Args:
-        jacobian: (6, k) J of the hand.
-        joint_damping: (k, k) D_j [N.m.s/rad].
-        end_damping: (6, 6) D_end at the hand, world axes.
-
-    Returns:
-        (6, 6) [N.s/m, N.s, N.m.s]; None where D_j or the posture is singular.
-    """
-    values = np.linalg.svd(joint_damping, compute_uv=False)
-    if values[-1] <= SINGULAR * values[0]:
-        return None
-    joint_part = through_arm(jacobian, joint_damping)
-    return None if joint_part is None else joint_part + end_damping
-
-
-SERIES_ANGLE = 0.3
-"""Below this angle [rad] a series replaces quotients that would cancel; its error is below 1e-13."""
-
-
-def spring_stiffness(spring: Spring, pose: Pose, target: Pose) -> Array:
-    """Computes minus the derivative of ``spring.wrench`` by displacement and rotation of the frame.
-
-    Returns:
-        (6, 6) in world axes at the frame's origin. Unsymmetric while the spring carries a moment,
-        because small world-axes rotations are no coordinates; symmetric otherwise.
-    """
-    offset = displacement(pose, target)
-    declared = spring.in_world(spring.stiffness)
-    turn = log_jacobian(offset[3:])
-    B = np.eye(6)
-    B[3:, 3:] = turn
-    moment_gradient = declared[3:] @ offset
-    K = B.T @ declared @ B
-    K[3:, 3:] += _moment_derivative(offset[3:], moment_gradient) @ turn
-    return K
-
-
-def spring_stiffness_without_preload(spring: Spring, pose: Pose, target: Pose) -> Array:
-    """Computes what the spring would show at this deflection without its load: B^T K_W B, (6, 6)."""
-    B = np.eye(6)
-    B[3:, 3:] = log_jacobian(displacement(pose, target)[3:])
-    return B.T @ spring.in_world(spring.stiffness) @ B
 
 
 def _moment_derivative(phi: Array, gradient: Array) -> Array:

@@ -9,6 +9,7 @@ With X_i = ``carry(r_i)``, r_i from the object's origin O to hand i, everything 
 No closed chain is ever written down. Where an arm is singular its inertia does not exist; the mobilities
 are then joined by the parallel sum. f_i is the force that the object puts on hand i, minus the hand's,
 squeeze and carried weight apart (see ``shared``): as the object turns, its lever arm turns with it.
+``held_impedance`` does this for the arms of a task, beside the system that arms and object make together.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from impedance_modules.modules.held_object import HeldObject, carry_weight, share_wrench, squeeze_forces
 from impedance_modules.modules.mobility import parallel_sum
@@ -196,9 +198,9 @@ def held_impedance(held: HeldObject, arms: Mapping[str, ArmImpedance]) -> HeldIm
     hands = _hands(held, holding, offsets, with_reflected=True)
     motion = hold_together([arm.jacobian for arm in holding], list(offsets))
     stacked = JointSpace(
-        _block([arm.system.inertia for arm in holding]),
-        _block([arm.system.stiffness for arm in holding]),
-        _block([arm.system.damping for arm in holding]),
+        block_diag(*(arm.system.inertia for arm in holding)),
+        block_diag(*(arm.system.stiffness for arm in holding)),
+        block_diag(*(arm.system.damping for arm in holding)),
     )
     turning = np.sum([lever_arm_stiffness(-hand.wrench[:3], hand.offset) for hand in hands], axis=0)
     summed = superpose(hands, own)
@@ -241,13 +243,3 @@ def _unstable(stiffness: Array | None) -> bool:
         return False
     values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
     return bool(values[0] < -1e-9 * np.max(np.abs(values)))
-
-
-def _block(matrices: list[Array]) -> Array:
-    """Stacks matrices along the diagonal."""
-    ends = np.cumsum([len(matrix) for matrix in matrices])
-    found = np.zeros((ends[-1], ends[-1]))
-    for end, matrix in zip(ends, matrices, strict=True):
-        place = slice(end - len(matrix), end)
-        found[place, place] = matrix
-    return found

@@ -3,7 +3,8 @@ r"""What a push at a point of a mechanism meets: operational inertia, or mobilit
 
 \Lambda = (J (M + I_r)^-1 J^T)^-1 (thesis eq. 3.15, 4.26). At a singular posture the mechanism cannot move
 in some direction; \Lambda does not exist there, while the mobility Y = J (M + I_r)^-1 J^T does.
-(6, 6) matrices, linear then angular, world axes, at the named point.
+(6, 6) matrices, linear then angular, world axes, at the named point. Ellipsoids show how large such a matrix, or one
+of damping or stiffness, is in which direction.
 """
 
 from __future__ import annotations
@@ -79,10 +80,6 @@ def carry_inertia(at_hand: Array, offset: Array) -> Array:
     return X.T @ at_hand @ X
 
 
-def _exists(found: Array, condition: float) -> bool:
-    return bool(np.any(found)) and condition <= LARGEST_CONDITION
-
-
 def without_reflected_inertia(inverse_inertia: Array, reflected_inertia: Array) -> Array:
     """Gives M^-1 from (M + I_r)^-1 (k, k) and I_r (k,), for comparison with the bare links."""
     links = np.linalg.inv(inverse_inertia) - np.diag(reflected_inertia)
@@ -132,3 +129,7 @@ def apparent_mass(mobility: Array, direction: Array) -> float | None:
     """
     admitted = float(direction @ mobility[:3, :3] @ direction)
     return None if admitted <= 0.0 else 1.0 / admitted
+
+
+def _exists(found: Array, condition: float) -> bool:
+    return bool(np.any(found)) and condition <= LARGEST_CONDITION
