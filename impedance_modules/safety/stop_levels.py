@@ -1,15 +1,38 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stop ladder: run, scale, damp, hold, release. A pure decision, one step per cycle.
+"""Stop levels: run, scale, damp, hold, release. What can stop an arm, how hard, and what it sends then.
 
-A torque that is late, not finite, unsolved or unpaid for never leaves: ``Decision.discard`` is set in every
-stop and in a late cycle. SCALE is not a stop (the tank slows the task, or one late cycle is left out) and
-ends with its cause. The three stops never climb back: only a new run does, from the measured pose, when a
-person asks for it. Which event leads where: ``stop_events.py``.
+A torque that is late, not finite, unsolved or not covered by the tank never leaves: ``Decision.discard`` is set
+in every stop and in a late cycle. SCALE is not a stop (the tank slows the task, or one late cycle is left out) and
+ends with its cause. The three stops never go back: only a new run does, from the measured pose, when a
+person asks for it.
 
-DAMP is torque -D v (``stopping.damping_effort``), paid by the tank with its floor released; it becomes HOLD
+DAMP is torque -D v (``damping_effort``), covered by the tank with its floor released; it becomes HOLD
 when the arm is at rest, when its time is up, or when the speed grows instead of decaying. HOLD is the robot's
-own position mode, or ``stopping.hold_effort`` where it has none. RELEASE is zero torque; the robot's own
-gravity compensation remains.
+own position mode. RELEASE is zero torque; the robot's own gravity compensation remains.
+
+| event | level | braking | why |
+|---|---|---|---|
+| tank_low | scale | - | the tank covers part of the torque; the task slows down |
+| late_cycle | scale | - | this torque is dropped, no two commands catch up; the ledger books ``missed`` |
+| late_cycles | damp | full | too many in a second: the loop does not keep its rate |
+| stale_state | damp | brief | no state for some periods: the last velocity is only good for a moment |
+| state_not_finite | damp | brief | likewise |
+| effort_not_finite | damp | full | the law failed, the state is sound |
+| solver_failed | damp | full | unfiltered torque never leaves |
+| overspeed | damp | full | the declared v_max, on which the guarantee rests, was exceeded |
+| tank_starved | damp | full | short of energy for too long: something keeps draining it |
+| position_limit | damp | full | beyond the limit in spite of the QP's rows |
+| phase_not_met | damp | full | the task's own ``until`` was not met in time |
+| interrupt | damp | full | a person stopped the run |
+| other_arm | damp | full | another arm stopped: this one brakes, it does not push on a held object |
+| collision | hold | - | the robot's collision detection has already stopped the arm |
+| cuff | hold | - | somebody squeezes the robot's cuff to lead the arm by hand |
+| torque_refused | hold | - | the robot's driver was given a torque that must not leave |
+| controller_silent | hold | - | the robot's watchdog heard no torque for too long |
+| state_lost | hold | - | no state for so long that damping would be guessing |
+| hold_refused | release | - | the robot cannot hold, or the tank cannot cover a hold |
+| robot_disabled | release | - | disabled or emergency stop: stop sending at once, never enable it again |
+| backend_lost | release | - | nothing can be sent any more |
 """
 
 from __future__ import annotations
@@ -20,115 +43,7 @@ from enum import IntEnum, StrEnum
 
 import numpy as np
 
-from impedance_modules.records import Vector
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What one arm sends from now on, and why.
-
-    Attributes:
-        stop_level: What leaves.
-        reason: Why, with everything that followed; empty only in RUN.
-        discard: The torque computed in this cycle must not leave.
-        seconds: Time in this stop_level [s].
-        braking: Longest time in DAMP [s]; None in other rungs.
-        entry_speed: Largest joint speed when DAMP began [rad/s]; None in other rungs.
-    """
-
-    stop_level: StopLevel
-    reason: str
-    discard: bool
-    seconds: float
-    braking: float | None
-    entry_speed: float | None
-
-
-RUNNING = Decision(StopLevel.RUN, "", discard=False, seconds=0.0, braking=None, entry_speed=None)
-
-
-def escalate(
-    ladder: Mapping[str, Decision],
-    occurrences: Iterable[Occurrence],
-    speeds: Mapping[str, float],
-    period: float,
-    limits: StopLimits,
-) -> dict[str, Decision]:
-    """The next decision of every arm; no arm ever leaves a stop by itself.
-
-    An arm that stops makes every other running arm damp (event ``other_arm``), whether they hold one object
-    or not: with an object it would push, without one the task is over all the same.
-
-    Args:
-        ladder: Arm -> decision of the last cycle (``RUNNING`` at the start).
-        occurrences: Events of this cycle; one whose ``arm`` is None or unknown concerns every arm.
-        speeds: Arm -> largest joint speed [rad/s]; the last one known when the state is stale.
-        period: Time since the last call [s].
-        limits: Thresholds.
-    """
-    events = tuple(occurrences)
-    own: dict[str, Decision] = {}
-    for arm, last in ladder.items():
-        mine = [replace(o, arm=arm) for o in events if o.arm == arm or o.arm not in ladder]
-        own[arm] = _next(last, mine, speeds[arm], period, limits)
-    stopped = [arm for arm, decision in own.items() if decision.stop_level >= StopLevel.DAMP]
-    for arm, decision in own.items():
-        if stopped and decision.stop_level < StopLevel.DAMP:
-            other = Occurrence(Event.OTHER_ARM, arm, f"{stopped[0]} stopped")
-            own[arm] = _next(ladder[arm], [other], speeds[arm], period, limits)
-    return own
-
-
-def _next(
-    last: Decision, events: list[Occurrence], speed: float, period: float, limits: StopLimits
-) -> Decision:
-    """One arm's decision: the hardest stop_level wins, ties by the table's order."""
-    order = list(LEVEL_OF)
-    events = sorted(events, key=lambda o: (-LEVEL_OF[o.event], order.index(o.event)))
-    target = LEVEL_OF[events[0].event] if events else StopLevel.RUN
-    if target >= StopLevel.DAMP and target > last.stop_level:
-        return _entered(last, events[0], speed, limits)
-    if last.stop_level >= StopLevel.DAMP:
-        going_blind = any(o.event in BLIND for o in events)
-        return _braked(replace(last, seconds=last.seconds + period), going_blind, speed, limits)
-    seconds = last.seconds + period if last.stop_level == target else 0.0
-    if not events:
-        return replace(RUNNING, seconds=seconds)
-    late = any(o.event is Event.LATE_CYCLE for o in events)
-    return Decision(StopLevel.SCALE, _reason(events[0]), late, seconds, None, None)
-
-
-def _reason(occurrence: Occurrence) -> str:
-    """Arm, event, numbers and the stop_level it leads to, in one line."""
-    name = occurrence.event.replace("_", " ")
-    stop_level = LEVEL_OF[occurrence.event].name.lower()
-    return f"{occurrence.arm}: {name} ({occurrence.detail}) -> {stop_level}"
-
-
-def _entered(last: Decision, cause: Occurrence, speed: float, limits: StopLimits) -> Decision:
-    """The first cycle of a stop; an earlier stop's reason stays in front."""
-    target = LEVEL_OF[cause.event]
-    reason = f"{last.reason}; {_reason(cause)}" if last.stop_level >= StopLevel.DAMP else _reason(cause)
-    if target > StopLevel.DAMP:
-        return Decision(target, reason, True, 0.0, None, None)
-    braking = limits.blind_damping_time if cause.event in BLIND else limits.damping_time
-    return Decision(target, reason, True, 0.0, braking, speed)
-
-
-def _braked(now: Decision, going_blind: bool, speed: float, limits: StopLimits) -> Decision:
-    """Ends braking at rest, after its time, or when the speed does not decay."""
-    if now.braking is None or now.entry_speed is None:
-        return now
-    braking = min(now.braking, now.seconds + limits.blind_damping_time) if going_blind else now.braking
-    if speed <= limits.rest_speed:
-        end = f"at rest after {now.seconds:.3f} s"
-    elif now.seconds >= braking:
-        end = f"still at {speed:.3f} rad/s after {now.seconds:.3f} s"
-    elif not speed <= limits.speed_growth * max(now.entry_speed, limits.rest_speed):
-        end = f"speed grew to {speed:.3f} rad/s"
-    else:
-        return replace(now, braking=braking)
-    return Decision(StopLevel.HOLD, f"{now.reason}; {end} -> hold", True, 0.0, None, None)
+from impedance_modules.records import Matrix, Vector
 
 
 class StopLevel(IntEnum):
@@ -197,7 +112,7 @@ BLIND: frozenset[Event] = frozenset({Event.STALE_STATE, Event.STATE_NOT_FINITE})
 
 @dataclass(frozen=True)
 class StopLimits:
-    """Thresholds of the ladder.
+    """Thresholds of the stop levels.
 
     Attributes:
         damping_time: Longest braking on a sound velocity [s].
@@ -234,6 +149,30 @@ class Occurrence:
     detail: str
 
 
+@dataclass(frozen=True)
+class Decision:
+    """What one arm sends from now on, and why.
+
+    Attributes:
+        stop_level: What leaves.
+        reason: Why, with everything that followed; empty only in RUN.
+        discard: The torque computed in this cycle must not leave.
+        seconds: Time at this level [s].
+        braking: Longest time in DAMP [s]; None at other levels.
+        entry_speed: Largest joint speed when DAMP began [rad/s]; None at other levels.
+    """
+
+    stop_level: StopLevel
+    reason: str
+    discard: bool
+    seconds: float
+    braking: float | None
+    entry_speed: float | None
+
+
+RUNNING = Decision(StopLevel.RUN, "", discard=False, seconds=0.0, braking=None, entry_speed=None)
+
+
 def watch_time(
     late: bool, late_in_last_second: int, state_age: float, starved_time: float, limits: StopLimits
 ) -> tuple[Occurrence, ...]:
@@ -262,8 +201,92 @@ def watch_time(
     return tuple(found)
 
 
-def damping_effort(damping: Vector, v: Vector, effort_max: Vector) -> Vector:
-    """Brakes all joints without pushing anywhere.
+def escalate(
+    decisions: Mapping[str, Decision],
+    occurrences: Iterable[Occurrence],
+    speeds: Mapping[str, float],
+    period: float,
+    limits: StopLimits,
+) -> dict[str, Decision]:
+    """The next decision of every arm; no arm ever leaves a stop by itself.
+
+    An arm that stops makes every other running arm damp (event ``other_arm``), whether they hold one object
+    or not: with an object it would push, without one the task is over all the same.
+
+    Args:
+        decisions: Arm -> decision of the last cycle (``RUNNING`` at the start).
+        occurrences: Events of this cycle; one whose ``arm`` is None or unknown concerns every arm.
+        speeds: Arm -> largest joint speed [rad/s]; the last one known when the state is stale.
+        period: Time since the last call [s].
+        limits: Thresholds.
+    """
+    events = tuple(occurrences)
+    own: dict[str, Decision] = {}
+    for arm, last in decisions.items():
+        mine = [replace(o, arm=arm) for o in events if o.arm == arm or o.arm not in decisions]
+        own[arm] = _next(last, mine, speeds[arm], period, limits)
+    stopped = [arm for arm, decision in own.items() if decision.stop_level >= StopLevel.DAMP]
+    for arm, decision in own.items():
+        if stopped and decision.stop_level < StopLevel.DAMP:
+            other = Occurrence(Event.OTHER_ARM, arm, f"{stopped[0]} stopped")
+            own[arm] = _next(decisions[arm], [other], speeds[arm], period, limits)
+    return own
+
+
+def _next(
+    last: Decision, events: list[Occurrence], speed: float, period: float, limits: StopLimits
+) -> Decision:
+    """One arm's decision: the hardest level wins, ties by the table's order."""
+    order = list(LEVEL_OF)
+    events = sorted(events, key=lambda o: (-LEVEL_OF[o.event], order.index(o.event)))
+    target = LEVEL_OF[events[0].event] if events else StopLevel.RUN
+    if target >= StopLevel.DAMP and target > last.stop_level:
+        return _entered(last, events[0], speed, limits)
+    if last.stop_level >= StopLevel.DAMP:
+        going_blind = any(o.event in BLIND for o in events)
+        return _braked(replace(last, seconds=last.seconds + period), going_blind, speed, limits)
+    seconds = last.seconds + period if last.stop_level == target else 0.0
+    if not events:
+        return replace(RUNNING, seconds=seconds)
+    late = any(o.event is Event.LATE_CYCLE for o in events)
+    return Decision(StopLevel.SCALE, _reason(events[0]), late, seconds, None, None)
+
+
+def _reason(occurrence: Occurrence) -> str:
+    """Arm, event, numbers and the level it leads to, in one line."""
+    name = occurrence.event.replace("_", " ")
+    level = LEVEL_OF[occurrence.event].name.lower()
+    return f"{occurrence.arm}: {name} ({occurrence.detail}) -> {level}"
+
+
+def _entered(last: Decision, cause: Occurrence, speed: float, limits: StopLimits) -> Decision:
+    """The first cycle of a stop; an earlier stop's reason stays in front."""
+    target = LEVEL_OF[cause.event]
+    reason = f"{last.reason}; {_reason(cause)}" if last.stop_level >= StopLevel.DAMP else _reason(cause)
+    if target > StopLevel.DAMP:
+        return Decision(target, reason, True, 0.0, None, None)
+    braking = limits.blind_damping_time if cause.event in BLIND else limits.damping_time
+    return Decision(target, reason, True, 0.0, braking, speed)
+
+
+def _braked(now: Decision, going_blind: bool, speed: float, limits: StopLimits) -> Decision:
+    """Ends braking at rest, after its time, or when the speed does not decay."""
+    if now.braking is None or now.entry_speed is None:
+        return now
+    braking = min(now.braking, now.seconds + limits.blind_damping_time) if going_blind else now.braking
+    if speed <= limits.rest_speed:
+        end = f"at rest after {now.seconds:.3f} s"
+    elif now.seconds >= braking:
+        end = f"still at {speed:.3f} rad/s after {now.seconds:.3f} s"
+    elif not speed <= limits.speed_growth * max(now.entry_speed, limits.rest_speed):
+        end = f"speed grew to {speed:.3f} rad/s"
+    else:
+        return replace(now, braking=braking)
+    return Decision(StopLevel.HOLD, f"{now.reason}; {end} -> hold", True, 0.0, None, None)
+
+
+def damping_effort(damping: Matrix, v: Vector, effort_max: Vector) -> Vector:
+    """Brakes all joints without pushing anywhere, so that a stop only ever takes energy.
 
     ``tau = -s D v``, s in (0, 1] the largest that keeps every ``|tau_i| <= effort_max_i``. One s for all
     joints keeps the direction, so ``tau . v = -s v^T D v <= 0``; clipping joint by joint would not
@@ -277,39 +300,7 @@ def damping_effort(damping: Vector, v: Vector, effort_max: Vector) -> Vector:
     Returns:
         (n,) [N.m].
     """
-    return _within(-(damping @ v), effort_max)
-
-
-def hold_effort(
-    stiffness: Vector, damping: Vector, *, q: Vector, q_hold: Vector, v: Vector, effort_max: Vector
-) -> Vector:
-    """Holds a pose where the robot has no position mode: stiff, and a gradient plus damping, so payable.
-
-    ``tau = s (K (q_hold - q) - D v)``, s in (0, 1] within the limits. q_hold is the pose measured when the
-    hold began, so its springs begin with U = 0 and cost the tank nothing to put on.
-
-    Args:
-        stiffness: (n, n) symmetric positive semidefinite [N.m/rad].
-        damping: (n, n) symmetric positive semidefinite [N.m.s/rad].
-        q: (n,) now [rad].
-        q_hold: (n,) at the beginning of the hold [rad].
-        v: (n,) [rad/s].
-        effort_max: (n,) [N.m].
-
-    Returns:
-        (n,) [N.m].
-    """
-    return _within(stiffness @ (q_hold - q) - damping @ v, effort_max)
-
-
-def hold_potential(stiffness: Vector, q: Vector, q_hold: Vector) -> float:
-    """Energy in the springs of ``hold_effort`` [J]: ``U = (q - q_hold)^T K (q - q_hold) / 2``."""
-    stretch = q - q_hold
-    return 0.5 * float(stretch @ stiffness @ stretch)
-
-
-def _within(effort: Vector, effort_max: Vector) -> Vector:
-    """The torque scaled as a whole until no joint exceeds its limit."""
+    effort = -(damping @ v)
     excess = float(np.max(np.abs(effort) / effort_max, initial=1.0))
     scaled: Vector = effort / excess
     return scaled
