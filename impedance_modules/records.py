@@ -132,6 +132,26 @@ class Record:
             else:
                 setattr(self, field.name, value)
 
+    def snapshot(self) -> dict[str, Any]:
+        """Copies all numbers, arrays and records in it."""
+        found = {}
+        for field in self._layout.fields:
+            value = getattr(self, field.name)
+            found[field.name] = (
+                value.snapshot() if field.record is not None else value.copy() if field.ndim else value
+            )
+        return found
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Puts back what ``snapshot`` copied."""
+        for field in self._layout.fields:
+            if field.record is not None:
+                getattr(self, field.name).restore(kept[field.name])
+            elif field.ndim:
+                getattr(self, field.name)[:] = kept[field.name]
+            else:
+                setattr(self, field.name, kept[field.name])
+
     def __reduce__(self) -> tuple[Any, ...]:
         return _again, (type(self), {field.name: getattr(self, field.name) for field in self._layout.fields})
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Watches every cycle and decides what leaves: the law's torque, a braking torque, or nothing.
 
-All causes end in one place, the stop decisions of ``safety.decisions``; every stop has a reason in ``reason`` and in
+All causes end in one place, the decisions of ``safety.stop_levels``; every stop has a reason in ``reason`` and in
 ``messages``. The supervisor is a function of the states it is given (and of lateness and interrupts, which are
 recorded), so a replay decides the same.
 """
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.backend import FirstState
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.contact_detection import HandWrenches
-from impedance_modules.control.controller import EFFORT_NOT_FINITE, STATE_NOT_FINITE, Controller
-from impedance_modules.control.lost_contact import ContactLoss
+from impedance_modules.control.contact_detection import ContactLoss, HandWrenches
+from impedance_modules.control.controller import Controller
+from impedance_modules.control.cycle import EFFORT_NOT_FINITE, STATE_NOT_FINITE
 from impedance_modules.control.phases import Outcome, Sequence
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.stop_levels import (
@@ -105,7 +105,9 @@ class Supervisor:
     def stop_level(self) -> StopLevel:
         """The lowest stop_level any arm is on; SCALE while the tank slows the task."""
         controller = self.controller
-        if self._hardest == StopLevel.RUN and (controller.starved_time > 0.0 or controller.granted < 1.0):
+        if self._hardest == StopLevel.RUN and (
+            controller.tank.starved_time > 0.0 or controller.cycle.admitted < 1.0
+        ):
             return StopLevel.SCALE
         return self._hardest
 
@@ -181,8 +183,8 @@ class Supervisor:
             solution = controller.solution
             status_text = "no solution" if solution is None else solution.status
             return [Occurrence(Event.SOLVER_FAILED, None, status_text)]
-        if controller.too_fast < state.position.size:
-            return [self._overspeed(controller.too_fast)]
+        if controller.cycle.too_fast < state.position.size:
+            return [self._overspeed(controller.cycle.too_fast)]
         return self._beyond_limits(state) if self._cycle % self._every == 0 else []
 
     def _beyond_limits(self, state: RobotState) -> list[Occurrence]:
@@ -278,7 +280,7 @@ class Timekeeper:
     """
 
     def __init__(self, controller: Controller, limits: StopLimits, period: float) -> None:
-        """Takes the law, the ladder's thresholds and the control period [s]."""
+        """Takes the law, the thresholds of stops and the control period [s]."""
         self.missed = 0
         self._controller, self._limits, self._period = controller, limits, period
         self._without_state = 0
@@ -286,7 +288,7 @@ class Timekeeper:
         self._age = 0.0
 
     def count(self, state: RobotState | None, *, since: float, running: bool) -> bool:
-        """Tells the ledger how many periods the robot has lived through since its last state, by the robot's clock.
+        """Tells the ledger how many periods the robot has run since its last state, by the robot's clock.
 
         Fewer than the cycles that were counted meanwhile: the state is late, not lost. Its torque would begin to act
         somewhere within a period that is under way, and nobody could say what it does there: the last one goes on.
@@ -319,7 +321,7 @@ class Timekeeper:
             late: The last torque missed its deadline and was not sent; it is taken back.
         """
         self._age = self._age + self._period if missing else 0.0
-        starved = self._controller.starved_time
+        starved = self._controller.tank.starved_time
         if not (late or self._late) and self._age == 0.0 and starved < self._limits.starvation_time:
             return []
         now = cycle * self._period
@@ -333,7 +335,7 @@ class Timekeeper:
 
 
 def stop_limits(period: float) -> StopLimits:
-    """The ladder's thresholds at a control period [s]; times follow facts of Baxter's own time-outs."""
+    """The thresholds of stops at a control period [s]; times follow facts of Baxter's own time-outs."""
     return StopLimits(
         damping_time=1.0,
         blind_damping_time=max(0.02, 2.0 * period),

@@ -16,7 +16,7 @@ from impedance_modules.backends.baxter.session import Session
 from impedance_modules.backends.replay import ReplayBackend
 from impedance_modules.backends.sim import SimBackend
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.contact_gate import contact_gates
+from impedance_modules.control.contact_detection import contact_gates
 from impedance_modules.effects.wear import wear_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode

@@ -50,10 +50,10 @@ class Summary:
             return
         self._attributed += 1
         found = attribute(
-            controller.workspace.problem,
+            controller.cycle.problem,
             controller.solution,
             controller.module_names,
-            controller.memory["efforts"],
+            controller.cycle.modules.efforts,
         )
         for reduction in found:
             self._reduced[reduction.row, reduction.module or "motion"] += reduction.amount

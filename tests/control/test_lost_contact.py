@@ -8,7 +8,7 @@ import pytest
 
 from impedance_modules.control.assembly import assemble
 from impedance_modules.control.controller import Controller
-from impedance_modules.control.lost_contact import LostContact
+from impedance_modules.control.lost_contact import ContactLoss
 from impedance_modules.control.supervisor import Supervisor
 from tests.support.paths import TESTS
 
@@ -33,7 +33,7 @@ def test_an_object_pressed_on_a_table_is_in_contact_until_it_is_lifted(superviso
     controller: Controller = supervisor.controller
     held = controller.modules.held
     assert held is not None
-    lost = LostContact(controller, supervisor.touch)
+    lost = ContactLoss(controller, supervisor.touch)
     # Share by share the weight of 1.2 kg hides 5.9 of the 12 N: that is no loss of contact.
     for table in (0.0, 2.0 * PRESS, 1.1 * PRESS, 2.0 * PRESS):
         _feel(supervisor, held.spec.mass, table, 15.0)

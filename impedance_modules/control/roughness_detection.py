@@ -21,6 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.model import Limb, RobotModel
+from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.task import SmoothCondition
 
 Array = NDArray[np.float64]
 
@@ -168,3 +172,83 @@ class WindowFinder:
         else:
             return window
         return None
+
+
+REGULARISATION = 1e-4
+"""Added to J J^T [m^2, rad^2]: along a singular direction no force is claimed."""
+
+
+class HandForce:
+    """Position of a hand and force on it, from one state after another."""
+
+    def __init__(self, model: RobotModel, limb: Limb) -> None:
+        """Takes the robot and the limb whose hand it is."""
+        self._model = model
+        self._limb = limb
+        self._kinematics = Kinematics(model, (limb.hand,))
+
+    def of(self, position: Array, velocity: Array, effort: Array) -> tuple[Array, Array]:
+        """Returns where the hand is (3,) [m] and the force on it (3,) [N], world axes.
+
+        Args:
+            position: (n,) [rad].
+            velocity: (n,) [rad/s].
+            effort: (n,) between gears and links [N.m].
+        """
+        self._kinematics.update(position, velocity)
+        jacobian = self._kinematics.jacobian_of(self._limb.hand)[:, self._limb.joints]
+        held = self._kinematics.bias + self._model.gravity(position)
+        torque = (held - effort)[self._limb.joints]
+        gram = jacobian @ jacobian.T + REGULARISATION * np.eye(6)
+        wrench: Array = np.asarray(np.linalg.solve(gram, jacobian @ torque), dtype=np.float64)
+        return self._kinematics.pose(self._limb.hand).translation.copy(), wrench[:3]
+
+
+class SmoothJudge:
+    """Smooth is a surface over which the last windows, on average, stay below a bound, or below both.
+
+    Attributes:
+        found: Of every window so far, what is compared with the bound [N] or [1].
+        frictions: Of every window so far, the coefficient of friction.
+    """
+
+    def __init__(self, condition: SmoothCondition, model: RobotModel, period: float) -> None:
+        """Takes the condition, the robot, and the time between two looks [s]."""
+        self._condition = condition
+        self._force = HandForce(model, model.limbs[condition.target])
+        ways = Directions(way_of(condition.along), way_of(condition.normal))
+        self._finder = WindowFinder(ways, 1.0 / period)
+        self.found: list[float] = []
+        self.frictions: list[float] = []
+
+    def met(self, state: RobotState) -> bool:
+        """Takes the newest state into account; call once per look."""
+        position, force = self._force.of(state.position, state.velocity, state.effort)
+        window = self._finder.add(state.time, position, force)
+        if window is None:
+            return False
+        self.found.append(window.band if self._condition.by == "spectrum" else window.friction)
+        self.frictions.append(window.friction)
+        if not self._stays_below(self.found, self._condition.below):
+            return False
+        also = self._condition.friction_below
+        return also is None or self._stays_below(self.frictions, also)
+
+    def account(self) -> str:
+        """Says what was measured over the last windows, what is asked for, and since how many."""
+        condition, count = self._condition, len(self.found)
+        if count < condition.windows:
+            return f"{count} windows of a rubbing stroke were seen, {condition.windows} are asked for"
+        unit = " N around 20 Hz" if condition.by == "spectrum" else " of friction"
+        last = float(np.mean(self.found[-condition.windows :]))
+        text = f"the last {condition.windows} of {count} windows have {last:.3g}{unit}, below {condition.below:g}"
+        text += " is asked for"
+        if condition.friction_below is not None:
+            rubs = float(np.mean(self.frictions[-condition.windows :]))
+            text += f"; friction {rubs:.3g}, below {condition.friction_below:g} is asked for"
+        return text
+
+    def _stays_below(self, found: list[float], bound: float) -> bool:
+        """Says whether the last windows do, on average."""
+        last = found[-self._condition.windows :]
+        return len(last) == self._condition.windows and float(np.mean(last)) < bound
