@@ -3,7 +3,7 @@
 
 Springs on the hand count as the hand's; springs on any other frame of the arm count as joint springs. The
 load that turns with the joints is taken from the joint springs themselves, J^T F_b = K_j (q - q_0) less what
-springs elsewhere carry, so the analysis holds at rest; ``unbalanced`` says how far from rest the state is.
+springs elsewhere carry, so the analysis holds at rest.
 """
 
 from __future__ import annotations
@@ -55,7 +55,6 @@ class ArmImpedance:
         stiffness: Net stiffness with its preload.
         stiffness_without_preload: The same springs, relaxed.
         preload: (6,) F_b, what the joint springs carry [N, N.m].
-        unbalanced: Largest joint torque of the springs that no wrench on the hand balances [N.m].
         wrench: (6,) of the hand's springs and hybrid axes [N, N.m].
         system: The arm in joint space.
         fixed, scaled: Its gains, split for ``highest_stable_stiffness``.
@@ -70,7 +69,6 @@ class ArmImpedance:
     stiffness: NetStiffness
     stiffness_without_preload: NetStiffness
     preload: Array
-    unbalanced: float
     wrench: Array
     system: JointSpace
     fixed: Gains
@@ -116,7 +114,7 @@ def arm_impedance(
     parts = {frame: _springs_on(arm, frame, kinematics, targets, damping) for frame in frames}
     end = parts[hand]
     side = _joint_springs(arm, [parts[frame] for frame in frames if frame != hand], targets, q, damping)
-    preload, unbalanced = carried_wrench(end.jacobian, side.load)
+    preload = carried_wrench(end.jacobian, side.load)
     inverse = kinematics.inverse_inertia[np.ix_(joints, joints)]
     bare = without_reflected_inertia(inverse, kinematics.model.reflected_inertia[joints])
     system, scaled = _system(inverse, end, side, preload), _scaled(list(parts.values()))
@@ -130,7 +128,6 @@ def arm_impedance(
         stiffness=net_stiffness(end.jacobian, side.stiffness, end.stiffness, preload),
         stiffness_without_preload=net_stiffness(end.jacobian, side.relaxed, end.relaxed, np.zeros(6)),
         preload=preload,
-        unbalanced=unbalanced,
         wrench=end.wrench,
         system=system,
         fixed=Gains(system.stiffness - scaled.stiffness, system.damping - scaled.damping),
@@ -165,7 +162,7 @@ def _joint_springs(
     stiffness, load, damped = np.zeros((k, k)), np.zeros(k), np.zeros((k, k))
     if bias is not None:
         stiffness = np.diag(bias.stiffness)
-        load = -bias.effort(q, targets.rests[bias.limb])
+        load = bias.stiffness * (q[bias.joints] - targets.rests[bias.limb])
         damped = damping.of_joints(arm.limb.name)
     relaxed = stiffness
     for part in others:

@@ -156,18 +156,17 @@ def as_joint_stiffness(jacobian: Array, stiffness: Array, wrench: Array) -> Arra
     return jacobian.T @ stiffness @ jacobian - gamma(jacobian, wrench)
 
 
-def carried_wrench(jacobian: Array, joint_effort: Array) -> tuple[Array, float]:
-    """Finds the wrench F_b on the hand that balances the joint springs, J^T F_b = K_j (q - q_0).
+def carried_wrench(jacobian: Array, joint_effort: Array) -> Array:
+    """Finds the wrench F_b on the hand that balances the joint springs, J^T F_b = K_j (q - q_0), by least squares.
 
     Args:
         jacobian: (6, k).
         joint_effort: (k,) K_j (q - q_0) [N.m], what the joint springs carry.
 
     Returns:
-        F_b (6,) in world axes, and the largest joint torque it leaves unbalanced [N.m]: zero at rest.
+        F_b (6,) in world axes [N, N.m]; exact at rest.
     """
-    wrench = np.asarray(np.linalg.lstsq(jacobian.T, joint_effort, rcond=None)[0], dtype=np.float64)
-    return wrench, float(np.max(np.abs(jacobian.T @ wrench - joint_effort)))
+    return np.asarray(np.linalg.lstsq(jacobian.T, joint_effort, rcond=None)[0], dtype=np.float64)
 
 
 def hand_damping(jacobian: Array, joint_damping: Array, end_damping: Array) -> Array | None:

@@ -117,19 +117,5 @@ def angular_ellipsoid(matrix: Array) -> Ellipsoid:
     return ellipsoid(matrix[3:, 3:])
 
 
-def apparent_mass(mobility: Array, direction: Array) -> float | None:
-    """Gives the mass that a push on a hand free to turn meets, 1 / (u^T Y_v u) [kg].
-
-    Args:
-        mobility: (6, 6) Y at the hand.
-        direction: (3,) unit vector u of the push, world axes.
-
-    Returns:
-        The mass; None where the hand cannot move that way at all.
-    """
-    admitted = float(direction @ mobility[:3, :3] @ direction)
-    return None if admitted <= 0.0 else 1.0 / admitted
-
-
 def _exists(found: Array, condition: float) -> bool:
     return bool(np.any(found)) and condition <= LARGEST_CONDITION

@@ -54,12 +54,22 @@ def test_the_json_keeps_the_contract(tmp_path: Path) -> None:
         (found["object"], "object", 14),
     ):
         assert set(frame_impedance) == KEYS
-        assert frame_impedance["frame"] == frame and frame_impedance["phase"] is None and frame_impedance["folds"] is False
-        assert len(frame_impedance["position"]) == 3 and len(frame_impedance["preload"]) == 6 and len(frame_impedance["q"]) == joints
+        assert (
+            frame_impedance["frame"] == frame
+            and frame_impedance["phase"] is None
+            and frame_impedance["folds"] is False
+        )
+        assert (
+            len(frame_impedance["position"]) == 3
+            and len(frame_impedance["preload"]) == 6
+            and len(frame_impedance["q"]) == joints
+        )
         for name in ("inertia", "inertia_without_reflected", "mobility", "damping", "stiffness"):
             matrix(frame_impedance, name)
         assert frame_impedance["compliance"] is None
-        np.testing.assert_allclose(matrix(frame_impedance, "inertia") @ matrix(frame_impedance, "mobility"), np.eye(6), atol=1e-8)
+        np.testing.assert_allclose(
+            matrix(frame_impedance, "inertia") @ matrix(frame_impedance, "mobility"), np.eye(6), atol=1e-8
+        )
     for word in (
         "inertia of 'left', at the object",
         "mirror plane",
@@ -109,7 +119,9 @@ def measured_compliance(path: Path, phase: str, frame: str) -> tuple[np.ndarray,
     """Pushes a frame at rest in contact, the surfaces' force kept as it was, and watches it move."""
     assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
     found = analyse_task(assembly, phase)
-    frame_impedance = found.object if frame == OBJECT else next(f for f in found.arms.values() if f.frame == frame)
+    frame_impedance = (
+        found.object if frame == OBJECT else next(f for f in found.arms.values() if f.frame == frame)
+    )
     names = [spec.name for spec in assembly.task.phases]
     predicted = predict_motion(assembly).phases[names.index(phase)]
     mechanism = Mechanism(assembly)
@@ -153,7 +165,11 @@ def test_singular_joint_springs_give_the_compliance_instead(tmp_path: Path) -> N
     bias = next(line for line in BOX.splitlines() if "joint_bias" in line)
     found, _ = analyse(write_task(tmp_path, BOX, (bias + "\n", "")), tmp_path)
     for frame_impedance in (*found["arms"].values(), found["object"]):
-        assert frame_impedance["stiffness"] is None and frame_impedance["damping"] is None and frame_impedance["folds"] is False
+        assert (
+            frame_impedance["stiffness"] is None
+            and frame_impedance["damping"] is None
+            and frame_impedance["folds"] is False
+        )
     hand = np.diag([1 / 200, 1 / 200, 1 / 200, 1 / 5, 1 / 5, 1 / 5])
     np.testing.assert_allclose(found["arms"]["right"]["compliance"], hand, atol=1e-9)
     held = found["object"]

@@ -28,7 +28,9 @@ ROOT = CHECKOUT
 SLOW = ("numba", "rerun", "pyarrow", "matplotlib", "scipy.signal", "daqp", "proxsuite")
 
 
-def prepared(path: Path, rate: float | None = None, arm: str | None = None) -> tuple[Assembly, TaskPrediction]:
+def prepared(
+    path: Path, rate: float | None = None, arm: str | None = None
+) -> tuple[Assembly, TaskPrediction]:
     assembly = assemble(str(path), effects=None, rate=rate, scale=1.0, arm=arm)
     return assembly, refuse_infeasible(assembly)
 

@@ -28,10 +28,9 @@ from impedance_modules.superposition.modes import (
     natural_modes,
 )
 from impedance_modules.superposition.net_stiffness import gamma, net_stiffness
-from impedance_modules.superposition.object_impedance import superpose_inertia, lever_arm_stiffness
+from impedance_modules.superposition.object_impedance import lever_arm_stiffness, superpose_inertia
 from impedance_modules.superposition.operational_inertia import (
     angular_ellipsoid,
-    apparent_mass,
     carry_inertia,
     ellipsoid,
     linear_ellipsoid,
@@ -265,6 +264,4 @@ def test_ellipsoids_give_back_their_matrix() -> None:
         np.testing.assert_allclose(rebuilt, block, atol=1e-9)
         assert np.linalg.det(found.directions) == pytest.approx(1.0)
     assert ellipsoid(np.diag([1.0, -2.0, 3.0])).half_axes[0] == pytest.approx(-2.0)
-    along = np.array([1.0, 0.0, 0.0])
-    assert apparent_mass(np.diag([0.5, 1, 1, 1, 1, 1.0]), along) == pytest.approx(2.0)
     assert apparent_mass(np.zeros((6, 6)), along) is None

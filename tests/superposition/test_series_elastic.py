@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from impedance_modules.superposition.elastic_joints import Drives, Sampling, sampled_arm
 from impedance_experiments.series_elastic_joint import SeriesElasticJoint, rigid_up_to
+from impedance_modules.superposition.elastic_joints import Drives, Sampling, sampled_arm
 
 
 def random_joint(rng: np.random.Generator) -> SeriesElasticJoint:

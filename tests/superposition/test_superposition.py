@@ -16,10 +16,10 @@ from impedance_modules.robot.pose import Pose, carry, rotate_six
 from impedance_modules.superposition.net_stiffness import hand_damping, spring_stiffness
 from impedance_modules.superposition.object_impedance import (
     HandImpedance,
+    lever_arm_stiffness,
     squeeze_force,
     superpose,
     superpose_inertia,
-    lever_arm_stiffness,
 )
 from impedance_modules.superposition.operational_inertia import (
     OperationalInertia,
