@@ -32,7 +32,7 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.active_set import CERTIFIED, INSIDE, UNDECIDED, make_active_set
 from impedance_modules.safety.filter_problem import FilterLayout, FilterState, make_problem
-from impedance_modules.safety.solvers.solution import FilterSolution, make_solver
+from impedance_modules.safety.solvers import FilterSolution, make_solver
 from impedance_modules.safety.tank import Tank, fill, make_tank, measure, missed, release_springs
 from impedance_modules.spec.task import PhaseSpec
 

@@ -31,7 +31,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.safety.ledger import DEVIATIONS
+from impedance_modules.safety.tank import DEVIATIONS
 from impedance_modules.superposition.elastic_joints import sampling_of
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from impedance_modules.robot.rotation import exp3, rotation_angle
 from impedance_modules.robot.shapes import LinkPoses, LinkShape, link_shapes
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.record import write_poses
-from impedance_modules.safety.problem import RowKind
+from impedance_modules.safety.filter_problem import RowKind
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
 from impedance_modules.superposition.operational_inertia import ellipsoid, from_mobility
 

@@ -24,7 +24,7 @@ from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.errors import EndOfRecording, SafetyStop
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.clear_tank import sensing_uncertainty
-from impedance_modules.safety.solvers.solution import FilterSolution, failed
+from impedance_modules.safety.solvers import FilterSolution, failed
 from tests.support.forecast_tasks import SOFT_HANDS
 
 TASK = f"""

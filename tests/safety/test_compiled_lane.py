@@ -11,7 +11,7 @@ import pytest
 from impedance_modules.safety.compiled_lane import CERTIFIED, INSIDE, UNDECIDED, solve
 from impedance_modules.safety.metric import relative_penalty
 from impedance_modules.safety.problem import FilterProblem
-from impedance_modules.safety.solvers.solution import make_solver
+from impedance_modules.safety.solvers import make_solver
 from tests.safety.test_solvers_hard_set import KINDS
 from tests.support import filter_problems as fp
 

@@ -23,7 +23,7 @@ from impedance_modules.safety import ledger
 from impedance_modules.safety.build import FilterState, build
 from impedance_modules.safety.clear_tank import Tank, filled_tank
 from impedance_modules.safety.problem import FilterLayout, FilterWorkspace
-from impedance_modules.safety.solvers.solution import make_solver
+from impedance_modules.safety.solvers import make_solver
 from impedance_modules.spec.task import PhaseSpec
 
 
