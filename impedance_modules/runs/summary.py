@@ -51,6 +51,7 @@ class Summary:
         self._attributed += 1
         found = attribute(
             controller.cycle.problem,
+            controller.layout,
             controller.solution,
             controller.module_names,
             controller.cycle.modules.efforts,

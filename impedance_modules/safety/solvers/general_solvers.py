@@ -1,11 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ProxQP of proxsuite: a proximal augmented Lagrangian method, polished to the exact optimum.
-
-What its use must respect, all measured: a warm start before any solve crashes the process, and later
-ones call feasible problems infeasible, so every solve starts cold (which also makes the answer a
-function of the problem alone); its two iteration limits are loops within loops, both need a bound;
-bounds in units of the largest demand, or it stalls on demands far outside the limits.
-"""
+"""General solvers of quadratic programs behind the filter's protocol, their answers polished to the exact optimum."""
 
 from __future__ import annotations
 
@@ -14,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from impedance_modules.safety.problem import FilterProblem, Vector
+from impedance_modules.records import Vector
+from impedance_modules.safety.filter_problem import FilterProblem
+from impedance_modules.safety.solvers import FilterSolution, failed
 from impedance_modules.safety.solvers.normal_form import (
     INFINITE,
     NormalForm,
@@ -23,7 +19,6 @@ from impedance_modules.safety.solvers.normal_form import (
     slack_rows,
 )
 from impedance_modules.safety.solvers.polish import finish
-from impedance_modules.safety.solvers.solution import FilterSolution, failed
 
 _TOLERANCE = 1e-9
 _ITERATIONS = 50
@@ -31,8 +26,43 @@ _INNER_ITERATIONS = 50
 _INFINITE = 1e20
 
 
+class GeneralSolver(ABC):
+    """A solver of quadratic programs behind the filter's interface; a problem of another shape starts it anew."""
+
+    def __init__(self) -> None:
+        self._shifted = Shifted(0, 0)
+
+    def solve(self, problem: FilterProblem) -> FilterSolution:
+        """Solves one problem (see `Solver.solve`)."""
+        if not self._shifted.fits(problem):
+            m, n = problem.matrix.shape
+            self._shifted = Shifted(n, m)
+            self._forget()
+        outcome = self._shifted.fill(problem)
+        if outcome is not None:
+            return outcome
+        try:
+            form = normal_form(problem, self._shifted)
+        except np.linalg.LinAlgError:
+            return failed("the metric is not positive definite", 0)
+        return self._optimum(problem, form)
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Drops whatever was kept for problems of the last shape."""
+
+    @abstractmethod
+    def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
+        """Solves the normal form."""
+
+
 class ProxsuiteSolver(GeneralSolver):
-    """Keeps one ProxQP object; a problem of another shape makes a new one.
+    """ProxQP of proxsuite, a proximal augmented Lagrangian method; a problem of another shape makes a new one.
+
+    What its use must respect, all measured: a warm start before any solve crashes the process, and later
+    ones call feasible problems infeasible, so every solve starts cold (which also makes the answer a
+    function of the problem alone); its two iteration limits are loops within loops, both need a bound;
+    bounds in units of the largest demand, or it stalls on demands far outside the limits.
 
     Args:
         proxqp: The module ``proxsuite.proxqp``, handed in so that only `make_solver` imports it.
@@ -80,38 +110,8 @@ class ProxsuiteSolver(GeneralSolver):
         self._program.init(H=hessian, g=gradient, C=matrix, l=lower, u=upper, compute_preconditioner=False)
 
 
-class GeneralSolver(ABC):
-    """A solver of quadratic programs behind the filter's interface; a problem of another shape starts it anew."""
-
-    def __init__(self) -> None:
-        self._shifted = Shifted(0, 0)
-
-    def solve(self, problem: FilterProblem) -> FilterSolution:
-        """Solves one problem (see `Solver.solve`)."""
-        if not self._shifted.fits(problem):
-            m, n = problem.matrix.shape
-            self._shifted = Shifted(n, m)
-            self._forget()
-        outcome = self._shifted.fill(problem)
-        if outcome is not None:
-            return outcome
-        try:
-            form = normal_form(problem, self._shifted)
-        except np.linalg.LinAlgError:
-            return failed("the metric is not positive definite", 0)
-        return self._optimum(problem, form)
-
-    @abstractmethod
-    def _forget(self) -> None:
-        """Drops whatever was kept for problems of the last shape."""
-
-    @abstractmethod
-    def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
-        """Solves the normal form."""
-
-
 class QpsolversSolver(GeneralSolver):
-    """A solver behind qpsolvers' interface; slower than a native one, for comparison.
+    """Any dense solver that qpsolvers finds installed; slower than a native one, for comparison.
 
     Args:
         solver: Name as qpsolvers knows it.
