@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The plant's energy, kind by kind, and where work came in and went out.
+r"""The plant's energy, kind by kind, and the work that came in and went out.
 
     stored(t) - stored(0) = work in - dissipated
 
@@ -11,24 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from impedance_modules.plant.joints import wound
-from impedance_modules.plant.plant_state import (
-    COMMAND,
-    CONTACT,
-    EFFECT,
-    ELASTIC,
-    GRASP,
-    MOTOR_LOSS,
-    PUSH,
-    ROBOT,
-    SPRING_LOSS,
-    STOP,
-    Memory,
-)
-
-Array = NDArray[np.float64]
+from impedance_modules.plant.joints import spring_deflections
+from impedance_modules.plant.plant_state import WORK, PlantState
+from impedance_modules.records import Table, Vector
 
 
 @dataclass(frozen=True)
@@ -97,44 +83,32 @@ class EnergyBook:
         return float(self.stored - before.stored - work + sum(self.dissipated(before).values()))
 
 
-def potential_energies(memory: Memory) -> dict[str, float]:
+def potential_energies(plant: PlantState) -> dict[str, float]:
     """Computes the energy in springs, stops, couplings and contacts [J] from the tables as they stand."""
-    joints, hands, contacts = memory.joints, memory.hands, memory.contacts
-    q, theta = memory.part("position"), memory.part("motor_position")
+    joints, hands, contacts, q = plant.joints, plant.hands, plant.contacts, plant.start.position
     beyond = np.maximum(q - joints["upper"], 0.0) + np.maximum(joints["lower"] - q, 0.0)
-    turned = np.where(joints["kind"] == ELASTIC, wound(joints, theta - q), 0.0)
+    deflection = np.empty(plant.n)
+    spring_deflections(plant, deflection)
     held = hands[hands["holds"] == 1]
-    grasp = held["linear_stiffness"] * _elastic_square(held)
-    grasp = grasp + held["angular_stiffness"] * np.sum(held["twist"] ** 2, axis=1)
+    grasp = held["linear_stiffness"] * _squared_deflection(held)
+    grasp = grasp + held["angular_stiffness"] * np.sum(held["angular_deflection"] ** 2, axis=1)
     near = contacts[contacts["near"] == 1]
     depth = np.maximum(-near["distance"], 0.0)
-    touch = near["normal_stiffness"] * depth**2 + near["stiffness"] * np.sum(near["slip"] ** 2, axis=1)
+    touch = near["normal_stiffness"] * depth**2 + near["stiffness"] * np.sum(near["stretch"] ** 2, axis=1)
     return {
-        "springs": 0.5 * float(np.sum(joints["stiffness"] * turned**2)),
+        "springs": 0.5 * float(np.sum(joints["stiffness"] * deflection**2)),
         "stops": 0.5 * float(np.sum(joints["stop_stiffness"] * beyond**2)),
         "grasp": 0.5 * float(np.sum(grasp)),
         "contact": 0.5 * float(np.sum(touch)),
     }
 
 
-def _elastic_square(held: NDArray[np.void]) -> Array:
+def _squared_deflection(held: Table) -> Vector:
     """Gives |e|^2 (h,) of each coupling [m^2]; a palm that has let go stores nothing."""
-    gripping = (held["slips"] == 0) | (held["pressure"] > 0.0)
-    return np.where(gripping, np.sum(held["stretch"] ** 2, axis=1), 0.0)
+    gripping = (held["slips"] == 0) | (held["normal_force"] > 0.0)
+    return np.where(gripping, np.sum(held["deflection"] ** 2, axis=1), 0.0)
 
 
-def works(memory: Memory) -> dict[str, float]:
+def works(plant: PlantState) -> dict[str, float]:
     """Names the work counters [J]."""
-    work = memory.part("work")
-    names = {
-        "command_work": COMMAND,
-        "robot_work": ROBOT,
-        "effect_work": EFFECT,
-        "push_work": PUSH,
-        "motor_loss": MOTOR_LOSS,
-        "spring_loss": SPRING_LOSS,
-        "stop_work": STOP,
-        "grasp_work": GRASP,
-        "contact_work": CONTACT,
-    }
-    return {name: float(work[index]) for name, index in names.items()}
+    return {name: float(plant.start.work[name][0]) for name in WORK.names or ()}

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From the controller to the motor: a line of whole periods, a time-out, and the robot's own modes.
+"""From the controller to the motor: commands that arrive late, a time-out, and what the robot adds by itself.
 
 A torque issued in one period acts, unchanged, for the whole of the period ``delay`` later, with
-delay = ceil(command_delay x rate). Silence longer than the time-out makes the robot hold its position.
+delay = ceil(command_delay x rate). Silence longer than the time-out makes the robot hold its position. What the robot
+adds is the torque that carries its arms' weight and the parallel springs it knows of.
 """
 
 from __future__ import annotations
@@ -14,14 +15,15 @@ from enum import Enum
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadInput
+from impedance_modules.records import Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot import TimingSpec
 
-Array = NDArray[np.float64]
+GRAVITY_COMPENSATION = ("robot", "command", "none")
+"""Who carries the arms' weight."""
 
 
 class Mode(Enum):
@@ -37,7 +39,7 @@ class Order:
     """One period's message: a mode and, in torque mode, the torque (n,) [N.m]; zero in the others."""
 
     mode: Mode
-    effort: Array
+    effort: Vector
 
 
 def delay_periods(timing: TimingSpec, rate: float) -> int:
@@ -45,8 +47,8 @@ def delay_periods(timing: TimingSpec, rate: float) -> int:
     return math.ceil(timing.command_delay * rate - 1e-9)
 
 
-class CommandLine:
-    """The queue of orders under way, and the robot's patience.
+class CommandQueue:
+    """The orders under way, and the time-out.
 
     Attributes:
         delay: Whole periods between issuing an order and its acting.
@@ -54,27 +56,27 @@ class CommandLine:
     """
 
     def __init__(self, timing: TimingSpec, rate: float, start: Order) -> None:
-        """Starts with ``start`` acting and filling the line."""
+        """Starts with ``start`` acting and filling the queue."""
         self.delay = delay_periods(timing, rate)
         self.acting = start
-        self._patience = timing.command_timeout * rate
-        self._silence = 0
-        self._line: deque[Order | None] = deque([start] * self.delay)
+        self._timeout_periods = timing.command_timeout * rate
+        self._silent_periods = 0
+        self._queue: deque[Order | None] = deque([start] * self.delay)
 
-    def pass_on(self, issued: Order | None) -> Order:
+    def exchange(self, issued: Order | None) -> Order:
         """Takes what was issued in this period, None for nothing, and gives the order that acts."""
-        self._line.append(issued)
-        arrived = self._line.popleft()
+        self._queue.append(issued)
+        arrived = self._queue.popleft()
         if arrived is not None:
-            self.acting, self._silence = arrived, 0
+            self.acting, self._silent_periods = arrived, 0
             return arrived
-        self._silence += 1
-        if self.acting.mode is Mode.TORQUE and self._silence > self._patience:
+        self._silent_periods += 1
+        if self.acting.mode is Mode.TORQUE and self._silent_periods > self._timeout_periods:
             self.acting = Order(Mode.HOLD, np.zeros(self.acting.effort.size))
         return self.acting
 
 
-def checked_effort(command: Array, n: int) -> Array:
+def checked_effort(command: Vector, n: int) -> Vector:
     """Copies a torque command.
 
     Raises:
@@ -86,9 +88,6 @@ def checked_effort(command: Array, n: int) -> Array:
     return effort
 
 
-GRAVITY_COMPENSATION = ("robot", "command", "none")
-
-
 class WeightCompensation:
     """The robot's own torque g(q) + k q - preload, with the links upright and without a patch's bodies.
 
@@ -97,11 +96,11 @@ class WeightCompensation:
         share: (n,) how much of it each joint gets now; 1 unless a robot can switch it off joint by joint.
     """
 
-    def __init__(self, model: RobotModel, worn: WornPlant, gravity: tuple[float, float, float]) -> None:
-        """Takes the robot, what it wears (its ``spring_stiffness``, ``spring_preload``) and gravity [m/s^2].
+    def __init__(self, model: RobotModel, effects: WornPlant, gravity: tuple[float, float, float]) -> None:
+        """Takes the robot, its effects (their ``spring_stiffness``, ``spring_preload``) and gravity [m/s^2].
 
         Raises:
-            BadInput: The robot file names nobody known to compensate gravity.
+            BadInput: The robot file names no known way of compensating gravity.
         """
         spec = model.spec
         if spec.gravity_compensation not in GRAVITY_COMPENSATION:
@@ -110,19 +109,19 @@ class WeightCompensation:
                 f" (valid: {', '.join(GRAVITY_COMPENSATION)})"
             )
         self.acts = spec.gravity_compensation == "robot"
-        self.share: Array = np.ones(model.n)
+        self.share: Vector = np.ones(model.n)
         known = RobotModel(replace(spec, body_changes=())) if spec.body_changes else model
         self._links = pin.Model(known.pin_model)
         self._links.gravity.linear = np.array(gravity)
         self._data = self._links.createData()
-        self._stiffness, self._preload = worn.spring_stiffness, worn.spring_preload
+        self._stiffness, self._preload = effects.spring_stiffness, effects.spring_preload
         self._springs = bool(self._stiffness.any() or self._preload.any())
 
-    def torque(self, position: Array) -> Array:
+    def torque(self, position: Vector) -> Vector:
         """Computes the torque now at a measured position (n,) [N.m]; zero where the robot does not do this."""
         return self.share * self.full(position)
 
-    def full(self, position: Array) -> Array:
+    def full(self, position: Vector) -> Vector:
         """Computes the torque at a measured position (n,) [N.m], every joint taking its whole share."""
         if not self.acts:
             return np.zeros(position.size)

@@ -8,248 +8,34 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.effects.builder import PlantBuilder
-from impedance_modules.effects.motion import JointMotion, JointTorque
+from impedance_modules.effects.motion import JointTorque
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.plant.energy_balance import EnergyBook
 from impedance_modules.plant.grasp import HeldObject
-from impedance_modules.plant.ground_truth import OBJECT, Truth
-from impedance_modules.plant.initial_state import Start, build_memory
+from impedance_modules.plant.ground_truth import OBJECT, GroundTruth
+from impedance_modules.plant.initial_state import StartAtRest, build_plant_state
 from impedance_modules.plant.integrator import Integrator
-from impedance_modules.plant.joints import hold_gains, motor_position
+from impedance_modules.plant.joints import IDEAL, hold_gains, motor_positions
 from impedance_modules.plant.links import link_model
 from impedance_modules.plant.motor_commands import (
-    CommandLine,
+    CommandQueue,
     Mode,
     Order,
     WeightCompensation,
     checked_effort,
 )
-from impedance_modules.plant.plant_state import COMMAND, IDEAL
-from impedance_modules.plant.point_contact import Surfaces
+from impedance_modules.plant.plant_state import WORK_SIZE
+from impedance_modules.plant.point_contact import SurfaceDistances
 from impedance_modules.plant.pushes import Pushes
 from impedance_modules.plant.sensors import Sensors
 from impedance_modules.plant.step_stability import check_step
+from impedance_modules.records import Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import PushSpec, SurfaceSpec
-
-Array = NDArray[np.float64]
-
-
-class Plant(Truth):
-    """Simulated reality for one robot, its surfaces and the object in its hands.
-
-    Life: ``reset(q)``, then ``state = sense()``, ``advance(command)`` once per control period.
-    ``hold`` and ``release`` are the robot's own modes; a torque command takes it out of them again.
-    What really happens, beyond what the robot reports, is read from the ``Truth`` it inherits.
-
-    Attributes:
-        model: The robot.
-        division: How a control period divides into the robot's loops and integration steps.
-        start_command: (n,) torque [N.m] that carries the start load; it acts before the first command.
-    """
-
-    def __init__(
-        self,
-        model: RobotModel,
-        surfaces: Sequence[SurfaceSpec],
-        held: HeldObject | None,
-        options: PlantOptions,
-        worn: WornPlant | None = None,
-        *,
-        pushes: Sequence[PushSpec] = (),
-    ) -> None:
-        """Builds the plant.
-
-        Args:
-            model: The robot.
-            surfaces: Its surroundings.
-            held: What its hands hold, or None.
-            options: How it is stepped.
-            worn: What reality does beyond the model (``effects.wear.wear_plant``); None for nothing.
-            pushes: Who pushes hands or object, and when.
-        """
-        self._worn = unworn(model) if worn is None else worn
-        gravity = self._worn.gravity_turn @ np.array(options.gravity)
-        self._gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
-        self.model = model
-        self.division = divide(options)
-        self._options = options
-        self._timing = model.spec.timing
-        frames = tuple(limb.hand for limb in model.limbs.values())
-        links = link_model(model, gravity)
-        memory = build_memory(model, links, frames, surfaces, held, added_mass=self._worn.added_mass)
-        memory.joints["half_gap"] = 0.5 * self._worn.gap
-        integrator = Integrator(
-            links,
-            memory,
-            surfaces=Surfaces(surfaces, memory.contacts),
-            step=self.division.step,
-            coupling=self._worn.coupling,
-        )
-        super().__init__(model, memory, integrator, frames)
-        integrator.torques.extend(self._worn.torques)
-        self._pushes = Pushes(pushes, self._pushable())
-        self._sensors = Sensors(model.spec.sensors, self._worn.sensors, self.division.loop, None)
-        self._weight = WeightCompensation(model, self._worn, options.gravity)
-        self._start = Start(integrator, held, self._worn, self._weight)
-        self._position = memory.part("position")
-        self._ideal = bool(np.any(memory.joints["kind"] == IDEAL))
-        self._line: CommandLine | None = None
-        self._standing: Order | None = None
-        self._periods = 0
-        self.start_command: Array = np.zeros(model.n)
-
-    @property
-    def torques(self) -> list[JointTorque]:
-        """Effects worn by the joints; append one before ``reset``."""
-        return self._integrator.torques
-
-    @property
-    def mode(self) -> Mode:
-        """What the robot does in the present period."""
-        return self._running().acting.mode
-
-    @property
-    def delay(self) -> int:
-        """Whole periods from issuing a command to its acting."""
-        return self._running().delay
-
-    def reset(self, q: Array) -> None:
-        """Puts everything at rest at q (n,) [rad], all springs wound by the weight they carry.
-
-        The hands hold the object where it starts, pressing with the declared squeeze and carrying its
-        weight if the task says that the arms do.
-
-        Raises:
-            BadInput: q has another length, or the integration step is too long for this plant.
-        """
-        position = checked_effort(q, self.model.n)
-        self.aim(position, np.zeros(self.model.n))
-        self.start_command = self._start.rest(position)
-        check_step(self._integrator)
-        self._memory.part("work")[:] = 0.0
-        self._start_robot(position)
-
-    def _start_robot(self, position: Array) -> None:
-        """Starts sensors, command line and clock."""
-        source = np.random.default_rng(self._options.seed) if self._options.noise else None
-        self._sensors = Sensors(self.model.spec.sensors, self._worn.sensors, self.division.loop, source)
-        self._sensors.reset(position)
-        start = Order(Mode.TORQUE, self.start_command.copy())
-        timing = replace(self._timing, command_delay=self._worn.command_delay)
-        self._line = CommandLine(timing, self._options.rate, start)
-        self._standing = None
-        self._periods = 0
-        self._integrator.time = 0.0
-
-    def _running(self) -> CommandLine:
-        if self._line is None:
-            raise NotConnected("the plant has not been reset: call reset(q) with a start posture first")
-        return self._line
-
-    def sense(self) -> RobotState:
-        """Reports what the robot measures now."""
-        self._running()
-        return self._sensors.sample(self.time, self.sensed_torque)
-
-    def advance(self, command: Array | None) -> None:
-        """Lives through one control period.
-
-        Args:
-            command: (n,) torque [N.m] that acts, delayed, on top of what the robot adds by itself;
-                None sends nothing: the last torque stays until the time-out, hold and release stay.
-        """
-        line = self._running()
-        if command is not None:
-            self._standing = None
-            issued: Order | None = Order(Mode.TORQUE, checked_effort(command, self.model.n))
-        else:
-            issued = self._standing
-        self._obey(line.acting, line.pass_on(issued))
-        for _ in range(self.division.loops):
-            self._robot_loop()
-        self._periods += 1
-        self._integrator.time = self._periods / self._options.rate
-
-    def hold(self) -> None:
-        """Orders the robot's own position mode: it keeps the joints where they are when this arrives."""
-        self._standing = Order(Mode.HOLD, np.zeros(self.model.n))
-
-    def release(self) -> None:
-        """Orders zero torque: the robot carries only the arms' weight, if it does that at all."""
-        self._standing = Order(Mode.RELEASE, np.zeros(self.model.n))
-
-    def warm(self, q: Array) -> None:
-        """Compiles every path of a run, then stands reset at q; call before a loop with deadlines."""
-        self.reset(q)
-        self.sense()
-        self.advance(np.zeros(self.model.n))
-        self.reset(q)
-
-    def _obey(self, before: Order, order: Order) -> None:
-        """Sets the torques of the order that acts in this period."""
-        if order is before:
-            return
-        joints = self._memory.joints
-        joints["command"] = order.effort
-        if order.mode is not before.mode:
-            joints["hold_stiffness"], joints["hold_damping"] = 0.0, 0.0
-            if order.mode is Mode.HOLD:
-                stiffness, damping = hold_gains(self.model, self._integrator.link_mobility())
-                joints["hold_stiffness"], joints["hold_damping"] = stiffness, damping
-                joints["hold_position"] = self._memory.part("motor_position")
-
-    def _robot_loop(self) -> None:
-        """Lives through one loop of the robot: its gravity compensation, pushes, the steps, its sensors."""
-        if self._weight.acts:
-            self._memory.joints["assist"] = self._weight.torque(self._sensors.position)
-        self._pushes.act(self._memory, self.time)
-        if self._ideal:
-            self._wind_ideal_joints()
-        self._integrator.advance(self.division.steps)
-        self._sensors.update(self._position)
-
-    def _pushable(self) -> dict[str, int]:
-        """Names the bodies that can be pushed, limbs and ``object``, with their rows of wrenches."""
-        names = [*self.model.limbs, *([OBJECT] if self._memory.body[0]["present"] else [])]
-        return {name: row for row, name in enumerate(names)}
-
-    def aim(self, position: Array, velocity: Array) -> None:
-        """Tells the joint motion (n,) [rad], [rad/s] that the controller aims at; the start posture until then.
-
-        Only an effect that adds torque from the tracking error listens (``controller_gain``).
-        """
-        self._integrator.aim[:] = position
-        self._integrator.aim_velocity[:] = velocity
-
-    def _wind_ideal_joints(self) -> None:
-        """Books the work of winding an ideal joint's spring: the new torque times theta's jump."""
-        memory, joints = self._memory, self._memory.joints
-        q, rotor = memory.part("position"), memory.part("motor_position")
-        before = motor_position(joints, q, rotor)
-        joints["motor"] = np.where(
-            joints["kind"] == IDEAL, joints["command"] + joints["assist"], joints["motor"]
-        )
-        jump = motor_position(joints, q, rotor) - before
-        memory.part("work")[COMMAND] += float(joints["command"] @ jump)
-
-    def energy(self) -> EnergyBook:
-        """Closes the books: every energy and work since ``reset`` [J]."""
-        return self.energy_book(self._gravity)
-
-
-__all__ = ["JointMotion", "JointTorque", "WornPlant", "unworn"]
-
-
-def unworn(model: RobotModel) -> WornPlant:
-    """Returns what a plant wears without a patch: nothing."""
-    return PlantBuilder(model).finish()
-
 
 ROBOT_LOOP = 1e-3
 """Longest period of the robot's own loop: gravity compensation and velocity estimate [s]."""
@@ -301,3 +87,210 @@ def divide(options: PlantOptions) -> Division:
 def _whole(ratio: float) -> int:
     """Rounds up, forgiving the last digits of a quotient that should be whole."""
     return max(1, math.ceil(ratio - 1e-9))
+
+
+class Plant(GroundTruth):
+    """Simulated reality for one robot, its surfaces and the object in its hands.
+
+    Life: ``reset(q)``, then ``state = sense()``, ``advance(command)`` once per control period.
+    ``hold`` and ``release`` are the robot's own modes; a torque command takes it out of them again.
+    What really happens, beyond what the robot reports, is read from the ``GroundTruth`` it inherits.
+
+    Attributes:
+        model: The robot.
+        division: How a control period divides into the robot's loops and integration steps.
+        start_command: (n,) torque [N.m] that carries the start load; it acts before the first command.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        surfaces: Sequence[SurfaceSpec],
+        held: HeldObject | None,
+        options: PlantOptions,
+        effects: WornPlant | None = None,
+        *,
+        pushes: Sequence[PushSpec] = (),
+    ) -> None:
+        """Builds the plant.
+
+        Args:
+            model: The robot.
+            surfaces: Its surroundings.
+            held: What its hands hold, or None.
+            options: How it is stepped.
+            effects: What reality does beyond the model (``wear_plant``); None for nothing.
+            pushes: On hands or object, from outside.
+        """
+        self._effects = no_effects(model) if effects is None else effects
+        gravity = self._effects.gravity_turn @ np.array(options.gravity)
+        self._gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
+        self.model = model
+        self.division = divide(options)
+        self._options = options
+        self._timing = model.spec.timing
+        frames = tuple(limb.hand for limb in model.limbs.values())
+        links = link_model(model, gravity)
+        state = build_plant_state(model, links, frames, surfaces, held, added_mass=self._effects.added_mass)
+        state.joints["half_gap"] = 0.5 * self._effects.gap
+        integrator = Integrator(
+            links,
+            state,
+            distances=SurfaceDistances(surfaces, state.contacts),
+            step=self.division.step,
+            motor_coupling=self._effects.coupling,
+        )
+        super().__init__(model, state, integrator, frames)
+        integrator.torques.extend(self._effects.torques)
+        self._pushes = Pushes(pushes, self._pushable())
+        self._sensors = Sensors(model.spec.sensors, self._effects.sensors, self.division.loop, None)
+        self._weight = WeightCompensation(model, self._effects, options.gravity)
+        self._start = StartAtRest(integrator, held, self._effects, self._weight)
+        self._assist = state.joints["assist"]
+        self._ideal = bool(np.any(state.joints["kind"] == IDEAL))
+        self._queue: CommandQueue | None = None
+        self._standing: Order | None = None
+        self._periods = 0
+        self.start_command: Vector = np.zeros(model.n)
+
+    @property
+    def torques(self) -> list[JointTorque]:
+        """Effects that act as torques on the joints; append one before ``reset``."""
+        return self._integrator.torques
+
+    @property
+    def mode(self) -> Mode:
+        """What the robot does in the present period."""
+        return self._running().acting.mode
+
+    @property
+    def delay(self) -> int:
+        """Whole periods from issuing a command to its acting."""
+        return self._running().delay
+
+    def reset(self, q: Vector) -> None:
+        """Puts everything at rest at q (n,) [rad], all springs deflected by the weight they carry.
+
+        The hands hold the object where it starts, pressing with the declared squeeze and carrying its
+        weight if the task says that the arms do.
+
+        Raises:
+            BadInput: q has another length, or the integration step is too long for this plant.
+        """
+        position = checked_effort(q, self.model.n)
+        self.aim(position, np.zeros(self.model.n))
+        self.start_command = self._start.rest(position)
+        check_step(self._integrator)
+        self.state.start.whole[-WORK_SIZE:] = 0.0
+        self._start_robot(position)
+
+    def _start_robot(self, position: Vector) -> None:
+        """Starts sensors, command queue and clock."""
+        source = np.random.default_rng(self._options.seed) if self._options.noise else None
+        self._sensors = Sensors(self.model.spec.sensors, self._effects.sensors, self.division.loop, source)
+        self._sensors.reset(position)
+        start = Order(Mode.TORQUE, self.start_command.copy())
+        timing = replace(self._timing, command_delay=self._effects.command_delay)
+        self._queue = CommandQueue(timing, self._options.rate, start)
+        self._standing = None
+        self._periods = 0
+        self._integrator.time = 0.0
+
+    def _running(self) -> CommandQueue:
+        if self._queue is None:
+            raise NotConnected("the plant has not been reset: call reset(q) with a start posture first")
+        return self._queue
+
+    def sense(self) -> RobotState:
+        """Reports what the robot measures now."""
+        self._running()
+        return self._sensors.sample(self.time, self.sensed_torque)
+
+    def advance(self, command: Vector | None) -> None:
+        """Advances by one control period.
+
+        Args:
+            command: (n,) torque [N.m] that acts, delayed, on top of what the robot adds by itself;
+                None sends nothing: the last torque stays until the time-out, hold and release stay.
+        """
+        queue = self._running()
+        if command is not None:
+            self._standing = None
+            issued: Order | None = Order(Mode.TORQUE, checked_effort(command, self.model.n))
+        else:
+            issued = self._standing
+        self._obey(queue.acting, queue.exchange(issued))
+        for _ in range(self.division.loops):
+            self._robot_loop()
+        self._periods += 1
+        self._integrator.time = self._periods / self._options.rate
+
+    def hold(self) -> None:
+        """Orders the robot's own position mode: it keeps the joints where they are when this arrives."""
+        self._standing = Order(Mode.HOLD, np.zeros(self.model.n))
+
+    def release(self) -> None:
+        """Orders zero torque: the robot carries only the arms' weight, if it does that at all."""
+        self._standing = Order(Mode.RELEASE, np.zeros(self.model.n))
+
+    def warm(self, q: Vector) -> None:
+        """Compiles every path of a run, then stands reset at q; call before a loop with deadlines."""
+        self.reset(q)
+        self.sense()
+        self.advance(np.zeros(self.model.n))
+        self.reset(q)
+
+    def _obey(self, before: Order, order: Order) -> None:
+        """Sets the torques of the order that acts in this period."""
+        if order is before:
+            return
+        joints = self.state.joints
+        joints["command"] = order.effort
+        if order.mode is not before.mode:
+            joints["hold_stiffness"], joints["hold_damping"] = 0.0, 0.0
+            if order.mode is Mode.HOLD:
+                stiffness, damping = hold_gains(self.model, self._integrator.link_mobility())
+                joints["hold_stiffness"], joints["hold_damping"] = stiffness, damping
+                joints["hold_position"] = self.state.start.motor_position
+
+    def _robot_loop(self) -> None:
+        """Advances by one loop of the robot: its gravity compensation, pushes, the steps, its sensors."""
+        if self._weight.acts:
+            self._assist[:] = self._weight.torque(self._sensors.position)
+        self._pushes.apply(self.state, self.time)
+        if self._ideal:
+            self._deflect_ideal_joints()
+        self._integrator.advance(self.division.steps)
+        self._sensors.update(self.state.start.position)
+
+    def _pushable(self) -> dict[str, int]:
+        """Names the bodies that can be pushed, limbs and ``object``, with their rows of wrenches."""
+        names = [*self.model.limbs, *([OBJECT] if self.state.body.present else [])]
+        return {name: row for row, name in enumerate(names)}
+
+    def aim(self, position: Vector, velocity: Vector) -> None:
+        """Tells effects the joint motion (n,) [rad], [rad/s] that the controller aims at; at first the start posture.
+
+        Only an effect that adds torque from the tracking error listens (``controller_gain``).
+        """
+        self._integrator.aim[:] = position
+        self._integrator.aim_velocity[:] = velocity
+
+    def _deflect_ideal_joints(self) -> None:
+        """Adds the work of deflecting an ideal joint's spring to the counter: the new torque times theta's jump."""
+        joints, before, after = self.state.joints, np.empty(self.model.n), np.empty(self.model.n)
+        motor_positions(self.state, before)
+        joints["motor"] = np.where(
+            joints["kind"] == IDEAL, joints["command"] + joints["assist"], joints["motor"]
+        )
+        motor_positions(self.state, after)
+        self.state.start.work["command_work"] += float(joints["command"] @ (after - before))
+
+    def energy(self) -> EnergyBook:
+        """Adds up every energy and work since ``reset`` [J]."""
+        return self.energy_book(self._gravity)
+
+
+def no_effects(model: RobotModel) -> WornPlant:
+    """Returns the effects of an empty patch."""
+    return PlantBuilder(model).finish()

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Force of one point on one surface, compiled: a unilateral spring-damper with stick-slip friction.
+r"""Contact of points with surfaces: a unilateral spring-damper with stick-slip friction; distances by coal.
 
-    N = max(0, k d - c d_n')    only while the depth d > 0; never adhesive
+    N = max(0, k d - c d_n')    only while the depth d > 0; never adhesive                                    [N]
     f_t = -k s - c v_t          s the stretch of a tangential spring that stuck at first touch,
     |f_t| <= mu N               beyond which the point slides and the spring is drawn along; no bound while a
-                                splinter holds the point (``compiled_wood``)
+                                splinter holds the point (``wood``)
 
-Between two questions to coal the surface counts as flat: the normal stays, the depth changes linearly. While the
-same face of the surface is nearest that is exact; around edges coal is asked again every ``FRESH``. A flexible sheet
-is asked anew at every stage instead (``compiled_sheet``), and its normal force is the gradient of its energy.
+A hand touches with the origin of its frame, so a surface is met where the hand frame meets it. A box touches with its
+eight corners, a cylinder (axis z) with eight points of each rim, a sphere with itself.
+
+A point near a surface asks coal for distance and normal; far ones are passed over by a bound on the distance. Between
+two queries the surface counts as flat: the normal stays, the depth changes linearly. While the same face of the
+surface is nearest that is exact; around edges coal is queried again every ``FRESH``. A flexible sheet is evaluated
+anew at every stage instead (``sheet``), and its normal force is the gradient of its energy.
 """
 
 from __future__ import annotations
@@ -16,55 +20,118 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.plant_state import CONTACT_POINT, SURFACE, Row, Table
-from impedance_modules.plant.sheet import find_on_sheet, place_on_sheet, press_on_sheet, spans_of
+from impedance_modules.plant.sheet import SHEET, find_on_sheet, place_on_sheet, press_on_sheet, sheet_row
+from impedance_modules.records import Matrix, Row, Table, Vector
 from impedance_modules.robot.rotation import add_cross, dot, exp3, turn
 from impedance_modules.spec.task import SurfaceSpec
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from impedance_modules.plant.plant_state import PlantState
+
+Point = tuple[Vector, float]
+"""Centre (3,) in the body's axes and radius of a small sphere [m]."""
+
+CLEARANCE = 0.01
+"""Clearance below which coal is queried [m]: a point covers it in one step only above 40 m/s."""
 
 FRESH = 1e-4
-"""How far a point may move around an edge before coal is asked again [m]."""
+"""How far a point may move around an edge before coal is queried again [m]."""
 
 EDGE = 0
 """In place of a face's number: an edge or corner is nearest."""
 
+CORNER_RADIUS = 2e-3
+"""Of an object's small spheres [m]; they lie inside the shape and touch its faces from within."""
+
+RIM_POINTS = 8
+
+CONTACT_POINT = np.dtype(
+    [
+        ("near", np.int64),
+        ("face", np.int64),
+        ("stale", np.int64),
+        ("touching", np.int64),
+        ("body", np.int64),
+        ("surface", np.int64),
+        ("centre", np.float64, (3,)),
+        ("radius", np.float64),
+        ("stiffness", np.float64),
+        ("normal_stiffness", np.float64),
+        ("damping", np.float64),
+        ("friction", np.float64),
+        ("position", np.float64, (3,)),
+        ("measured_at", np.float64, (3,)),
+        ("measured", np.float64),
+        ("normal", np.float64, (3,)),
+        ("distance", np.float64),
+        ("lever", np.float64, (3,)),
+        ("stretch", np.float64, (3,)),
+        ("displacement", np.float64, (3,)),
+        ("force", np.float64, (3,)),
+        ("normal_force", np.float64),
+        ("slip", np.float64),
+        ("wood", np.int64),
+        ("on_wood", np.int64),
+        ("splinter", np.int64),
+        ("local", np.float64, (3,)),
+    ],
+    align=True,
+)
+"""One small sphere of a body against one surface.
+
+Coal gave the distance ``measured`` at the place ``measured_at``; ``distance`` follows the present position from there,
+exactly while the same ``face`` is nearest. On a sheet the distance is the gap above its shape at rest, and
+``normal_stiffness`` what it opposes to the depth there; elsewhere it is ``stiffness``. ``lever`` goes from the body's
+origin to the contact, ``stretch`` is that of the tangential spring, ``slip`` by how much the last step has drawn it
+along [m]. ``wood`` is the surface's piece of wood or -1, ``splinter`` the one that holds the point or -1, ``local`` the
+point in the box's axes while it is ``on_wood``.
+"""
+
+SURFACE = np.dtype(
+    [
+        ("flat", np.int64),
+        ("translation", np.float64, (3,)),
+        ("rotation", np.float64, (3, 3)),
+        ("half", np.float64, (3,)),
+        ("sheet", SHEET),
+    ],
+    align=True,
+)
+"""One surface: its pose, half a box's edges [m], and its sheet, whose ``span_count`` is 0 if it is none."""
+
 
 @compiled
-def find_near(
-    contacts: Table, surfaces: Table, hands: Table, body: Table, object_position: Array, margin: float
-) -> int:
-    """Places every point in world, marks those within ``margin`` [m] of their surface, counts the stale.
+def find_near_points(plant: PlantState, clearance: float) -> int:
+    """Places every point in world, marks those within a clearance [m] of their surface, counts the stale.
 
-    Stale is a point that since coal was asked about it has come near, met another face, or moved by more
+    Stale is a point that since the last query has come near, met another face, or moved by more
     than ``FRESH`` around an edge.
     """
-    count = 0
-    local = np.empty(3)
+    contacts, hands, count, local = plant.contacts, plant.hands, 0, np.empty(3)
     for i in range(contacts.size):
         contact = contacts[i]
         if contact.body < hands.size:
             hand = hands[contact.body]
             _place_point(contact, hand.rotation, hand.translation)
         else:
-            _place_point(contact, body[0].rotation, object_position)
-        was_near, surface = contact.near, surfaces[contact.surface]
-        clearance = _clearance(surface, contact.position, local)
-        if surface.span_count > 0:
-            find_on_sheet(surface, contact, local, margin)
+            _place_point(contact, plant.body.rotation, plant.start.object_position)
+        was_near, surface = contact.near, plant.surfaces[contact.surface]
+        to_surface_axes(surface, contact.position, local)
+        if surface.sheet.span_count > 0:
+            find_on_sheet(surface.sheet, contact, local, clearance)
             continue
-        contact.near = clearance < contact.radius + margin
+        contact.near = _distance_bound(surface, local) < contact.radius + clearance
         contact.stale = 0
         if not contact.near:
             continue
-        face = _face(surface, local)
+        face = _nearest_face(surface, local)
         known = was_near and (face == contact.face if face != EDGE else _moved(contact) < FRESH)
         if not known:
             contact.stale, contact.face = 1, face
@@ -73,7 +140,7 @@ def find_near(
 
 
 @compiled
-def _place_point(contact: Row, rotation: Array, origin: Array) -> None:
+def _place_point(contact: Row, rotation: Matrix, origin: Vector) -> None:
     """Writes the centre of a point in world [m]."""
     turn(rotation, contact.centre, contact.position)
     for k in range(3):
@@ -82,21 +149,26 @@ def _place_point(contact: Row, rotation: Array, origin: Array) -> None:
 
 @compiled
 def _moved(contact: Row) -> float:
-    """Gives how far a point has come since coal was asked [m]."""
+    """Gives how far a point has come since the last query [m]."""
     square = 0.0
     for k in range(3):
-        square += (contact.position[k] - contact.asked[k]) ** 2
+        square += (contact.position[k] - contact.measured_at[k]) ** 2
     return math.sqrt(square)
 
 
 @compiled
-def _clearance(surface: Row, position: Array, local: Array) -> float:
-    """Bounds the distance of a point to a surface from below [m], in the surface's own axes."""
+def to_surface_axes(surface: Row, position: Vector, local: Vector) -> None:
+    """Writes a point of the world in the surface's own axes (3,) [m]."""
     for k in range(3):
         local[k] = 0.0
         for j in range(3):
             local[k] += surface.rotation[j, k] * (position[j] - surface.translation[j])
-    if surface.flat or surface.span_count > 0:
+
+
+@compiled
+def _distance_bound(surface: Row, local: Vector) -> float:
+    """Bounds the distance of a point in the surface's axes to a plane or a box from below [m]."""
+    if surface.flat:
         return float(local[2])
     gap = -math.inf
     for k in range(3):
@@ -105,7 +177,7 @@ def _clearance(surface: Row, position: Array, local: Array) -> float:
 
 
 @compiled
-def _face(surface: Row, local: Array) -> int:
+def _nearest_face(surface: Row, local: Vector) -> int:
     """Numbers the face nearest to a point in the surface's own axes: the axis (1 to 3) with its sign, or ``EDGE``."""
     if surface.flat:
         return 3
@@ -119,109 +191,113 @@ def _face(surface: Row, local: Array) -> int:
 
 
 @compiled
-def place_contacts(surfaces: Table, contacts: Table, hands: Table, object_position: Array) -> None:
-    """Writes each near point's distance now, and the arm from its body's origin to its contact [m]."""
+def place_contacts(plant: PlantState) -> None:
+    """Writes each near point's distance now, and the lever from its body's origin to its contact [m]."""
+    contacts, hands, local = plant.contacts, plant.hands, np.empty(3)
     for i in range(contacts.size):
         contact = contacts[i]
         if not contact.near:
             continue
-        on_hand = contact.body < hands.size
-        if surfaces[contact.surface].span_count > 0:
-            place_on_sheet(surfaces[contact.surface], contact)
+        on_hand, surface = contact.body < hands.size, plant.surfaces[contact.surface]
+        if surface.sheet.span_count > 0:
+            to_surface_axes(surface, contact.position, local)
+            place_on_sheet(surface, contact, local)
         else:
             contact.distance = contact.measured
             for k in range(3):
-                contact.distance += contact.normal[k] * (contact.position[k] - contact.asked[k])
+                contact.distance += contact.normal[k] * (contact.position[k] - contact.measured_at[k])
         for k in range(3):
-            origin = hands[contact.body].translation[k] if on_hand else object_position[k]
-            contact.arm[k] = contact.position[k] - origin - contact.radius * contact.normal[k]
+            origin = hands[contact.body].translation[k] if on_hand else plant.start.object_position[k]
+            contact.lever[k] = contact.position[k] - origin - contact.radius * contact.normal[k]
 
 
 @compiled
-def contact_forces(surfaces: Table, contacts: Table, motion: Array, wrench: Array) -> float:
+def contact_forces(plant: PlantState) -> float:
     """Adds the wrenches of all touching points to their bodies; returns the power they give them [W]."""
-    power, velocity = 0.0, np.empty(3)
+    contacts, power, velocity = plant.contacts, 0.0, np.empty(3)
     for i in range(contacts.size):
         contact = contacts[i]
         contact.touching = 0
-        contact.pressure = 0.0
+        contact.normal_force = 0.0
         if not contact.near:
             continue
-        displacement, twist = motion[contact.body, 0], motion[contact.body, 1]
+        displacement, twist = plant.displacement[contact.body], plant.twist[contact.body]
         for k in range(3):
-            contact.move[k] = displacement[k]
+            contact.displacement[k] = displacement[k]
             velocity[k] = twist[k]
-        add_cross(displacement[3:], contact.arm, contact.move)
-        add_cross(twist[3:], contact.arm, velocity)
-        if _point_force(surfaces[contact.surface], contact, velocity):
-            force = wrench[contact.body, 0]
+        add_cross(displacement[3:], contact.lever, contact.displacement)
+        add_cross(twist[3:], contact.lever, velocity)
+        if point_force(plant.surfaces[contact.surface], contact, velocity):
+            wrench = plant.contact_wrench[contact.body]
             for k in range(3):
-                force[k] += contact.force[k]
-            add_cross(contact.arm, contact.force, force[3:])
+                wrench[k] += contact.force[k]
+            add_cross(contact.lever, contact.force, wrench[3:])
             power += dot(contact.force, velocity)
     return power
 
 
 @compiled
-def _point_force(surface: Row, contact: Row, velocity: Array) -> bool:
-    """Writes the force on one point [N]; returns whether it touches."""
+def point_force(surface: Row, contact: Row, velocity: Vector) -> bool:
+    """Writes the force on one point with a velocity (3,) [m/s] in newtons; returns whether it touches."""
     normal = contact.normal
-    if surface.span_count > 0:
-        push = press_on_sheet(surface, contact)
+    if surface.sheet.span_count > 0:
+        push = _sheet_push(surface, contact)
     else:
-        push = -contact.stiffness * (contact.distance + dot(normal, contact.move))
+        push = -contact.stiffness * (contact.distance + dot(normal, contact.displacement))
     if push <= 0.0:
         return False
     approach = -dot(normal, velocity)
-    pressure = max(0.0, push + contact.damping * approach)
+    normal_force = max(0.0, push + contact.damping * approach)
     length = 0.0
-    along = dot(normal, contact.move)
+    along = dot(normal, contact.displacement)
     for k in range(3):
-        stretch = contact.slip[k] + contact.move[k] - along * normal[k]
+        stretch = contact.stretch[k] + contact.displacement[k] - along * normal[k]
         slide = velocity[k] + approach * normal[k]
         contact.force[k] = -contact.stiffness * stretch - contact.damping * slide
         length += contact.force[k] ** 2
     length = math.sqrt(length)
-    bound = contact.friction * pressure
-    share = bound / length if length > bound and contact.caught < 0 else 1.0
+    bound = contact.friction * normal_force
+    share = bound / length if length > bound and contact.splinter < 0 else 1.0
     for k in range(3):
-        contact.force[k] = share * contact.force[k] + pressure * normal[k]
-    contact.pressure = pressure
+        contact.force[k] = share * contact.force[k] + normal_force * normal[k]
+    contact.normal_force = normal_force
     contact.touching = 1
     return True
 
 
 @compiled
-def settle_contacts(contacts: Table, motion: Array) -> None:
-    """Moves the tangential springs to the step's end; those beyond friction's reach are drawn along."""
-    for i in range(contacts.size):
-        contact = contacts[i]
-        contact.slid = 0.0
+def _sheet_push(surface: Row, contact: Row) -> float:
+    """Writes the normal of a bent sheet under a moved point; returns the force along it [N]."""
+    moved, local = np.empty(3), np.empty(3)
+    for k in range(3):
+        moved[k] = contact.position[k] + contact.displacement[k]
+    to_surface_axes(surface, moved, local)
+    return float(press_on_sheet(surface, contact, local))
+
+
+@compiled
+def update_friction_springs(plant: PlantState) -> None:
+    """Moves the tangential springs to the step's end; those beyond friction's bound are drawn along."""
+    for i in range(plant.contacts.size):
+        contact = plant.contacts[i]
+        contact.slip = 0.0
         if not contact.touching:
             for k in range(3):
-                contact.slip[k] = 0.0
+                contact.stretch[k] = 0.0
             continue
-        displacement = motion[contact.body, 0]
+        displacement = plant.displacement[contact.body]
         for k in range(3):
-            contact.move[k] = displacement[k]
-        add_cross(displacement[3:], contact.arm, contact.move)
-        along = dot(contact.normal, contact.move) + dot(contact.normal, contact.slip)
+            contact.displacement[k] = displacement[k]
+        add_cross(displacement[3:], contact.lever, contact.displacement)
+        along = dot(contact.normal, contact.displacement) + dot(contact.normal, contact.stretch)
         for k in range(3):
-            contact.slip[k] += contact.move[k] - along * contact.normal[k]
-        length = math.sqrt(dot(contact.slip, contact.slip))
-        reach = contact.friction * contact.pressure / contact.stiffness
-        if length > reach and contact.caught < 0:
-            contact.slid = length - reach
+            contact.stretch[k] += contact.displacement[k] - along * contact.normal[k]
+        length = math.sqrt(dot(contact.stretch, contact.stretch))
+        bound = contact.friction * contact.normal_force / contact.stiffness
+        if length > bound and contact.splinter < 0:
+            contact.slip = length - bound
             for k in range(3):
-                contact.slip[k] *= reach / length
-
-
-Point = tuple[Array, float]
-
-CORNER_RADIUS = 2e-3
-"""Of the small spheres [m]; they lie inside the shape and touch its faces from within."""
-
-RIM_POINTS = 8
+                contact.stretch[k] *= bound / length
 
 
 def hand_point() -> Point:
@@ -247,10 +323,6 @@ def object_points(shape: str, size: tuple[float, ...]) -> tuple[Point, ...]:
     )
 
 
-NEAR = 0.01
-"""Clearance below which coal is asked [m]: a point covers it in one step only above 40 m/s."""
-
-
 def surface_table(surfaces: Sequence[SurfaceSpec]) -> Table:
     """Tabulates the surfaces' poses and sizes for the search for near points."""
     table = np.zeros(len(surfaces), SURFACE)
@@ -261,14 +333,11 @@ def surface_table(surfaces: Sequence[SurfaceSpec]) -> Table:
         if surface.size is not None:
             row["half"] = 0.5 * np.array(surface.size)
         if surface.sheet is not None:
-            spans = spans_of(surface.sheet)
-            row["half"][1] = 0.5 * surface.sheet.width
-            row["span_count"], row["softness"] = len(spans), 1.0 / surface.sheet.bending_stiffness
-            row["spans"][: len(spans)] = spans
+            row["sheet"] = sheet_row(surface.sheet)
     return table
 
 
-def _origin(surface: SurfaceSpec) -> Array:
+def _origin(surface: SurfaceSpec) -> Vector:
     """Gives a point of a plane, the centre of a box, or the origin of a sheet [m].
 
     Raises:
@@ -296,7 +365,7 @@ def contact_table(surfaces: Sequence[SurfaceSpec], bodies: Sequence[Sequence[Poi
         for index in range(len(surfaces))
     ]
     table = np.zeros(len(rows), CONTACT_POINT)
-    table["caught"] = -1
+    table["splinter"] = -1
     on_surface = {int(wood["surface"]): number for number, wood in enumerate(woods)}
     for row, (body, (centre, radius), index) in zip(table, rows, strict=True):
         row["body"], row["surface"], row["centre"], row["radius"] = body, index, centre, radius
@@ -307,7 +376,7 @@ def contact_table(surfaces: Sequence[SurfaceSpec], bodies: Sequence[Sequence[Poi
     return table
 
 
-class Surfaces:
+class SurfaceDistances:
     """Coal's shapes, one query per pair of point and surface, and the table that takes the answers."""
 
     def __init__(self, surfaces: Sequence[SurfaceSpec], contacts: Table) -> None:
@@ -315,7 +384,7 @@ class Surfaces:
         shapes = [_shape(surface, row) for surface, row in zip(surfaces, table, strict=True)]
         self._stale = contacts["stale"]
         self._position, self._radius = contacts["position"], contacts["radius"]
-        self._asked, self._measured = contacts["asked"], contacts["measured"]
+        self._measured_at, self._measured = contacts["measured_at"], contacts["measured"]
         self._normal = contacts["normal"]
         self._point = coal.Sphere(0.0)
         self._at = coal.Transform3s()
@@ -334,7 +403,7 @@ class Surfaces:
         """Writes signed distance [m] (below 0 inside) and outward normal of every stale point."""
         at, request, result = self._at, self._request, self._result
         for i in self._stale.nonzero()[0].tolist():
-            self._asked[i] = self._position[i]
+            self._measured_at[i] = self._position[i]
             at.setTranslation(self._position[i])
             result.clear()
             distance = self._queries[i](at, self._shapes[i][1], request, result)

@@ -12,13 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.effects.motion import JointMotion
+from impedance_modules.plant.joints import ELASTIC
 from impedance_modules.plant.plant import Plant
-from impedance_modules.plant.plant_state import ELASTIC
-
-Array = NDArray[np.float64]
+from impedance_modules.records import Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +32,11 @@ class Seed:
     """
 
     time: float
-    position: Array
-    velocity: Array
-    load: Array
-    load_rate: Array
-    command: Array
+    position: Vector
+    velocity: Vector
+    load: Vector
+    load_rate: Vector
+    command: Vector
     past: Sequence[JointMotion]
 
 
@@ -46,28 +44,28 @@ class SeededPlant(Plant):
     """A plant for experiments on recordings. Call ``reset`` once, then ``seed`` and ``roll`` as often as wanted."""
 
     def seed(self, start: Seed) -> None:
-        """Puts the plant into a measured state; worn effects have lived through the past."""
-        memory, joints = self._memory, self._memory.joints
+        """Puts the plant into a measured state; effects have been told the past."""
+        begin, joints = self.state.start, self.state.joints
         self._start.clear(start.position)
         soft = joints["kind"] == ELASTIC
         compliance = np.where(soft, 1.0 / np.where(soft, joints["stiffness"], 1.0), 0.0)
-        ahead = compliance * start.load + soft * joints["half_gap"] * np.sign(start.load)
-        memory.part("velocity")[:] = start.velocity
-        memory.part("motor_position")[:] = start.position + ahead
-        memory.part("motor_velocity")[:] = start.velocity + compliance * start.load_rate
+        lead = compliance * start.load + soft * joints["half_gap"] * np.sign(start.load)
+        begin.velocity[:] = start.velocity
+        begin.motor_position[:] = start.position + lead
+        begin.motor_velocity[:] = start.velocity + compliance * start.load_rate
         joints["load"] = joints["motor"] = start.load
         joints["command"] = start.command
         self._integrator.time = start.time
-        self._live_through(start.past)
+        self._replay(start.past)
 
-    def _live_through(self, past: Sequence[JointMotion]) -> None:
-        for effect in self._worn.torques:
+    def _replay(self, past: Sequence[JointMotion]) -> None:
+        for effect in self._effects.torques:
             effect.start(past[0], self.division.step)
             for motion in past[1:]:
                 effect.settle(motion)
 
-    def roll(self, commands: Array, aims: Array | None) -> tuple[Array, Array]:
-        """Lives through N integration steps, each with its own torque.
+    def roll(self, commands: Vector, aims: Vector | None) -> tuple[Vector, Vector]:
+        """Takes N integration steps, each with its own torque.
 
         Args:
             commands: (N, n) torque that acts [N.m], without what the robot adds by itself.
@@ -76,9 +74,9 @@ class SeededPlant(Plant):
         Returns:
             Positions and velocities of the links (N, n), each at the end of its step.
         """
-        memory, weight, offset = self._memory, self._weight, self._worn.sensors.offset
-        joints, n = memory.joints, memory.n
-        position, velocity = memory.part("position"), memory.part("velocity")
+        weight, offset = self._weight, self._effects.sensors.offset
+        joints, n = self.state.joints, self.state.n
+        position, velocity = self.state.start.position, self.state.start.velocity
         out = np.empty((2, len(commands), n))
         for k, command in enumerate(commands):
             joints["command"] = command
@@ -90,6 +88,6 @@ class SeededPlant(Plant):
             out[0, k], out[1, k] = position, velocity
         return out[0], out[1]
 
-    def assistance(self, position: Array) -> Array:
+    def assistance(self, position: Vector) -> Vector:
         """Computes what the robot adds by itself at a reported position (n,) [N.m]."""
         return self._weight.torque(position)

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant import integrator as compiled_step
+from impedance_modules.plant.equations_of_motion import evaluate_rate
 from impedance_modules.plant.integrator import Integrator
-from impedance_modules.plant.plant_state import COUNTERS, ELASTIC, RATE, STAGE, Memory
+from impedance_modules.plant.joints import ELASTIC
+from impedance_modules.plant.plant_state import WORK_SIZE, PlantState, state_vector
+from impedance_modules.records import Vector
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 DIFFERENCE = 1e-7
@@ -53,54 +54,54 @@ def stable(modes: Complex, step: float) -> bool:
 
 def plant_modes(integrator: Integrator) -> Complex:
     """Computes the eigenvalues [1/s] of the plant linearised where it stands."""
-    memory = integrator.memory
+    plant, stage = integrator.plant, integrator.plant.stage.whole
     integrator.refresh()
-    size = memory.state.shape[1] - COUNTERS
-    used = _free_coordinates(memory, size)
-    at_rest = memory.state[STAGE].copy()
+    size = stage.size - WORK_SIZE
+    used = _free_coordinates(plant, size)
+    at_rest = stage.copy()
     columns = np.empty((size, size))
     for k in used:
         rates = []
         for side in (DIFFERENCE, -DIFFERENCE):
-            memory.state[STAGE] = at_rest
-            memory.state[STAGE, k] += side
+            stage[:] = at_rest
+            stage[k] += side
             rates.append(_full_rate(integrator)[:size])
         columns[:, k] = (rates[0] - rates[1]) / (2.0 * DIFFERENCE)
-    memory.state[STAGE] = at_rest
-    compiled_step.rate(*integrator.tables)
+    stage[:] = at_rest
+    evaluate_rate(plant)
     return np.asarray(np.linalg.eigvals(columns[np.ix_(used, used)]), dtype=complex)
 
 
-def _free_coordinates(memory: Memory, size: int) -> NDArray[np.intp]:
+def _free_coordinates(plant: PlantState, size: int) -> NDArray[np.intp]:
     """Lists the coordinates that move by themselves: not the rotors that are fixed to links."""
-    n = memory.n
+    n = plant.n
     free = np.ones(size, dtype=bool)
-    tied = memory.joints["kind"] != ELASTIC
+    tied = plant.joints["kind"] != ELASTIC
     free[2 * n : 3 * n][tied] = free[3 * n : 4 * n][tied] = False
-    free[4 * n :] = bool(memory.body[0]["present"])
+    free[4 * n :] = plant.body.present
     return np.flatnonzero(free)
 
 
-def _full_rate(integrator: Integrator) -> Array:
-    memory, n = integrator.memory, integrator.memory.n
+def _full_rate(integrator: Integrator) -> Vector:
+    """Gives the rate of the stage, the links' acceleration included."""
     acceleration = integrator.rate()
-    rate = memory.state[RATE].copy()
-    rate[n : 2 * n] = acceleration
-    return np.asarray(rate)
+    rate = state_vector(integrator.plant.n)
+    rate.whole[:] = integrator.plant.rate.whole
+    rate.velocity[:] = acceleration
+    return rate.whole
 
 
 def contact_modes(integrator: Integrator) -> Complex:
     """Bounds the modes [1/s] of every hand and of the object on every surface, as one mass each."""
-    mobility = integrator.link_mobility()
-    memory = integrator.memory
+    mobility, plant = integrator.link_mobility(), integrator.plant
     modes: list[complex] = []
     for body, stiffness, damping in {
-        (int(row["body"]), float(row["stiffness"]), float(row["damping"])) for row in memory.contacts
+        (int(row["body"]), float(row["stiffness"]), float(row["damping"])) for row in plant.contacts
     }:
-        if body < memory.hands.size:
-            linear = memory.jacobian[body, :3]
+        if body < plant.hands.size:
+            linear = plant.jacobian[body, :3]
             lightness = float(np.linalg.eigvalsh(linear @ mobility @ linear.T)[-1])
         else:
-            lightness = TOUCHING_POINTS / float(memory.body[0]["mass"])
+            lightness = TOUCHING_POINTS / plant.body.mass
         modes.extend(np.roots([1.0, damping * lightness, stiffness * lightness]))
     return np.array(modes, dtype=complex)
