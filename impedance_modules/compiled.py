@@ -24,7 +24,7 @@ class Law(Generic[Arguments, Result]):
             take it once: a call of it costs 0.1 us less than one of the law.
     """
 
-    in_machine_code: ClassVar[bool] = False
+    in_machine_code: ClassVar[bool | None] = None
 
     def __init__(self, python: Callable[Arguments, Result]) -> None:
         self.python = python
@@ -66,3 +66,9 @@ def use_machine_code(on: bool = True) -> None:
     if on:
         import impedance_modules.machine_code  # noqa: F401, PLC0415
     Law.in_machine_code = on
+
+
+def want_machine_code() -> None:
+    """Asks for machine code on behalf of a run; where ``use_machine_code`` was called before, that stays."""
+    if Law.in_machine_code is None:
+        use_machine_code()

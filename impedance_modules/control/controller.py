@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.backend import FirstState
-from impedance_modules.compiled import use_machine_code
+from impedance_modules.compiled import want_machine_code
 from impedance_modules.control import cycle as laws
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.cycle import FINE, STATE_NOT_FINITE, UNSOLVED, Cycle
@@ -59,7 +59,7 @@ class Controller:
     motion: PhaseMotion
 
     def __init__(self, assembly: Assembly) -> None:
-        use_machine_code()
+        want_machine_code()
         self.assembly = assembly
         model, modules, limits = assembly.model, assembly.modules, assembly.limits
         self.modules: TaskModules = modules

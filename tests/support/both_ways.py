@@ -13,6 +13,9 @@ from impedance_modules.compiled import Law, use_machine_code
 WAYS = tuple(os.environ.get("LAWS_RUN_AS", "python,machine code").split(","))
 """``python -m tests.mutants`` runs laws as Python only."""
 
+if WAYS == ("python",):
+    use_machine_code(False)
+
 
 @pytest.fixture(params=WAYS)
 def ways(request: pytest.FixtureRequest) -> Iterator[str]:
@@ -20,4 +23,4 @@ def ways(request: pytest.FixtureRequest) -> Iterator[str]:
     before = Law.in_machine_code
     use_machine_code(request.param == "machine code")
     yield request.param
-    use_machine_code(before)
+    Law.in_machine_code = before
