@@ -143,7 +143,7 @@ def forecast_task(assembly: Assembly, prediction: TaskPrediction) -> Forecast:
     return Forecast(tuple(phases), prediction.tank, notes)
 
 
-def _forecast_phase(  # noqa: PLR0917 - a phase, where it rests, and what it asks of the arms
+def _forecast_phase(
     assembly: Assembly,
     mechanism: Mechanism,
     phase: PredictedPhase,

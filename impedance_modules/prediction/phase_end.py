@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.control.conditions import REGULARISATION
+from impedance_modules.control.contact_detection import REGULARISATION
 from impedance_modules.modules.arms import ArmModule
 from impedance_modules.modules.equilibrium import PhaseMotion
 from impedance_modules.modules.held_object import OBJECT, STANDARD_GRAVITY

@@ -339,7 +339,7 @@ def _travels(motion: PhaseMotion) -> bool:
     if any(np.any(goal != motion.start.rests[limb]) for limb, goal in motion.goals.items()):
         return True
     for moved in motion.moved.values():
-        first, last = moved.triples()
+        first, last = moved.end_vectors()
         if np.any(moved.goal[:3] != moved.start.translation) or np.any(np.abs(last - first) > 1e-12):
             return True
     return False

@@ -48,27 +48,21 @@ def test_the_json_keeps_the_contract(tmp_path: Path) -> None:
     found, printed = analyse(write_task(tmp_path, BOX), tmp_path)
     assert set(found) == {"format", "arms", "object"} and found["format"] == 1
     assert set(found["arms"]) == {"right", "left"}
-    for frame_impedance, frame, joints in (
+    for at_frame, frame, joints in (
         (found["arms"]["right"], "right_hand", 7),
         (found["arms"]["left"], "left_hand", 7),
         (found["object"], "object", 14),
     ):
-        assert set(frame_impedance) == KEYS
+        assert set(at_frame) == KEYS
+        assert at_frame["frame"] == frame and at_frame["phase"] is None and at_frame["folds"] is False
         assert (
-            frame_impedance["frame"] == frame
-            and frame_impedance["phase"] is None
-            and frame_impedance["folds"] is False
-        )
-        assert (
-            len(frame_impedance["position"]) == 3
-            and len(frame_impedance["preload"]) == 6
-            and len(frame_impedance["q"]) == joints
+            len(at_frame["position"]) == 3 and len(at_frame["preload"]) == 6 and len(at_frame["q"]) == joints
         )
         for name in ("inertia", "inertia_without_reflected", "mobility", "damping", "stiffness"):
-            matrix(frame_impedance, name)
-        assert frame_impedance["compliance"] is None
+            matrix(at_frame, name)
+        assert at_frame["compliance"] is None
         np.testing.assert_allclose(
-            matrix(frame_impedance, "inertia") @ matrix(frame_impedance, "mobility"), np.eye(6), atol=1e-8
+            matrix(at_frame, "inertia") @ matrix(at_frame, "mobility"), np.eye(6), atol=1e-8
         )
     for word in (
         "inertia of 'left', at the object",
@@ -101,9 +95,9 @@ def test_the_object_is_the_sum_of_the_arms_carried_to_it(tmp_path: Path) -> None
 
 def test_the_patch_takes_the_reflected_inertia_away(tmp_path: Path) -> None:
     path = write_task(tmp_path, BOX)
-    (worn, _), (bare, _) = analyse(path, tmp_path), analyse(path, tmp_path, "--effects", str(PATCH))
+    (nominal, _), (bare, _) = analyse(path, tmp_path), analyse(path, tmp_path, "--effects", str(PATCH))
     for name in ("right", "left"):
-        with_rotors, without = worn["arms"][name], bare["arms"][name]
+        with_rotors, without = nominal["arms"][name], bare["arms"][name]
         np.testing.assert_allclose(
             without["inertia"], with_rotors["inertia_without_reflected"], rtol=1e-6, atol=1e-9
         )
@@ -111,7 +105,7 @@ def test_the_patch_takes_the_reflected_inertia_away(tmp_path: Path) -> None:
         assert np.linalg.eigvalsh(0.5 * (heavier + heavier.T))[0] > 0.0
         np.testing.assert_allclose(with_rotors["stiffness"], without["stiffness"], atol=1e-9)
     np.testing.assert_allclose(
-        bare["object"]["inertia"], worn["object"]["inertia_without_reflected"], rtol=1e-6, atol=1e-9
+        bare["object"]["inertia"], nominal["object"]["inertia_without_reflected"], rtol=1e-6, atol=1e-9
     )
 
 
@@ -119,11 +113,9 @@ def measured_compliance(path: Path, phase: str, frame: str) -> tuple[np.ndarray,
     """Pushes a frame at rest in contact, the surfaces' force kept as it was, and watches it move."""
     assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
     found = analyse_task(assembly, phase)
-    frame_impedance = (
-        found.object if frame == OBJECT else next(f for f in found.arms.values() if f.frame == frame)
-    )
+    at_frame = found.object if frame == OBJECT else next(f for f in found.arms.values() if f.frame == frame)
     names = [spec.name for spec in assembly.task.phases]
-    predicted = predict_motion(assembly).phases[names.index(phase)]
+    phase_end = predict_motion(assembly).phases[names.index(phase)]
     mechanism = Mechanism(assembly)
     pressed = {name: wrench for name, wrench in found.pressure.items() if np.any(wrench)}
     assert pressed and max(np.linalg.norm(wrench[:3]) for wrench in pressed.values()) > 1.0
@@ -132,27 +124,27 @@ def measured_compliance(path: Path, phase: str, frame: str) -> tuple[np.ndarray,
         poses = []
         for sign in (1.0, -1.0):
             pushes = {**pressed, frame: pressed.get(frame, np.zeros(6)) + sign * 1e-3 * unit}
-            rest = find_rest(mechanism, predicted.setting, predicted.q, Loads(pushes, surfaces=False))
+            rest = find_rest(mechanism, phase_end.setting, phase_end.q, Loads(pushes, surfaces=False))
             assert rest is not None
             mechanism.update(rest.q, np.zeros_like(rest.q))
             poses.append(mechanism.object_pose() if frame == OBJECT else mechanism.kinematics.pose(frame))
         turn = log3(poses[0].rotation @ poses[1].rotation.T)
         columns.append(np.append(poses[0].translation - poses[1].translation, turn) / 2e-3)
-    return np.array(columns).T, frame_impedance
+    return np.array(columns).T, at_frame
 
 
 def test_a_hand_on_a_table_yields_as_printed(tmp_path: Path) -> None:
-    compliance, frame_impedance = measured_compliance(wipe(tmp_path), "press", "right_hand")
-    np.testing.assert_allclose(frame_impedance.stiffness @ compliance, np.eye(6), atol=2e-4)
+    compliance, at_frame = measured_compliance(wipe(tmp_path), "press", "right_hand")
+    np.testing.assert_allclose(at_frame.stiffness @ compliance, np.eye(6), atol=2e-4)
     # Its load matters: the relaxed springs would not do.
-    assert np.max(np.abs(frame_impedance.stiffness_without_preload @ compliance - np.eye(6))) > 1e-2
+    assert np.max(np.abs(at_frame.stiffness_without_preload @ compliance - np.eye(6))) > 1e-2
 
 
 def test_a_box_on_a_table_yields_as_the_sum_says(tmp_path: Path) -> None:
-    compliance, frame_impedance = measured_compliance(write_task(tmp_path, BOX), "lower", OBJECT)
-    np.testing.assert_allclose(frame_impedance.stiffness @ compliance, np.eye(6), atol=2e-4)
+    compliance, at_frame = measured_compliance(write_task(tmp_path, BOX), "lower", OBJECT)
+    np.testing.assert_allclose(at_frame.stiffness @ compliance, np.eye(6), atol=2e-4)
     # At rest the modules carry what the table and the weight put on the box.
-    assert frame_impedance.preload[2] == pytest.approx(9.81 - pressure_on_box(tmp_path), abs=1e-6)
+    assert at_frame.preload[2] == pytest.approx(9.81 - pressure_on_box(tmp_path), abs=1e-6)
 
 
 def pressure_on_box(folder: Path) -> float:
@@ -164,12 +156,8 @@ def test_singular_joint_springs_give_the_compliance_instead(tmp_path: Path) -> N
     """A task without joint bias: the hands' springs alone hold the arms."""
     bias = next(line for line in BOX.splitlines() if "joint_bias" in line)
     found, _ = analyse(write_task(tmp_path, BOX, (bias + "\n", "")), tmp_path)
-    for frame_impedance in (*found["arms"].values(), found["object"]):
-        assert (
-            frame_impedance["stiffness"] is None
-            and frame_impedance["damping"] is None
-            and frame_impedance["folds"] is False
-        )
+    for at_frame in (*found["arms"].values(), found["object"]):
+        assert at_frame["stiffness"] is None and at_frame["damping"] is None and at_frame["folds"] is False
     hand = np.diag([1 / 200, 1 / 200, 1 / 200, 1 / 5, 1 / 5, 1 / 5])
     np.testing.assert_allclose(found["arms"]["right"]["compliance"], hand, atol=1e-9)
     held = found["object"]
@@ -186,9 +174,9 @@ def test_a_singular_posture_has_a_mobility_and_no_inertia(tmp_path: Path) -> Non
     angles = (0.450101632, -1.584106238, -1.70517559, -0.005707083, 1.910251067, 2.092738563, 0.682882511)
     named = ", ".join(f"{joint}: {angle}" for joint, angle in zip(JOINTS, angles, strict=True))
     path = write_task(tmp_path, HOLD_AND_LIFT, (posture, f"    posture: {{{named}}}"))
-    frame_impedance = analyse(path, tmp_path)[0]["arms"]["right"]
-    assert frame_impedance["inertia"] is None and frame_impedance["stiffness"] is None
-    assert np.linalg.cond(matrix(frame_impedance, "mobility")) > 1e9
+    at_frame = analyse(path, tmp_path)[0]["arms"]["right"]
+    assert at_frame["inertia"] is None and at_frame["stiffness"] is None
+    assert np.linalg.cond(matrix(at_frame, "mobility")) > 1e9
 
 
 def test_bad_requests_teach(tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def test_rest_is_where_the_potential_energy_is_stationary(tmp_path: Path, seed: 
         assert abs(potential(rest.q + step) - potential(rest.q - step)) / 2e-5 < 2e-5
 
 
-def test_the_hand_yields_by_force_over_stiffness(tmp_path: Path) -> None:
+def test_the_hand_is_deflected_by_force_over_stiffness(tmp_path: Path) -> None:
     """One stiff axis against a table: the table's force is K times the stretch, less what the joints take."""
     _, found = forecast(wipe(tmp_path))
     press = next(phase for phase in found.phases if phase.predicted.name == "press")
@@ -196,7 +196,7 @@ def test_a_tank_below_the_need_is_refused_with_need_and_costs(tmp_path: Path) ->
     assert re.match(
         rf"{re.escape(str(path))}:{line}:\d+: safety\.tank\.initial: the task needs \d\.\d\d J", text
     )
-    assert "springs wound" in text and "phase 'lift'" in text
+    assert "springs deflected" in text and "phase 'lift'" in text
     with pytest.raises(BadFile):
         prepared(path)
 

@@ -264,4 +264,3 @@ def test_ellipsoids_give_back_their_matrix() -> None:
         np.testing.assert_allclose(rebuilt, block, atol=1e-9)
         assert np.linalg.det(found.directions) == pytest.approx(1.0)
     assert ellipsoid(np.diag([1.0, -2.0, 3.0])).half_axes[0] == pytest.approx(-2.0)
-    assert apparent_mass(np.zeros((6, 6)), along) is None
