@@ -86,7 +86,7 @@ def highest_stable_stiffness(arm: SampledArm, fixed: Gains, scaled: Gains, large
         largest: Scale beyond which nobody asks.
 
     Returns:
-        The scale, nearest to 1, at which the loop loses stability, from below; 0 if it is unstable down to
+        The scale, near to 1, at which the loop loses stability, from below; 0 if it is unstable down to about
         ``SMALLEST_SCALE``; None if it is stable up to ``largest``.
     """
 

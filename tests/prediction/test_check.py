@@ -137,7 +137,8 @@ def test_rest_is_where_the_potential_energy_is_stationary(tmp_path: Path, seed: 
         mechanism.update(q, np.zeros_like(q))
         total = 0.0
         for arm in phase.modules.arms:
-            total += arm.bias.energy(q, phase.equilibrium.rests[arm.limb.name])
+            turned = q[arm.bias.joints] - phase.equilibrium.rests[arm.limb.name]
+            total += 0.5 * float(turned @ (arm.bias.stiffness * turned))
             for spring in arm.springs:
                 total += spring.energy(
                     mechanism.kinematics.pose(spring.frame), phase.equilibrium.springs[spring.name]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.modules.damping import endpoint_damping, joint_damping
 from impedance_modules.modules.mobility import mobility
-from impedance_modules.modules.motor_velocity import MotorVelocity
+from impedance_modules.modules.motor_velocity import begin_at, estimate_motor_velocity, motor_velocity
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
@@ -68,14 +68,17 @@ class Loop:
         plant = Plant(self.model, (), None, PlantOptions(RATE, 0, noise=False, gravity=(0.0, 0.0, 0.0)))
         plant.reset(self.q)
         lag = self.model.spec.sensors.velocity_filter
-        estimate = MotorVelocity(self.model.spring_compliance()[self.joints], 1.0 / RATE, lag)
+        motor = motor_velocity(self.model.spring_compliance()[self.joints], 1.0 / RATE, lag)
         size = []
         for k in range(last + 300):
             state = plant.sense()
             offset, velocity = state.position[self.joints] - POSTURE, state.velocity[self.joints]
-            motors = estimate.update(velocity, state.effort[self.joints])
+            if k == 0:
+                begin_at(motor, velocity, state.effort[self.joints])
+            else:
+                estimate_motor_velocity(motor, velocity, state.effort[self.joints])
             command = np.zeros(self.model.n)
-            damped = motors if self.motor_side else velocity
+            damped = motor.velocity if self.motor_side else velocity
             command[self.joints] = -gains.stiffness @ offset - gains.damping @ damped + 0.01 * (k < 5)
             plant.advance(command)
             size.append(float(np.linalg.norm(offset)))

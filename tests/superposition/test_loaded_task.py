@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from impedance_modules.modules.total import desired_effort
 
 from impedance_modules.modules.arms import ArmModule, TaskModules
 from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.joint_bias import JointBias
+from impedance_modules.modules.sum import lay_out, sum_modules, write_equilibrium, write_gains
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
@@ -89,8 +89,11 @@ class LoadedTask:
 
     def effort(self, q: Array) -> Array:
         self.place(q)
-        zero = np.zeros(self.model.n)
-        return desired_effort(self.modules, self.kinematics, self.targets, q, zero, self.damping).effort
+        found = lay_out(self.modules, self.model.n)
+        write_gains(found, self.modules, self.damping)
+        write_equilibrium(found, self.modules, self.targets)
+        sum_modules(found, self.kinematics.arms, q, np.zeros(self.model.n), 1.0)
+        return found.desired
 
     def arms(self, q: Array) -> dict[str, ArmImpedance]:
         self.place(q)
