@@ -74,7 +74,7 @@ class JointBias:
     """One torsion spring and damper per joint of a limb.
 
     The springs are not projected into a null space: they add to the hand's stiffness, and
-    ``superposition.stiffness`` says by how much.
+    ``superposition.net_stiffness`` says by how much.
 
     Attributes:
         limb: Arm whose joints feel it.
