@@ -113,7 +113,7 @@ def test_a_weld_stays_where_it_was_closed_while_the_arms_move() -> None:
         return subject.pose(subject.frames[0]).inverse() @ subject.object_pose
 
     before, start = relative(), subject.object_pose.translation
-    jacobian = sum(subject._memory.jacobian.copy())
+    jacobian = sum(subject.state.jacobian.copy())
     largest = angle = 0.0
     for k in range(1000):
         push = 6.0 * np.array([np.sin(6e-3 * k), np.cos(6e-3 * k), 1.0, 0.0, 0.0, 0.0])
