@@ -8,7 +8,7 @@ import pinocchio as pin
 from impedance_modules.effects.water_torque import Buoyancy, Drag
 from impedance_modules.plant.links import accelerate, link_table, place_links
 from impedance_modules.robot.model import RobotModel
-from tests.plant.test_plant_reference import random_tree
+from tests.plant.test_plant_equations import random_tree
 from tests.support.plant_parts import SIX_JOINTS, spec_of, undamped
 from tests.support.worn_recordings import dressed, start, worn
 
