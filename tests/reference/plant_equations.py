@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The plant's equations of motion in plain numpy, to read and to test the compiled stages against.
+r"""The plant's equations of motion in plain numpy with pinocchio's ``aba``: independent of the laws that run.
 
 links    M(q) v' + C(q, v) + g(q) = tau_s + stops + effects + sum J_h^T (contact + grasp + push)
 rotors   I_r w' + D w = tau_m - tau_s,  tau_s = K (theta - q) + B (w - v)
@@ -10,132 +10,128 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from impedance_modules.plant.sheet import Sheet
-from impedance_modules.plant.joints import spring_torque
-from impedance_modules.plant.plant_state import ELASTIC, IDEAL, PUSH_ROW, RIGID, STAGE, START, Memory, Row
-from impedance_modules.robot.rotation import exp3
+from impedance_modules.plant.joints import ELASTIC, IDEAL, RIGID
+from impedance_modules.plant.plant_state import PlantState
+from impedance_modules.records import Matrix, Row, Table, Vector
+from tests.reference.bent_sheet import bent_sheet_force
 
-Array = NDArray[np.float64]
+Motion = tuple[Vector, Vector]
+"""Displacement since the step's start and twist of a body, (6,) each."""
 
 
-def plain_rate(memory: Memory, links: pin.Model) -> Array:
-    """Computes the rate of q, v, theta, w, p, u and L at the stage row, in this order, (4 n + 9,).
+def plain_rate(plant: PlantState, links: pin.Model) -> Vector:
+    """Computes the rate of q, v, theta, w, p, u and L at the stage, in this order, (4 n + 9,).
 
-    Geometry is that of the step's start (``Integrator.place``), moved linearly, as in the compiled loop.
+    Geometry is that of the step's start (``Integrator.place``), moved linearly, as in the laws.
 
     Args:
-        memory: The plant's tables; not changed.
+        plant: Its state; not changed.
         links: Pinocchio model with the armature of rigid joints.
     """
-    q, v = memory.part("position", STAGE), memory.part("velocity", STAGE)
-    w = memory.part("motor_velocity", STAGE)
-    motor, drive = joint_torques(memory)
-    bodies = [_hand_motion(memory, h) for h in range(memory.hands.size)]
-    rotation, turning = _object_motion(memory)
+    stage, joints, body = plant.stage, plant.joints, plant.body
+    motor, drive = joint_torques(plant)
+    moved = stage.position - plant.start.position
+    bodies: list[Motion] = [(J @ moved, J @ stage.velocity) for J in plant.jacobian]
+    rotation, turning = _object_motion(plant)
     bodies.append(turning)
-    wrench = memory.wrench[:, PUSH_ROW].copy()
-    for contact in memory.contacts[memory.contacts["near"] == 1]:
-        move, twist = bodies[contact["body"]]
-        wrench[contact["body"]] += contact_wrench(memory.surfaces[contact["surface"]], contact, move, twist)
-    for h, hand in enumerate(memory.hands):
+    wrench = plant.push_wrench.copy()
+    for contact in plant.contacts[plant.contacts["near"] == 1]:
+        wrench[contact["body"]] += contact_wrench(
+            plant.surfaces[contact["surface"]], contact, *bodies[contact["body"]]
+        )
+    for h, hand in enumerate(plant.hands):
         if hand["holds"]:
             wrench[h] += _pair(hand, bodies[h], turning, rotation, wrench[-1])
-    torque = drive + sum(J.T @ F for J, F in zip(memory.jacobian, wrench[:-1], strict=True))
-    acceleration = pin.aba(links, links.createData(), q, v, torque)
-    kind, rotor = memory.joints["kind"], memory.joints["reflected_inertia"]
-    elastic = kind == ELASTIC
+    torque = drive + sum(J.T @ F for J, F in zip(plant.jacobian, wrench[:-1], strict=True))
+    acceleration = pin.aba(links, links.createData(), stage.position, stage.velocity, torque)
+    elastic, rotor = joints["kind"] == ELASTIC, joints["reflected_inertia"]
     speeding = np.where(elastic, motor / np.where(elastic, rotor, 1.0), acceleration)
-    body = memory.body[0]
-    fall = body["gravity"] + wrench[-1, :3] / (body["mass"] if body["present"] else 1.0)
-    carried = memory.part("object_velocity", STAGE)
-    return np.concatenate([v, acceleration, w, speeding, carried, fall, wrench[-1, 3:]])
+    fall = body.gravity + wrench[-1, :3] / (body.mass if body.present else 1.0)
+    return np.concatenate(
+        [
+            stage.velocity,
+            acceleration,
+            stage.motor_velocity,
+            speeding,
+            stage.object_velocity,
+            fall,
+            wrench[-1, 3:],
+        ]
+    )
 
 
-def joint_torques(memory: Memory) -> tuple[Array, Array]:
+def joint_torques(plant: PlantState) -> tuple[Vector, Vector]:
     """Computes the net torque on each rotor, and the torque of drive, stop and effects on each link."""
-    joints = memory.joints
-    q, v = memory.part("position", STAGE), memory.part("velocity", STAGE)
-    theta, w = memory.part("motor_position", STAGE), memory.part("motor_velocity", STAGE)
+    joints, stage = plant.joints, plant.stage
+    q, v, theta, w = stage.position, stage.velocity, stage.motor_position, stage.motor_velocity
     hold = joints["hold_stiffness"] * (joints["hold_position"] - theta) - joints["hold_damping"] * w
     hold = np.clip(hold, -joints["effort_max"], joints["effort_max"])
-    motor = joints["command"] + joints["assist"] + hold + joints["extra_motor"]
-    spring = spring_torque(joints, theta - q, w - v)
+    motor = joints["command"] + joints["assist"] + hold + joints["effect_motor"]
+    spring = plain_spring_torque(joints, theta - q, w - v)
     loss = joints["motor_damping"] * w
     kinds = [joints["kind"] == kind for kind in (ELASTIC, RIGID, IDEAL)]
     load = np.select(kinds, [spring, motor - loss, motor])
     high = np.minimum(0.0, joints["stop_stiffness"] * (joints["upper"] - q) - joints["stop_damping"] * v)
     low = np.maximum(0.0, joints["stop_stiffness"] * (joints["lower"] - q) - joints["stop_damping"] * v)
     stop = np.where(q > joints["upper"], high, np.where(q < joints["lower"], low, 0.0))
-    return motor - load - loss, load + stop + joints["extra_link"]
+    return motor - load - loss, load + stop + joints["effect_link"]
 
 
-def contact_wrench(surface: Row, contact: Row, move: Array, twist: Array) -> Array:
+def plain_spring_torque(joints: Table, lead: Vector, speed: Vector) -> Vector:
+    """Gives the torque through each elastic gear (n,) [N.m]; where there is play, teeth push and never pull."""
+    gap = joints["half_gap"]
+    deflection = lead - np.clip(lead, -gap, gap)
+    load = joints["stiffness"] * deflection + joints["spring_damping"] * speed
+    toothed = np.where(deflection > 0.0, np.maximum(load, 0.0), np.minimum(load, 0.0))
+    return np.where(gap > 0.0, np.where(deflection == 0.0, 0.0, toothed), load)
+
+
+def contact_wrench(surface: Row, contact: Row, move: Vector, twist: Vector) -> Vector:
     """Computes the wrench (6,) of one surface on a body at its origin, through one point."""
-    arm, normal = contact["arm"], contact["normal"]
-    shift = move[:3] + np.cross(move[3:], arm)
-    speed = twist[:3] + np.cross(twist[3:], arm)
+    lever, normal = contact["lever"], contact["normal"]
+    shift = move[:3] + np.cross(move[3:], lever)
+    speed = twist[:3] + np.cross(twist[3:], lever)
     push = -contact["stiffness"] * (contact["distance"] + normal @ shift)
-    if surface["span_count"] > 0:
-        normal, push = sheet_push(surface, contact, shift)
+    if surface["sheet"]["span_count"] > 0:
+        local = surface["rotation"].T @ (contact["position"] + shift - surface["translation"])
+        local = local - np.array([0.0, 0.0, contact["radius"]])
+        force = surface["rotation"] @ bent_sheet_force(surface["sheet"], local, float(contact["stiffness"]))
+        push = float(np.linalg.norm(force))
+        normal = force / push if push > 0.0 else normal
     if push <= 0.0:
         return np.zeros(6)
     across = np.eye(3) - np.outer(normal, normal)
     pressure = max(0.0, push - contact["damping"] * (normal @ speed))
-    rub = -contact["stiffness"] * (contact["slip"] + across @ shift) - contact["damping"] * (across @ speed)
-    bound = np.inf if contact["caught"] >= 0 else contact["friction"] * pressure
+    rub = -contact["stiffness"] * (contact["stretch"] + across @ shift)
+    rub = rub - contact["damping"] * (across @ speed)
+    bound = np.inf if contact["splinter"] >= 0 else contact["friction"] * pressure
     force = _limited(rub, float(bound)) + pressure * normal
-    return np.concatenate([force, np.cross(arm, force)])
+    return np.concatenate([force, np.cross(lever, force)])
 
 
-def sheet_push(surface: Row, contact: Row, shift: Array) -> tuple[Array, float]:
-    """Gives the normal of a bent sheet under a point that has moved by ``shift`` (3,), and the force along it [N]."""
-    sheet = Sheet.of_spans(
-        surface["spans"][: surface["span_count"]], surface["half"][1], 1.0 / surface["softness"]
-    )
-    local = surface["rotation"].T @ (contact["position"] + shift - surface["translation"])
-    force = sheet.force(local - np.array([0.0, 0.0, contact["radius"]]), float(contact["stiffness"]))
-    if force is None:
-        return contact["normal"], 0.0
-    size = float(np.linalg.norm(force))
-    return surface["rotation"] @ force / size, size
-
-
-def _limited(vector: Array, bound: float) -> Array:
+def _limited(vector: Vector, bound: float) -> Vector:
     """Shortens a vector to a length."""
     length = float(np.linalg.norm(vector))
     return vector * (bound / length) if length > bound else vector
 
 
-def _hand_motion(memory: Memory, h: int) -> tuple[Array, Array]:
-    n, J = memory.n, memory.jacobian[h]
-    moved = memory.state[STAGE, :n] - memory.state[START, :n]
-    return J @ moved, J @ memory.part("velocity", STAGE)
+def _object_motion(plant: PlantState) -> tuple[Matrix, Motion]:
+    """Gives the object's rotation, and its displacement and twist."""
+    body, stage = plant.body, plant.stage
+    rotation = pin.exp3(stage.object_rotation) @ body.rotation
+    inertia = body.inertia if body.present else np.ones(3)
+    spin = rotation @ (rotation.T @ stage.object_momentum / inertia)
+    moved = stage.object_position - plant.start.object_position
+    displacement = np.concatenate([moved, stage.object_rotation])
+    return rotation, (displacement, np.concatenate([stage.object_velocity, spin]))
 
 
-def _object_motion(memory: Memory) -> tuple[Array, tuple[Array, Array]]:
-    """Gives the object's rotation, the part of it made in this step, its displacement and its twist."""
-    body, turn = memory.body[0], memory.part("object_turn", STAGE)
-    rotation = exp3(turn) @ body["rotation"]
-    inertia = body["inertia"] if body["present"] else np.ones(3)
-    spin = rotation @ (rotation.T @ memory.part("object_momentum", STAGE) / inertia)
-    moved = memory.part("object_position", STAGE) - memory.part("object_position", START)
-    velocity = memory.part("object_velocity", STAGE)
-    return rotation, (np.concatenate([moved, turn]), np.concatenate([velocity, spin]))
-
-
-def _pair(
-    hand: Row,
-    own: tuple[Array, Array],
-    other: tuple[Array, Array],
-    rotation: Array,
-    reaction: Array,
-) -> Array:
+def _pair(hand: Row, own: Motion, other: Motion, rotation: Matrix, reaction: Vector) -> Vector:
     """Computes the coupling's wrench on its hand and adds the opposite one to ``reaction``."""
-    now = rotation @ hand["point"]
-    stretch = hand["stretch"] + other[0][:3] + now - hand["arm"] - own[0][:3]
-    twist = hand["twist"] + other[0][3:] - own[0][3:]
+    now = rotation @ hand["rest_point"]
+    stretch = hand["deflection"] + other[0][:3] + now - hand["lever"] - own[0][:3]
+    twist = hand["angular_deflection"] + other[0][3:] - own[0][3:]
     rate = other[1][:3] + np.cross(other[1][3:], now) - own[1][:3]
     force = hand["linear_stiffness"] * stretch + hand["linear_damping"] * rate
     moment = hand["angular_stiffness"] * twist + hand["angular_damping"] * (other[1][3:] - own[1][3:])
