@@ -24,3 +24,12 @@ def ways(request: pytest.FixtureRequest) -> Iterator[str]:
     use_machine_code(request.param == "machine code")
     yield request.param
     Law.in_machine_code = before
+
+
+@pytest.fixture
+def machine_code() -> Iterator[None]:
+    """Runs laws as machine code, where a test needs their speed and another one runs them both ways."""
+    before = Law.in_machine_code
+    use_machine_code("machine code" in WAYS)
+    yield
+    use_machine_code(before)
