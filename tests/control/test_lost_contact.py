@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from impedance_modules.control.assembly import assemble
+from impedance_modules.control.contact_detection import ContactLoss
 from impedance_modules.control.controller import Controller
-from impedance_modules.control.lost_contact import ContactLoss
 from impedance_modules.control.supervisor import Supervisor
 from tests.support.paths import TESTS
 
