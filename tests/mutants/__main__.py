@@ -10,7 +10,8 @@ An area is a file ``tests/mutants/<area>.py`` with two names:
 - ``TESTS``: file -> the test files that must fail when that file is changed, the fastest first.
 
 Tests run on a copy of the checkout, with laws as plain Python: no compile time, and no kept machine code of a mutant.
-An area with ``MACHINE_CODE = True`` runs them as machine code as well.
+An area with ``MACHINE_CODE = True`` runs them as machine code as well. Every mutant has a process of its own, a fork of
+this one, which has loaded all libraries but nothing of the checkout.
 """
 
 from __future__ import annotations
@@ -18,14 +19,11 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
-import queue
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,7 +33,8 @@ COPIED = (
     "impedance_modules", "impedance_experiments", "tests", "robots", "tasks", "schemas", "benchmarks", "docs",
     "pyproject.toml",
 )  # fmt: skip
-PATIENCE = 600.0
+LIBRARIES = ("numpy", "scipy.linalg", "scipy.optimize", "pinocchio", "coal", "yaml", "hypothesis", "pytest")
+PATIENCE = 600
 """A mutant whose tests take longer than this is killed: it made something endless [s]."""
 
 
@@ -88,58 +87,82 @@ def copy_checkout(to: Path) -> None:
             shutil.copy(source, to / name)
 
 
-def run_tests(folder: Path, tests: tuple[str, ...], *, machine_code: bool) -> tuple[bool, str]:
-    """Runs test files in a copy; returns whether all passed, and the last line that names a failure."""
-    environment = os.environ | {
+def start_tests(folder: Path, tests: tuple[str, ...], *, machine_code: bool) -> int:
+    """Runs test files in a copy, in a process of their own; returns its id."""
+    process = os.fork()
+    if process:
+        return process
+    status = 99
+    try:
+        os.setsid()
+        signal.alarm(PATIENCE)
+        output = os.open(folder / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        enter(folder, machine_code=machine_code)
+        import pytest
+
+        status = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
+    finally:
+        sys.stdout.flush()
+        os._exit(status)
+
+
+def enter(folder: Path, *, machine_code: bool) -> None:
+    """Makes a copy the checkout of this process."""
+    os.chdir(folder)
+    os.environ |= {
         "PYTHONPATH": str(folder),
         "PYTHONDONTWRITEBYTECODE": "1",
-        "OPENBLAS_NUM_THREADS": "1",
         "NUMBA_CACHE_DIR": str(folder / "kept"),
         "LAWS_RUN_AS": "python,machine code" if machine_code else "python",
         "NUMBA_DISABLE_JIT": "0" if machine_code else "1",
     }
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-    try:
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-            check=False,
+    sys.dont_write_bytecode = True
+    ours = ("tests", "impedance_modules", "impedance_experiments", "benchmarks")
+    for name in [name for name in sys.modules if name.partition(".")[0] in ours]:
+        del sys.modules[name]
+    sys.path[:] = [str(folder), *(path for path in sys.path if path and Path(path) != CHECKOUT)]
+    sys.path_importer_cache.clear()
+
+
+def failure(folder: Path) -> str:
+    """The last line of the output that names a failed test."""
+    lines = (folder / "output.txt").read_text(errors="replace").splitlines()
+    named = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
+    return (named or lines or ["no output"])[-1][:150]
+
+
+def baseline(folder: Path, chosen: list[Mutant]) -> bool:
+    """Runs all tests once without any change; returns whether they pass."""
+    for tests, machine_code in sorted({(mutant.tests, mutant.machine_code) for mutant in chosen}):
+        process = start_tests(folder, tests, machine_code=machine_code)
+        if os.waitpid(process, 0)[1] != 0:
+            print(f"without any change these fail: {' '.join(tests)}\n{failure(folder)}")
+            return False
+    return True
+
+
+def run(chosen: list[Mutant], folders: list[Path]) -> list[Mutant]:
+    """Runs one mutant per copy at a time; returns those that survived."""
+    waiting, running, survivors = list(reversed(chosen)), {}, []
+    while waiting or running:
+        while waiting and folders:
+            folder, mutant = folders.pop(), waiting.pop()
+            (folder / mutant.file).write_text(mutated(mutant))
+            process = start_tests(folder, mutant.tests, machine_code=mutant.machine_code)
+            running[process] = folder, mutant
+        process, status = os.wait()
+        folder, mutant = running.pop(process)
+        (folder / mutant.file).write_text((CHECKOUT / mutant.file).read_text())
+        folders.append(folder)
+        survivors += [mutant] if status == 0 else []
+        change = f"{mutant.file}: {mutant.old.strip()!r} -> {mutant.new.strip()!r}"
+        print(
+            f"{'SURVIVED' if status == 0 else 'killed  '}  {change}\n            {failure(folder)}",
+            flush=True,
         )
-    except subprocess.TimeoutExpired:
-        return False, f"more than {PATIENCE:g} s"
-    lines = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    if done.returncode not in (0, 1, 2):
-        raise RuntimeError(f"pytest ended with {done.returncode}:\n{done.stdout}{done.stderr}")
-    return done.returncode == 0, lines[-1][:150] if lines else ""
-
-
-@contextmanager
-def applied(mutant: Mutant, folder: Path) -> Iterator[None]:
-    """Changes the file of a copy for a while."""
-    file = folder / mutant.file
-    before = file.read_text()
-    file.write_text(mutated(mutant))
-    try:
-        yield
-    finally:
-        file.write_text(before)
-
-
-def survives(mutant: Mutant, folders: queue.Queue[Path]) -> bool:
-    """Runs one mutant in a free copy; prints and returns whether it survived."""
-    folder = folders.get()
-    try:
-        with applied(mutant, folder):
-            passed, failure = run_tests(folder, mutant.tests, machine_code=mutant.machine_code)
-    finally:
-        folders.put(folder)
-    change = f"{mutant.file}: {mutant.old.strip()!r} -> {mutant.new.strip()!r}"
-    print(f"{'SURVIVED' if passed else 'killed  '}  {change}\n            {failure}", flush=True)
-    return passed
+    return survivors
 
 
 def main() -> int:
@@ -149,23 +172,23 @@ def main() -> int:
     parser.add_argument("--match", default="", help="only mutants whose file or text contains this")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args()
+    os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    for library in LIBRARIES:
+        importlib.import_module(library)
     chosen = [m for area in options.only for m in mutants_of(area) if options.match in f"{m.file} {m.old}"]
     for mutant in chosen:
         mutated(mutant)
+    begun = time.perf_counter()
     with tempfile.TemporaryDirectory() as top:
-        folders: queue.Queue[Path] = queue.Queue()
-        for job in range(options.jobs):
-            folder = Path(top) / str(job)
+        folders = [Path(top) / str(job) for job in range(options.jobs)]
+        for folder in folders:
             copy_checkout(folder)
-            folders.put(folder)
-        for tests, machine_code in sorted({(m.tests, m.machine_code) for m in chosen}):
-            passed, failure = run_tests(Path(top) / "0", tests, machine_code=machine_code)
-            if not passed:
-                print(f"without any change these fail: {' '.join(tests)}\n{failure}")
-                return 1
-        with ThreadPoolExecutor(options.jobs) as pool:
-            survivors = sum(pool.map(lambda mutant: survives(mutant, folders), chosen))
-    print(f"{len(chosen)} mutants, {survivors} survived")
+        if not baseline(folders[0], chosen):
+            return 1
+        survivors = run(chosen, folders)
+    print(f"{len(chosen)} mutants, {len(survivors)} survived, {time.perf_counter() - begun:.0f} s")
+    for mutant in survivors:
+        print(f"SURVIVED  {mutant.file}: {mutant.old.strip()!r} -> {mutant.new.strip()!r}")
     return 1 if survivors else 0
 
 

@@ -19,10 +19,10 @@ TESTS = {
     ACTIVE: (T + "active_set.py",),
     STOP: (T + "stop_levels.py",),
     LIMITS: (T + "limits.py",),
-    PROBLEM: (T + "filter_problem.py", T + "filter.py", T + "active_set.py"),
+    PROBLEM: (T + "filter_problem.py", T + "filter.py"),
     ATTRIBUTE: (T + "filter_attribution.py",),
-    NORMAL: (T + "filter.py", T + "solvers_hard_set.py"),
-    DAQP: (T + "filter.py", T + "solvers_hard_set.py"),
+    NORMAL: (T + "filter.py",),
+    DAQP: (T + "filter.py",),
 }
 
 LEDGER_MUTANTS = (
