@@ -85,17 +85,23 @@ class ActiveSet(Record):
 
 def make_active_set(n: int, m: int) -> ActiveSet:
     """Makes the memory for problems of n joints and m rows."""
-    constraints = ("duals", "low", "high", "weight", "values", "length")
     return ActiveSet(
         effort=np.zeros(n),
+        duals=np.zeros(n + m),
+        low=np.zeros(n + m),
+        high=np.zeros(n + m),
+        weight=np.zeros(n + m),
+        values=np.zeros(n + m),
+        length=np.zeros(n + m),
         factor=np.zeros((n, n)),
         change=np.zeros(n),
         acting=np.zeros(MOST_ACTING, dtype=np.int64),
         rows=np.zeros((MOST_ACTING, n)),
         gram=np.zeros((MOST_ACTING, MOST_ACTING)),
+        bound=np.zeros(MOST_ACTING),
+        side=np.zeros(MOST_ACTING),
+        multiplier=np.zeros(MOST_ACTING),
         half=np.zeros((MOST_ACTING, MOST_ACTING)),
-        **{name: np.zeros(n + m) for name in constraints},
-        **{name: np.zeros(MOST_ACTING) for name in ("bound", "side", "multiplier")},
     )
 
 

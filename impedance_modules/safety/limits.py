@@ -50,11 +50,6 @@ class FilterLimits(Record):
     delay: Scalar
     horizon: Scalar
 
-    @property
-    def power_horizon(self) -> float:
-        """Time for which a command may act before the next one replaces it, period + delay [s]."""
-        return self.period + self.delay
-
 
 def limits_of(
     joints: Sequence[JointSpec],
