@@ -39,7 +39,7 @@ SCALARS = (
     "late",
     "interrupt",
 )
-"""Level [J]; part of the springs in force, of the motion granted, of the torque paid; [s]; rung of the stop ladder;
+"""Level [J]; part of the springs in force, of the motion granted, of the torque paid; [s]; stop level;
 number of active filter rows; 1 where the last torque came too late or somebody asked for a stop. ``write_row`` knows
 the order."""
 

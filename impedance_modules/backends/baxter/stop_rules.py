@@ -63,7 +63,7 @@ NOTHING = Order(None, None, ())
 
 @dataclass(frozen=True)
 class Fault:
-    """Why torque control ended by itself; ``event`` as in the stop ladder's table."""
+    """Why torque control ended by itself; ``event`` as in the table of ``safety.stop_levels``."""
 
     event: Event
     detail: str
