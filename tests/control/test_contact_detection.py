@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A force axis reports a contact that is gone, and nothing else: a held object's weight is no contact."""
+"""Contact judged from what the hands feel: made, lost, reported, and by how much it was missed."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from impedance_modules.control.assembly import assemble
-from impedance_modules.control.contact_detection import ContactLoss
+from impedance_modules.control.contact_detection import ContactJudge, ContactLoss
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.supervisor import Supervisor
+from impedance_modules.spec.task import ContactCondition
 from tests.support.paths import TESTS
 
 TASK = TESTS / "data" / "press-box.yaml"
@@ -56,3 +57,32 @@ def test_the_force_on_an_object_is_shared_by_its_hands(supervisor: Supervisor) -
         for limb in held.limbs:
             assert np.allclose(supervisor.touch.felt_by(limb), 0.5 * total)
         assert supervisor.touch.force_on(None) == pytest.approx(float(np.linalg.norm(total)))
+
+
+@pytest.mark.parametrize("present", [True, False])
+def test_contact_counts_once_it_has_lasted(supervisor: Supervisor, present: bool) -> None:
+    held = supervisor.controller.modules.held
+    assert held is not None
+    period = supervisor.touch.period
+    condition = ContactCondition(present=present, force=8.0, time=2.5 * period, target="object")
+    judge = ContactJudge(condition, supervisor.touch, supervisor.assembly.model)
+    met = []
+    # Force of the table on the object, look by look: a gap in between starts the count anew.
+    for force in (0.0, 9.0, 9.0, 0.0, 9.0, 9.0, 9.0, 0.0, 0.0, 0.0):
+        _feel(supervisor, held.spec.mass, force, 15.0)
+        met.append(judge.met())
+    assert met == [k == (6 if present else 9) for k in range(10)]
+
+
+def test_contact_that_did_not_come_says_what_was_felt_and_what_is_asked_for(supervisor: Supervisor) -> None:
+    held = supervisor.controller.modules.held
+    assert held is not None
+    condition = ContactCondition(present=True, force=8.0, time=0.05, target="object")
+    judge = ContactJudge(condition, supervisor.touch, supervisor.assembly.model)
+    for force in (1.0, 5.0, 3.0):
+        _feel(supervisor, held.spec.mass, force, 15.0)
+        assert not judge.met()
+    told = judge.account()
+    assert "object feels 3.0 N" in told
+    assert "at least 8 N for 0.05 s is asked for" in told
+    assert f"most 5.0 N, {2 * supervisor.touch.period:.2f} s into the phase" in told
