@@ -143,7 +143,7 @@ def test_relaxing_always_reaches_the_floor_and_moves_no_energy_out() -> None:
             level=base - scale * potential + excess,
             spring_scale=scale,
             applied=applied,
-            need=float(rng.uniform(0, 3)),
+            need=float(rng.uniform(0, 8)),
         )
         after = altered(tank)
         rescale_springs(after)
@@ -167,9 +167,20 @@ def test_relaxed_springs_tighten_again_only_as_the_tank_pays() -> None:
         assert stored(tank) == pytest.approx(total)
     assert tank.spring_scale == pytest.approx(0.6, abs=1e-3)
     rich = altered(tank, level=s.max, potential=0.1)
+    total = stored(rich)
     for _ in range(2000):
         rescale_springs(rich)
     assert rich.spring_scale == 1.0
+    assert stored(rich) == pytest.approx(total)
+
+
+def test_springs_tighten_with_the_time_constant_of_recovery() -> None:
+    s = settings_of(1)
+    tank = altered(filled_tank(s, np.zeros(1), np.zeros(1), 6.0), spring_scale=0.0, level=2.0)
+    rescale_springs(tank)
+    assert tank.level == pytest.approx(2.0 - (2.0 - s.floor) * s.period / s.recovery_time)
+    assert tank.spring_scale == pytest.approx((2.0 - s.floor) * s.period / s.recovery_time / 6.0)
+    assert not tank.short
 
 
 def test_the_floor_is_there_for_the_stop() -> None:
