@@ -25,6 +25,7 @@ from tests.support.plant_parts import (
     idle,
     in_both_hands,
     middle,
+    plane,
     plant,
     posture,
     spec_of,
@@ -297,6 +298,26 @@ def test_an_effect_at_the_motor_is_the_same_as_the_robots_own_damping() -> None:
     assert perturbed.energy().effect_work == pytest.approx(-own.energy().motor_loss, rel=1e-9)
     assert abs(perturbed.energy().imbalance(before)) < 1e-9
     assert effect.settled == 160
+
+
+def test_a_period_in_one_call_is_its_stages_one_by_one() -> None:
+    """Box on a table, pushed about: the same run with an effect of nothing asked at every stage, to the last bit."""
+    spec, held = spec_of(BAXTER), in_both_hands(spec_of(BAXTER), squeeze=15.0)
+    bare = plant(spec, [], held)
+    bare.reset(middle(bare.model))
+    table = plane(float(bare.object_pose.translation[2]) - 0.0995)
+    ends = []
+    for effects in ([], [Viscous(0.0, "motor")]):
+        subject = plant(spec, [table], held)
+        subject.torques.extend(effects)
+        subject.reset(middle(subject.model))
+        pressed, rng = 0.0, np.random.default_rng(3)
+        for _ in range(100):
+            subject.advance(subject.start_command + rng.normal(size=subject.model.n))
+            pressed = max(pressed, subject.contact_wrench("object")[2])
+        assert pressed > 1.0
+        ends.append(subject.state.start.whole.copy())
+    np.testing.assert_array_equal(*ends)
 
 
 def test_an_effect_at_the_link_is_another_physics() -> None:
