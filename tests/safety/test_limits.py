@@ -27,7 +27,7 @@ def numbers(robot: Path, what: str) -> list[Any]:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("rate", [1000.0, 250.0])
+@pytest.mark.parametrize("rate", [1000.0, 250.0, 80.0])
 def test_limits_are_those_of_the_robot_file(name: str, rate: float) -> None:
     robot = ROBOTS[name]
     spec = read_robot(robot)

@@ -183,6 +183,31 @@ def test_springs_tighten_with_the_time_constant_of_recovery() -> None:
     assert not tank.short
 
 
+def test_need_is_the_level_at_which_a_lasting_torque_is_just_covered() -> None:
+    rng = np.random.default_rng(10)
+    for _ in range(30):
+        delay = int(rng.integers(0, 4))
+        s = settings_of(
+            3, delay=delay, hold=0.002 * int(rng.integers(1, 4)), sensing_error=rng.uniform(0, 1e-3, 3)
+        )
+        tank, torque = filled_tank(s, np.zeros(3), np.zeros(3), 0.0), 5.0 * rng.normal(size=3)
+        limited(tank, torque)
+        lasting = altered(tank, applied=torque, pending=np.tile(torque, (delay + 1, 1)))
+        for part, covered in ((1.0 + 1e-9, True), (0.99, False)):
+            level = s.floor + part * tank.need
+            assert np.array_equal(limited(altered(lasting, level=level), torque), torque) == covered
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_a_first_torque_is_answered_for_until_it_acts_and_ends(delay: int) -> None:
+    s = settings_of(2, delay=delay)
+    tank, torque = filled_tank(s, np.zeros(2), np.zeros(2), 0.0), np.array([300.0, -400.0])
+    sent = limited(tank, torque)
+    spent = np.abs(sent) @ s.speed_bound * (1 + delay) * s.period
+    assert spent == pytest.approx(s.initial - s.floor)
+    assert sent == pytest.approx(torque * np.abs(sent[0]) / 300.0)
+
+
 def test_the_floor_is_there_for_the_stop() -> None:
     s = settings_of(2)
     tank = altered(filled_tank(s, np.zeros(2), np.zeros(2), 0.0), level=s.floor)
