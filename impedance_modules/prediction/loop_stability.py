@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
@@ -24,7 +23,7 @@ from impedance_modules.superposition.elastic_joints import (
     sampled_arm,
     sampling_of,
 )
-from impedance_modules.superposition.modes import least_damped
+from impedance_modules.superposition.modes import block_diagonal, least_damped
 from impedance_modules.superposition.object_impedance import HeldImpedance
 from impedance_modules.superposition.sampled_loop import (
     Gains,
@@ -96,7 +95,7 @@ def _object_loop(
     inertia = np.zeros((6, 6)) if own is None else own.inertia(held.pose.rotation)
     twist = held.motion.twist
     loop = sampled_arm(
-        block_diag(*(arm.system.inertia for arm in holding)),
+        block_diagonal([arm.system.inertia for arm in holding]),
         drives_of(model, joints),
         sampling_of(assembly.robot, assembly.rate, True),
         held.motion.motion,
@@ -121,8 +120,8 @@ def _forecast(name: str, loop: SampledArm, fixed: Gains, scaled: Gains, stiffest
 
 def _stacked(gains: list[Gains]) -> Gains:
     """Puts the gains of several arms side by side."""
-    stiffness = block_diag(*(arm.stiffness for arm in gains))
-    return Gains(stiffness, block_diag(*(arm.damping for arm in gains)))
+    stiffness = block_diagonal([arm.stiffness for arm in gains])
+    return Gains(stiffness, block_diagonal([arm.damping for arm in gains]))
 
 
 def _stiffest(modules: TaskModules, limb: str) -> float:

@@ -33,6 +33,16 @@ class JointSpace:
         )
 
 
+def block_diagonal(matrices: Sequence[Array]) -> Array:
+    """Puts square matrices along the diagonal: what several arms do that share no joint."""
+    ends = np.cumsum([len(matrix) for matrix in matrices])
+    found = np.zeros((ends[-1], ends[-1]))
+    for end, matrix in zip(ends, matrices, strict=True):
+        place = slice(end - len(matrix), end)
+        found[place, place] = matrix
+    return found
+
+
 @dataclass(frozen=True)
 class VibrationMode:
     """One way in which a system moves by itself.

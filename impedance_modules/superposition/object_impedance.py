@@ -20,14 +20,13 @@ from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from impedance_modules.modules.held_object import HeldObject, carry_weight, share_wrench, squeeze_forces
 from impedance_modules.modules.mobility import parallel_sum
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import skew
 from impedance_modules.superposition.arm_impedance import ArmImpedance
-from impedance_modules.superposition.modes import HeldTogether, JointSpace, hold_together
+from impedance_modules.superposition.modes import HeldTogether, JointSpace, block_diagonal, hold_together
 from impedance_modules.superposition.operational_inertia import (
     OperationalInertia,
     carry_inertia,
@@ -198,9 +197,9 @@ def held_impedance(held: HeldObject, arms: Mapping[str, ArmImpedance]) -> HeldIm
     hands = _hands(held, holding, offsets, with_reflected=True)
     motion = hold_together([arm.jacobian for arm in holding], list(offsets))
     stacked = JointSpace(
-        block_diag(*(arm.system.inertia for arm in holding)),
-        block_diag(*(arm.system.stiffness for arm in holding)),
-        block_diag(*(arm.system.damping for arm in holding)),
+        block_diagonal([arm.system.inertia for arm in holding]),
+        block_diagonal([arm.system.stiffness for arm in holding]),
+        block_diagonal([arm.system.damping for arm in holding]),
     )
     turning = np.sum([lever_arm_stiffness(-hand.wrench[:3], hand.offset) for hand in hands], axis=0)
     summed = superpose(hands, own)

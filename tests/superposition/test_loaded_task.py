@@ -21,7 +21,7 @@ from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import HybridAxis, ObjectSpec
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
 from impedance_modules.superposition.modes import hold_together
-from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance
+from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance, squeeze_force
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
     Array,
@@ -227,6 +227,11 @@ def test_a_held_loaded_object_moves_as_the_sum_says(robot, seed: int) -> None:
     assert relative(np.linalg.inv(found.impedance.stiffness), np.array(columns).T) < 1e-5
     slow = found.motion.twist @ np.linalg.solve(found.system.stiffness, found.motion.twist.T)
     assert relative(slow, np.array(columns).T) < 1e-5
+    held = task.modules.held
+    loose = held_impedance(replace(held, spec=replace(held.spec, squeeze=0.0)), task.arms(q))
+    pressed, unpressed = (squeeze_force(one.hands, one.impedance.internal) for one in (found, loose))
+    # The hands press along the line between them, which passes near the object's origin.
+    assert 0.8 * held.spec.squeeze < pressed - unpressed <= held.spec.squeeze + 1e-9
     summed = sum(
         carry(hand.offset).T @ wrench
         for hand, wrench in zip(found.hands, found.impedance.internal, strict=True)

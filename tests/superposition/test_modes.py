@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag, eigh
+from scipy.linalg import block_diag, eigh, expm
 
 from impedance_modules.modules.damping import endpoint_damping, joint_damping
 from impedance_modules.modules.mobility import mobility
@@ -175,6 +175,32 @@ def test_fast_sampling_of_stiff_joints_shows_the_continuous_modes() -> None:
     for found, expected in zip(slow, natural_modes(JointSpace(inertia, springs, damping)), strict=True):
         assert found.frequency == pytest.approx(expected.frequency, rel=0.01)
         assert found.damping_ratio == pytest.approx(0.3, abs=0.01)
+
+
+@pytest.mark.parametrize("motor_side", [False, True])
+def test_a_period_is_integrated_exactly(motor_side: bool) -> None:
+    """Free joints and held ones: one period of links and rotors is the matrix exponential of their equations."""
+    model = baxter()
+    limb = next(iter(model.limbs.values()))
+    _, J, inverse = hand_of(model, limb, random_position(np.random.default_rng(4), model))
+    inertia, drives = np.linalg.inv(inverse), drives_of(model, limb.joints)
+    k, period = 7, 1.0 / 1000.0
+    own = np.diag([1.2, 1.2, 1.2, 0.01, 0.02, 0.03])
+    arm = sampled_arm(inertia, drives, Sampling(1000.0, 0, 1, 0.01, motor_side), None, J.T @ own @ J)
+    stiffness, rotors = np.diag(drives.spring_stiffness), np.diag(drives.reflected_inertia)
+    mass = block_diag(inertia - rotors + J.T @ own @ J, rotors)
+    springs = np.block([[stiffness, -stiffness], [-stiffness, stiffness]])
+    spring_damping = np.diag(drives.spring_damping)
+    dampers = np.block([[spring_damping, -spring_damping], [-spring_damping, spring_damping]])
+    dampers[k:, k:] += np.diag(drives.motor_damping)
+    system = np.block(
+        [
+            [np.zeros((2 * k, 2 * k)), np.eye(2 * k)],
+            [-np.linalg.solve(mass, springs), -np.linalg.solve(mass, dampers)],
+        ]
+    )
+    assert np.all(drives.elastic)
+    np.testing.assert_allclose(arm.A[: 4 * k, : 4 * k], expm(system * period), atol=1e-11)
 
 
 def test_whole_delays_are_not_rounded_up_further() -> None:
