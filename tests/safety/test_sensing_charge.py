@@ -88,3 +88,17 @@ def test_white_sensors_cost_a_small_part_of_the_worst_case() -> None:
 def test_a_grid_coarser_than_its_noise_is_not_called_white() -> None:
     assert sensing_deviation(sensors(0.2 * GRID), np.zeros(2)) is None
     assert sensing_deviation(sensors(0.0), np.zeros(2)) is None
+
+
+def test_the_deviation_of_a_white_error_is_that_of_noisy_rounded_readings() -> None:
+    rng = np.random.default_rng(2)
+    grid = 0.2
+    spec = SensorSpec(GRID, grid, 0.5 * GRID, 0.5 * grid, 0.0)
+    compliance = np.array([0.0, 1 / 843])
+    found = sensing_deviation(spec, compliance)
+    assert found is not None
+    q, effort = rng.uniform(-1, 1, 40_000), rng.uniform(-20, 20, 40_000)
+    read_q = np.round((q + 0.5 * GRID * rng.standard_normal(q.size)) / GRID) * GRID
+    read_effort = np.round((effort + 0.5 * grid * rng.standard_normal(q.size)) / grid) * grid
+    for deviation, twist in zip(found, compliance, strict=True):
+        assert np.std(read_q - q + twist * (read_effort - effort)) == pytest.approx(deviation, rel=0.02)
