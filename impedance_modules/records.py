@@ -160,12 +160,11 @@ def _field(name: str, place: int, hint: Any) -> Field | None:
     """Reads what a field is from its annotation; None if a record cannot hold it."""
     if isinstance(hint, type) and issubclass(hint, Record):
         return Field(name, place, "record", 0, record=hint._layout)
-    if (
-        get_origin(hint) is Annotated
-        and isinstance(row := get_args(hint)[1], np.dtype)
-        and row.isalignedstruct
-    ):
-        return Field(name, place, "table", 1, row=row)
+    row = get_args(hint)[1] if get_origin(hint) is Annotated else None
+    if isinstance(row, np.dtype) and row.isalignedstruct:
+        # As Python, ``row.size`` would be numpy's own attribute.
+        taken = any(hasattr(np.record, column) for column in row.names or ())
+        return None if taken else Field(name, place, "table", 1, row=row)
     return Field(name, place, *_KINDS[hint]) if hint in _KINDS else None
 
 

@@ -96,7 +96,7 @@ point in the box's axes while it is ``on_wood``.
 
 SURFACE = np.dtype(
     [
-        ("flat", np.int64),
+        ("is_plane", np.int64),
         ("translation", np.float64, (3,)),
         ("rotation", np.float64, (3, 3)),
         ("half", np.float64, (3,)),
@@ -168,7 +168,7 @@ def to_surface_axes(surface: Row, position: Vector, local: Vector) -> None:
 @compiled
 def _distance_bound(surface: Row, local: Vector) -> float:
     """Bounds the distance of a point in the surface's axes to a plane or a box from below [m]."""
-    if surface.flat:
+    if surface.is_plane:
         return float(local[2])
     gap = -math.inf
     for k in range(3):
@@ -179,7 +179,7 @@ def _distance_bound(surface: Row, local: Vector) -> float:
 @compiled
 def _nearest_face(surface: Row, local: Vector) -> int:
     """Numbers the face nearest to a point in the surface's own axes: the axis (1 to 3) with its sign, or ``EDGE``."""
-    if surface.flat:
+    if surface.is_plane:
         return 3
     outside, gap, face = 0, -math.inf, 0
     for k in range(3):
@@ -327,7 +327,7 @@ def surface_table(surfaces: Sequence[SurfaceSpec]) -> Table:
     """Tabulates the surfaces' poses and sizes for the search for near points."""
     table = np.zeros(len(surfaces), SURFACE)
     for row, surface in zip(table, surfaces, strict=True):
-        row["flat"] = surface.surface == "plane"
+        row["is_plane"] = surface.surface == "plane"
         row["rotation"] = exp3(np.array(surface.rotation))
         row["translation"] = _origin(surface)
         if surface.size is not None:

@@ -109,6 +109,7 @@ def test_a_table_is_shared_and_its_rows_have_names() -> None:
 
 
 PACKED = np.dtype([("a", np.int8), ("b", np.float64)])
+HIDDEN = np.dtype([("flat", np.float64)], align=True)
 ALIGNED = np.dtype([("c", np.float64)], align=True)
 
 
@@ -119,8 +120,9 @@ def test_a_table_must_have_the_declared_rows() -> None:
     for wrong in (np.zeros(2, laws.CELL), np.zeros(4, ALIGNED)[::2], np.zeros(2)):
         with pytest.raises(TypeError, match="cells"):
             Cells(cells=wrong)
-    with pytest.raises(TypeError, match="cannot hold"):
-        type("Packed", (Record,), {"__annotations__": {"cells": Annotated[Table, PACKED]}})
+    for rows in (PACKED, HIDDEN):
+        with pytest.raises(TypeError, match="cannot hold"):
+            type("Wrong", (Record,), {"__annotations__": {"cells": Annotated[Table, rows]}})
 
 
 def test_a_record_refuses_missing_and_unknown_fields() -> None:
