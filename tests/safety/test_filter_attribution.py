@@ -55,6 +55,14 @@ def test_each_row_bears_its_own_optimality_term_and_splits_by_push() -> None:
     assert by_module["more"] == pytest.approx(-4.0 * 4 / 12)
 
 
+def test_at_a_lower_limit_the_module_that_pushes_down_bears_the_change() -> None:
+    p = single(desired=np.array([-9.0]), effort_max=np.array([5.0]))
+    s = make_solver("daqp").solve(p)
+    found = attribute(p, ONE, s, ("down", "up"), np.array([[-12.0], [3.0]]))
+    assert [(r.row, r.module) for r in found] == [("torque j", "down")]
+    assert found[0].change[0] == pytest.approx(4.0)
+
+
 def test_power_row_is_attributed_to_who_drives_the_motion() -> None:
     layout = FilterLayout(("a", "b"), ())
     p = make_problem(layout, np.full(layout.n, np.inf))

@@ -141,6 +141,13 @@ def test_pair_without_direction_or_with_infinite_distance_makes_no_row() -> None
     assert make_solver("daqp").solve(problem).solved
 
 
+def test_rows_are_zero_beyond_their_reach_and_reach_no_farther() -> None:
+    rng = np.random.default_rng(6)
+    problem = fp.build(fp.blank(), fp.limits(rng), fp.state(rng), np.zeros(fp.N))
+    for row, (first, last) in zip(problem.matrix, problem.reach.T, strict=True):
+        assert np.flatnonzero(row).tolist() == list(range(first, last))
+
+
 def test_arms_of_a_real_robot_do_not_feel_each_other() -> None:
     """Where ``make_problem`` expects zeros, the inertia has them."""
     robot: RobotModel = baxter()
