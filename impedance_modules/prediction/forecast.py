@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.modules.equilibrium import OBJECT, Equilibrium
+from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.modules.spring import displacement_of
 from impedance_modules.prediction.energy_need import TankForecast
 from impedance_modules.prediction.feasibility import TaskPrediction

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.set_points import BLENDING
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion, phase_motion, start_equilibrium
@@ -34,9 +35,6 @@ Array = NDArray[np.float64]
 
 MIDDLE = 0.55
 """Part of a step at which forces balance; 1 in steps in which a point meets or leaves a surface."""
-
-BLENDING = 0.5
-"""Gains of a phase come in over this time [s], as in the run (``control.gains``)."""
 
 SHORTEST_STEP, LONGEST_STEP = 0.025, 0.04
 """Bounds of a step [s]; hands swing with 10 to 20 rad/s."""
