@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from impedance_modules.spec.document import read_document
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.schema import schema_problems
-from impedance_modules.spec.document import read_document
 from impedance_modules.spec.urdf import read_urdf
 from tests.reference.kdl_tree import KdlArm
 

@@ -23,7 +23,7 @@ from impedance_modules.backends.baxter.ros.messages import AssemblyState, Empty
 from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_thresholds
 from impedance_modules.errors import BadInput, RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task_reader import read_task
 
@@ -188,7 +188,7 @@ class Approach:
         return f"{self._names[worst]} is {away[worst]:+.3f} rad"
 
 
-class Interrupted(Exception):  # noqa: N818 - no error
+class Interrupted(Exception):
     """A person asked to stop."""
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from impedance_modules.backends.baxter.ros.messages import AssemblyState
 from impedance_modules.backends.baxter.stops import DriveMode, Stops, stop_thresholds, why_off
-from impedance_modules.safety.stop_events import RUNG_OF, Event, Rung
+from impedance_modules.safety.stop_levels import RUNG_OF, Event, Rung
 
 N = 4
 LIMBS = {"one": np.array([0, 1]), "two": np.array([2, 3])}
@@ -271,7 +271,7 @@ def test_every_reason_leads_to_a_hold_or_a_release() -> None:
         Event.CUFF,
         Event.COLLISION,
     ):
-        assert RUNG_OF[event] is Rung.HOLD
-    assert RUNG_OF[Event.ROBOT_DISABLED] is Rung.RELEASE
+        assert LEVEL_OF[event] is StopLevel.HOLD
+    assert LEVEL_OF[Event.ROBOT_DISABLED] is StopLevel.RELEASE
     assert why_off(ON) is None
     assert all(why_off(state) for state in OFF_STATES.values())

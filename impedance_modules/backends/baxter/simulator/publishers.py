@@ -101,7 +101,7 @@ class MessageBuilder:
         opening = (FINGER_OPENING,) * len(self._fingers)
         return messages.JointState(self.header(stamp, ""), self._fingers, opening, zeros, zeros)
 
-    def assembly(self, stamp: int) -> messages.AssemblyState:  # noqa: ARG002 - as every builder of messages
+    def assembly(self, stamp: int) -> messages.AssemblyState:
         """Power and stops."""
         return self._robot.machine.state
 
