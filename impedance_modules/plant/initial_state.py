@@ -23,7 +23,7 @@ from impedance_modules.plant.point_contact import (
     surface_table,
 )
 from impedance_modules.plant.wood import renew_wood, wood_tables
-from impedance_modules.records import Array3, Matrix, Vector
+from impedance_modules.records import Array3, Matrix, Vector, new_table
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.task import SurfaceSpec
 
@@ -39,7 +39,7 @@ def build_plant_state(
 ) -> PlantState:
     """Makes the state and fills in every constant; ``added_mass`` is (n, 6, 6) of water, or None."""
     n, h = model.n, len(frames)
-    hands = np.zeros(h, HAND)
+    hands = new_table(h, HAND)
     hands["rest_rotation"] = np.eye(3)
     for hand, frame in zip(hands, frames, strict=True):
         mount = links.frames[model.frame_id(frame)]

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impedance_modules.compiled import compiled
-from impedance_modules.records import Matrix, Row, Table, Vector
+from impedance_modules.records import Matrix, Row, Table, Vector, new_table
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_spec import JointSpec
 
@@ -173,7 +173,7 @@ def joint_kind(joint: JointSpec) -> int:
 
 def joint_table(model: RobotModel) -> Table:
     """Tabulates the constants and limits of all joints; torques and hold are zero."""
-    table = np.zeros(model.n, JOINT)
+    table = new_table(model.n, JOINT)
     for row, joint in zip(table, model.joints, strict=True):
         row["kind"] = joint_kind(joint)
         for name in ("spring_damping", "motor_damping", "reflected_inertia", "effort_max"):
@@ -182,7 +182,7 @@ def joint_table(model: RobotModel) -> Table:
         row["lower"], row["upper"] = joint.position_min, joint.position_max
         row["stop_stiffness"] = STOP_STIFFENING * structural_stiffness(joint)
         row["stop_damping"] = STOP_TIME * row["stop_stiffness"]
-    return table.view(np.recarray)
+    return table
 
 
 def structural_stiffness(joint: JointSpec) -> float:

@@ -34,7 +34,7 @@ import pinocchio as pin
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.joints import RIGID, joint_kind
-from impedance_modules.records import Array3, Matrix, Row, Table, Vector
+from impedance_modules.records import Array3, Matrix, Row, Table, Vector, new_table
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.rotation import add_cross, compose, dot, exponential, turn
 
@@ -277,7 +277,7 @@ def link_table(links: pin.Model, added_mass: Array3 | None = None) -> Table:
         links: From ``link_model``.
         added_mass: (n, 6, 6) of water that each link takes along, in its joint's axes; None for none.
     """
-    table = np.zeros(links.njoints, LINK)
+    table = new_table(links.njoints, LINK)
     table["rotation"] = np.eye(3)
     table[0]["acceleration"][:3] = -links.gravity.linear
     data = links.createData()
@@ -292,7 +292,7 @@ def link_table(links: pin.Model, added_mass: Array3 | None = None) -> Table:
         if added_mass is not None:
             row["added_mass"] = added_mass[i - 1]
             row["submerged"] = bool(added_mass[i - 1].any())
-    return table.view(np.recarray)
+    return table
 
 
 def water_inertia(links: pin.Model, table: Table, q: Vector) -> Matrix:

@@ -34,7 +34,7 @@ WORK = np.dtype(
 )
 """Work counters [J], named as in ``energy_balance.EnergyBook``; in a rate, powers [W]."""
 
-WORK_SIZE = len(WORK)
+WORK_SIZE = len(WORK.names or ())
 OBJECT_SIZE = 12
 
 
@@ -73,9 +73,10 @@ class StateVector(Record):
     def over(cls, whole: Vector) -> StateVector:
         """Names the parts of a vector (4 n + 21,); they share its memory."""
         n = (whole.size - OBJECT_SIZE - WORK_SIZE) // 4
-        parts = np.split(whole, np.cumsum([n, n, n, n, 3, 3, 3, 3]))
-        names = [field.name for field in cls._layout.fields[1:]]
-        return cls(whole=whole, **dict(zip(names, [*parts[:-1], parts[-1].view(WORK)], strict=True)))
+        parts: list[Any] = np.split(whole, np.cumsum([n, n, n, n, 3, 3, 3, 3]))
+        parts[-1] = parts[-1].view(WORK)
+        names = (field.name for field in cls._layout.fields)
+        return cls(**dict(zip(names, (whole, *parts), strict=True)))
 
 
 class PlantState(Record):

@@ -28,7 +28,7 @@ import numpy as np
 from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.sheet import SHEET, find_on_sheet, place_on_sheet, press_on_sheet, sheet_row
-from impedance_modules.records import Matrix, Row, Table, Vector
+from impedance_modules.records import Matrix, Row, Table, Vector, new_table
 from impedance_modules.robot.rotation import add_cross, dot, exp3, turn
 from impedance_modules.spec.task import SurfaceSpec
 
@@ -325,7 +325,7 @@ def object_points(shape: str, size: tuple[float, ...]) -> tuple[Point, ...]:
 
 def surface_table(surfaces: Sequence[SurfaceSpec]) -> Table:
     """Tabulates the surfaces' poses and sizes for the search for near points."""
-    table = np.zeros(len(surfaces), SURFACE)
+    table = new_table(len(surfaces), SURFACE)
     for row, surface in zip(table, surfaces, strict=True):
         row["is_plane"] = surface.surface == "plane"
         row["rotation"] = exp3(np.array(surface.rotation))
@@ -364,7 +364,7 @@ def contact_table(surfaces: Sequence[SurfaceSpec], bodies: Sequence[Sequence[Poi
         for point in points
         for index in range(len(surfaces))
     ]
-    table = np.zeros(len(rows), CONTACT_POINT)
+    table = new_table(len(rows), CONTACT_POINT)
     table["splinter"] = -1
     on_surface = {int(wood["surface"]): number for number, wood in enumerate(woods)}
     for row, (body, (centre, radius), index) in zip(table, rows, strict=True):

@@ -28,7 +28,7 @@ import numpy as np
 
 from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput
-from impedance_modules.records import Matrix, Row, Vector
+from impedance_modules.records import Matrix, Row, Vector, new_table
 from impedance_modules.robot.rotation import turn
 from impedance_modules.spec.task import SheetSpec
 
@@ -190,7 +190,7 @@ def sheet_row(sheet: SheetSpec) -> Row:
     Raises:
         BadInput: It has fewer than two supports, more than the plant keeps room for, or they do not ascend.
     """
-    row = np.zeros(1, SHEET).view(np.recarray)[0]
+    row = new_table(1, SHEET)[0]
     at, height = np.array(sheet.supports, dtype=float).reshape(-1, 2).T
     length = np.diff(at)
     if not 1 <= length.size <= MAX_SPANS or not (length > 0.0).all():

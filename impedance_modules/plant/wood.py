@@ -26,7 +26,7 @@ import numpy as np
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.point_contact import to_surface_axes
-from impedance_modules.records import Matrix, Row, Table, Vector
+from impedance_modules.records import Matrix, Row, Table, Vector, new_table
 from impedance_modules.robot.rotation import dot
 from impedance_modules.spec.task import SurfaceSpec, WoodSpec
 
@@ -242,7 +242,7 @@ class WoodState:
 def wood_tables(surfaces: Sequence[SurfaceSpec]) -> tuple[Table, Vector, Table]:
     """Tabulates every piece of wood, the grid of work done on it, and its splinters, all fresh."""
     woods: list[Table] = []
-    splinters: list[Table] = [np.zeros(0, SPLINTER)]
+    splinters: list[Table] = []
     nodes = 0
     for index, surface in enumerate(surfaces):
         if surface.wood is None or surface.size is None:
@@ -255,13 +255,19 @@ def wood_tables(surfaces: Sequence[SurfaceSpec]) -> tuple[Table, Vector, Table]:
         nodes += int(np.prod(row["nodes"]))
         woods.append(row)
         splinters.append(grown)
-    table = np.concatenate(woods) if woods else np.zeros(0, WOOD)
-    return table, np.zeros(nodes), np.concatenate(splinters)
+    return _joined(woods, WOOD), np.zeros(nodes), _joined(splinters, SPLINTER)
+
+
+def _joined(tables: Sequence[Table], row: np.dtype[np.void]) -> Table:
+    joined = new_table(sum(table.size for table in tables), row)
+    if tables:
+        joined[:] = np.concatenate(tables)
+    return joined
 
 
 def _wood_row(index: int, surface: SurfaceSpec, wood: WoodSpec, size: Sequence[float]) -> Table:
     """Fills in the constants of one piece, (1,)."""
-    row = np.zeros(1, WOOD)
+    row = new_table(1, WOOD)
     row["surface"], row["friction"] = index, surface.friction
     row["half"] = 0.5 * np.array(size[:2])
     row["nodes"] = [math.ceil(length / CELL) + 1 for length in size[:2]]
@@ -286,10 +292,10 @@ def _waves(source: np.random.Generator, wavelength: float) -> Matrix:
 def _draw_splinters(wood: WoodSpec, size: Sequence[float]) -> Table:
     """Draws splinters, spread evenly over the top face."""
     if wood.splinters is None:
-        return np.zeros(0, SPLINTER)
+        return new_table(0, SPLINTER)
     source = np.random.default_rng([wood.seed, 1])
     count = int(source.poisson(wood.splinters.density * size[0] * size[1]))
-    found = np.zeros(count, SPLINTER)
+    found = new_table(count, SPLINTER)
     found["u"] = size[0] * source.uniform(-0.5, 0.5, count)
     found["v"] = size[1] * source.uniform(-0.5, 0.5, count)
     found["force"] = source.uniform(*wood.splinters.force, count)

@@ -184,7 +184,6 @@ ACTIVE_SET_MUTANTS = (
     (ACTIVE, "    active.bound[which] = active.bound[last]\n", ""),
     (ACTIVE, "active.multiplier[k] / active.length[active.acting[k]]", "active.multiplier[k]"),
     (ACTIVE, "max(active.low[c] - active.values[c], active.values[c] - active.high[c])", "active.values[c] - active.high[c]"),
-    (ACTIVE, "gram[last, s] = gram[s, last] = total", "gram[last, s] = total"),
     (ACTIVE, "total -= factor[i, j] * row[j]", "total += factor[i, j] * row[j]"),
     (ACTIVE, "                if not total > 0.0:\n                    return False\n", ""),
     (ACTIVE, "usable = usable and low[c] <= high[c] and", "usable = usable and"),

@@ -205,6 +205,11 @@ def test_the_object_falls_and_turns_by_its_equations(ways) -> None:  # noqa: F81
     np.testing.assert_allclose(state.rate.object_rotation, spin)
     np.testing.assert_allclose(state.twist[-1, 3:], spin)
     assert not state.rate.object_momentum.any()
+    turned = np.array([0.02, 0.01, -0.03])
+    state.stage.object_rotation[:] = turned
+    update_object_rotation(state)
+    np.testing.assert_allclose(state.body.rotation, exp3(turned) @ TURN, atol=1e-12)
+    assert not state.stage.object_rotation.any()
 
 
 def test_a_sheet_pushes_as_a_beam_over_its_supports(ways) -> None:  # noqa: F811

@@ -94,6 +94,28 @@ def test_same_problem_gives_the_same_bits() -> None:
         assert np.array_equal(duals, duals_again)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_torque_limit_alone_is_met(side: float) -> None:
+    random = np.random.default_rng(18)
+    for joint in range(fp.N):
+        problem = free(fp.problem(random, 0.8, 0.5))
+        problem.desired[joint] = side * 1.3 * problem.effort_max[joint]
+        assert check(problem) == CERTIFIED
+        assert answer(problem)[1][joint] == pytest.approx(side * problem.effort_max[joint], rel=1e-12)
+
+
+def test_nothing_of_the_last_problem_stays_in_the_memory() -> None:
+    random = np.random.default_rng(17)
+    problems = [fp.problem(random, 0.8, 0.2) for _ in range(8)]
+    problems += [free(fp.problem(random, 0.8, 0.5)), fp.changed(problems[0], lower=problems[0].upper + 1.0)]
+    used = make_active_set(fp.N, fp.LAYOUT.m)
+    for k in random.permutation(np.tile(np.arange(len(problems)), 3)):
+        status, effort, duals = answer(problems[k])
+        assert solve(problems[k], used)[0] == status
+        assert np.array_equal(used.effort, effort)
+        assert np.array_equal(used.duals, duals)
+
+
 @pytest.mark.parametrize("name", ["desired", "matrix", "lower", "upper", "penalty", "metric", "effort_max"])
 def test_it_claims_nothing_about_what_is_no_problem(name: str) -> None:
     problem = fp.problem(np.random.default_rng(14), 0.8, 0.5)

@@ -54,6 +54,7 @@ class LoadedTask:
                     name,
                     random_pose(random),
                     model.pose(q, frame),
+                    damping=0.02 * share * np.diag(TYPICAL_STIFFNESS),
                     damping_ratio=0.7,
                     axes={"z": HybridAxis(4.0, None)},
                 )
@@ -87,12 +88,12 @@ class LoadedTask:
     def place(self, q: Array) -> None:
         self.kinematics.update(q, np.zeros(self.model.n))
 
-    def effort(self, q: Array) -> Array:
+    def effort(self, q: Array, v: Array | None = None) -> Array:
         self.place(q)
         found = lay_out(self.modules, self.model.n)
         write_gains(found, self.modules, self.damping)
         write_equilibrium(found, self.modules, self.targets)
-        sum_modules(found, self.kinematics.arms, q, np.zeros(self.model.n), 1.0)
+        sum_modules(found, self.kinematics.arms, q, np.zeros(self.model.n) if v is None else v, 1.0)
         return found.desired
 
     def arms(self, q: Array) -> dict[str, ArmImpedance]:
@@ -156,6 +157,18 @@ def test_scaled_and_fixed_gains_make_up_the_arm(robot) -> None:
         assert np.linalg.eigvalsh(arm.system.damping)[0] > 0.0
         difference = arm.inertia.inertia - arm.inertia_without_reflected.inertia
         assert np.linalg.eigvalsh(0.5 * (difference + difference.T))[0] > 0.0
+
+
+@ROBOTS
+def test_joint_space_damping_is_minus_the_derivative_of_the_torque_by_velocity(robot) -> None:
+    task = LoadedTask(robot(), np.random.default_rng(1))
+    q = task.modules.posture
+    for limb, arm in task.arms(q).items():
+        joints = task.model.limbs[limb].joints
+        still, columns = task.effort(q), []
+        for joint in joints:
+            columns.append(still - task.effort(q, np.eye(task.model.n)[joint]))
+        assert relative(arm.system.damping, np.array(columns).T[joints]) < 1e-9
 
 
 class HeldTask(LoadedTask):

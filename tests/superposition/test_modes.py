@@ -208,6 +208,7 @@ def test_whole_delays_are_not_rounded_up_further() -> None:
     delay = robot.timing.command_delay
     assert sampling_of(robot, 1000.0, True).delay_periods == math.ceil(delay * 1000.0 - 1e-9)
     assert sampling_of(robot, 3.0 / delay, True).delay_periods == 3
+    assert sampling_of(robot, 1.4 / delay, True).delay_periods == 2
     assert sampling_of(robot, 100.0, True).robot_loops == 10
 
 
