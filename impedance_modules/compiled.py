@@ -40,7 +40,7 @@ class Law(Generic[Arguments, Result]):
     @cached_property
     def machine_code(self) -> Any:
         """The numba dispatcher: compiles for the types of a call on the first such call, or loads kept code."""
-        from impedance_modules.machine_code import dispatcher
+        from impedance_modules.machine_code import dispatcher  # noqa: PLC0415 - numba is imported only where it is asked for
 
         return dispatcher(self)
 
@@ -64,7 +64,7 @@ def compiled(function: Callable[Arguments, Result]) -> Law[Arguments, Result]:
 def use_machine_code(on: bool = True) -> None:
     """Lets all laws of this process run as machine code from now on, or as Python again."""
     if on:
-        import impedance_modules.machine_code  # noqa: F401
+        import impedance_modules.machine_code  # noqa: F401, PLC0415 - only where it is asked for
     Law.in_machine_code = on
 
 

@@ -79,7 +79,7 @@ class _NumbaType:
     """What numba takes a record for; made when it asks, then kept on the class."""
 
     def __get__(self, record: Record | None, owner: type[Record]) -> Any:
-        from impedance_modules.machine_code import RecordType
+        from impedance_modules.machine_code import RecordType  # noqa: PLC0415 - only numba asks
 
         owner._numba_type_ = kept = RecordType(owner._layout)
         return kept

@@ -83,11 +83,11 @@ class StandingRobot:
     def _until(moment: float) -> None:
         time.sleep(max(0.0, moment - time.monotonic()))
 
-    def _hear(self, limb: str, message: messages.JointCommand, received: float) -> None:
+    def _hear(self, limb: str, message: messages.JointCommand, received: float) -> None:  # noqa: ARG002 - a callback
         if message.mode == message.TORQUE_MODE and limb in self._open:
             self.latencies.append(time.monotonic() - self._open.pop(limb))
 
-    def _hear_rate(self, message: messages.UInt16, received: float) -> None:
+    def _hear_rate(self, message: messages.UInt16, received: float) -> None:  # noqa: ARG002 - a callback
         self.rate = message.data
 
     def _limb(self, transport: Transport, limb: str) -> tuple[object, messages.EndpointState]:
@@ -107,10 +107,12 @@ def echo(kind: str, rate: int) -> None:
     """Answers every state at once with a torque for both arms; what any controller in Python pays."""
     transport = connect(kind, "echo")
     limbs = assemble(TASK, effects=None, rate=100.0, scale=1.0, arm=None).model.limbs
-    publishers = {name: transport.advertise(topics.joint_command(name), messages.JointCommand) for name in limbs}
+    publishers = {
+        name: transport.advertise(topics.joint_command(name), messages.JointCommand) for name in limbs
+    }
     transport.advertise(topics.STATE_RATE_REQUEST, messages.UInt16, latch=True).send(messages.UInt16(rate))
 
-    def answer(message: messages.JointState, received: float) -> None:
+    def answer(message: messages.JointState, received: float) -> None:  # noqa: ARG001 - a callback
         for name, publisher in publishers.items():
             publisher.send(messages.JointCommand(3, (0.0,) * 7, limbs[name].joint_names))
 

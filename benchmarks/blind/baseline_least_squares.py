@@ -54,7 +54,7 @@ class Coefficient:
 @click.argument("answer", type=click.Path(path_type=Path))
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--holdout", multiple=True, type=click.Path(path_type=Path))
-def main(answer: Path, logs: tuple[Path, ...], holdout: tuple[Path, ...]) -> None:
+def main(answer: Path, logs: tuple[Path, ...], holdout: tuple[Path, ...]) -> None:  # noqa: ARG001
     """Fits all logs and writes the answer."""
     columns = [read_log(path) for path in logs]
     side = columns[0].side

@@ -47,7 +47,7 @@ SYMBOLS = {
 @click.argument("answer", type=click.Path(path_type=Path))
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--holdout", multiple=True, type=click.Path(path_type=Path))
-def main(answer: Path, logs: tuple[Path, ...], holdout: tuple[Path, ...]) -> None:
+def main(answer: Path, logs: tuple[Path, ...], holdout: tuple[Path, ...]) -> None:  # noqa: ARG001
     """Fits all logs and writes the answer."""
     logging.disable(logging.CRITICAL)
     read = [read_log(path) for path in logs]

@@ -248,7 +248,7 @@ def one_way(time: Array, rng: np.random.Generator) -> Array:
     return np.asarray(rng.uniform(0.02, 0.03) * (time - 0.5 * time[-1]) * rng.choice([-1.0, 1.0]))
 
 
-def held(time: Array, rng: np.random.Generator) -> Array:
+def held(time: Array, rng: np.random.Generator) -> Array:  # noqa: ARG001
     """Does not move."""
     return np.zeros(time.size)
 

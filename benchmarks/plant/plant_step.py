@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.plant_builder import PlantEffects
+from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
 from impedance_modules.plant.grasp import HeldObject
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel

@@ -19,6 +19,7 @@ from pathlib import Path
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.run_backends import make_backend
 

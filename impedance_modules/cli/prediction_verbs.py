@@ -38,8 +38,8 @@ def check_command(task: str, effects: Path | None, rate: float | None, scale: fl
 
     assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
     assembly = replace(assembly, task=as_taught(assembly.task))
-    outlook = refuse_infeasible(assembly)
-    print_forecast(assembly, forecast_task(assembly, outlook.rehearsal, outlook.rests))
+    prediction = refuse_infeasible(assembly)
+    print_forecast(assembly, forecast_task(assembly, prediction))
     return 0
 
 

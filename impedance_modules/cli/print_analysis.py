@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.analysis import Analysis, carried_inertia
+from impedance_modules.prediction.analysis import Analysis, FrameImpedance, carried_inertia
 from impedance_modules.spec.task import AXES
 from impedance_modules.spec.task_draft import twist_signs
 from impedance_modules.superposition.operational_inertia import (

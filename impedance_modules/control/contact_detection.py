@@ -260,7 +260,9 @@ def _awaited(assembly: Assembly) -> dict[str, tuple[str, float]]:
     return found
 
 
-def _gate(assembly: Assembly, state: RobotState, arm: str, felt: float, awaited: tuple[str, float]) -> PreflightResult:
+def _gate(
+    assembly: Assembly, state: RobotState, arm: str, felt: float, awaited: tuple[str, float]
+) -> PreflightResult:
     """Judges what one arm feels [N]; a hand that holds something may feel its weight."""
     phase, force = awaited
     held = assembly.modules.held

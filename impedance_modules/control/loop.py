@@ -37,7 +37,7 @@ class Interrupt:
         with handled_by(self._ask):
             yield self
 
-    def _ask(self, number: int, frame: FrameType | None) -> None:
+    def _ask(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signal module's signature
         self.asked = True
 
 

@@ -204,7 +204,7 @@ def lagged(values: Array, time: Array, constant: float) -> Array:
     # state' = keep state + push, one first-order filter where the steps are even.
     push = values[1:] - behind - keep * (values[:-1] - behind)
     if np.ptp(steps) < 1e-6 * steps[0]:
-        from scipy.signal import lfilter
+        from scipy.signal import lfilter  # noqa: PLC0415 - a slow import that a run does without
 
         start = np.array([keep[0] * values[0]])
         return np.concatenate([values[:1], lfilter([1.0], [1.0, -keep[0]], push, zi=start)[0]])

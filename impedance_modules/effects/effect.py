@@ -219,7 +219,7 @@ class Effect(ABC):
         """Returns the robot with the effect in its numbers: what both plant and model know."""
         return robot
 
-    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
+    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:  # noqa: B027
         """Tells the plant what reality does and the model does not know."""
 
 

@@ -121,10 +121,10 @@ class EffectTorque(ABC):
     def torque(self, motion: JointMotion) -> Array:
         """Gives the torque (n,) [N.m] at one stage; must not remember anything."""
 
-    def start(self, motion: JointMotion, step: float) -> None:
+    def start(self, motion: JointMotion, step: float) -> None:  # noqa: B027
         """Forgets the past: the joints are as given, and steps of a length [s] follow."""
 
-    def settle(self, motion: JointMotion) -> None:
+    def settle(self, motion: JointMotion) -> None:  # noqa: B027
         """Is told the motion at the end of each step."""
 
 

@@ -206,7 +206,7 @@ class EpisodeWriter:
                 f" (valid: a disk with free space; {self._ring.released} rows are safe)"
             ) from self._failure
 
-    def _drain(self, last: bool) -> None:
+    def _drain(self, last: bool) -> None:  # noqa: ARG002 - every round is the same to a part file
         """Writes every new row as one part; runs in the thread."""
         if self._ring.empty or self._failure is not None:
             return

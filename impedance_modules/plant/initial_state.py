@@ -85,7 +85,11 @@ class StartAtRest:
     """
 
     def __init__(
-        self, integrator: Integrator, held: HeldObject | None, effects: PlantEffects, weight: WeightCompensation
+        self,
+        integrator: Integrator,
+        held: HeldObject | None,
+        effects: PlantEffects,
+        weight: WeightCompensation,
     ) -> None:
         """Takes the plant's integrator, what its hands hold, its effects, and what the robot carries itself."""
         self._integrator = integrator

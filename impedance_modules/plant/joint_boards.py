@@ -76,7 +76,7 @@ class LinkTorque:
         """Takes a live (n,) array [N.m]."""
         self._torque = torque
 
-    def torque(self, motion: JointMotion) -> Vector:
+    def torque(self, motion: JointMotion) -> Vector:  # noqa: ARG002 - the protocol's signature
         """Gives it."""
         return self._torque
 

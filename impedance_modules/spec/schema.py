@@ -61,7 +61,7 @@ def schema_faults(document: Document, schema_name: str) -> list[tuple[Problem, K
 
 def first_schema_error(value: object, name: str) -> str | None:
     """Says where data that no person wrote (a JSON answer) deviate from a schema; None where they do not."""
-    from jsonschema.exceptions import best_match
+    from jsonschema.exceptions import best_match  # noqa: PLC0415 - as above
 
     found = best_match(_validator(name).iter_errors(value))
     return None if found is None else f"{found.json_path}: {found.message}"
@@ -128,7 +128,7 @@ def _deviations(document: Document, schema_name: str) -> Iterator[_Fault]:
 
 @cache
 def _validator(schema_name: str) -> Draft202012Validator:
-    from jsonschema import Draft202012Validator
+    from jsonschema import Draft202012Validator  # noqa: PLC0415 - slow to import, and not always needed
 
     return Draft202012Validator(load_schema(schema_name))
 

@@ -17,6 +17,7 @@ from impedance_modules.errors import ReplayMismatch
 from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.verify import verify
+from impedance_modules.safety.stop_levels import StopLevel
 from impedance_modules.spec.robot_spec import JointOrigin, RobotSpec
 
 GAP = (1750, 1766)

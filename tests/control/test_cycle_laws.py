@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Laws of a control cycle: energy is booked in full, dampers act on the motors, the filter's optimum, the recorded row."""
+"""Laws of a control cycle: energy booked in full, dampers on the motors, the filter's optimum, the recorded row."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_what_leaves_is_the_filters_optimum_within_the_budget(assembly) -> None:
     controller, motion = started(assembly, 3, 0.25)
     cycle, limited = controller.cycle, 0
     previous = cycle.previous.copy()
-    for k, state in enumerate(states(motion, 60)):
+    for state in states(motion, 60):
         assert controller.tick(state) == 0 and controller.solved
         rows = controller.layout
         step = assembly.limits.effort_rate_max * assembly.period

@@ -101,8 +101,8 @@ def test_torque_is_minus_the_gradient_of_the_energy_by_the_joints(ways, model) -
         found.springs.force[:] = 0.0
 
         def energy(at: Array) -> float:
-            kinematics.update(at, still)
-            return potential_energy(found, kinematics.arms, at)
+            kinematics.update(at, still)  # noqa: B023 - called within the loop
+            return potential_energy(found, kinematics.arms, at)  # noqa: B023
 
         steps = 1e-3 * np.eye(q.size)
         near = np.array([energy(q + h) - energy(q - h) for h in steps])

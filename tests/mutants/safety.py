@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: E501
 """Wrong ledgers, rows, metrics, active sets, stop levels and limits that the tests must notice."""
 
 from __future__ import annotations

@@ -188,7 +188,7 @@ class Approach:
         return f"{self._names[worst]} is {away[worst]:+.3f} rad"
 
 
-class Interrupted(Exception):
+class Interrupted(Exception):  # noqa: N818 - no error
     """A person asked to stop."""
 
 

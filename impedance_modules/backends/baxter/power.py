@@ -197,7 +197,7 @@ class Power:
             time.sleep(PERIOD)
         return False
 
-    def _on_state(self, message: AssemblyState, received: float) -> None:
+    def _on_state(self, message: AssemblyState, received: float) -> None:  # noqa: ARG002 - a callback's signature
         self.state = message
         self._received.set()
 

@@ -178,13 +178,13 @@ class RobotLink:
         if self._callbacks is not None:
             self._callbacks.on_collision(limb, message.collision_state, received)
 
-    def _cuff_state(self, limb: str, message: DigitalIOState, received: float) -> None:
+    def _cuff_state(self, limb: str, message: DigitalIOState, received: float) -> None:  # noqa: ARG002
         self.squeezed[limb] = message.state == message.PRESSED
         if self._callbacks is not None:
             self._callbacks.on_cuff(limb, self.squeezed[limb])
 
 
-def _keep(newest: dict[str, M], limb: str, message: M, received: float) -> None:
+def _keep(newest: dict[str, M], limb: str, message: M, received: float) -> None:  # noqa: ARG001
     newest[limb] = message
 
 

@@ -22,11 +22,11 @@ VERBS = {
 class BaxterVerbs(click.Group):
     """Imports a verb's module only when the verb is used."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
         """Lists the verbs in the order of a session."""
         return list(VERBS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Imports one verb."""
         if cmd_name not in VERBS:
             return None

@@ -49,5 +49,5 @@ def node(kind: str, purpose: str) -> Iterator[Transport]:
 def stop_request() -> Iterator[Callable[[], bool]]:
     """Turns Ctrl-C, SIGTERM and SIGHUP into a request; gives a function that says whether there was one."""
     signals: list[int] = []
-    with handled_by(lambda number, frame: signals.append(number)):
+    with handled_by(lambda number, frame: signals.append(number)):  # noqa: ARG005 - the signal module's signature
         yield lambda: bool(signals)

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-class InsufficientData(ImpedanceError):
+class InsufficientData(ImpedanceError):  # noqa: N818 - as its siblings are called
     """Recordings that are too short, too slowly sampled or without motion, so that no cause can be found."""
 
     exit_code = 7

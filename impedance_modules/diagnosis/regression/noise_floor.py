@@ -240,7 +240,7 @@ def _not_below(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> l
     return [piece + share * more for piece, more in zip(pieces, made, strict=True)]
 
 
-def _left_by(
+def _left_by(  # noqa: PLR0917 - all of them belong together
     members: Sequence[CandidateRegressor],
     group: Group,
     index: int,

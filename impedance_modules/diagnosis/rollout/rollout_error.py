@@ -61,7 +61,7 @@ class BeforeAfter:
     floors: tuple[Array, Array]
 
 
-def summarise(
+def summarise(  # noqa: PLR0917 - all of them are the outcome
     evidence: Evidence,
     drive: str,
     windows: Sequence[RolloutWindow],

@@ -153,8 +153,8 @@ def _load(path: Path) -> Mapping[str, Any]:
     if path.suffix == ".npz":
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
+    from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and few logs need it
+    from scipy.io.matlab import MatReadError  # noqa: PLC0415
 
     try:
         found: dict[str, Any] = loadmat(path, struct_as_record=False, squeeze_me=True)

@@ -86,8 +86,8 @@ def bag_map(path: Path) -> tuple[str, list[str]]:
 def _filled_fields(path: Path) -> tuple[dict[str, dict[str, set[str]]], set[str]]:
     """Returns topic -> field -> joints with finite values in the first messages, and topics without stamps."""
     # The readers of bags take half a second to import: only when a bag is read.
-    from impedance_modules.episode.imports.bag_file import open_bag
-    from impedance_modules.episode.imports.bag_table import column_places, first_messages
+    from impedance_modules.episode.imports.bag_file import open_bag  # noqa: PLC0415
+    from impedance_modules.episode.imports.bag_table import column_places, first_messages  # noqa: PLC0415
 
     filled: dict[str, dict[str, set[str]]] = {}
     unstamped: set[str] = set()

@@ -151,7 +151,7 @@ def source_name(path: Path) -> str:
 def _open(kind: str, path: Path, table: TableMap, scratch: Path) -> LogTable:
     if kind == "bag":
         # The readers of bags take half a second to import: only when a bag is read.
-        from impedance_modules.episode.imports.bag_table import BagTable
+        from impedance_modules.episode.imports.bag_table import BagTable  # noqa: PLC0415
 
         return BagTable(path, table, scratch)
     if kind == "arrays":

@@ -94,25 +94,25 @@ def _exercised(solver: Solver) -> Solver:
 
 
 def _make_daqp() -> Solver:
-    import daqp
+    import daqp  # noqa: PLC0415
 
-    from impedance_modules.safety.solvers.daqp_solver import DaqpSolver
+    from impedance_modules.safety.solvers.daqp_solver import DaqpSolver  # noqa: PLC0415
 
     return DaqpSolver(daqp.Model)
 
 
 def _make_proxsuite() -> Solver:
-    from proxsuite import proxqp
+    from proxsuite import proxqp  # noqa: PLC0415
 
-    from impedance_modules.safety.solvers.general_solvers import ProxsuiteSolver
+    from impedance_modules.safety.solvers.general_solvers import ProxsuiteSolver  # noqa: PLC0415
 
     return ProxsuiteSolver(proxqp)
 
 
 def _make_qpsolvers(name: str) -> Solver:
-    import qpsolvers
+    import qpsolvers  # noqa: PLC0415
 
-    from impedance_modules.safety.solvers.general_solvers import QpsolversSolver
+    from impedance_modules.safety.solvers.general_solvers import QpsolversSolver  # noqa: PLC0415
 
     installed = tuple(sorted(qpsolvers.dense_solvers))
     if name not in installed:

@@ -91,7 +91,7 @@ class RospyTransport(MasterTransport):
             TransportClosedError: This process has closed its node before.
         """
         try:
-            import rospy
+            import rospy  # noqa: PLC0415 - an optional dependency of this transport alone
         except ImportError as error:
             raise NoRospyError(HOW_TO_INSTALL.format(why=error)) from error
         if rospy.core.is_shutdown_requested():
@@ -235,7 +235,7 @@ class _Subscription(Generic[M]):
 def _ros_class(ros_type: str) -> Any:
     """Makes the class that rospy needs for a message: type, checksum and full text; bytes by our own encoding."""
     kind = MESSAGE_TYPES[ros_type]
-    import genpy
+    import genpy  # noqa: PLC0415 - comes with rospy
 
     class Wrapped(genpy.Message):  # type: ignore[misc]
         __slots__ = ("message", "received")

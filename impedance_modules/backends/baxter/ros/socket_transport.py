@@ -254,34 +254,34 @@ class NodeServer:
             return
         connection.close()
 
-    def _request_topic(self, caller: str, topic: str, protocols: list[list[str]]) -> Answer:
+    def _request_topic(self, caller: str, topic: str, protocols: list[list[str]]) -> Answer:  # noqa: ARG002
         if self._events.topic(topic) is None:
             return 0, f"{topic} is not published here", 0
         if not any(protocol and protocol[0] == "TCPROS" for protocol in protocols):
             return 0, "only TCPROS is spoken here", 0
         return 1, "ready", ["TCPROS", self._host, self._tcp.getsockname()[1]]
 
-    def _publisher_update(self, caller: str, topic: str, publishers: list[str]) -> Answer:
+    def _publisher_update(self, caller: str, topic: str, publishers: list[str]) -> Answer:  # noqa: ARG002
         self._events.publishers_changed(topic, publishers)
         return 1, "", 0
 
-    def _shutdown(self, caller: str, reason: str = "") -> Answer:
+    def _shutdown(self, caller: str, reason: str = "") -> Answer:  # noqa: ARG002 - the slave API's signature
         threading.Thread(target=self._events.asked_to_stop).start()
         return 1, "", 0
 
-    def _pid(self, caller: str) -> Answer:
+    def _pid(self, caller: str) -> Answer:  # noqa: ARG002 - the slave API's signature
         return 1, "", os.getpid()
 
-    def _master(self, caller: str) -> Answer:
+    def _master(self, caller: str) -> Answer:  # noqa: ARG002 - the slave API's signature
         return 1, "", self._master_uri
 
-    def _publications(self, caller: str) -> Answer:
+    def _publications(self, caller: str) -> Answer:  # noqa: ARG002 - the slave API's signature
         return 1, "", [list(pair) for pair in self._events.published()]
 
-    def _subscriptions(self, caller: str) -> Answer:
+    def _subscriptions(self, caller: str) -> Answer:  # noqa: ARG002 - the slave API's signature
         return 1, "", [list(pair) for pair in self._events.subscribed()]
 
-    def _nothing(self, caller: str, *arguments: Any) -> Answer:
+    def _nothing(self, caller: str, *arguments: Any) -> Answer:  # noqa: ARG002 - the slave API's signature
         return 1, "", []
 
 

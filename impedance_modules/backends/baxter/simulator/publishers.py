@@ -101,7 +101,7 @@ class MessageBuilder:
         opening = (FINGER_OPENING,) * len(self._fingers)
         return messages.JointState(self.header(stamp, ""), self._fingers, opening, zeros, zeros)
 
-    def assembly(self, stamp: int) -> messages.AssemblyState:
+    def assembly(self, stamp: int) -> messages.AssemblyState:  # noqa: ARG002 - as every builder of messages
         """Power and stops."""
         return self._robot.machine.state
 

@@ -284,7 +284,7 @@ def subscribe_all(
         _subscribe_limb(node, robot, limb)
 
 
-def _wrong_state(stamp: int) -> messages.Bool:
+def _wrong_state(stamp: int) -> messages.Bool:  # noqa: ARG001 - as every builder of messages
     return messages.Bool(data=True)
 
 
