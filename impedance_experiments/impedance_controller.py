@@ -37,8 +37,8 @@ from impedance_experiments.thesis_page import (
 )
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.analysis import analyse_task
-from impedance_modules.superposition.ellipsoid import linear_ellipsoid
 from impedance_modules.superposition.examples import thesis_net_stiffness
+from impedance_modules.superposition.operational_inertia import linear_ellipsoid
 
 Array = NDArray[np.float64]
 

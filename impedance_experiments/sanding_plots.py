@@ -13,7 +13,7 @@ from scipy.signal import detrend
 from impedance_experiments.sanding_rule import RocCurve
 from impedance_experiments.sanding_runs import DepthRuns, Sanding, numbers, spectrum
 from impedance_experiments.thesis_page import Plot
-from impedance_modules.control.roughness_windows import LENGTH, SAMPLE_RATE, Window
+from impedance_modules.control.roughness_detection import LENGTH, SAMPLE_RATE, Window
 
 CASE_COLOURS = ("C3", "C0", "C2")
 

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from impedance_modules.control.roughness_windows import Window
+from impedance_modules.control.roughness_detection import Window
 from impedance_modules.spec.task import RoughnessSpec, SplintersSpec, SurfaceSpec, WoodSpec
 
 Array = NDArray[np.float64]

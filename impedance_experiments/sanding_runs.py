@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from impedance_experiments.sanding_rule import KINDS, WoodKind
 from impedance_experiments.task_run import watch_task
 from impedance_modules.control.assembly import Assembly, assemble
-from impedance_modules.control.hand_force import HandForce
-from impedance_modules.control.roughness_windows import (
+from impedance_modules.control.roughness_detection import (
     SAMPLE_RATE,
     Directions,
+    HandForce,
     Window,
     WindowFinder,
     frequencies,
 )
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.contact.wood import WoodState
 from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.wood import WoodState
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import SurfaceSpec
 from impedance_modules.tools.recorded_roughness import Touched

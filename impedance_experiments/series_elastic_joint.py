@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from impedance_experiments.elastic_joint_model import SeriesElasticJoint, rigid_up_to
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.task_reader import read_task
-from impedance_modules.superposition.series_elastic import SeriesElasticJoint, rigid_up_to
 
 Array = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ from impedance_experiments.task_run import watch_task
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.errors import BadInput
-from impedance_modules.modules.build import build_modules
+from impedance_modules.modules.arms import build_modules
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.plant.plant import Plant
+from impedance_modules.prediction.loop_stability import forecast_stability
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.stability import forecast_stability
 from impedance_modules.prediction.statics import Loads, analyse_state, find_rest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState

@@ -20,10 +20,10 @@ from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
+from impedance_modules.plant.ground_truth import OBJECT
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.pushes import push_wrench
-from impedance_modules.plant.truth import OBJECT
-from impedance_modules.prediction.check import refuse_unfit
+from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
 from impedance_modules.robot.state import RobotState
@@ -58,7 +58,7 @@ def record_task(task: str, out: Path, *, effects: Path | None = None, seed: int 
         BadInput: The task is refused.
     """
     assembly = assemble(task, effects=effects, rate=None, scale=1.0, arm=None)
-    refuse_unfit(assembly)
+    refuse_infeasible(assembly)
     options = RunOptions(out=out, seed=seed, duration=None, live=False, read_only=False, backend="sim")
     result = carry_out(assembly, sim_backend(assembly, seed), options, lambda _time, _phase: None)
     return TaskRun(assembly, result, read_episode(out))

@@ -32,7 +32,7 @@ from impedance_experiments.thesis_page import (
     table_of,
 )
 from impedance_modules.control.assembly import assemble
-from impedance_modules.prediction.contact import place_surface
+from impedance_modules.prediction.contact_geometry import place_surface
 
 FLAT, OVER = "slide-flat", "slide-over"
 MODES = ("velocity", "position")

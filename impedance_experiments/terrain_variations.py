@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impedance_experiments.terrain_slides import Slide, SlideJob, deviation_along_y, slide_all
 from impedance_experiments.thesis_page import Cell, ResultTable, Settings, table_of
 from impedance_modules.control.assembly import assemble
-from impedance_modules.prediction.contact import place_surface, surface_distance
+from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot_spec import PlaybackSpec
 from impedance_modules.spec.task import SurfaceSpec

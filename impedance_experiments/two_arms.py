@@ -21,11 +21,11 @@ from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Set
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
-from impedance_modules.plant.truth import OBJECT
+from impedance_modules.plant.ground_truth import OBJECT
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import Analysed, analyse_state
-from impedance_modules.superposition.held import HeldImpedance
-from impedance_modules.superposition.inertia import carry_inertia
+from impedance_modules.superposition.object_impedance import HeldImpedance
+from impedance_modules.superposition.operational_inertia import carry_inertia
 
 Array = NDArray[np.float64]
 

@@ -68,7 +68,7 @@ class RobotRefused(ImpedanceError):
 
 
 class RobotStopped(ImpedanceError):
-    """A real robot, or what watches it, has ended torque control by itself; ``event`` is of the stop ladder."""
+    """A real robot, or what watches it, has ended torque control by itself; ``event`` is of ``safety.stop_levels``."""
 
     exit_code = 3
 

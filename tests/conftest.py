@@ -12,6 +12,8 @@ import pytest
 from tests.support.ros_master import NO_MASTER, NO_ROSPY, ros_master
 from tests.support.sampling import sample_of
 
+pytest_plugins = ("tests.support.both_ways",)
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--fail-on-skip", action="store_true", help="end with exit 1 if any test was skipped")

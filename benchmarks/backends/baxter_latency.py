@@ -107,7 +107,9 @@ def echo(kind: str, rate: int) -> None:
     """Answers every state at once with a torque for both arms; what any controller in Python pays."""
     transport = connect(kind, "echo")
     limbs = assemble(TASK, effects=None, rate=100.0, scale=1.0, arm=None).model.limbs
-    publishers = {name: transport.advertise(topics.joint_command(name), messages.JointCommand) for name in limbs}
+    publishers = {
+        name: transport.advertise(topics.joint_command(name), messages.JointCommand) for name in limbs
+    }
     transport.advertise(topics.STATE_RATE_REQUEST, messages.UInt16, latch=True).send(messages.UInt16(rate))
 
     def answer(message: messages.JointState, received: float) -> None:  # noqa: ARG001 - a callback

@@ -10,12 +10,14 @@ from __future__ import annotations
 import gc
 import sys
 import time
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.safety.build import build
-from impedance_modules.safety.problem import FilterProblem, FilterWorkspace
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+
+from impedance_modules.compiled import use_machine_code
+from impedance_modules.safety.filter_problem import FilterProblem
 from impedance_modules.safety.solvers import make_solver
 from tests.support import filter_problems
 
@@ -25,23 +27,22 @@ ARRAYS = ("desired", "metric", "effort_max", "matrix", "lower", "upper", "penalt
 
 def calm(rng: np.random.Generator, active: int) -> FilterProblem:
     """A state well inside all limits, with ``active`` joints asked to pass their speed limit."""
-    wide = filter_problems.state(rng, spread=0.3)
-    state = replace(wide, available=100.0, distance_drift=0.0 * wide.distance_drift)
-    state = replace(state, distances=np.full(10, 0.3), previous=0.0 * state.previous)
+    state = filter_problems.state(rng, spread=0.3)
+    state.available, state.distance[:], state.previous[:] = 100.0, 0.3, 0.0
     limits = filter_problems.limits(rng)
-    limits = replace(limits, effort_rate_max=np.full(filter_problems.N, 1e5), deceleration=np.full(14, 1e3))
+    limits.effort_rate_max[:], limits.deceleration[:] = 1e5, 1e3
     desired = state.bias + rng.normal(size=filter_problems.N) * 0.01
-    problem = build(FilterWorkspace(filter_problems.LAYOUT), limits, state, desired).snapshot()
-    upper = problem.upper.copy()
-    rows = np.arange(problem.layout.velocity.start, problem.layout.velocity.stop)
-    for row in rng.choice(rows, active, replace=False):
-        upper[row] = problem.matrix[row] @ desired - 1.0
-    lower = np.minimum(problem.lower, upper)
-    return replace(problem, upper=upper, lower=lower)
+    problem = filter_problems.build(filter_problems.blank(), limits, state, desired)
+    where = filter_problems.LAYOUT.velocity
+    for row in rng.choice(np.arange(where.start, where.stop), active, replace=False):
+        problem.upper[row] = problem.matrix[row] @ desired - 1.0
+    problem.lower[:] = np.minimum(problem.lower, problem.upper)
+    return problem
 
 
 def main() -> None:
     """Prints median, p99 and largest time of each solver and case, and ratios to DAQP's."""
+    use_machine_code()
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     rng = np.random.default_rng(0)
     cases = {
@@ -55,7 +56,7 @@ def main() -> None:
     }
     times: dict[tuple[str, str], list[float]] = {(s, c): [] for s in solvers for c in cases}
     jobs = [(s, c, start) for s in solvers for c in cases for start in range(0, count, BLOCK)]
-    hot = FilterWorkspace(filter_problems.LAYOUT).problem
+    hot = filter_problems.blank()
     for solver in solvers.values():
         for problems in cases.values():
             solver.solve(problems[0])

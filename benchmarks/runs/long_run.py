@@ -17,9 +17,9 @@ import time
 from pathlib import Path
 
 from impedance_modules.control.assembly import Assembly, assemble
-from impedance_modules.prediction.energy import forecast_tank
+from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import rehearse
+from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.run_backends import make_backend
 
@@ -50,7 +50,7 @@ def long_task(folder: Path, minutes: float) -> Assembly:
         raise SystemExit(f"{TASK.name} is no longer written as this benchmark expects")
     text = text.replace(DRAWN_OUT, f"duration: {60.0 * minutes - 4.0}\n")
     ample = assembled(folder, text, AMPLE)
-    need = forecast_tank(ample, Mechanism(ample), rehearse(ample)).need
+    need = forecast_tank(ample, Mechanism(ample), predict_motion(ample)).need
     return assembled(folder, text, 1.1 * need)
 
 

@@ -33,13 +33,13 @@ def check_command(task: str, effects: Path | None, rate: float | None, scale: fl
     from impedance_modules.cli.print_forecast import print_forecast
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.check import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_infeasible
     from impedance_modules.prediction.forecast import forecast_task
 
     assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
     assembly = replace(assembly, task=as_taught(assembly.task))
-    outlook = refuse_unfit(assembly)
-    print_forecast(assembly, forecast_task(assembly, outlook.rehearsal, outlook.rests))
+    prediction = refuse_infeasible(assembly)
+    print_forecast(assembly, forecast_task(assembly, prediction))
     return 0
 
 
@@ -58,8 +58,7 @@ def analyze_command(task: str, phase: str | None, effects: Path | None, json_fil
     from impedance_modules.cli.print_analysis import print_analysis
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.analysis import analyse_task
-    from impedance_modules.prediction.analysis_json import write_analysis
+    from impedance_modules.prediction.analysis import analyse_task, write_analysis
 
     assembly = assemble(task, effects=effects, rate=None, scale=1.0, arm=None)
     assembly = replace(assembly, task=as_taught(assembly.task))

@@ -14,11 +14,15 @@ from rich.console import Console
 from rich.table import Table
 
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.analysis import Analysis, Felt, carried_inertia
+from impedance_modules.prediction.analysis import Analysis, FrameImpedance, carried_inertia
 from impedance_modules.spec.task import AXES
 from impedance_modules.spec.task_draft import twist_signs
-from impedance_modules.superposition.ellipsoid import Ellipsoid, angular_ellipsoid, linear_ellipsoid
-from impedance_modules.superposition.inertia import carry_inertia
+from impedance_modules.superposition.operational_inertia import (
+    Ellipsoid,
+    angular_ellipsoid,
+    carry_inertia,
+    linear_ellipsoid,
+)
 
 Array = NDArray[np.float64]
 
@@ -47,34 +51,36 @@ def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
     console = Console(highlight=False)
     where = "at the start posture" if analysis.phase is None else f"at rest where '{analysis.phase}' ends"
     console.print(f"[bold]{assembly.task.name}[/bold] on {assembly.robot.name}, {where}; world axes")
-    for limb, felt in analysis.arms.items():
-        console.rule(f"{limb}: {felt.frame}")
-        _print_felt(console, felt, analysis)
+    for limb, frame_impedance in analysis.arms.items():
+        console.rule(f"{limb}: {frame_impedance.frame}")
+        _print_felt(console, frame_impedance, analysis)
     if analysis.object is not None:
         console.rule("object: the arms' sum")
         _print_sum(console, assembly, analysis)
         _print_felt(console, analysis.object, analysis)
 
 
-def _print_felt(console: Console, felt: Felt, analysis: Analysis) -> None:
-    console.print(f"origin {_vector(felt.position)} m")
-    carried = "modules exert" if felt.frame == "object" else "joint springs carry"
-    console.print(f"{carried} {_vector(felt.preload[:3])} N, {_vector(felt.preload[3:])} N.m")
-    if felt.frame in analysis.pressure:
-        force = analysis.pressure[felt.frame]
+def _print_felt(console: Console, frame_impedance: FrameImpedance, analysis: Analysis) -> None:
+    console.print(f"origin {_vector(frame_impedance.position)} m")
+    carried = "modules exert" if frame_impedance.frame == "object" else "joint springs carry"
+    console.print(
+        f"{carried} {_vector(frame_impedance.preload[:3])} N, {_vector(frame_impedance.preload[3:])} N.m"
+    )
+    if frame_impedance.frame in analysis.pressure:
+        force = analysis.pressure[frame_impedance.frame]
         console.print(f"surfaces press {_vector(force[:3])} N, {_vector(force[3:])} N.m")
-    if felt.frame == "object" and analysis.squeeze is not None:
+    if frame_impedance.frame == "object" and analysis.squeeze is not None:
         console.print(f"hands squeeze with {analysis.squeeze:.2f} N each")
-    if felt.folds:
+    if frame_impedance.folds:
         console.print("[red]folds[/red]: the springs cannot hold the load; no stiffness is given")
     matrices = [
-        _matrix(name.replace("_", " "), unit, getattr(felt, name))
+        _matrix(name.replace("_", " "), unit, getattr(frame_impedance, name))
         for name, unit in QUANTITIES
-        if name != "compliance" or felt.compliance is not None
+        if name != "compliance" or frame_impedance.compliance is not None
     ]
     console.print(Columns(matrices))
-    console.print(_ellipsoids(felt))
-    console.print("modes " + ", ".join(_modes(felt)), soft_wrap=True)
+    console.print(_ellipsoids(frame_impedance))
+    console.print("modes " + ", ".join(_modes(frame_impedance)), soft_wrap=True)
 
 
 def _print_sum(console: Console, assembly: Assembly, analysis: Analysis) -> None:
@@ -91,13 +97,13 @@ def _print_sum(console: Console, assembly: Assembly, analysis: Analysis) -> None
         _matrix(f"stiffness of '{limb}', at the object", "N/m, N, N.m", m) for limb, m in stiffnesses.items()
     ]
     console.print(Columns(parts))
-    felt = analysis.object
+    frame_impedance = analysis.object
     mirror = assembly.robot.mirror
-    if felt is None or mirror is None:
+    if frame_impedance is None or mirror is None:
         return
     for name, single, total in (
-        ("inertia", inertias, felt.inertia),
-        ("stiffness", stiffnesses, felt.stiffness),
+        ("inertia", inertias, frame_impedance.inertia),
+        ("stiffness", stiffnesses, frame_impedance.stiffness),
     ):
         shares = [f"{limb} {_across(m, mirror.plane)}" for limb, m in single.items()]
         console.print(
@@ -137,13 +143,13 @@ def _entry(value: float, largest: float) -> str:
     return "[dim]0[/dim]" if abs(value) < 1e-9 * largest else f"{value:.3g}"
 
 
-def _ellipsoids(felt: Felt) -> Table:
+def _ellipsoids(frame_impedance: FrameImpedance) -> Table:
     title = "ellipsoids: principal values and the direction of the largest"
     table = Table(title=title, title_justify="left", box=SIMPLE, padding=(0, 1))
     for heading in ("of", "values", "largest along"):
         table.add_column(heading)
     for name, moving, turning in ELLIPSOIDS:
-        matrix = getattr(felt, name)
+        matrix = getattr(frame_impedance, name)
         if matrix is not None:
             table.add_row(f"{name}, linear", *_axes(linear_ellipsoid(matrix), moving))
             table.add_row(f"{name}, angular", *_axes(angular_ellipsoid(matrix), turning))
@@ -156,8 +162,8 @@ def _axes(found: Ellipsoid, unit: str) -> tuple[str, str]:
     return f"{values} {unit}", _vector(found.directions[:, largest])
 
 
-def _modes(felt: Felt) -> Iterator[str]:
-    for mode in felt.modes[:SLOWEST_MODES]:
+def _modes(frame_impedance: FrameImpedance) -> Iterator[str]:
+    for mode in frame_impedance.modes[:SLOWEST_MODES]:
         if mode.damping_ratio is None:
             yield "free"
         else:

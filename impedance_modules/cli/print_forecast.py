@@ -10,9 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.forecast import Forecast, PhaseForecast
-from impedance_modules.prediction.loads import JointLoad, Yielding
-from impedance_modules.prediction.stability import STIFFEST, StabilityForecast
+from impedance_modules.prediction.forecast import Deflection, Forecast, JointLoad, PhaseForecast
+from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
 
 TIGHT = 0.7
 """Share of a limit from which a number is coloured."""
@@ -56,18 +55,18 @@ def _loads(forecast: Forecast) -> Table:
 
 
 def _phase_cells(phase: PhaseForecast) -> tuple[str, str]:
-    played = phase.rehearsed
+    played = phase.predicted
     seconds = f"{played.ended - played.began:.2f} s"
     return played.name, f"{seconds}, met" if played.met else seconds
 
 
 def _rows(phase: PhaseForecast) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [
-        (arm.limb, _load(arm.commanded), _load(arm.total), _yields(arm.yielding), _force(arm.pressed))
+        (arm.limb, _load(arm.commanded), _load(arm.total), _yields(arm.deflection), _force(arm.contact_force))
         for arm in phase.arms
     ]
     if phase.object is not None:
-        rows.append(("object", "", "", _yields(phase.object.yielding), _force(phase.object.pressed)))
+        rows.append(("object", "", "", _yields(phase.object.deflection), _force(phase.object.contact_force)))
     return rows
 
 
@@ -78,10 +77,10 @@ def _load(load: JointLoad) -> str:
     return f"[yellow]{text}[/yellow]" if load.share > TIGHT else text
 
 
-def _yields(yielding: Yielding | None) -> str:
-    if yielding is None:
+def _yields(deflection: Deflection | None) -> str:
+    if deflection is None:
         return "-"
-    return f"{1e3 * yielding.distance:.1f} mm, {math.degrees(yielding.angle):.1f}°"
+    return f"{1e3 * deflection.distance:.1f} mm, {math.degrees(deflection.angle):.1f}°"
 
 
 def _force(force: float | None) -> str:
@@ -103,7 +102,7 @@ def _loops(forecast: Forecast) -> Table:
             continue
         shown.add(id(phase.loops))
         for loop in phase.loops:
-            table.add_row(phase.rehearsed.name, *_loop(loop))
+            table.add_row(phase.predicted.name, *_loop(loop))
     return table
 
 

@@ -120,15 +120,15 @@ def _need(text: str) -> float:
     import tempfile
 
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.energy import forecast_tank
+    from impedance_modules.prediction.energy_need import forecast_tank
     from impedance_modules.prediction.mechanism import Mechanism
-    from impedance_modules.prediction.quasi_static import rehearse
+    from impedance_modules.prediction.quasi_static import predict_motion
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "probe.yaml"
         path.write_text(text, encoding="utf-8")
         assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
-        return forecast_tank(assembly, Mechanism(assembly), rehearse(assembly)).need
+        return forecast_tank(assembly, Mechanism(assembly), predict_motion(assembly)).need
 
 
 def _print(probe: Probe, written: list[Path], console: Console) -> None:

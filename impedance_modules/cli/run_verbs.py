@@ -152,9 +152,9 @@ def play_task_back(assembly: Assembly, options: RunRequest) -> int:
 
     from impedance_modules.cli.print_run import progress
     from impedance_modules.control.adjust import as_taught
-    from impedance_modules.prediction.check import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_infeasible
 
-    refuse_unfit(replace(assembly, task=as_taught(assembly.task)))
+    refuse_infeasible(replace(assembly, task=as_taught(assembly.task)))
     from impedance_modules.runs.execution import RunOptions
     from impedance_modules.runs.playback_run import TAUGHT, make_playback, play_back, recorded_path, teach
 
@@ -180,11 +180,11 @@ def _carry_out(
     """Runs a task whose springs command the torques."""
     from impedance_modules.cli.print_run import progress
     from impedance_modules.errors import BadInput
-    from impedance_modules.prediction.check import refuse_unfit
+    from impedance_modules.prediction.feasibility import refuse_infeasible
 
     if (asked.backend == "replay") != (asked.log is not None):
         raise BadInput("--backend replay and --log DIR go together: the log is the robot")
-    refuse_unfit(assembly)
+    refuse_infeasible(assembly)
     # Imported only here: from this line on functions are compiled.
     from impedance_modules.runs.execution import RunOptions, carry_out
     from impedance_modules.runs.run_backends import baxter_backend, make_backend

@@ -86,7 +86,7 @@ def roughness_command(
 
     Exit: 0 done, 2 no contact, no force, or too few windows.
     """
-    from impedance_modules.control.roughness_windows import way_of
+    from impedance_modules.control.roughness_detection import way_of
     from impedance_modules.episode.reader import read_episode
     from impedance_modules.episode.run_folder import the_episode
     from impedance_modules.errors import BadInput

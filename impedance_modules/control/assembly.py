@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from impedance_modules.control.adjust import scaled, single_arm
 from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
 from impedance_modules.errors import BadInput
-from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.build import build_modules
+from impedance_modules.modules.arms import TaskModules, build_modules
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.safety.limits import FilterLimits, braking_deceleration, limits_of
 from impedance_modules.safety.motor_port import sensing_deviation, sensing_error, spring_compliances

@@ -4,79 +4,67 @@ r"""The control law in the loop: from one state to one torque that limits and ta
     \tau = filter( \sum_modules J^T w - K_j (q - q_0) - D \dot\theta )        (design 4)
 
 Dampers act on the motor-side velocity \dot\theta, the port at which energy is counted: fed with the link's velocity
-they would make Baxter's elastic joints unstable from 50 N/m on (docs/control-law.md). The cycle's
-arithmetic is compiled; this class owns the memory and the order.
+they would make Baxter's elastic joints unstable from 50 N/m on (docs/control-law.md). The arithmetic of a cycle is
+``control.cycle``; this class owns its memory, the geometry library and the robot's solver, and knows the phases.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.protocol import FirstState
-from impedance_modules.control import compiled_cycle
+from impedance_modules.compiled import want_machine_code
+from impedance_modules.control import cycle as laws
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.compiled_place import place_start
-from impedance_modules.control.constants import filter_workspace, module_names, write_constants
-from impedance_modules.control.gains import cycle_sizes, write_phase
-from impedance_modules.control.memory import (
-    AVAILABLE,
-    EFFORT_NOT_FINITE,
-    FINE,
-    FOUND,
-    GRIP,
-    PAID,
-    STATE_NOT_FINITE,
-    STATUS,
-    UNSOLVED,
-    CycleMemory,
-)
-from impedance_modules.control.readings import CycleReadings
+from impedance_modules.control.cycle import FINE, STATE_NOT_FINITE, UNSOLVED, Cycle
+from impedance_modules.control.set_points import SetPoints, phase_set_points, place
 from impedance_modules.errors import SafetyStop
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import PhaseMotion, phase_motion, start_equilibrium
+from impedance_modules.modules.motor_velocity import begin_at, motor_velocity
+from impedance_modules.modules.sum import lay_out, module_names, potential_energy
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
-from impedance_modules.safety import compiled_ledger
-from impedance_modules.safety.compiled_lane import UNDECIDED
-from impedance_modules.safety.compiled_ledger import LEVEL, POTENTIAL, SCALE
-from impedance_modules.safety.problem import FilterLayout
-from impedance_modules.safety.solvers.make import make_solver
-from impedance_modules.safety.tank import Tank, filled_tank
+from impedance_modules.safety.active_set import CERTIFIED, INSIDE, UNDECIDED, make_active_set
+from impedance_modules.safety.filter_problem import FilterLayout, FilterState, make_problem
+from impedance_modules.safety.solvers import FilterSolution, make_solver
+from impedance_modules.safety.tank import Tank, fill, make_tank, measure, missed, release_springs
 from impedance_modules.spec.task import PhaseSpec
 
 Array = NDArray[np.float64]
 
-__all__ = ["EFFORT_NOT_FINITE", "STATE_NOT_FINITE", "Controller"]
-
-FAST_LANE_FOR = "daqp"
-"""The exact solver whose answers the fast lane may anticipate: both give the optimum to 1e-8 N.m."""
+EXACT_SOLVER = "daqp"
+"""The exact solver whose answers the active-set solver may anticipate: both give the optimum to 1e-8 N.m."""
 
 
-class Controller(CycleReadings):
+class Controller:
     """One task's law with its memory; everything a tick needs is taken once.
 
     Attributes:
         assembly: What is run.
-        kinematics: Of the last state.
+        kinematics, distances: Of the last state.
         modules: With the gains of the current phase.
         motion: Of the current phase.
-        module_names: Of the rows of ``memory["efforts"]``.
-        workspace: The last filter problem.
-        solver: Asked where the compiled cycle cannot prove an optimum by itself.
+        module_names: Of the rows of ``cycle.modules.efforts``.
+        layout: Rows of the filter.
+        cycle: Every number of the last cycle, by name.
+        solver: Asked where the active-set solver cannot prove an optimum.
     """
 
+    motion: PhaseMotion
+
     def __init__(self, assembly: Assembly) -> None:
+        want_machine_code()
         self.assembly = assembly
-        model, modules = assembly.model, assembly.modules
+        model, modules, limits = assembly.model, assembly.modules, assembly.limits
         self.modules: TaskModules = modules
         self.kinematics = Kinematics(model, modules.frames)
         pairs = assembly.robot.collision.pairs
-        limits = assembly.limits
         self.distances = Distances(
             self.kinematics,
             pairs,
@@ -85,50 +73,86 @@ class Controller(CycleReadings):
             horizon=limits.horizon,
             period=assembly.period,
         )
-        layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
+        self.layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
         self.solver = make_solver(assembly.robot.solver)
-        size = cycle_sizes(modules, model.n, len(pairs), assembly.tank.delay)
-        super().__init__(CycleMemory(size))
-        self.workspace = filter_workspace(layout, self.memory, limits.effort_max)
         self.module_names = module_names(modules)
+        self.cycle = _make_cycle(assembly, self.layout, self.kinematics, self.distances)
+        self._points: SetPoints
+        self._solution: FilterSolution | None = None
         self._booked: RobotState | None = None
-        self._before_gap: tuple[Array, Array] | None = None
+        self._before_gap: dict[str, Any] | None = None
         self._in_force: Array = np.zeros(model.n)
-        write_constants(self.memory, assembly, self.kinematics, layout)
-        self._blocks = self.memory.floats, self.memory.float_at, self.memory.integers, self.memory.integer_at
-        self.motion: PhaseMotion
+        self._position: Array = modules.posture
 
     @property
     def tank(self) -> Tank:
-        """Copies the ledger's record."""
-        return compiled_ledger.record(self._book)
+        """The energy ledger, live."""
+        return self.cycle.tank
+
+    @property
+    def effort(self) -> Array:
+        """(n,) torque that may leave [N.m]; only after ``tick`` or ``brake`` returned 0."""
+        return self.cycle.effort
+
+    @property
+    def clock(self) -> float:
+        """Phase clock [s]; slower than time when the tank is short."""
+        return self.cycle.clock
+
+    @property
+    def solved(self) -> bool:
+        """Whether the last tick found a filtered torque."""
+        return self.cycle.found != UNDECIDED if self._solution is None else self._solution.solved
+
+    @property
+    def changed(self) -> bool:
+        """Whether the filter gave another torque than the modules desired; not where there was no torque to filter."""
+        if self._solution is not None:
+            return self._solution.solved and self._solution.iterations > 0
+        return self.cycle.found == CERTIFIED
+
+    @property
+    def active_rows(self) -> int:
+        """Number of filter rows that changed the last torque; costs less than asking ``solution``."""
+        if self._solution is not None:
+            active = self._solution.active
+            return 0 if active is None else int(np.count_nonzero(active))
+        if self.cycle.found != CERTIFIED:
+            return 0
+        return int(np.count_nonzero(self.cycle.active.duals[self.layout.n :]))
+
+    @property
+    def solution(self) -> FilterSolution | None:
+        """Of the last filter problem; None when it was not reached."""
+        if self._solution is None and self.cycle.found != UNDECIDED:
+            self._solution = self._active_set_solution()
+        return self._solution
 
     def start(self, first: FirstState, phase: PhaseSpec) -> None:
         """Begins a run at its first state, with a full tank and relaxed springs.
 
         A robot seldom stands exactly where the task begins. What its springs would hold there is not given: r = 0, and
-        ``settle`` tightens them from the tank; at the start posture itself that is the first cycle. Likewise hands on
-        which nothing acts yet begin to squeeze and to carry an object gently; hands that hold it go on.
+        ``rescale_springs`` tightens them from the tank; at the start posture itself that is the first cycle. Likewise
+        hands on which nothing acts yet begin to squeeze and to carry an object gently; hands that hold it go on.
 
         Raises:
             SafetyStop: The first state is not finite.
         """
-        state = first.state
+        state, cycle, tank = first.state, self.cycle, self.cycle.tank
         if not np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all():
             raise SafetyStop("the robot's first state is not finite; nothing was sent")
-        memory = self.memory
         self.kinematics.update(state.position, state.velocity)
         self.distances.update(state.position, state.velocity)
-        memory["wind"][:] = state.effort * self.assembly.tank.compliance
-        memory["motor_velocity"][:] = state.velocity
-        memory["clock"][GRIP] = float(np.any(first.acting))
+        begin_at(cycle.motor, state.velocity, state.effort)
+        cycle.modules.loads.grip = float(np.any(first.acting))
         self._begin(phase, self.assembly.modules, None)
-        potential = self._place(state.position)
-        tank = filled_tank(self.assembly.tank, state.position, state.effort, potential)
-        in_flight = np.tile(first.acting, (self.assembly.tank.delay + 1, 1))
-        relaxed = replace(tank, spring_scale=0.0, initial_energy=tank.level)
-        self._fill_tank(replace(relaxed, applied=first.acting, pending=in_flight))
-        memory["previous"][:] = first.acting
+        fill(tank, state.position, state.effort, self._place(state.position))
+        tank.spring_scale, tank.initial_energy = 0.0, tank.level
+        tank.applied[:] = first.acting
+        tank.pending[:] = first.acting
+        cycle.previous[:] = first.acting
+        cycle.effort_scale = 1.0
+        self._forget_answer()
 
     def next_phase(self, phase: PhaseSpec) -> None:
         """Begins another phase at the last state; equilibria and gains go on from where they are."""
@@ -142,52 +166,33 @@ class Controller(CycleReadings):
         Returns:
             0, STATE_NOT_FINITE, or EFFORT_NOT_FINITE. ``solved`` tells whether the filter found one.
         """
-        kinematics, distances = self.kinematics, self.distances
+        cycle = self.cycle
         self._position = state.position
-        self._in_force[:] = self.memory["pending"][-1]
+        self._in_force[:] = cycle.tank.pending[-1]
         self._before_gap = None
-        kinematics.update(state.position, state.velocity)
-        distances.update(state.position, state.velocity)
+        self.kinematics.update(state.position, state.velocity)
+        self.distances.update(state.position, state.velocity)
         self._solution = None
-        status = compiled_cycle.tick(
-            *self._blocks,
-            state.position,
-            state.velocity,
-            state.effort,
-            kinematics.rotation,
-            kinematics.translation,
-            kinematics.jacobian,
-            kinematics.bias,
-            kinematics.inverse_inertia,
-            distances.distance,
-            distances.gradient,
-            self.solver.name == FAST_LANE_FOR,
-        )
+        exact = self.solver.name == EXACT_SOLVER
+        status = laws.tick(cycle, self._points, state.position, state.velocity, state.effort, exact)
         if status != STATE_NOT_FINITE:
             self._booked = state
         return self._ask_solver() if status == UNSOLVED else int(status)
 
     def _ask_solver(self) -> int:
-        """Lets the robot's solver have the problem that the compiled cycle left; returns a status."""
-        self._solution = self.solver.solve(self.workspace.problem)
+        """Lets the robot's solver have the problem that the cycle left; returns a status."""
+        self._solution = self.solver.solve(self.cycle.problem)
         if self._solution.effort is None:
             return FINE
-        np.copyto(self._effort, self._solution.effort)
-        return self.pay(stopping=False)
-
-    def pay(self, *, stopping: bool) -> int:
-        """Scales ``effort`` to what the tank can answer for; returns 0 or EFFORT_NOT_FINITE."""
-        memory = self.memory
-        return int(compiled_cycle.after(memory.floats, memory.float_at, self._effort.size, stopping))
+        self.cycle.effort[:] = self._solution.effort
+        return int(laws.limit_effort(self.cycle, False))
 
     def relax(self) -> None:
         """Lets go of all springs, for a stop: what they hold goes back to the tank."""
-        scalars = self.memory["book_scalars"]
-        scalars[LEVEL] += scalars[SCALE] * scalars[POTENTIAL]
-        scalars[SCALE], scalars[POTENTIAL] = 0.0, 0.0
+        release_springs(self.cycle.tank)
 
     def brake(self, state: RobotState | None, effort: Array) -> int:
-        """Books a stop's interval, unless that is done, and pays a braking torque; springs are relaxed by then.
+        """Books a stop's interval, unless that is done, and a braking torque; springs are relaxed by then.
 
         Args:
             state: Of this cycle; None where ``miss`` has booked a cycle without one.
@@ -198,18 +203,18 @@ class Controller(CycleReadings):
         """
         self._forget_answer()
         if state is not None and state is not self._booked:
-            compiled_ledger.measure(*self._book, state.position, state.effort, 0.0)
+            measure(self.cycle.tank, state.position, state.effort, 0.0)
             self._booked = state
-        np.copyto(self._effort, effort)
-        return self.pay(stopping=True)
+        self.cycle.effort[:] = effort
+        return int(laws.limit_effort(self.cycle, True))
 
     def miss(self) -> None:
         """Books a cycle without a usable state."""
         self._forget_answer()
         self.distances.skip()
         if self._before_gap is None:
-            self._before_gap = self.memory["book_scalars"].copy(), self.memory["pending"].copy()
-        compiled_cycle.missed(self.memory.floats, self.memory.float_at, self._effort.size)
+            self._before_gap = self.cycle.tank.snapshot()
+        missed(self.cycle.tank)
 
     def reckon(self, intervals: int, *, anew: bool) -> None:
         """Books a gap as long as the state that ends it says it was; call it before the ``tick`` for that state.
@@ -218,71 +223,131 @@ class Controller(CycleReadings):
             intervals: Periods since the last state, or since the last cycle that was booked.
             anew: Since the last state: what ``miss`` has booked since was provisional (docs/passivity.md).
         """
-        memory = self.memory
         if anew and self._before_gap is not None:
-            memory["book_scalars"][:], memory["pending"][:] = self._before_gap
+            self.cycle.tank.restore(self._before_gap)
         for _ in range(intervals - 1):
-            compiled_cycle.missed(memory.floats, memory.float_at, self._effort.size)
+            missed(self.cycle.tank)
 
     def repeat(self) -> None:
         """Puts the command before the last one back in force; ``effort`` is that."""
-        for name in ("pending", "previous", "effort"):
-            block = self.memory[name]
-            block[-1 if name == "pending" else slice(None)] = self._in_force
+        self.cycle.tank.pending[-1] = self._in_force
+        self.cycle.previous[:] = self._in_force
+        self.cycle.effort[:] = self._in_force
 
     def withdraw(self) -> None:
         """Takes back the last torque, which was ready too late and never left: the one before goes on acting."""
-        pending = self.memory["pending"]
-        pending[-1] = pending[-2] if len(pending) > 1 else self.memory["applied"]
-        self.memory["previous"][:] = pending[-1]
+        tank = self.cycle.tank
+        tank.pending[-1] = tank.pending[-2] if len(tank.pending) > 1 else tank.applied
+        self.cycle.previous[:] = tank.pending[-1]
 
     def warm(self) -> None:
         """Compiles and runs every path once, at the start posture, without any effect on the run."""
-        n = self.assembly.model.n
-        parts = self.assembly.modules.posture.copy(), np.zeros(n), np.zeros(n)
-        # As a robot's states are: machine code for arrays that may be written is other machine code.
-        for part in parts:
-            part.flags.writeable = False
-        state = RobotState(0.0, *parts)
+        first, phases = state_at_rest(self.assembly), self.assembly.task.phases
         twin = Controller(self.assembly)
-        twin.start(FirstState(state, np.zeros(n)), self.assembly.task.phases[0])
+        twin.start(first, phases[0])
         for _ in range(3):
-            twin.tick(state)
-        twin.next_phase(self.assembly.task.phases[-1])
-        twin.tick(state)
+            twin.tick(first.state)
+        twin.next_phase(phases[-1])
+        twin.tick(first.state)
         twin.miss()
-        twin.tick(state)
+        twin.tick(first.state)
         twin.relax()
-        twin.brake(state, np.zeros(n))
+        twin.brake(first.state, np.zeros(self.layout.n))
 
     def _begin(self, phase: PhaseSpec, modules: TaskModules, last: PhaseMotion | None) -> None:
         start = start_equilibrium(modules) if last is None else last.at(self.clock)
         self.modules = with_phase_gains(modules, phase)
         self.motion = phase_motion(self.modules, phase, start)
         damping = phase_damping(self.modules, self.kinematics)
-        write_phase(self.memory, self.modules, damping, self.motion, blend=last is not None)
+        self._points = phase_set_points(
+            self.modules, damping, self.motion, self.cycle.modules, first=last is None
+        )
+        self.cycle.clock = 0.0
 
     def _place(self, q: Array) -> float:
-        kinematics = self.kinematics
-        return float(place_start(*self._blocks, q, kinematics.rotation, kinematics.translation))
+        """Puts the phase's gains and equilibria in force at its clock; returns their energy at q [J]."""
+        cycle = self.cycle
+        place(self._points, cycle.modules, cycle.clock)
+        return float(potential_energy(cycle.modules, cycle.arms, q))
 
-    def _fill_tank(self, tank: Tank) -> None:
-        """Opens the ledger in the cycle's memory."""
-        memory = self.memory
-        book = compiled_ledger.open_book(tank, self.assembly.tank)
-        names = (
-            "book_scalars",
-            "book_constants",
-            "speed_bound",
-            "compliance",
-            "sensing_error",
-            "sensing_deviation",
-            "motor_position",
-            "applied",
-            "pending",
+    def _forget_answer(self) -> None:
+        """Drops the filter's last answer, in a cycle that asks it nothing."""
+        self._solution = None
+        self.cycle.found, self.cycle.tried = UNDECIDED, 0
+
+    def _active_set_solution(self) -> FilterSolution:
+        """Puts what the active-set solver found into the words that every solver uses."""
+        duals, n = self.cycle.active.duals.copy(), self.layout.n
+        inside = self.cycle.found == INSIDE
+        return FilterSolution(
+            effort=self.cycle.active.effort.copy(),
+            row_duals=duals[n:],
+            box_duals=duals[:n],
+            active=duals[n:] != 0.0,
+            iterations=self.cycle.tried,
+            solved=True,
+            status="inside all limits" if inside else "optimal, certified",
         )
-        for name, value in zip(names, book, strict=True):
-            memory[name][:] = value
-        self._book = compiled_ledger.Book(*(memory[name] for name in names))
-        memory["result"][:] = 0.0
-        memory["result"][[STATUS, AVAILABLE, PAID, FOUND]] = 0.0, tank.level, 1.0, UNDECIDED
+
+
+class WarmUp:
+    """Goes through a cycle for nothing, so that the processor has code and data at hand when the real one is due.
+
+    At 100 Hz, a processor has forgotten everything within the 10 ms between two states: the first cycle after such a
+    pause takes twice as long as one right after another (docs/baxter.md, "Latency"). A twin of the controller stands
+    at the task's start for ever; nothing of it reaches a robot.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._first = state_at_rest(assembly)
+        self._twin = Controller(assembly)
+        self._twin.start(self._first, assembly.task.phases[0])
+        self._before = self._twin.cycle.snapshot()
+
+    def __call__(self) -> None:
+        """Computes the torque of the first cycle once more, on the memory as it was then."""
+        self._twin.cycle.restore(self._before)
+        self._twin.tick(self._first.state)
+
+
+def state_at_rest(assembly: Assembly) -> FirstState:
+    """A robot at rest at the task's start posture, on which nothing acts."""
+    n = assembly.model.n
+    parts = assembly.modules.posture.copy(), np.zeros(n), np.zeros(n)
+    # As a robot's states are: machine code for arrays that may be written is other machine code.
+    for part in parts:
+        part.flags.writeable = False
+    return FirstState(RobotState(0.0, *parts), np.zeros(n))
+
+
+def _make_cycle(
+    assembly: Assembly, layout: FilterLayout, kinematics: Kinematics, distances: Distances
+) -> Cycle:
+    """Takes the memory of a task's cycles once."""
+    n, arms = layout.n, kinematics.arms
+    motor = motor_velocity(assembly.tank.compliance, assembly.period, assembly.robot.sensors.velocity_filter)
+    previous = np.zeros(n)
+    state = FilterState(
+        q=np.zeros(n),
+        v=np.zeros(n),
+        motor_velocity=motor.velocity,
+        inverse_inertia=arms.inverse_inertia,
+        bias=arms.bias,
+        jacobian=arms.jacobian[: len(assembly.modules.arms)],
+        previous=previous,
+        distance=distances.distance,
+        gradient=distances.gradient,
+    )
+    return Cycle(
+        arms=arms,
+        motor=motor,
+        modules=lay_out(assembly.modules, n),
+        tank=make_tank(assembly.tank),
+        limits=assembly.limits,
+        state=state,
+        problem=make_problem(layout, assembly.limits.effort_max, arms.coupled, arms.moved_by),
+        active=make_active_set(n, layout.m),
+        effort=np.zeros(n),
+        previous=previous,
+        too_fast=n,
+    )

@@ -17,7 +17,7 @@ from impedance_modules.control.signals import handled_by
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import EndOfRecording, RobotStopped
 from impedance_modules.robot.state import RobotState
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 
 Array = NDArray[np.float64]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The phases of a task in order: when one ends, and whether what it waited for has come."""
+"""The phases of a task in order: when one ends, whether what it waited for has come, and if not, by how much."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from enum import Enum
 
 import numpy as np
 
-from impedance_modules.control.conditions import ContactJudge, Touch
+from impedance_modules.control.contact_detection import ContactJudge, HandWrenches
 from impedance_modules.control.controller import Controller
-from impedance_modules.control.roughness_judge import SmoothJudge
-from impedance_modules.modules.equilibrium import OBJECT
+from impedance_modules.control.roughness_detection import SmoothJudge
+from impedance_modules.modules.equilibrium import PhaseMotion
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition, SmoothCondition
 
@@ -27,6 +28,54 @@ class Outcome(Enum):
     DONE = "done"
 
 
+class ArrivalJudge:
+    """Decides whether every moved frame is where the phase takes it."""
+
+    def __init__(self, condition: ReachedCondition, controller: Controller, period: float) -> None:
+        """Takes the condition, the law, and the time between two looks [s]."""
+        self._condition, self._controller, self._period = condition, controller, period
+        self._motion: PhaseMotion | None = None
+        self._farthest = ("", 0.0, 0.0)
+        self._nearest, self._nearest_at, self._elapsed = np.inf, 0.0, 0.0
+
+    def _begin(self, motion: PhaseMotion) -> None:
+        """Finds out which springs the phase moves, and where to."""
+        self._motion, self._goal = motion, motion.at(motion.duration)
+        names = {name for name in motion.moved if name != OBJECT} | set(motion.carried)
+        springs = [spring for arm in self._controller.modules.arms for spring in arm.springs]
+        self._springs = [spring for spring in springs if spring.name in names]
+
+    def met(self) -> bool:
+        """Compares every moved frame with its goal; call once per look."""
+        if self._motion is not self._controller.motion:
+            self._begin(self._controller.motion)
+        self._elapsed += self._period
+        excess, met = -np.inf, True
+        for spring in self._springs:
+            pose = self._controller.kinematics.pose(spring.frame)
+            target = self._goal.springs[spring.name]
+            distance = float(np.linalg.norm(pose.translation - target.translation))
+            angle = float(np.linalg.norm(log3(pose.rotation @ target.rotation.T)))
+            met = met and distance <= self._condition.distance and angle <= self._condition.angle
+            beyond = max(
+                distance / max(self._condition.distance, 1e-9), angle / max(self._condition.angle, 1e-9)
+            )
+            if beyond > excess:
+                excess, self._farthest = beyond, (spring.name, distance, angle)
+        if excess < self._nearest:
+            self._nearest, self._nearest_at = excess, self._elapsed
+        return met
+
+    def account(self) -> str:
+        """Says how far the farthest frame is, what is asked for, and when all were nearest."""
+        name, distance, angle = self._farthest
+        return (
+            f"{name} is {1e3 * distance:.1f} mm and {angle:.3f} rad from its goal, at most"
+            f" {1e3 * self._condition.distance:g} mm and {self._condition.angle:g} rad are asked for;"
+            f" nearest {self._nearest_at:.2f} s into the phase, at {self._nearest:.2f} times that"
+        )
+
+
 class Sequence:
     """Which phase is on.
 
@@ -35,14 +84,14 @@ class Sequence:
         ended: How every finished phase ended, (name, seconds, reason).
     """
 
-    def __init__(self, controller: Controller, touch: Touch) -> None:
+    def __init__(self, controller: Controller, touch: HandWrenches) -> None:
         self._controller = controller
         self._touch = touch
         self._phases = controller.assembly.task.phases
         self.index = 0
         self.ended: list[tuple[str, float, str]] = []
         self._began = 0.0
-        self._judge, self._smooth = self._contact_judge(), self._smooth_judge()
+        self._judge = self._make_judge()
 
     @property
     def phase(self) -> PhaseSpec:
@@ -62,14 +111,15 @@ class Sequence:
         return Outcome.NOT_MET
 
     def why_not_met(self) -> str:
-        """Says what the phase waited for."""
+        """Says what the phase waited for: what was measured, what is asked for, and since when."""
         phase = self.phase
         if phase.until is None:
             return (
                 f"phase '{phase.name}' ran {SLOWEST:g} times its {phase.duration:g} s and reached only"
                 f" {self._controller.clock:.2f} s of it: the tank cannot pay for its motion"
             )
-        return f"phase '{phase.name}': no {_condition_name(phase)} within its {phase.duration:g} s"
+        account = "" if self._judge is None else f": {self._judge.account()}"
+        return f"phase '{phase.name}': no {_condition_name(phase)} within its {phase.duration:g} s{account}"
 
     def _end(self, time: float, reason: str) -> Outcome:
         self.ended.append((self.phase.name, time - self._began, reason))
@@ -77,42 +127,25 @@ class Sequence:
             return Outcome.DONE
         self.index += 1
         self._began = time
-        self._judge, self._smooth = self._contact_judge(), self._smooth_judge()
+        self._judge = self._make_judge()
         return Outcome.NEXT
 
-    def _contact_judge(self) -> ContactJudge | None:
-        until = self.phase.until
-        if not isinstance(until, ContactCondition):
-            return None
-        return ContactJudge(until, self._touch, self._controller.assembly.model)
-
-    def _smooth_judge(self) -> SmoothJudge | None:
-        until = self.phase.until
-        if not isinstance(until, SmoothCondition):
-            return None
-        return SmoothJudge(until, self._controller.assembly.model, self._touch.period)
+    def _make_judge(self) -> ContactJudge | SmoothJudge | ArrivalJudge | None:
+        """Prepares what the current phase waits for; None where it waits for its duration alone."""
+        until, model = self.phase.until, self._controller.assembly.model
+        if isinstance(until, ContactCondition):
+            return ContactJudge(until, self._touch, model)
+        if isinstance(until, SmoothCondition):
+            return SmoothJudge(until, model, self._touch.period)
+        if isinstance(until, ReachedCondition):
+            return ArrivalJudge(until, self._controller, self._touch.period)
+        return None
 
     def _met(self) -> bool:
-        if self._smooth is not None:
-            return self._smooth.met(self._touch.state)
-        if self._judge is not None:
-            return self._judge.met()
-        until = self.phase.until
-        return isinstance(until, ReachedCondition) and self._reached(until)
-
-    def _reached(self, until: ReachedCondition) -> bool:
-        """Compares every moved frame with where the phase takes it."""
-        motion = self._controller.motion
-        goal = motion.at(motion.duration)
-        names = {name for name in motion.moved if name != OBJECT} | set(motion.carried)
-        springs = [s for arm in self._controller.modules.arms for s in arm.springs if s.name in names]
-        for spring in springs:
-            pose, target = self._controller.kinematics.pose(spring.frame), goal.springs[spring.name]
-            if float(np.linalg.norm(pose.translation - target.translation)) > until.distance:
-                return False
-            if float(np.linalg.norm(log3(pose.rotation @ target.rotation.T))) > until.angle:
-                return False
-        return True
+        judge = self._judge
+        if isinstance(judge, SmoothJudge):
+            return judge.met(self._touch.state)
+        return judge is not None and judge.met()
 
 
 def _condition_name(phase: PhaseSpec) -> str:

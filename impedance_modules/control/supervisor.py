@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Watches every cycle and decides what leaves: the law's torque, a braking torque, or nothing.
 
-All causes end in one place, the stop ladder of ``safety.ladder``; every stop has a reason in ``reason`` and in
+All causes end in one place, the decisions of ``safety.stop_levels``; every stop has a reason in ``reason`` and in
 ``messages``. The supervisor is a function of the states it is given (and of lateness and interrupts, which are
 recorded), so a replay decides the same.
 """
@@ -15,15 +15,22 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.conditions import Touch
-from impedance_modules.control.controller import EFFORT_NOT_FINITE, STATE_NOT_FINITE, Controller
-from impedance_modules.control.lost_contact import LostContact
+from impedance_modules.control.contact_detection import ContactLoss, HandWrenches
+from impedance_modules.control.controller import Controller
+from impedance_modules.control.cycle import EFFORT_NOT_FINITE, STATE_NOT_FINITE
 from impedance_modules.control.phases import Outcome, Sequence
-from impedance_modules.control.timekeeper import Timekeeper, stop_limits
 from impedance_modules.robot.state import RobotState
-from impedance_modules.safety.ladder import RUNNING, Decision, descend
-from impedance_modules.safety.stop_events import Event, Occurrence, Rung
-from impedance_modules.safety.stopping import damping_effort
+from impedance_modules.safety.stop_levels import (
+    RUNNING,
+    Decision,
+    Event,
+    Occurrence,
+    StopLevel,
+    StopLimits,
+    damping_effort,
+    escalate,
+    watch_time,
+)
 
 Array = NDArray[np.float64]
 
@@ -52,7 +59,7 @@ class Supervisor:
         controller: The law.
         sequence: The phases.
         touch: What the hands feel.
-        ladder: Arm -> what it sends and why.
+        decisions: Arm -> what it sends and why.
         ending: None while the run goes on.
         reason: Why it stopped; empty after a task that is done.
         messages: (time, text) of everything worth telling.
@@ -62,24 +69,24 @@ class Supervisor:
         self.assembly = assembly
         self.controller = Controller(assembly)
         self._every = max(1, round(assembly.rate / LOOKS))
-        self.touch = Touch(
+        self.touch = HandWrenches(
             assembly.model,
             assembly.modules,
             self.controller.kinematics,
             self._every * assembly.period,
         )
         self.sequence = Sequence(self.controller, self.touch)
-        self.ladder: dict[str, Decision] = {arm.limb.name: RUNNING for arm in assembly.modules.arms}
-        self._hardest = Rung.RUN
+        self.decisions: dict[str, Decision] = {arm.limb.name: RUNNING for arm in assembly.modules.arms}
+        self._hardest = StopLevel.RUN
         self.ending: Ending | None = None
         self.reason = ""
         self.messages: list[tuple[float, str]] = []
-        self._lost_contact = LostContact(self.controller, self.touch)
+        self._lost_contact = ContactLoss(self.controller, self.touch)
         self._cycle = 0
         self._interrupted = False
         self._unseen: RobotState | None = None
         self._seen: list[Occurrence] = []
-        self._speeds = dict.fromkeys(self.ladder, 0.0)
+        self._speeds = dict.fromkeys(self.decisions, 0.0)
         self._velocity: Array = np.zeros(assembly.model.n)
         self._time = 0.0
         limits = assembly.limits
@@ -95,17 +102,19 @@ class Supervisor:
         return self._timekeeper.missed
 
     @property
-    def rung(self) -> Rung:
-        """The lowest rung any arm is on; SCALE while the tank slows the task."""
+    def stop_level(self) -> StopLevel:
+        """The lowest stop_level any arm is on; SCALE while the tank slows the task."""
         controller = self.controller
-        if self._hardest == Rung.RUN and (controller.starved_time > 0.0 or controller.granted < 1.0):
-            return Rung.SCALE
+        if self._hardest == StopLevel.RUN and (
+            controller.tank.starved_time > 0.0 or controller.cycle.admitted < 1.0
+        ):
+            return StopLevel.SCALE
         return self._hardest
 
     @property
     def released(self) -> bool:
         """Whether some arm must not be held."""
-        return any(decision.rung == Rung.RELEASE for decision in self.ladder.values())
+        return any(decision.stop_level == StopLevel.RELEASE for decision in self.decisions.values())
 
     def note(self, text: str) -> None:
         """Adds a message at the last known time."""
@@ -118,7 +127,7 @@ class Supervisor:
             event: One that leads to a hold or a release.
             detail: Numbers and names for the reason.
         """
-        self._descend(None, [Occurrence(event, None, detail)], entering=False)
+        self._escalate(None, [Occurrence(event, None, detail)], entering=False)
 
     def start(self, first: FirstState) -> None:
         """Takes over the robot as it stands.
@@ -142,7 +151,7 @@ class Supervisor:
         Returns:
             (n,) torque to send [N.m], or None when nothing may leave in this cycle. After ``ending`` is set, None.
         """
-        running = self._hardest < Rung.DAMP
+        running = self._hardest < StopLevel.DAMP
         self._unseen = None
         overdue = self._timekeeper.count(state, since=self._time, running=running)
         events = self._timekeeper.watch(self._cycle, missing=state is None, late=late) + self._seen
@@ -159,7 +168,7 @@ class Supervisor:
                 if overdue:
                     self.controller.repeat()
                 return self.controller.effort
-        return self._descend(state, events, entering=running)
+        return self._escalate(state, events, entering=running)
 
     def _run(self, state: RobotState) -> list[Occurrence]:
         """One cycle of the law; returns what went wrong."""
@@ -174,8 +183,8 @@ class Supervisor:
             solution = controller.solution
             status_text = "no solution" if solution is None else solution.status
             return [Occurrence(Event.SOLVER_FAILED, None, status_text)]
-        if controller.too_fast < state.position.size:
-            return [self._overspeed(controller.too_fast)]
+        if controller.cycle.too_fast < state.position.size:
+            return [self._overspeed(controller.cycle.too_fast)]
         return self._beyond_limits(state) if self._cycle % self._every == 0 else []
 
     def _beyond_limits(self, state: RobotState) -> list[Occurrence]:
@@ -211,8 +220,10 @@ class Supervisor:
             self._say(state.time, f"phase '{self.sequence.phase.name}'")
             self.controller.next_phase(self.sequence.phase)
 
-    def _descend(self, state: RobotState | None, events: list[Occurrence], *, entering: bool) -> Array | None:
-        """Applies the ladder, and brakes where it says so."""
+    def _escalate(
+        self, state: RobotState | None, events: list[Occurrence], *, entering: bool
+    ) -> Array | None:
+        """Applies the decisions, and brakes where it says so."""
         sound = state is not None and _is_finite(state)
         if state is not None and sound:
             self._velocity, self._time = state.velocity, state.time
@@ -221,16 +232,16 @@ class Supervisor:
             self.controller.miss()
         # Without a sound state, of the last velocity seen: an arm that was moving is not at rest.
         self._speeds = self._arm_speeds(self._velocity)
-        before = self.ladder
-        self.ladder = descend(before, events, self._speeds, self.assembly.period, self.stop_limits)
-        hardest = max(self.ladder.values(), key=lambda decision: decision.rung)
-        self._hardest = hardest.rung
-        if hardest.rung < Rung.DAMP:
+        before = self.decisions
+        self.decisions = escalate(before, events, self._speeds, self.assembly.period, self.stop_limits)
+        hardest = max(self.decisions.values(), key=lambda decision: decision.stop_level)
+        self._hardest = hardest.stop_level
+        if hardest.stop_level < StopLevel.DAMP:
             return None
-        if hardest.reason != max(before.values(), key=lambda decision: decision.rung).reason:
+        if hardest.reason != max(before.values(), key=lambda decision: decision.stop_level).reason:
             self._say(self._time, hardest.reason)
         self.reason = hardest.reason
-        if hardest.rung > Rung.DAMP:
+        if hardest.stop_level > StopLevel.DAMP:
             self.ending = Ending.INTERRUPTED if self._interrupted else Ending.STOPPED
             return None
         if entering:
@@ -259,3 +270,79 @@ class Supervisor:
 
 def _is_finite(state: RobotState) -> bool:
     return bool(np.isfinite(np.concatenate([state.position, state.velocity, state.effort])).all())
+
+
+class Timekeeper:
+    """Counts periods by the robot's clock and tells the ledger, and turns lateness into events.
+
+    Attributes:
+        missed: Cycles without a state just before the last one that had one.
+    """
+
+    def __init__(self, controller: Controller, limits: StopLimits, period: float) -> None:
+        """Takes the law, the thresholds of stops and the control period [s]."""
+        self.missed = 0
+        self._controller, self._limits, self._period = controller, limits, period
+        self._without_state = 0
+        self._late: list[float] = []
+        self._age = 0.0
+
+    def count(self, state: RobotState | None, *, since: float, running: bool) -> bool:
+        """Tells the ledger how many periods the robot has run since its last state, by the robot's clock.
+
+        Fewer than the cycles that were counted meanwhile: the state is late, not lost. Its torque would begin to act
+        somewhere within a period that is under way, and nobody could say what it does there: the last one goes on.
+
+        Args:
+            state: Of this cycle; None where none came.
+            since: Time of the last one [s].
+            running: No stop is under way.
+
+        Returns:
+            Whether the state is late.
+        """
+        if state is None:
+            self._without_state += 1
+            return False
+        self.missed, self._without_state = self._without_state, 0
+        intervals = max(1, round((state.time - since) / self._period))
+        counted = self.missed + 1
+        # In a stop a torque left for every cycle that was counted, with or without a state: those stay booked.
+        if intervals > counted or (running and intervals < counted):
+            self._controller.reckon(intervals if running else intervals - self.missed, anew=running)
+        return intervals < counted
+
+    def watch(self, cycle: int, *, missing: bool, late: bool) -> list[Occurrence]:
+        """Tells lateness, a state that does not come, a tank that stays empty.
+
+        Args:
+            cycle: Counts the cycles of the law.
+            missing: No state came in this one.
+            late: The last torque missed its deadline and was not sent; it is taken back.
+        """
+        self._age = self._age + self._period if missing else 0.0
+        starved = self._controller.tank.starved_time
+        if not (late or self._late) and self._age == 0.0 and starved < self._limits.starvation_time:
+            return []
+        now = cycle * self._period
+        if late:
+            self._controller.withdraw()
+            self._late.append(now)
+        self._late = [time for time in self._late if time > now - 1.0]
+        found = watch_time(late, len(self._late), self._age, starved, self._limits)
+        # A single late torque was withdrawn and a low tank slows the task by itself: neither is a stop.
+        return [event for event in found if event.event not in (Event.TANK_LOW, Event.LATE_CYCLE)]
+
+
+def stop_limits(period: float) -> StopLimits:
+    """The thresholds of stops at a control period [s]; times follow facts of Baxter's own time-outs."""
+    return StopLimits(
+        damping_time=1.0,
+        blind_damping_time=max(0.02, 2.0 * period),
+        rest_speed=0.05,
+        speed_growth=1.5,
+        late_cycles=5,
+        stale_time=max(0.03, 3.0 * period),
+        lost_time=max(0.1, 6.0 * period),
+        starvation_time=2.0,
+    )

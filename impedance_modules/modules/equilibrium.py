@@ -9,23 +9,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.pose_motion import PoseMotion, minimum_jerk, pose_motion
+from impedance_modules.modules.held_object import OBJECT, HeldObject
+from impedance_modules.modules.pose_motion import (
+    PoseMotion,
+    PoseMotions,
+    lay_out_motions,
+    minimum_jerk,
+    pose_motion,
+    resting,
+    write_pose,
+)
 from impedance_modules.modules.spring import Spring
+from impedance_modules.records import Array3, Indices, Matrix, Record, Vector
 from impedance_modules.robot.pose import Pose
-from impedance_modules.robot.rotation import skew
+from impedance_modules.robot.rotation import compose, skew
 from impedance_modules.spec.task import PhaseSpec
 
 Array = NDArray[np.float64]
-
-OBJECT = "object"
-"""Name by which a target refers to the held object."""
+IntegerArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,59 @@ def start_equilibrium(modules: TaskModules) -> Equilibrium:
     )
 
 
+class EquilibriumMotion(Record):
+    """How all equilibria of a task move during one phase, as arrays.
+
+    Attributes:
+        motions: The poses that move.
+        rides: (springs,) which of them carries each spring's equilibrium.
+        offset_rotation, offset_translation: (springs, 3, 3), (springs, 3) its fixed pose on that one [m].
+        rest_start, rest_goal: (joints,) rest angles of the joint bias at the phase's ends [rad].
+        joint: (joints,) where each of these stands among all joints.
+        duration: Of the phase [s].
+        rotation, translation: (motions, 3, 3), (motions, 3) where the poses are now [m].
+    """
+
+    motions: PoseMotions
+    rides: Indices
+    offset_rotation: Array3
+    offset_translation: Matrix
+    rest_start: Vector
+    rest_goal: Vector
+    joint: Indices
+    duration: float
+    rotation: Array3
+    translation: Matrix
+
+
+@compiled
+def place_equilibria(
+    motion: EquilibriumMotion, clock: float, rotation: Array, translation: Array, rest: Array
+) -> None:
+    """Writes every spring's equilibrium and the rest angles at a phase clock; continuous in the clock.
+
+    Args:
+        motion: Of the phase.
+        clock: [s] into the phase.
+        rotation: (springs, 3, 3) R_WT, overwritten.
+        translation: (springs, 3) p_WT [m], overwritten.
+        rest: (n,) q_0 [rad], overwritten where the phase knows a rest angle.
+    """
+    s = minimum_jerk(clock / motion.duration)
+    for m in range(motion.rotation.shape[0]):
+        write_pose(motion.motions, m, s, clock, motion.rotation[m], motion.translation[m])
+    for i in range(motion.rides.size):
+        m = motion.rides[i]
+        compose(motion.rotation[m], motion.offset_rotation[i], rotation[i])
+        for k in range(3):
+            translation[i, k] = motion.translation[m, k]
+            for j in range(3):
+                translation[i, k] += motion.rotation[m, k, j] * motion.offset_translation[i, j]
+    for j in range(motion.joint.size):
+        start = motion.rest_start[j]
+        rest[motion.joint[j]] = start + s * (motion.rest_goal[j] - start)
+
+
 @dataclass(frozen=True)
 class PhaseMotion:
     """How all equilibria move during one phase; those not listed stay.
@@ -71,18 +133,53 @@ class PhaseMotion:
     duration: float
 
     def at(self, clock: float) -> Equilibrium:
-        """Gives all equilibria at ``clock`` seconds into the phase; continuous in the clock."""
-        springs = dict(self.start.springs)
-        springs.update({name: motion.pose(clock) for name, motion in self.moved.items() if name != OBJECT})
-        held = self.start.object
-        if held is not None and OBJECT in self.moved:
-            held = self.moved[OBJECT].pose(clock)
-            carry = held @ self._object_start().inverse()
-            springs.update({name: carry @ self.start.springs[name] for name in self.carried})
-        s = minimum_jerk(clock / self.duration)
-        rests = dict(self.start.rests)
-        rests.update({limb: rests[limb] + s * (goal - rests[limb]) for limb, goal in self.goals.items()})
+        """Gives all equilibria at ``clock`` seconds into the phase; the law is ``place_equilibria``."""
+        arrays, names = self._arrays, tuple(self.start.springs)
+        rotation, translation = np.empty((len(names), 3, 3)), np.empty((len(names), 3))
+        rest = np.empty(arrays.joint.size)
+        place_equilibria(arrays, clock, rotation, translation, rest)
+        springs = {name: Pose(rotation[i], translation[i]) for i, name in enumerate(names)}
+        ends = np.cumsum([len(angles) for angles in self.start.rests.values()], dtype=int)[:-1]
+        rests = dict(zip(self.start.rests, np.split(rest, ends), strict=True)) if self.start.rests else {}
+        held = self.moved[OBJECT].pose(clock) if OBJECT in self.moved else self.start.object
         return Equilibrium(springs, held, rests)
+
+    @cached_property
+    def _arrays(self) -> EquilibriumMotion:
+        count = sum(len(angles) for angles in self.start.rests.values())
+        return self.lay_out(np.arange(count, dtype=np.int64))
+
+    def lay_out(self, joint: IntegerArray) -> EquilibriumMotion:
+        """Lays the phase out as arrays; springs and rest angles in the order of ``start``.
+
+        Args:
+            joint: Place among all joints of each rest angle.
+        """
+        motions: list[PoseMotion] = [self.moved[OBJECT]] if OBJECT in self.moved else []
+        rides, offsets = [], []
+        for name, start in self.start.springs.items():
+            if name in self.carried and OBJECT in self.moved:
+                rides.append(0)
+                offsets.append(self._object_start().inverse() @ start)
+            else:
+                rides.append(len(motions))
+                motions.append(self.moved.get(name) or resting(start))
+                offsets.append(Pose.identity())
+        springs = len(offsets)
+        rest = [self.start.rests[limb] for limb in self.start.rests]
+        goal = [self.goals.get(limb, self.start.rests[limb]) for limb in self.start.rests]
+        return EquilibriumMotion(
+            motions=lay_out_motions(motions),
+            rides=np.array(rides, dtype=np.int64),
+            offset_rotation=np.array([offset.rotation for offset in offsets]).reshape(springs, 3, 3),
+            offset_translation=np.array([offset.translation for offset in offsets]).reshape(springs, 3),
+            rest_start=np.concatenate([np.zeros(0), *rest]),
+            rest_goal=np.concatenate([np.zeros(0), *goal]),
+            joint=joint,
+            duration=self.duration,
+            rotation=np.zeros((len(motions), 3, 3)),
+            translation=np.zeros((len(motions), 3)),
+        )
 
     def velocities(self, clock: float) -> Mapping[str, Array]:
         """Gives the twist of every spring's equilibrium per second of the clock, (6,) in world axes."""

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Joint springs that pull an arm to a posture, unprojected and part of the declared stiffness (eq. 4.25)."""
+r"""Joint springs that pull an arm to a posture, unprojected and part of the declared stiffness (thesis eq. 4.25).
+
+    U = 1/2 (q - q_0)^T K_j (q - q_0),     \tau = -K_j (q - q_0) - D_j v
+
+The laws below are what runs in every cycle, over all joints of a task; ``JointBias`` says what a task file declares.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,60 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
+from impedance_modules.records import Indices, Matrix, Record, Vector
+from impedance_modules.robot.kinematics import ArmGeometry
+
 Array = NDArray[np.float64]
+
+
+class JointSprings(Record):
+    """The joint springs of all arms as they are in force now, and what they ask for.
+
+    Attributes:
+        stiffness: (n,) K_j [N.m/rad]; 0 for a joint without a spring.
+        damping: (n, n) D_j [N.m.s/rad].
+        rest: (n,) q_0 [rad].
+        limb: (n,) number of the arm that each joint belongs to.
+        effort: (arms, n) what each arm's joint springs ask for [N.m].
+    """
+
+    stiffness: Vector
+    damping: Matrix
+    rest: Vector
+    limb: Indices
+    effort: Matrix
+
+
+@compiled
+def bias_energy(bias: JointSprings, q: Array) -> float:
+    """Returns (q - q_0)^T K_j (q - q_0) / 2 [J] at positions q (n,) [rad]."""
+    total = 0.0
+    for j in range(q.size):
+        total += 0.5 * bias.stiffness[j] * (q[j] - bias.rest[j]) ** 2
+    return total
+
+
+@compiled
+def bias_efforts(bias: JointSprings, arms: ArmGeometry, q: Array, velocity: Array, scale: float) -> float:
+    """Writes -s K_j (q - q_0) - D_j v of each arm into ``bias.effort``; returns the energy [J].
+
+    Args:
+        bias: In force.
+        arms: For the joints that a joint's damping can couple it with.
+        q: (n,) [rad].
+        velocity: (n,) that dampers act on [rad/s].
+        scale: s in [0, 1]: relaxes the potential, not the dampers.
+    """
+    total = 0.0
+    bias.effort[:, :] = 0.0
+    for j in range(q.size):
+        pull = scale * bias.stiffness[j] * (q[j] - bias.rest[j])
+        total += 0.5 * pull * (q[j] - bias.rest[j])
+        for k in range(arms.coupled[0, j], arms.coupled[1, j]):
+            pull += bias.damping[j, k] * velocity[k]
+        bias.effort[bias.limb[j], j] -= pull
+    return total
 
 
 @dataclass(frozen=True)
@@ -16,7 +74,7 @@ class JointBias:
     """One torsion spring and damper per joint of a limb.
 
     The springs are not projected into a null space: they add to the hand's stiffness, and
-    ``superposition.stiffness`` says by how much.
+    ``superposition.net_stiffness`` says by how much.
 
     Attributes:
         limb: Arm whose joints feel it.
@@ -38,12 +96,3 @@ class JointBias:
     def name(self) -> str:
         """Name in lists of terms, ``<arm>.joint_bias``."""
         return f"{self.limb}.joint_bias"
-
-    def energy(self, q: Array, rest: Array) -> float:
-        """Gives the stored energy 1/2 (q - q_0)^T K_j (q - q_0) [J]; q (n,), rest (k,) [rad]."""
-        offset = q[self.joints] - rest
-        return 0.5 * float(offset @ (self.stiffness * offset))
-
-    def effort(self, q: Array, rest: Array) -> Array:
-        """Gives the torque -K_j (q - q_0) on the limb's joints, (k,) [N.m]; q (n,), rest (k,) [rad]."""
-        return -self.stiffness * (q[self.joints] - rest)

@@ -14,38 +14,74 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
+from impedance_modules.records import Record, Vector
+
 Array = NDArray[np.float64]
 
 
-class MotorVelocity:
-    r"""Estimates \theta' = q' + d(effort / K_sea)/dt from what the robot reports, sample by sample.
-
-    The robot's velocity estimate lags; the rate of the wind-up is filtered with the same time constant so
-    that both halves describe the same moment:
-
-        u <- u + (1 - exp(-T / T_f)) ((wind_k - wind_k-1) / T - u),    wind = effort / K_sea
+class MotorVelocity(Record):
+    """The estimate and what it needs from the last sample.
 
     Attributes:
         compliance: (n,) 1 / K_sea [rad/(N.m)]; 0 for a rigid joint.
+        period: Between samples [s].
+        share: 1 - exp(-period / T_f), T_f the time constant of the robot's own velocity estimate.
+        deflection: (n,) of the joints' springs at the last sample, effort / K_sea [rad].
+        rate: (n,) its filtered rate [rad/s].
+        velocity: (n,) of the motors [rad/s].
     """
 
-    def __init__(self, compliance: Array, period: float, lag: float) -> None:
-        """Takes the joints' compliance (n,), the control period [s] and the velocity filter's T_f [s]."""
-        self.compliance = compliance
-        self._period = period
-        self._share = 1.0 - math.exp(-period / lag) if lag > 0.0 else 1.0
-        self._wind: Array | None = None
-        self._rate: Array = np.zeros_like(compliance)
+    compliance: Vector
+    period: float
+    share: float
+    deflection: Vector
+    rate: Vector
+    velocity: Vector
 
-    def update(self, velocity: Array, effort: Array) -> Array:
-        """Takes one sample, a period after the last: velocity (n,) [rad/s] and effort (n,) [N.m].
 
-        Returns:
-            (n,) velocity of the motors [rad/s]; the first sample can only give the links'.
-        """
-        wind = self.compliance * effort
-        if self._wind is not None:
-            difference = (wind - self._wind) / self._period
-            self._rate = self._rate + self._share * (difference - self._rate)
-        self._wind = wind
-        return velocity + self._rate
+@compiled
+def estimate_motor_velocity(motor: MotorVelocity, velocity: Array, effort: Array) -> None:
+    r"""Takes one sample, a period after the last: \theta' = q' + u, u the filtered rate of the springs' deflection.
+
+    u <- u + (1 - exp(-T / T_f)) ((d_k - d_{k-1}) / T - u),    d = effort / K_sea
+
+    The robot's velocity estimate lags; the deflection's rate is filtered with the same time constant so that both
+    halves describe the same moment.
+
+    Args:
+        motor: Its ``velocity`` is overwritten.
+        velocity: (n,) of the links, as reported [rad/s].
+        effort: (n,) measured torque between gearbox and link [N.m].
+    """
+    for j in range(velocity.size):
+        now = effort[j] * motor.compliance[j]
+        motor.rate[j] += motor.share * ((now - motor.deflection[j]) / motor.period - motor.rate[j])
+        motor.deflection[j] = now
+        motor.velocity[j] = velocity[j] + motor.rate[j]
+
+
+def motor_velocity(compliance: Array, period: float, lag: float) -> MotorVelocity:
+    """Prepares the estimate; the first sample can only give the links' velocity.
+
+    Args:
+        compliance: (n,) [rad/(N.m)].
+        period: Between samples [s].
+        lag: T_f of the robot's velocity estimate [s]; 0 for none.
+    """
+    n = compliance.size
+    return MotorVelocity(
+        compliance=compliance.copy(),
+        period=period,
+        share=1.0 - math.exp(-period / lag) if lag > 0.0 else 1.0,
+        deflection=np.zeros(n),
+        rate=np.zeros(n),
+        velocity=np.zeros(n),
+    )
+
+
+def begin_at(motor: MotorVelocity, velocity: Array, effort: Array) -> None:
+    """Starts from a state (n,), (n,) whose springs are taken as steady."""
+    motor.deflection[:] = effort * motor.compliance
+    motor.rate[:] = 0.0
+    motor.velocity[:] = velocity

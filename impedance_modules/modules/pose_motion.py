@@ -13,20 +13,23 @@ minimum jerk s(\sigma), from 0 to 1 over the phase,
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
+from impedance_modules.records import Array3, Indices, Matrix, Record
 from impedance_modules.robot.pose import Pose
-from impedance_modules.robot.rotation import exp3, log3, log_jacobian
+from impedance_modules.robot.rotation import compose, exp3, exponential, log3, log_jacobian
 from impedance_modules.spec.task import AXES, Coordinate, Sine
 
 Array = NDArray[np.float64]
 
 
+@compiled
 def minimum_jerk(fraction: float) -> float:
     """Goes smoothly from 0 at 0 to 1 at 1, s = 10 x^3 - 15 x^4 + 6 x^5; stays there outside."""
     x = min(max(fraction, 0.0), 1.0)
@@ -37,6 +40,64 @@ def minimum_jerk_slope(fraction: float) -> float:
     """Gives ds/dx = 30 x^2 (1 - x)^2 of ``minimum_jerk``; 0 outside [0, 1]."""
     x = min(max(fraction, 0.0), 1.0)
     return 30.0 * x**2 * (1.0 - x) ** 2
+
+
+class PoseMotions(Record):
+    """Several equilibria's ways through one phase, as arrays over the motions; see ``PoseMotion``.
+
+    Attributes:
+        reference_rotation, reference_translation: (motions, 3, 3), (motions, 3) X_WE [m].
+        start_rotation, start_translation: (motions, 3, 3), (motions, 3) X_ET when the phase begins [m].
+        goal: (motions, 3) position that the minimum jerk reaches, a sine's centre [m].
+        amplitude, frequency: (motions, 6) of each coordinate's sine [m or rad], [Hz].
+        relative_turn: (motions, 3) rotation vector from start to goal in the start's axes [rad].
+        first_vector, last_vector: (motions, 3) rotation vectors at the ends [rad].
+        along_vector: (motions,) 1 where a rotation coordinate oscillates, 0 elsewhere.
+    """
+
+    reference_rotation: Array3
+    reference_translation: Matrix
+    start_rotation: Array3
+    start_translation: Matrix
+    goal: Matrix
+    amplitude: Matrix
+    frequency: Matrix
+    relative_turn: Matrix
+    first_vector: Matrix
+    last_vector: Matrix
+    along_vector: Indices
+
+
+@compiled
+def write_pose(
+    motions: PoseMotions, m: int, s: float, clock: float, rotation: Array, translation: Array
+) -> None:
+    """Writes X_WT of motion ``m`` at minimum jerk ``s`` and ``clock`` [s] (the module's equations)."""
+    wave = np.empty(6)
+    for k in range(6):
+        wave[k] = motions.amplitude[m, k] * math.sin(2.0 * math.pi * motions.frequency[m, k] * clock)
+    local, vector = np.empty(3), np.empty(3)
+    for k in range(3):
+        start = motions.start_translation[m, k]
+        local[k] = start + s * (motions.goal[m, k] - start) + wave[k]
+    turn, reference = np.empty((3, 3)), motions.reference_rotation[m]
+    if motions.along_vector[m] > 0:
+        for k in range(3):
+            first = motions.first_vector[m, k]
+            vector[k] = first + s * (motions.last_vector[m, k] - first) + wave[3 + k]
+        exponential(vector, turn)
+        compose(reference, turn, rotation)
+    else:
+        for k in range(3):
+            vector[k] = s * motions.relative_turn[m, k]
+        exponential(vector, turn)
+        product = np.empty((3, 3))
+        compose(motions.start_rotation[m], turn, product)
+        compose(reference, product, rotation)
+    for k in range(3):
+        translation[k] = motions.reference_translation[m, k]
+        for j in range(3):
+            translation[k] += reference[k, j] * local[j]
 
 
 @dataclass(frozen=True)
@@ -59,12 +120,11 @@ class PoseMotion:
     duration: float
 
     def pose(self, clock: float) -> Pose:
-        """Gives X_WT at ``clock`` seconds into the phase."""
+        """Gives X_WT at ``clock`` seconds into the phase; the law is ``write_pose``."""
+        rotation, translation = np.empty((3, 3)), np.empty(3)
         s = minimum_jerk(clock / self.duration)
-        wave = self.amplitude * np.sin(2.0 * math.pi * self.frequency * clock)
-        position = self.start.translation
-        position = position + s * (self.goal[:3] - position) + wave[:3]
-        return self.reference @ Pose(self._rotation(s, wave[3:]), position)
+        write_pose(self._alone, 0, s, clock, rotation, translation)
+        return Pose(rotation, translation)
 
     def velocity(self, clock: float) -> Array:
         """Gives the twist of T per second of the phase's clock, (6,) in world axes at T's origin."""
@@ -72,8 +132,8 @@ class PoseMotion:
         rate = 2.0 * math.pi * self.frequency
         wave, swing = self.amplitude * np.sin(rate * clock), self.amplitude * rate * np.cos(rate * clock)
         linear = slope / self.duration * (self.goal[:3] - self.start.translation) + swing[:3]
-        if self.turns_along_triple:
-            first, last = self.triples()
+        if self.turns_along_vector:
+            first, last = self.end_vectors()
             change = slope / self.duration * (last - first) + swing[3:]
             angular = np.linalg.solve(log_jacobian(first + s * (last - first) + wave[3:]), change)
         else:
@@ -81,14 +141,12 @@ class PoseMotion:
         turn = self.reference.rotation
         return np.concatenate([turn @ linear, turn @ angular])
 
-    def _rotation(self, s: float, wave: Array) -> Array:
-        if self.turns_along_triple:
-            first, last = self.triples()
-            return exp3(first + s * (last - first) + wave)
-        return self.start.rotation @ exp3(s * self.relative_turn)
+    @cached_property
+    def _alone(self) -> PoseMotions:
+        return lay_out_motions((self,))
 
     @cached_property
-    def turns_along_triple(self) -> bool:
+    def turns_along_vector(self) -> bool:
         """An oscillating coordinate means what the file says only along the rotation vector itself."""
         return bool(np.any(self.amplitude[3:]))
 
@@ -97,7 +155,7 @@ class PoseMotion:
         """Gives the rotation vector from the start to the goal, in the start's axes (3,) [rad]."""
         return log3(self.start.rotation.T @ exp3(self.goal[3:]))
 
-    def triples(self) -> tuple[Array, Array]:
+    def end_vectors(self) -> tuple[Array, Array]:
         """Gives first and last rotation vector, the last in its representation nearest to the first."""
         first, last = log3(self.start.rotation), self.goal[3:]
         angle = float(np.linalg.norm(last))
@@ -131,3 +189,31 @@ def pose_motion(
         else:
             goal[index] = coordinate
     return PoseMotion(reference, start, goal, amplitude, frequency, duration)
+
+
+def resting(pose: Pose) -> PoseMotion:
+    """Keeps an equilibrium where it is."""
+    return PoseMotion(pose, Pose.identity(), np.zeros(6), np.zeros(6), np.zeros(6), 1.0)
+
+
+def lay_out_motions(motions: Sequence[PoseMotion]) -> PoseMotions:
+    """Lays several motions out as arrays, in their order."""
+    count = len(motions)
+    ends = [motion.end_vectors() for motion in motions]
+
+    def rows(values: list[Array], *shape: int) -> Array:
+        return np.array(values, dtype=float).reshape(count, *shape)
+
+    return PoseMotions(
+        reference_rotation=rows([motion.reference.rotation for motion in motions], 3, 3),
+        reference_translation=rows([motion.reference.translation for motion in motions], 3),
+        start_rotation=rows([motion.start.rotation for motion in motions], 3, 3),
+        start_translation=rows([motion.start.translation for motion in motions], 3),
+        goal=rows([motion.goal[:3] for motion in motions], 3),
+        amplitude=rows([motion.amplitude for motion in motions], 6),
+        frequency=rows([motion.frequency for motion in motions], 6),
+        relative_turn=rows([motion.relative_turn for motion in motions], 3),
+        first_vector=rows([first for first, _ in ends], 3),
+        last_vector=rows([last for _, last in ends], 3),
+        along_vector=np.array([motion.turns_along_vector for motion in motions], dtype=np.int64),
+    )

@@ -3,43 +3,97 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from impedance_modules.errors import NotConnected
-from impedance_modules.plant.assembly import build_memory
-from impedance_modules.plant.commands import CommandLine, Mode, Order, checked_effort
-from impedance_modules.plant.contact.surfaces import Surfaces
-from impedance_modules.plant.effects_port import JointTorque, PlantEffects, unworn
-from impedance_modules.plant.energy import EnergyBook
-from impedance_modules.plant.grasp.held_object import HeldObject
+from impedance_modules.effects.joint_motion import JointTorque
+from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
+from impedance_modules.errors import BadInput, NotConnected
+from impedance_modules.plant.energy_balance import EnergyBook
+from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.ground_truth import OBJECT, GroundTruth
+from impedance_modules.plant.initial_state import StartAtRest, build_plant_state
 from impedance_modules.plant.integrator import Integrator
-from impedance_modules.plant.joints import hold_gains, motor_position
+from impedance_modules.plant.joints import IDEAL, hold_gains, motor_positions
 from impedance_modules.plant.links import link_model
-from impedance_modules.plant.options import PlantOptions, divide
+from impedance_modules.plant.motor_commands import (
+    CommandQueue,
+    Mode,
+    Order,
+    WeightCompensation,
+    checked_effort,
+)
+from impedance_modules.plant.plant_state import WORK_SIZE
+from impedance_modules.plant.point_contact import SurfaceDistances
 from impedance_modules.plant.pushes import Pushes
-from impedance_modules.plant.records import COMMAND, IDEAL
 from impedance_modules.plant.sensors import Sensors
-from impedance_modules.plant.stability import check_step
-from impedance_modules.plant.start import Start
-from impedance_modules.plant.truth import OBJECT, Truth
-from impedance_modules.plant.weight import WeightCompensation
+from impedance_modules.plant.step_stability import check_step
+from impedance_modules.records import Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import PushSpec, SurfaceSpec
 
-Array = NDArray[np.float64]
+ROBOT_LOOP = 1e-3
+"""Longest period of the robot's own loop: gravity compensation and velocity estimate [s]."""
 
 
-class Plant(Truth):
+@dataclass(frozen=True)
+class PlantOptions:
+    """How the plant is stepped.
+
+    Attributes:
+        rate: Of the control cycle: one ``advance`` lasts 1 / rate [Hz].
+        seed: Of the sensor noise; the same seed gives the same run, bit by bit.
+        noise: Sensor noise as the robot file declares it; False switches it off.
+        step: Longest integration step [s]; whole steps fill the robot's own loop.
+        gravity: Acceleration in world axes [m/s^2].
+    """
+
+    rate: float
+    seed: int
+    noise: bool = True
+    step: float = 0.25e-3
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "step"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise BadInput(f"plant option {name} is {value}; valid: a finite number above 0")
+
+
+@dataclass(frozen=True)
+class Division:
+    """How a control period divides: ``loops`` loops of the robot, each of ``steps`` steps [s]."""
+
+    loops: int
+    steps: int
+    step: float
+    loop: float
+
+
+def divide(options: PlantOptions) -> Division:
+    """Divides the control period into the fewest loops of at most 1 ms, and those into whole steps."""
+    period = 1.0 / options.rate
+    loops = _whole(period / ROBOT_LOOP)
+    steps = _whole(period / loops / options.step)
+    return Division(loops, steps, period / (loops * steps), period / loops)
+
+
+def _whole(ratio: float) -> int:
+    """Rounds up, forgiving the last digits of a quotient that should be whole."""
+    return max(1, math.ceil(ratio - 1e-9))
+
+
+class Plant(GroundTruth):
     """Simulated reality for one robot, its surfaces and the object in its hands.
 
     Life: ``reset(q)``, then ``state = sense()``, ``advance(command)`` once per control period.
     ``hold`` and ``release`` are the robot's own modes; a torque command takes it out of them again.
-    What really happens, beyond what the robot reports, is read from the ``Truth`` it inherits.
+    What really happens, beyond what the robot reports, is read from the ``GroundTruth`` it inherits.
 
     Attributes:
         model: The robot.
@@ -53,7 +107,7 @@ class Plant(Truth):
         surfaces: Sequence[SurfaceSpec],
         held: HeldObject | None,
         options: PlantOptions,
-        worn: PlantEffects | None = None,
+        effects: PlantEffects | None = None,
         *,
         pushes: Sequence[PushSpec] = (),
     ) -> None:
@@ -64,11 +118,11 @@ class Plant(Truth):
             surfaces: Its surroundings.
             held: What its hands hold, or None.
             options: How it is stepped.
-            worn: What reality does beyond the model (``effects.wear.apply_to_plant``); None for nothing.
-            pushes: Who pushes hands or object, and when.
+            effects: What reality does beyond the model (``apply_to_plant``); None for nothing.
+            pushes: On hands or object, from outside.
         """
-        self._worn = unworn(model) if worn is None else worn
-        gravity = self._worn.gravity_turn @ np.array(options.gravity)
+        self._effects = no_effects(model) if effects is None else effects
+        gravity = self._effects.gravity_turn @ np.array(options.gravity)
         self._gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
         self.model = model
         self.division = divide(options)
@@ -76,31 +130,31 @@ class Plant(Truth):
         self._timing = model.spec.timing
         frames = tuple(limb.hand for limb in model.limbs.values())
         links = link_model(model, gravity)
-        memory = build_memory(model, links, frames, surfaces, held, added_mass=self._worn.added_mass)
-        memory.joints["half_gap"] = 0.5 * self._worn.gap
+        state = build_plant_state(model, links, frames, surfaces, held, added_mass=self._effects.added_mass)
+        state.joints["half_gap"] = 0.5 * self._effects.gap
         integrator = Integrator(
             links,
-            memory,
-            surfaces=Surfaces(surfaces, memory.contacts),
+            state,
+            distances=SurfaceDistances(surfaces, state.contacts),
             step=self.division.step,
-            coupling=self._worn.coupling,
+            motor_coupling=self._effects.coupling,
         )
-        super().__init__(model, memory, integrator, frames)
-        integrator.torques.extend(self._worn.torques)
+        super().__init__(model, state, integrator, frames)
+        integrator.torques.extend(self._effects.torques)
         self._pushes = Pushes(pushes, self._pushable())
-        self._sensors = Sensors(model.spec.sensors, self._worn.sensors, self.division.loop, None)
-        self._weight = WeightCompensation(model, self._worn, options.gravity)
-        self._start = Start(integrator, held, self._worn, self._weight)
-        self._position = memory.part("position")
-        self._ideal = bool(np.any(memory.joints["kind"] == IDEAL))
-        self._line: CommandLine | None = None
+        self._sensors = Sensors(model.spec.sensors, self._effects.sensors, self.division.loop, None)
+        self._weight = WeightCompensation(model, self._effects, options.gravity)
+        self._start = StartAtRest(integrator, held, self._effects, self._weight)
+        self._assist = state.joints["assist"]
+        self._ideal = bool(np.any(state.joints["kind"] == IDEAL))
+        self._queue: CommandQueue | None = None
         self._standing: Order | None = None
         self._periods = 0
-        self.start_command: Array = np.zeros(model.n)
+        self.start_command: Vector = np.zeros(model.n)
 
     @property
     def torques(self) -> list[JointTorque]:
-        """Effects worn by the joints; append one before ``reset``."""
+        """Effects that act as torques on the joints; append one before ``reset``."""
         return self._integrator.torques
 
     @property
@@ -113,8 +167,8 @@ class Plant(Truth):
         """Whole periods from issuing a command to its acting."""
         return self._running().delay
 
-    def reset(self, q: Array) -> None:
-        """Puts everything at rest at q (n,) [rad], all springs wound by the weight they carry.
+    def reset(self, q: Vector) -> None:
+        """Puts everything at rest at q (n,) [rad], all springs deflected by the weight they carry.
 
         The hands hold the object where it starts, pressing with the declared squeeze and carrying its
         weight if the task says that the arms do.
@@ -126,45 +180,45 @@ class Plant(Truth):
         self.aim(position, np.zeros(self.model.n))
         self.start_command = self._start.rest(position)
         check_step(self._integrator)
-        self._memory.part("work")[:] = 0.0
+        self.state.start.whole[-WORK_SIZE:] = 0.0
         self._start_robot(position)
 
-    def _start_robot(self, position: Array) -> None:
-        """Starts sensors, command line and clock."""
+    def _start_robot(self, position: Vector) -> None:
+        """Starts sensors, command queue and clock."""
         source = np.random.default_rng(self._options.seed) if self._options.noise else None
-        self._sensors = Sensors(self.model.spec.sensors, self._worn.sensors, self.division.loop, source)
+        self._sensors = Sensors(self.model.spec.sensors, self._effects.sensors, self.division.loop, source)
         self._sensors.reset(position)
         start = Order(Mode.TORQUE, self.start_command.copy())
-        timing = replace(self._timing, command_delay=self._worn.command_delay)
-        self._line = CommandLine(timing, self._options.rate, start)
+        timing = replace(self._timing, command_delay=self._effects.command_delay)
+        self._queue = CommandQueue(timing, self._options.rate, start)
         self._standing = None
         self._periods = 0
         self._integrator.time = 0.0
 
-    def _running(self) -> CommandLine:
-        if self._line is None:
+    def _running(self) -> CommandQueue:
+        if self._queue is None:
             raise NotConnected("the plant has not been reset: call reset(q) with a start posture first")
-        return self._line
+        return self._queue
 
     def sense(self) -> RobotState:
         """Reports what the robot measures now."""
         self._running()
         return self._sensors.sample(self.time, self.sensed_torque)
 
-    def advance(self, command: Array | None) -> None:
-        """Lives through one control period.
+    def advance(self, command: Vector | None) -> None:
+        """Advances by one control period.
 
         Args:
             command: (n,) torque [N.m] that acts, delayed, on top of what the robot adds by itself;
                 None sends nothing: the last torque stays until the time-out, hold and release stay.
         """
-        line = self._running()
+        queue = self._running()
         if command is not None:
             self._standing = None
             issued: Order | None = Order(Mode.TORQUE, checked_effort(command, self.model.n))
         else:
             issued = self._standing
-        self._obey(line.acting, line.pass_on(issued))
+        self._obey(queue.acting, queue.exchange(issued))
         for _ in range(self.division.loops):
             self._robot_loop()
         self._periods += 1
@@ -178,7 +232,7 @@ class Plant(Truth):
         """Orders zero torque: the robot carries only the arms' weight, if it does that at all."""
         self._standing = Order(Mode.RELEASE, np.zeros(self.model.n))
 
-    def warm(self, q: Array) -> None:
+    def warm(self, q: Vector) -> None:
         """Compiles every path of a run, then stands reset at q; call before a loop with deadlines."""
         self.reset(q)
         self.sense()
@@ -189,49 +243,53 @@ class Plant(Truth):
         """Sets the torques of the order that acts in this period."""
         if order is before:
             return
-        joints = self._memory.joints
+        joints = self.state.joints
         joints["command"] = order.effort
         if order.mode is not before.mode:
             joints["hold_stiffness"], joints["hold_damping"] = 0.0, 0.0
             if order.mode is Mode.HOLD:
                 stiffness, damping = hold_gains(self.model, self._integrator.link_mobility())
                 joints["hold_stiffness"], joints["hold_damping"] = stiffness, damping
-                joints["hold_position"] = self._memory.part("motor_position")
+                joints["hold_position"] = self.state.start.motor_position
 
     def _robot_loop(self) -> None:
-        """Lives through one loop of the robot: its gravity compensation, pushes, the steps, its sensors."""
+        """Advances by one loop of the robot: its gravity compensation, pushes, the steps, its sensors."""
         if self._weight.acts:
-            self._memory.joints["assist"] = self._weight.torque(self._sensors.position)
-        self._pushes.act(self._memory, self.time)
+            self._assist[:] = self._weight.torque(self._sensors.position)
+        self._pushes.apply(self.state, self.time)
         if self._ideal:
-            self._wind_ideal_joints()
+            self._deflect_ideal_joints()
         self._integrator.advance(self.division.steps)
-        self._sensors.update(self._position)
+        self._sensors.update(self.state.start.position)
 
     def _pushable(self) -> dict[str, int]:
         """Names the bodies that can be pushed, limbs and ``object``, with their rows of wrenches."""
-        names = [*self.model.limbs, *([OBJECT] if self._memory.body[0]["present"] else [])]
+        names = [*self.model.limbs, *([OBJECT] if self.state.body.present else [])]
         return {name: row for row, name in enumerate(names)}
 
-    def aim(self, position: Array, velocity: Array) -> None:
-        """Tells the joint motion (n,) [rad], [rad/s] that the controller aims at; the start posture until then.
+    def aim(self, position: Vector, velocity: Vector) -> None:
+        """Tells effects the joint motion (n,) [rad], [rad/s] that the controller aims at; at first the start posture.
 
         Only an effect that adds torque from the tracking error listens (``controller_gain``).
         """
         self._integrator.aim[:] = position
         self._integrator.aim_velocity[:] = velocity
 
-    def _wind_ideal_joints(self) -> None:
-        """Books the work of winding an ideal joint's spring: the new torque times theta's jump."""
-        memory, joints = self._memory, self._memory.joints
-        q, rotor = memory.part("position"), memory.part("motor_position")
-        before = motor_position(joints, q, rotor)
+    def _deflect_ideal_joints(self) -> None:
+        """Adds the work of deflecting an ideal joint's spring to the counter: the new torque times theta's jump."""
+        joints, before, after = self.state.joints, np.empty(self.model.n), np.empty(self.model.n)
+        motor_positions(self.state, before)
         joints["motor"] = np.where(
             joints["kind"] == IDEAL, joints["command"] + joints["assist"], joints["motor"]
         )
-        jump = motor_position(joints, q, rotor) - before
-        memory.part("work")[COMMAND] += float(joints["command"] @ jump)
+        motor_positions(self.state, after)
+        self.state.start.work["command_work"] += float(joints["command"] @ (after - before))
 
     def energy(self) -> EnergyBook:
-        """Closes the books: every energy and work since ``reset`` [J]."""
+        """Adds up every energy and work since ``reset`` [J]."""
         return self.energy_book(self._gravity)
+
+
+def no_effects(model: RobotModel) -> PlantEffects:
+    """Returns the effects of an empty patch."""
+    return PlantBuilder(model).finish()

@@ -19,17 +19,23 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.collision import CollisionLimits, ContactSense
-from impedance_modules.plant.driven import BoardOrders, DrivenPlant
-from impedance_modules.plant.servo import Reach, Reference, Sensed, Servo, Tuning
+from impedance_modules.plant.joint_boards import (
+    BoardOrders,
+    CollisionLimits,
+    ContactSense,
+    DrivenPlant,
+    Reach,
+    Reference,
+    Sensed,
+    Servo,
+    Tuning,
+)
+from impedance_modules.records import Vector
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.robot_spec import PlaybackSpec
-
-Array = NDArray[np.float64]
 
 TICK = 1e-3
 """Period of the robot's own loop [s]: the rate at which a ``DrivenPlant`` for a playback must run."""
@@ -49,8 +55,8 @@ class PlaybackMode(Enum):
 class JointPath:
     """A recorded joint path: times (N,) [s], ascending from 0, and positions (N, n) [rad]; straight between them."""
 
-    time: Array
-    position: Array
+    time: Vector
+    position: Vector
 
     def __post_init__(self) -> None:
         ascending = self.time.size >= 2 and bool((np.diff(self.time) > 0.0).all())
@@ -66,7 +72,7 @@ class JointPath:
         """From its first posture to its last [s]."""
         return float(self.time[-1] - self.time[0])
 
-    def at(self, time: float) -> Array:
+    def at(self, time: float) -> Vector:
         """Gives the posture (n,) at a time since its start [s]; before and after, its first and last."""
         when = float(np.clip(time + self.time[0], self.time[0], self.time[-1]))
         after = min(max(int(np.searchsorted(self.time, when)), 1), self.time.size - 1)
@@ -137,8 +143,8 @@ class Playback:
         self.now = 0.0
         self.stopped = ""
         self.collisions: list[tuple[float, str, str]] = []
-        self.wanted: Array = path.at(0.0)
-        self._command: Array = np.zeros(plant.model.n)
+        self.wanted: Vector = path.at(0.0)
+        self._command: Vector = np.zeros(plant.model.n)
 
     def start(self) -> RobotState:
         """Stands at the path's first posture; returns the first sample."""
@@ -206,7 +212,7 @@ class Playback:
             position[joints] = limb.reference.motor_target(sensed, servo)
         return BoardOrders(np.zeros(n), self._stiffness, self._damping, position, np.ones(n))
 
-    def _watch(self, name: str, limb: _LimbPlayer, torque: Array) -> None:
+    def _watch(self, name: str, limb: _LimbPlayer, torque: Vector) -> None:
         felt = limb.sense.feel(torque)
         if felt and not self.paused(name):
             self.collisions.append((self.now, name, felt))

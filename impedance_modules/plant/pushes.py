@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Somebody pushes a hand or the held object: wrenches that follow a schedule, whatever gives way.
+r"""External pushes on a hand or the held object: wrenches that follow a schedule, whatever gives way.
 
 A push grows by minimum jerk over its ``rise``, stays for its ``hold``, and goes by minimum jerk over its ``fall``:
 
@@ -14,13 +14,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.records import PUSH_ROW, Memory
+from impedance_modules.plant.plant_state import PlantState
+from impedance_modules.records import Vector
 from impedance_modules.spec.task import PushSpec
-
-Array = NDArray[np.float64]
 
 
 def push_share(push: PushSpec, time: float) -> float:
@@ -35,7 +33,7 @@ def push_share(push: PushSpec, time: float) -> float:
     return u**3 * (10.0 + u * (6.0 * u - 15.0))
 
 
-def push_wrench(pushes: Sequence[PushSpec], target: str, time: float) -> Array:
+def push_wrench(pushes: Sequence[PushSpec], target: str, time: float) -> Vector:
     """Adds up what all pushes exert on one target at a time [s]: (6,), world axes, at its origin [N, N.m]."""
     total = np.zeros(6)
     for push in pushes:
@@ -48,7 +46,7 @@ class Pushes:
     """All pushes of a task on the plant's bodies."""
 
     def __init__(self, pushes: Sequence[PushSpec], bodies: Mapping[str, int]) -> None:
-        """Takes the schedule, and which row of the wrench table belongs to which limb or to ``object``.
+        """Takes the schedule, and which row of the wrenches belongs to which limb or to ``object``.
 
         Raises:
             BadInput: A push is on something that the plant does not have.
@@ -61,7 +59,7 @@ class Pushes:
         self._pushes = tuple(pushes)
         self._rows = {push.target: bodies[push.target] for push in pushes}
 
-    def act(self, memory: Memory, time: float) -> None:
-        """Writes the wrenches of a time [s] into the plant's memory."""
+    def apply(self, plant: PlantState, time: float) -> None:
+        """Writes the wrenches of a time [s] into the plant's state."""
         for target, row in self._rows.items():
-            memory.wrench[row, PUSH_ROW] = push_wrench(self._pushes, target, time)
+            plant.push_wrench[row] = push_wrench(self._pushes, target, time)

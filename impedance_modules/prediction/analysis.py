@@ -7,8 +7,11 @@ printed: no stiffness where an arm folds or its joint springs are singular, no i
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +19,28 @@ from numpy.typing import NDArray
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.damping import phase_damping
-from impedance_modules.modules.equilibrium import OBJECT, start_equilibrium
+from impedance_modules.modules.equilibrium import start_equilibrium
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.quasi_static import rehearse
-from impedance_modules.prediction.quasi_static_result import Rest
-from impedance_modules.prediction.statics import analyse_state, find_rest
+from impedance_modules.prediction.quasi_static import predict_motion
+from impedance_modules.prediction.statics import Rest, analyse_state, find_rest
 from impedance_modules.robot.model import Limb
-from impedance_modules.superposition.arm import ArmImpedance
-from impedance_modules.superposition.held import HeldImpedance
-from impedance_modules.superposition.inertia import OperationalInertia
-from impedance_modules.superposition.modes import JointSpace, Mode, natural_modes
-from impedance_modules.superposition.object import HandImpedance, squeeze_force, superpose
-from impedance_modules.superposition.stiffness import net_stiffness
+from impedance_modules.superposition.arm_impedance import ArmImpedance
+from impedance_modules.superposition.modes import JointSpace, VibrationMode, natural_modes
+from impedance_modules.superposition.net_stiffness import net_stiffness
+from impedance_modules.superposition.object_impedance import (
+    HandImpedance,
+    HeldImpedance,
+    squeeze_force,
+    superpose,
+)
+from impedance_modules.superposition.operational_inertia import OperationalInertia
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Felt:
+class FrameImpedance:
     """What a push on one frame meets; (6, 6), linear then angular, world axes, at the frame's origin, SI units.
 
     Attributes:
@@ -64,7 +71,7 @@ class Felt:
     stiffness_without_preload: Array | None
     preload: Array
     folds: bool
-    modes: tuple[Mode, ...]
+    modes: tuple[VibrationMode, ...]
 
 
 @dataclass(frozen=True)
@@ -82,8 +89,8 @@ class Analysis:
     """
 
     phase: str | None
-    arms: Mapping[str, Felt]
-    object: Felt | None
+    arms: Mapping[str, FrameImpedance]
+    object: FrameImpedance | None
     summands: Mapping[str, HandImpedance]
     own: Array | None
     squeeze: float | None
@@ -93,7 +100,7 @@ class Analysis:
 def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
     """Analyses a task at its start posture, or at rest where a phase ends, in contact.
 
-    A phase ends where its rehearsal does: after its duration, or when its ``until`` is met.
+    A phase ends where its motion does: after its duration, or when its ``until`` is met.
 
     Raises:
         BadInput: There is no such phase, or no static equilibrium was found in it.
@@ -111,14 +118,14 @@ def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
             f"--phase {phase}: task '{assembly.task.name}' has no such phase{nearest(phase, names)}"
             f" (valid: {', '.join(names)})"
         )
-    rehearsed = rehearse(assembly).phases[names.index(phase)]
-    rest = find_rest(mechanism, rehearsed.setting, rehearsed.q)
+    predicted = predict_motion(assembly).phases[names.index(phase)]
+    rest = find_rest(mechanism, predicted.setting, predicted.q)
     if rest is None:
         raise BadInput(
             f"--phase {phase}: no static equilibrium where it ends; a force axis without stiffness may push into"
             " nothing, or an arm folds (valid: a phase that comes to rest)"
         )
-    return _analysis(mechanism, rehearsed.setting, rest.q, phase, rest)
+    return _analysis(mechanism, predicted.setting, rest.q, phase, rest)
 
 
 def _analysis(
@@ -143,10 +150,10 @@ def _analysis(
     )
 
 
-def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> Felt:
+def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> FrameImpedance:
     found = arm.stiffness
     friction = np.diag(mechanism.model.column("motor_damping")[limb.joints])
-    return Felt(
+    return FrameImpedance(
         frame=limb.hand,
         position=arm.pose.translation,
         q=_angles(limb, q),
@@ -165,13 +172,13 @@ def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> Felt
 
 def _object(
     mechanism: Mechanism, limbs: list[Limb], arms: Mapping[str, ArmImpedance], held: HeldImpedance, q: Array
-) -> Felt:
+) -> FrameImpedance:
     found, singular = held.impedance, held.joints_singular
     motion = held.motion
     joints = np.concatenate([limb.joints for limb in limbs])
     friction = np.diag(mechanism.model.column("motor_damping")[joints])
     hidden = singular or held.folds
-    return Felt(
+    return FrameImpedance(
         frame=OBJECT,
         position=held.pose.translation,
         q={name: angle for limb in limbs for name, angle in _angles(limb, q).items()},
@@ -205,7 +212,7 @@ def _relaxed(arms: list[ArmImpedance], held: HeldImpedance) -> Array | None:
     return superpose(hands, None).stiffness
 
 
-def _modes(system: JointSpace, friction: Array) -> tuple[Mode, ...]:
+def _modes(system: JointSpace, friction: Array) -> tuple[VibrationMode, ...]:
     return natural_modes(replace(system, damping=system.damping + friction))
 
 
@@ -216,3 +223,48 @@ def _angles(limb: Limb, q: Array) -> dict[str, float]:
 def carried_inertia(hand: HandImpedance) -> OperationalInertia:
     """Carries a hand's inertia to the object: one summand of the thesis's eq. 4.30."""
     return hand.inertia.carried(hand.offset)
+
+
+MATRICES = (
+    "inertia",
+    "inertia_without_reflected",
+    "mobility",
+    "damping",
+    "stiffness",
+    "compliance",
+    "stiffness_without_preload",
+)
+
+
+def analysis_json(analysis: Analysis) -> dict[str, Any]:
+    """Gives ``{"format": 1, "arms": {SIDE: X}, "object": X or null}``."""
+    felt = analysis.object
+    return {
+        "format": 1,
+        "arms": {limb: _frame(found, analysis.phase) for limb, found in analysis.arms.items()},
+        "object": None if felt is None else _frame(felt, analysis.phase),
+    }
+
+
+def write_analysis(analysis: Analysis, path: Path) -> None:
+    """Writes the JSON file.
+
+    Raises:
+        BadInput: The file cannot be written.
+    """
+    text = json.dumps(analysis_json(analysis), indent=1, allow_nan=False)
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"--json {path}: cannot be written: {error.strerror}") from None
+
+
+def _frame(felt: FrameImpedance, phase: str | None) -> dict[str, Any]:
+    found: dict[str, Any] = {"frame": felt.frame, "position": felt.position.tolist(), "q": dict(felt.q)}
+    found.update({name: _numbers(getattr(felt, name)) for name in MATRICES})
+    found.update({"preload": felt.preload.tolist(), "folds": felt.folds, "phase": phase})
+    return found
+
+
+def _numbers(matrix: NDArray[np.float64] | None) -> list[list[float]] | None:
+    return None if matrix is None else [[float(value) for value in row] for row in matrix]

@@ -1,18 +1,86 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Everything ``check`` says about a task: per phase and arm loads and yielding, loops, and the tank."""
+"""Everything that ``check`` prints of a task.
+
+Of every phase: how much of each joint's torque and range it uses, how far hands and object are deflected at rest, and
+whether the sampled loop is stable. Of the whole task: the energy that its tank must hold.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.energy import TankForecast, forecast_tank
-from impedance_modules.prediction.loads import ArmForecast, Yielding, forecast_arm, object_yielding
+from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.held_object import OBJECT
+from impedance_modules.modules.spring import displacement_of
+from impedance_modules.prediction.energy_need import TankForecast
+from impedance_modules.prediction.feasibility import TaskPrediction
+from impedance_modules.prediction.loop_stability import StabilityForecast, forecast_stability
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static_result import PhaseRehearsal, Rehearsal, Rest
-from impedance_modules.prediction.stability import StabilityForecast, forecast_stability
-from impedance_modules.prediction.statics import analyse_state
+from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
+from impedance_modules.prediction.statics import Rest, analyse_state
+from impedance_modules.robot.model import Limb, RobotModel
+
+Array = NDArray[np.float64]
+
+GRAVITY_SAMPLES = 40
+"""Moments of a phase at which the arms' own weight is taken into account."""
+
+
+@dataclass(frozen=True)
+class JointLoad:
+    """The joint of an arm that comes closest to its torque limit.
+
+    Attributes:
+        joint: Its name.
+        short: Its name within the limb.
+        torque: Largest magnitude [N.m].
+        limit: ``effort_max`` [N.m].
+    """
+
+    joint: str
+    short: str
+    torque: float
+    limit: float
+
+    @property
+    def share(self) -> float:
+        """Torque over limit."""
+        return self.torque / self.limit
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """How far something at rest is from its equilibrium: distance [m] and angle [rad]."""
+
+    distance: float
+    angle: float
+
+
+@dataclass(frozen=True)
+class ArmForecast:
+    """What one phase asks of one arm.
+
+    Attributes:
+        limb: The arm.
+        commanded: Joint whose commanded torque comes closest to the limit, while it moves or at rest.
+        total: The same with the torque that carries the arm's own weight. The limit is the motor's; springs
+            that help a real robot carry its arms are not in its description, so this is an upper bound.
+        beyond: Joint -> how far it would leave its range [rad]; empty if none does.
+        deflection: Of the hand at rest, against its springs; None without a spring there or without a rest.
+        contact_force: Of the surfaces on the hand at rest [N]; None without a rest.
+    """
+
+    limb: str
+    commanded: JointLoad
+    total: JointLoad
+    beyond: Mapping[str, float]
+    deflection: Deflection | None
+    contact_force: float | None
 
 
 @dataclass(frozen=True)
@@ -20,12 +88,12 @@ class ObjectForecast:
     """The held object at a phase's rest.
 
     Attributes:
-        yielding: From its target.
-        pressed: Force of the surfaces on it [N].
+        deflection: From its target.
+        contact_force: Of the surfaces on it [N].
     """
 
-    yielding: Yielding
-    pressed: float
+    deflection: Deflection
+    contact_force: float
 
 
 @dataclass(frozen=True)
@@ -33,7 +101,7 @@ class PhaseForecast:
     """One phase.
 
     Attributes:
-        rehearsed: How it went.
+        predicted: Its motion.
         rest: Its static equilibrium where it ends; None where none was found.
         arms: What it asks of every arm.
         object: The held object at rest; None without an object or a rest.
@@ -41,7 +109,7 @@ class PhaseForecast:
         folds: Arms (or ``object``) that would fold at rest.
     """
 
-    rehearsed: PhaseRehearsal
+    predicted: PredictedPhase
     rest: Rest | None
     arms: tuple[ArmForecast, ...]
     object: ObjectForecast | None
@@ -64,69 +132,120 @@ class Forecast:
     notes: tuple[str, ...]
 
 
-def forecast_task(assembly: Assembly, rehearsal: Rehearsal, rests: Sequence[Rest | None]) -> Forecast:
-    """Predicts everything that ``check`` prints.
-
-    Args:
-        assembly: The task.
-        rehearsal: Of it.
-        rests: Where each phase comes to rest.
-    """
-    mechanism = Mechanism(assembly)
+def forecast_task(assembly: Assembly, prediction: TaskPrediction) -> Forecast:
+    """Adds loads, deflections and stability to what a task's feasibility was judged by."""
+    mechanism, motion = Mechanism(assembly), prediction.motion
     loops: dict[bytes, tuple[StabilityForecast, ...]] = {}
-    phases = tuple(
-        _forecast_phase(assembly, mechanism, rehearsal, phase, rest, loops)
-        for phase, rest in zip(rehearsal.phases, rests, strict=True)
-    )
+    phases = []
+    for phase, rest in zip(motion.phases, prediction.rests, strict=True):
+        arms = tuple(_forecast_arm(mechanism, arm.limb, phase, motion, rest) for arm in phase.modules.arms)
+        phases.append(_forecast_phase(assembly, mechanism, phase, rest, arms, loops))
     notes = tuple(dict.fromkeys(note for phase in phases for note in _notes(phase)))
-    return Forecast(phases, forecast_tank(assembly, mechanism, rehearsal), notes)
+    return Forecast(tuple(phases), prediction.tank, notes)
 
 
-def _forecast_phase(  # noqa: PLR0917 - a phase, how it went, and where it rests
+def _forecast_phase(
     assembly: Assembly,
     mechanism: Mechanism,
-    rehearsal: Rehearsal,
-    phase: PhaseRehearsal,
+    phase: PredictedPhase,
     rest: Rest | None,
+    arms: tuple[ArmForecast, ...],
     loops: dict[bytes, tuple[StabilityForecast, ...]],
 ) -> PhaseForecast:
+    """Judges one phase; ``loops`` keeps what was found for the same gains."""
     modules = phase.modules
-    arms = tuple(forecast_arm(mechanism, arm.limb, phase, rehearsal, rest) for arm in modules.arms)
     state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
     folds = [limb for limb, arm in state.arms.items() if arm.stiffness.folds]
     held = state.held
     if held is not None and modules.held is not None:
         # Between the hands of one object an arm is held: what counts is whether the whole folds.
-        folds = [limb for limb in folds if limb not in modules.held.limbs] + ["object"] * held.folds
+        folds = [limb for limb in folds if limb not in modules.held.limbs] + [OBJECT] * held.folds
     key = _gains_key(phase)
     if key not in loops:
         loops[key] = forecast_stability(assembly, modules, state.arms, held)
     return PhaseForecast(
-        rehearsed=phase,
+        predicted=phase,
         rest=rest,
         arms=arms,
-        object=None if rest is None else _object(mechanism, phase, rest),
+        object=None if rest is None else _forecast_object(mechanism, phase.equilibrium, rest),
         loops=loops[key],
         folds=() if rest is None else tuple(folds),
     )
 
 
-def _object(mechanism: Mechanism, phase: PhaseRehearsal, rest: Rest) -> ObjectForecast | None:
-    yielding = object_yielding(mechanism, phase.equilibrium, rest)
-    if yielding is None:
-        return None
-    return ObjectForecast(yielding, float((rest.pressure["object"][:3] ** 2).sum() ** 0.5))
-
-
-def _gains_key(phase: PhaseRehearsal) -> bytes:
+def _gains_key(phase: PredictedPhase) -> bytes:
     """Tells phases with different gains apart; postures within one task change a loop little."""
     springs = [spring for arm in phase.modules.arms for spring in arm.springs]
     return b"".join(spring.stiffness.tobytes() + spring.damping.tobytes() for spring in springs)
 
 
+def _forecast_arm(
+    mechanism: Mechanism, limb: Limb, phase: PredictedPhase, motion: MotionPrediction, rest: Rest | None
+) -> ArmForecast:
+    """Sums up one arm in one phase."""
+    model, samples = mechanism.model, motion.samples[phase.samples]
+    efforts = [sample.effort for sample in samples]
+    weighed = samples[:: max(1, len(samples) // GRAVITY_SAMPLES)]
+    loaded = [sample.effort + model.gravity(sample.q) for sample in weighed]
+    if rest is not None:
+        efforts.append(rest.effort)
+        loaded.append(rest.effort + model.gravity(rest.q))
+    return ArmForecast(
+        limb=limb.name,
+        commanded=_largest_load(model, limb, efforts),
+        total=_largest_load(model, limb, loaded),
+        beyond=_beyond_range(model, limb, [sample.q for sample in samples]),
+        deflection=None if rest is None else _hand_deflection(mechanism, limb, phase, rest),
+        contact_force=None if rest is None else float(np.linalg.norm(rest.pressure[limb.hand][:3])),
+    )
+
+
+def _largest_load(model: RobotModel, limb: Limb, efforts: Sequence[Array]) -> JointLoad:
+    largest = np.max(np.abs(np.array(efforts)), axis=0)
+    limit = model.column("effort_max")
+    place = int(np.argmax((largest / limit)[limb.joints]))
+    joint = int(limb.joints[place])
+    return JointLoad(
+        limb.joint_names[place], limb.short_names[place], float(largest[joint]), float(limit[joint])
+    )
+
+
+def _beyond_range(model: RobotModel, limb: Limb, positions: Sequence[Array]) -> dict[str, float]:
+    q = np.array(positions)
+    low, high = model.column("position_min"), model.column("position_max")
+    outside = np.max(np.maximum(low - q, q - high), axis=0)
+    return {model.joint_names[j]: float(outside[j]) for j in limb.joints if outside[j] > 0.0}
+
+
+def _hand_deflection(
+    mechanism: Mechanism, limb: Limb, phase: PredictedPhase, rest: Rest
+) -> Deflection | None:
+    """Takes the hand's spring that is stretched farthest."""
+    springs = [s for s in phase.modules.arm(limb.name).springs if s.frame == limb.hand]
+    if not springs:
+        return None
+    pose = mechanism.model.pose(rest.q, limb.hand)
+    targets = phase.equilibrium.springs
+    found = [_deflection(displacement_of(pose, targets[spring.name])) for spring in springs]
+    return max(found, key=lambda deflection: deflection.distance)
+
+
+def _forecast_object(mechanism: Mechanism, targets: Equilibrium, rest: Rest) -> ObjectForecast | None:
+    """Gives how far the held object at rest is from its target; None without an object."""
+    if targets.object is None:
+        return None
+    mechanism.update(rest.q, np.zeros_like(rest.q))
+    deflection = _deflection(displacement_of(mechanism.object_pose(), targets.object))
+    return ObjectForecast(deflection, float((rest.pressure[OBJECT][:3] ** 2).sum() ** 0.5))
+
+
+def _deflection(offset: Array) -> Deflection:
+    return Deflection(float(np.linalg.norm(offset[:3])), float(np.linalg.norm(offset[3:])))
+
+
 def _notes(phase: PhaseForecast) -> Iterator[str]:
-    name = phase.rehearsed.name
-    if phase.rehearsed.met is False:
+    name = phase.predicted.name
+    if phase.predicted.met is False:
         yield f"phase '{name}': what it waits for has not come by the end of its duration"
     if phase.rest is None:
         yield f"phase '{name}': no static equilibrium was found where it ends"

@@ -18,11 +18,11 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
-from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.weight import STANDARD_GRAVITY
-from impedance_modules.plant.contact.points import hand_point, object_points
+from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
+from impedance_modules.modules.sum import lay_out, sum_modules, write_equilibrium, write_gains
+from impedance_modules.plant.point_contact import hand_point, object_points
 from impedance_modules.plant.pushes import push_wrench
-from impedance_modules.prediction.contact import Contact, find_contacts, place_surface
+from impedance_modules.prediction.contact_geometry import Contact, find_contacts, place_surface
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
@@ -65,6 +65,7 @@ class Mechanism:
             arm.limb.name: slice(int(first), int(last))
             for arm, first, last in zip(self.modules.arms, starts, starts[1:], strict=False)
         }
+        self._sum = lay_out(self.modules, self.model.n)
         held = self.modules.held
         self._object_points = () if held is None else object_points(held.spec.shape, held.spec.size)
 
@@ -110,6 +111,27 @@ class Mechanism:
                 stiffness[part, part] += J.T @ spring.world_stiffness @ J
                 dampers[part, part] += J.T @ damping.of_spring(spring) @ J
         return stiffness, dampers
+
+    def module_efforts(
+        self, setting: Setting, q: Array, v: Array, *, force_share: float = 1.0
+    ) -> tuple[Array, float]:
+        """Sums what the modules ask for at the state of the last ``update``, by the law of the control loop.
+
+        Args:
+            setting: Gains and equilibria.
+            q: (n,) [rad].
+            v: (n,) [rad/s].
+            force_share: Part in [0, 1] of the hybrid axes' forces that is in force.
+
+        Returns:
+            (n,) torque [N.m], and the energy of all springs [J].
+        """
+        found = self._sum
+        write_gains(found, setting.modules, setting.damping)
+        found.springs.force[:] *= force_share
+        write_equilibrium(found, setting.modules, setting.targets)
+        energy = sum_modules(found, self.kinematics.arms, q, v, 1.0)
+        return found.desired.copy(), energy
 
     def object_pose(self) -> Pose:
         """Gives X_WO as the first holding hand says it."""

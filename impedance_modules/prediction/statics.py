@@ -3,8 +3,9 @@ r"""Where a task comes to rest: springs, forces, weights and surfaces in balance
 
     \tau_modules(q) + J_O^T m g + \sum J_p^T n k d(q) + A^T \lambda = 0,        every grasp kept
 
-Newton's method on all joints at once. The matrix is the analysis's own stiffness in joint space, K_j - \Gamma + J^T K J
-(design 4), plus that of surfaces and of the object's turning loads; a mass term keeps steps short while they fail.
+Newton's method on all joints at once. The matrix is the analysis's own stiffness in joint space,
+K_j - \Gamma + J^T K J, plus that of surfaces and of the object's turning loads. While steps fail, a multiple of the
+inertia is added, which makes them shorter (Levenberg and Marquardt's damping).
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.modules.equilibrium import OBJECT
-from impedance_modules.modules.total import desired_effort
-from impedance_modules.prediction.contact import Contact
+from impedance_modules.modules.held_object import OBJECT
+from impedance_modules.prediction.contact_geometry import Contact
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.prediction.quasi_static_result import Rehearsal, Rest
-from impedance_modules.superposition.arm import ArmImpedance, arm_impedance
-from impedance_modules.superposition.held import HeldImpedance, held_impedance
-from impedance_modules.superposition.object import turning_stiffness
+from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
+from impedance_modules.superposition.object_impedance import (
+    HeldImpedance,
+    held_impedance,
+    lever_arm_stiffness,
+)
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,21 @@ GAP_WEIGHT = 1e3
 
 LONGEST_STEP = 0.2
 """Of any joint in one step [rad]."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A static equilibrium.
+
+    Attributes:
+        q: (n,) [rad].
+        effort: (n,) torque that the modules command [N.m].
+        pressure: Hand frame or ``object`` -> (6,) of the surfaces on it, at its origin, world axes [N, N.m].
+    """
+
+    q: Array
+    effort: Array
+    pressure: Mapping[str, Array]
 
 
 @dataclass(frozen=True)
@@ -94,30 +111,25 @@ def find_rest(
         loads: Besides modules and weights.
 
     Returns:
-        The equilibrium, or None where the search does not settle.
+        The equilibrium, or None where the search does not converge.
     """
     balance = _Balance(mechanism, setting, loads)
-    q, slowing = start.copy(), 0.0
+    q, mass_weight = start.copy(), 0.0
     error = balance.at(q)
     for _ in range(TRIES):
-        if balance.settled:
+        if balance.converged:
             return Rest(q, balance.effort, balance.pressure())
         trial = q.copy()
-        trial[mechanism.joints] += balance.step(q, slowing)
+        trial[mechanism.joints] += balance.step(q, mass_weight)
         new = balance.at(trial)
-        if new < error or (slowing == 0.0 and new < 2.0 * error):
-            q, error, slowing = trial, new, 0.0 if slowing < 1.0 else slowing / 10.0
+        if new < error or (mass_weight == 0.0 and new < 2.0 * error):
+            q, error, mass_weight = trial, new, 0.0 if mass_weight < 1.0 else mass_weight / 10.0
         else:
-            slowing = max(10.0 * slowing, 1.0)
+            mass_weight = max(10.0 * mass_weight, 1.0)
             error = balance.at(q)
-            if slowing > 1e9:
+            if mass_weight > 1e9:
                 return None
     return None
-
-
-def rests_of(mechanism: Mechanism, rehearsal: Rehearsal) -> tuple[Rest | None, ...]:
-    """Finds where every phase would come to rest; None where one would not."""
-    return tuple(find_rest(mechanism, phase.setting, phase.q) for phase in rehearsal.phases)
 
 
 class _Balance:
@@ -135,11 +147,8 @@ class _Balance:
         mechanism, setting = self._mechanism, self._setting
         still = np.zeros_like(q)
         mechanism.update(q, still)
-        terms = desired_effort(
-            setting.modules, mechanism.kinematics, setting.targets, q, still, setting.damping
-        )
-        self.effort = terms.effort
-        force = terms.effort[mechanism.joints] + mechanism.object_load()
+        self.effort, _ = mechanism.module_efforts(setting, q, still)
+        force = self.effort[mechanism.joints] + mechanism.object_load()
         for frame, wrench in self._loads.pushes.items():
             force = force + self._body(frame).T @ wrench
         self._near = mechanism.contacts(NEAR) if self._loads.surfaces else []
@@ -151,7 +160,7 @@ class _Balance:
         return float(np.linalg.norm(self._left)) + GAP_WEIGHT * float(np.linalg.norm(self._gap))
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether the last posture is at rest."""
         closed = not self._gap.size or float(np.max(np.abs(self._gap))) < CLOSED
         return closed and float(np.max(np.abs(self._left))) < BALANCED
@@ -160,12 +169,12 @@ class _Balance:
     def _touching(self) -> list[tuple[Contact, Array]]:
         return [(contact, J) for contact, J in self._near if contact.depth > 0.0]
 
-    def step(self, q: Array, slowing: float) -> Array:
-        """Gives a Newton step (k,) from q, the last posture; ``slowing`` [1/s^2] weighs the mass in.
+    def step(self, q: Array, mass_weight: float) -> Array:
+        """Gives a Newton step (k,) from q, the last posture; ``mass_weight`` [1/s^2] weighs the mass in.
 
         Depths change in proportion to the step, and just those points press that are inside after it.
         """
-        hessian = self._hessian(q) + (slowing + 1e-8) * self._mechanism.inertia()
+        hessian = self._hessian(q) + (mass_weight + 1e-8) * self._mechanism.inertia()
         points = self._touching
         for _ in range(SWITCHES):
             found = self._solve(hessian, points)
@@ -215,11 +224,11 @@ class _Balance:
         turning = np.zeros((6, 6))
         if state.held is not None:
             for hand in state.held.hands:
-                turning = turning + turning_stiffness(-hand.wrench[:3], hand.offset)
+                turning = turning + lever_arm_stiffness(-hand.wrench[:3], hand.offset)
         for contact, _ in self._touching:
             force = contact.surface.stiffness * contact.depth * contact.normal
             if contact.key[0] == len(self._setting.modules.arms):
-                turning = turning + turning_stiffness(-force, contact.arm)
+                turning = turning + lever_arm_stiffness(-force, contact.arm)
         if state.held is not None:
             J = mechanism.object_jacobian()
             found += J.T @ turning @ J

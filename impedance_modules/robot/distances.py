@@ -24,8 +24,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput
-from impedance_modules.robot.compiled_distances import book, free_time
+from impedance_modules.records import Indices, Matrix, Record, Vector
 from impedance_modules.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
@@ -37,11 +38,108 @@ LONGEST_WAIT = 0.1
 """A pair is looked at again after this time at the latest [s]."""
 
 
+class DistanceState(Record):
+    """What is known of all pairs; what no cycle changes first.
+
+    Attributes:
+        margin: Distance that pairs keep [m].
+        approach_time: The damper's T [s].
+        horizon: Over which its row looks ahead [s].
+        period: Of the control cycle [s].
+        moving: (shape pairs, n) 1 where a joint moves the second shape, -1 the first, 0 both or none.
+        cycle: Now.
+        shapes: (pairs,) the nearest pair of shapes of each.
+        found: (pairs, 7) distance [m], normal, closest point on the first shape (world axes), when last measured.
+        distance: (pairs,) [m].
+        gradient: (pairs, n) G; zero where a pair cannot matter in this cycle.
+        due: (pairs,) cycle in which each is measured again.
+    """
+
+    margin: float
+    approach_time: float
+    horizon: float
+    period: float
+    moving: Matrix
+    cycle: int
+    shapes: Indices
+    found: Matrix
+    distance: Vector
+    gradient: Matrix
+    due: Indices
+
+
+@compiled
+def free_time(state: DistanceState, distance: float, closing: float) -> float:
+    """Bounds from below how long a pair cannot matter [s].
+
+    The first t of the inequality above, with c' = max(c, 0) for c: a pair that parts may turn around at once.
+
+    Args:
+        state: For its constants.
+        distance: d now [m].
+        closing: c now [m/s].
+    """
+    closing = max(closing, 0.0)
+    room = distance - state.margin - (closing + QUICKEST * state.horizon) * state.approach_time
+    if room <= 0.0:
+        return 0.0
+    slope = QUICKEST * state.approach_time + closing
+    return min(LONGEST_WAIT, (math.sqrt(slope * slope + 2.0 * QUICKEST * room) - slope) / QUICKEST)
+
+
+@compiled
+def book(state: DistanceState, pairs: Indices, jacobian: Array, velocity: Array) -> None:
+    """Writes down what was measured in one cycle, and when each pair is measured again.
+
+    Args:
+        state: Of all pairs; ``found`` and ``shapes`` hold what was measured.
+        pairs: (m,) which ones were measured.
+        jacobian: (6, n) the joints' twists at the world's origin, linear then angular.
+        velocity: (n,) of the joints [rad/s].
+    """
+    n, due = velocity.size, state.due
+    for pair in pairs:
+        found = state.found[pair]
+        x, y, z = found[1], found[2], found[3]
+        a, b, c = found[4], found[5], found[6]
+        # n . velocity of a point p of a link is n . v_0 + (p x n) . w; both closest points lie on one line along n.
+        p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
+        rate = 0.0
+        for j in range(n):
+            mark = state.moving[state.shapes[pair], j]
+            entry = 0.0
+            if mark != 0.0:
+                entry = mark * (
+                    x * jacobian[0, j]
+                    + y * jacobian[1, j]
+                    + z * jacobian[2, j]
+                    + p * jacobian[3, j]
+                    + q * jacobian[4, j]
+                    + r * jacobian[5, j]
+                )
+            state.gradient[pair, j] = entry
+            rate += entry * velocity[j]
+        free = free_time(state, found[0], -rate)
+        state.distance[pair] = found[0]
+        if free >= state.period:
+            state.gradient[pair] = 0.0
+        due[pair] = _free_cycle(due, state.cycle, state.cycle + max(1, int(free / state.period)))
+
+
+@compiled
+def _free_cycle(due: Indices, cycle: int, latest: int) -> int:
+    """Finds the last cycle up to ``latest`` in which nothing else is due yet; the next one if there is none."""
+    while latest > cycle + 1 and (due == latest).any():
+        latest -= 1
+    return latest
+
+
 class Distances:
     """Signed distances of the robot's declared pairs of links.
 
     Attributes:
         pairs: (link, link) names.
+        state: The record that laws read; ``distance`` and ``gradient`` are its own.
         distance: (pairs,) last measured distance [m].
         gradient: (pairs, n) G; zero where the pair cannot matter in this cycle.
     """
@@ -56,70 +154,53 @@ class Distances:
         horizon: float,
         period: float,
     ) -> None:
-        """Prepares to measure.
-
-        Args:
-            kinematics: Of the robot.
-            pairs: (link, link) names.
-            margin: Distance that pairs keep [m].
-            approach_time: The damper's T [s].
-            horizon: Over which its row looks ahead [s].
-            period: Of the control cycle [s].
-        """
+        """Prepares to measure; arguments as in ``DistanceState``, ``pairs`` as (link, link) names."""
         self.pairs = tuple(pairs)
         self._kinematics = kinematics
-        self._margin, self._approach_time = margin, approach_time
-        self._horizon, self._period = horizon, period
         self._geometry = kinematics.model.geometry()
         self._shapes = [self._shape_pairs(first, second) for first, second in self.pairs]
         self._data = pin.GeometryData(self._geometry)
         moves = [self._moves(both.second) - self._moves(both.first) for both in self._geometry.collisionPairs]
-        n = kinematics.model.n
-        self._moving: Array = np.array(moves).reshape(-1, n)
+        count, n = len(self.pairs), kinematics.model.n
         # A live view: columns are the joints' twists at the world's origin.
         self._world_jacobian: Array = kinematics.pin_data.J
-        self._constants = np.array([margin, approach_time, horizon, QUICKEST, LONGEST_WAIT, period])
-        self._found: Array = np.zeros((len(self.pairs), 7))
-        self._nearest_of = np.zeros(len(self.pairs), dtype=np.int64)
-        self._cycle = 0
-        self._due = np.zeros(len(self.pairs), dtype=np.int64)
-        self.distance: Array = np.full(len(self.pairs), np.inf)
-        self.gradient: Array = np.zeros((len(self.pairs), n))
+        self.state = DistanceState(
+            margin=margin,
+            approach_time=approach_time,
+            horizon=horizon,
+            period=period,
+            moving=np.array(moves).reshape(-1, n),
+            cycle=0,
+            shapes=np.zeros(count, dtype=np.int64),
+            found=np.zeros((count, 7)),
+            distance=np.full(count, np.inf),
+            gradient=np.zeros((count, n)),
+            due=np.zeros(count, dtype=np.int64),
+        )
+        self.distance, self.gradient = self.state.distance, self.state.gradient
 
     def skip(self) -> None:
         """Lets a cycle without a state go by."""
-        self._cycle += 1
+        self.state.cycle += 1
 
     def update(self, q: Array, v: Array) -> None:
         """Measures the pairs that may matter, at the state (n,), (n,) of the last ``Kinematics.update``."""
-        self._cycle += 1
-        pairs = np.flatnonzero(self._due <= self._cycle)
+        self.state.cycle += 1
+        pairs = np.flatnonzero(self.state.due <= self.state.cycle)
         # A state that is not finite gives no torque, so it needs no distance; the geometry library may not end.
         if pairs.size == 0 or not math.isfinite(float(q @ v)):
             return
         model, data = self._kinematics.model.pin_model, self._kinematics.pin_data
         pin.updateGeometryPlacements(model, data, self._geometry, self._data)
-        for k, pair in enumerate(pairs.tolist()):
-            self._measure(k, pair)
-        book(
-            pairs,
-            self._nearest_of,
-            self._found,
-            self._world_jacobian,
-            self._moving,
-            v,
-            self._constants,
-            self._cycle,
-            self.distance,
-            self.gradient,
-            self._due,
-        )
+        for pair in pairs.tolist():
+            self._measure(pair)
+        book(self.state, pairs, self._world_jacobian, v)
 
-    def _measure(self, k: int, pair: int) -> None:
-        """Measures a pair and writes the result into a row of ``_found``."""
+    def _measure(self, pair: int) -> None:
+        """Measures a pair and writes the result into its row of ``found``."""
         index, result = self._nearest(self._shapes[pair])
-        row = self._found[k]
-        self._nearest_of[k] = index
+        row = self.state.found[pair]
+        self.state.shapes[pair] = index
         row[0], row[1:4], row[4:] = result.min_distance, result.normal, result.getNearestPoint1()
 
     def _nearest(self, shapes: list[int]) -> tuple[int, pin.DistanceResult]:
@@ -129,17 +210,6 @@ class Distances:
             return shapes[0], found[0]
         nearest = min(range(len(found)), key=lambda i: float(found[i].min_distance))
         return shapes[nearest], found[nearest]
-
-    def free_time(self, distance: float, closing: float) -> float:
-        """Bounds from below how long a pair cannot matter [s].
-
-        The first t of the inequality above, with c' = max(c, 0) for c: a pair that parts may turn around at once.
-
-        Args:
-            distance: d now [m].
-            closing: c now [m/s].
-        """
-        return float(free_time(distance, closing, *self._constants[:5].tolist()))
 
     def _moves(self, shape: int) -> Array:
         """Marks with 1 the joints that move a shape, (n,)."""

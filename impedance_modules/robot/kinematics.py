@@ -7,7 +7,7 @@ For a state (q, v) and a fixed list of frames F:
     (M + I_r)^-1 mobility of the joints (n, n)                     world axes at F's origin
     C(q, v) v    Coriolis and centrifugal torque (n,), without gravity
 
-Memory is taken once: the next ``update`` overwrites the arrays.
+Memory is taken once, as a record that the laws of a cycle read: the next ``update`` overwrites its arrays.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.records import Array3, IndexMatrix, Matrix, Record, Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 
@@ -27,11 +28,10 @@ Indices = NDArray[np.int64]
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
-class Kinematics:
-    """One cycle's poses, Jacobians, inverse inertia and bias torque.
+class ArmGeometry(Record):
+    """What the laws of a cycle know of the arms at one state; frames in the order of ``Kinematics.frames``.
 
     Attributes:
-        frames: Frame names; the order of the first axis of the arrays below.
         rotation: (frames, 3, 3) R_WF.
         translation: (frames, 3) origins p_WF [m].
         jacobian: (frames, 6, n) J_WF.
@@ -40,6 +40,24 @@ class Kinematics:
         coupled: (2, n) for each joint the first and one past the last joint that shares its tree: everything
             else in its row of the inverse inertia is zero, always.
         moved_by: (2, frames) likewise the joints that can move each frame: its other columns of J are zero.
+    """
+
+    rotation: Array3
+    translation: Matrix
+    jacobian: Array3
+    inverse_inertia: Matrix
+    bias: Vector
+    coupled: IndexMatrix
+    moved_by: IndexMatrix
+
+
+class Kinematics:
+    """One cycle's poses, Jacobians, inverse inertia and bias torque.
+
+    Attributes:
+        frames: Frame names; the order of the first axis of the arrays below.
+        arms: The record that laws read; the arrays below are its own.
+        rotation, translation, jacobian, inverse_inertia, bias, coupled, moved_by: See ``ArmGeometry``.
         pin_data: Pinocchio's results of the last update; for robot/ and plant/ only.
     """
 
@@ -56,12 +74,19 @@ class Kinematics:
         placements = [(model.frame_id(f), self.pin_data.oMf[model.frame_id(f)]) for f in self.frames]
         self._live = [(i, X_WF.rotation, X_WF.translation) for i, X_WF in placements]
         count, n = len(self.frames), model.n
-        self.rotation: Array = np.zeros((count, 3, 3))
-        self.translation: Array = np.zeros((count, 3))
-        self.jacobian: Array = np.zeros((count, 6, n))
-        self.inverse_inertia: Array = np.zeros((n, n))
-        self.bias: Array = np.zeros(n)
-        self.coupled, self.moved_by = _coupled(model), _moved_by(model, self.frames)
+        self.arms = ArmGeometry(
+            rotation=np.zeros((count, 3, 3)),
+            translation=np.zeros((count, 3)),
+            jacobian=np.zeros((count, 6, n)),
+            inverse_inertia=np.zeros((n, n)),
+            bias=np.zeros(n),
+            coupled=_coupled(model),
+            moved_by=_moved_by(model, self.frames),
+        )
+        self.rotation, self.translation = self.arms.rotation, self.arms.translation
+        self.jacobian, self.bias = self.arms.jacobian, self.arms.bias
+        self.inverse_inertia = self.arms.inverse_inertia
+        self.coupled, self.moved_by = self.arms.coupled, self.arms.moved_by
 
     def update(self, q: Array, v: Array) -> None:
         """Recomputes everything at positions q [rad] and velocities v [rad/s], both (n,)."""
@@ -73,8 +98,8 @@ class Kinematics:
             self.jacobian[slot] = pin.getFrameJacobian(model, data, index, WORLD_AXES).reshape(6, -1)
             self.rotation[slot] = rotation
             self.translation[slot] = translation
-        self.bias = pin.nonLinearEffects(self._weightless, self._bias_data, q, v)
-        self.inverse_inertia = pin.computeMinverse(model, data, q)
+        self.bias[:] = pin.nonLinearEffects(self._weightless, self._bias_data, q, v)
+        self.inverse_inertia[:] = pin.computeMinverse(model, data, q)
 
     def pose(self, frame: str) -> Pose:
         """Copies X_WF of one of the frames."""

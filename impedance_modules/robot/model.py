@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.robot.calibrated import calibrated_description
 from impedance_modules.robot.pose import Pose
-from impedance_modules.spec.robot_spec import BodyChange, JointSpec, RobotSpec
+from impedance_modules.spec.robot_spec import BodyChange, JointOrigin, JointSpec, RobotSpec
 
 Array = NDArray[np.float64]
 
@@ -216,3 +217,23 @@ def with_reflected_inertia(spec: RobotSpec, values: Mapping[str, float]) -> Robo
         for name, joint in spec.joints.items()
     }
     return replace(spec, joints=joints)
+
+
+def calibrated_description(urdf: Path, origins: Mapping[str, JointOrigin]) -> str:
+    """Returns a URDF's text with the origins of some joints replaced.
+
+    Raises:
+        BadInput: The URDF has no such joint.
+    """
+    root = ElementTree.parse(urdf).getroot()
+    joints = {str(joint.get("name")): joint for joint in root.iter("joint")}
+    for name, origin in origins.items():
+        if name not in joints:
+            known = tuple(joints)
+            raise BadInput(f"{urdf}: no joint '{name}' to calibrate{nearest(name, known)}")
+        element = joints[name].find("origin")
+        if element is None:
+            element = ElementTree.SubElement(joints[name], "origin")
+        element.set("xyz", " ".join(repr(number) for number in origin.translation))
+        element.set("rpy", " ".join(repr(number) for number in origin.roll_pitch_yaw))
+    return ElementTree.tostring(root, encoding="unicode")

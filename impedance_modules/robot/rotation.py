@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Rotations as rotation vectors: exponential, logarithm, and the logarithm's Jacobian.
+r"""Rotations: exponential, logarithm and its Jacobian, and the small vector products of the laws.
 
-A rotation vector \phi = \theta a turns by \theta about the unit axis a. All functions take and
-return float64 arrays of shape (3,) or (3, 3).
+A rotation vector \phi = \theta a turns by \theta about the unit axis a [rad]. The laws write into an array that the
+caller owns (``out``); ``exp3`` and ``log3`` give a new one.
 
 Reference: J. Solà, J. Deray, D. Atchuthan, "A micro Lie theory for state estimation in robotics", 2018.
 """
@@ -14,10 +14,173 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
+
 Array = NDArray[np.float64]
 
 SMALL_ANGLE = 1e-4
 """Below this angle [rad] series replace quotients; their error is then below 1e-18."""
+
+NEAR_CUT = -0.99
+"""Below this cosine the sine is too small to divide by: the axis is taken from the symmetric part."""
+
+
+@compiled
+def dot(a: Array, b: Array) -> float:
+    """Returns a . b of two vectors (3,)."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@compiled
+def add_cross(a: Array, b: Array, out: Array) -> None:
+    """Adds a x b to ``out`` (3,)."""
+    out[0] += a[1] * b[2] - a[2] * b[1]
+    out[1] += a[2] * b[0] - a[0] * b[2]
+    out[2] += a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def turn(rotation: Array, vector: Array, out: Array) -> None:
+    """Writes R v into ``out`` (3,), which must not be ``vector``."""
+    for i in range(3):
+        out[i] = rotation[i, 0] * vector[0] + rotation[i, 1] * vector[1] + rotation[i, 2] * vector[2]
+
+
+@compiled
+def turn_back(rotation: Array, vector: Array, out: Array) -> None:
+    """Writes R^T v into ``out`` (3,), which must not be ``vector``."""
+    for i in range(3):
+        out[i] = rotation[0, i] * vector[0] + rotation[1, i] * vector[1] + rotation[2, i] * vector[2]
+
+
+@compiled
+def compose(a: Array, b: Array, out: Array) -> None:
+    """Writes A B into ``out`` (3, 3), which must be neither."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@compiled
+def exponential(vector: Array, out: Array) -> None:
+    r"""Writes the rotation matrix (3, 3) of a rotation vector (3,) [rad] (Rodrigues).
+
+    R = I + (sin \theta / \theta) [\phi] + ((1 - cos \theta) / \theta^2) [\phi]^2
+    """
+    x, y, z = vector[0], vector[1], vector[2]
+    square = x * x + y * y + z * z
+    angle = math.sqrt(square)
+    if angle < SMALL_ANGLE:
+        first, second = 1.0 - square / 6.0, 0.5 - square / 24.0
+    else:
+        first, second = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+    out[0, 0] = 1.0 - second * (y * y + z * z)
+    out[1, 1] = 1.0 - second * (x * x + z * z)
+    out[2, 2] = 1.0 - second * (x * x + y * y)
+    out[0, 1], out[1, 0] = second * x * y - first * z, second * x * y + first * z
+    out[0, 2], out[2, 0] = second * x * z + first * y, second * x * z - first * y
+    out[1, 2], out[2, 1] = second * y * z - first * x, second * y * z + first * x
+
+
+@compiled
+def logarithm(rotation: Array, out: Array) -> None:
+    r"""Writes the rotation vector (3,) [rad] of a rotation matrix (3, 3); its length is at most \pi.
+
+    Continuous for angles below \pi. At \pi itself, the cut, both signs describe the same rotation and
+    one of them is written.
+    """
+    out[0] = 0.5 * (rotation[2, 1] - rotation[1, 2])
+    out[1] = 0.5 * (rotation[0, 2] - rotation[2, 0])
+    out[2] = 0.5 * (rotation[1, 0] - rotation[0, 1])
+    sine = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+    cosine = 0.5 * (rotation[0, 0] + rotation[1, 1] + rotation[2, 2] - 1.0)
+    angle = math.atan2(sine, cosine)
+    if angle < SMALL_ANGLE:
+        scale = 1.0 + angle * angle / 6.0
+    elif cosine > NEAR_CUT:
+        scale = angle / sine
+    else:
+        _logarithm_near_cut(rotation, angle, cosine, out)
+        return
+    for i in range(3):
+        out[i] *= scale
+
+
+@compiled
+def _logarithm_near_cut(rotation: Array, angle: float, cosine: float, out: Array) -> None:
+    """Takes the axis from the symmetric part (R + R^T) / 2 - cos I, and its sign from ``out``, the sine's axis."""
+    x, y, z = out[0], out[1], out[2]
+    column = 0
+    for k in range(1, 3):
+        if rotation[k, k] > rotation[column, column]:
+            column = k
+    length = 0.0
+    for k in range(3):
+        entry = 0.5 * (rotation[k, column] + rotation[column, k])
+        if k == column:
+            entry -= cosine
+        out[k] = entry
+        length += entry * entry
+    scale = angle / math.sqrt(length)
+    if out[0] * x + out[1] * y + out[2] * z < 0.0:
+        scale = -scale
+    for k in range(3):
+        out[k] *= scale
+
+
+@compiled
+def log_curvature(square: float) -> float:
+    r"""Returns c = (1 - (\theta/2) cot(\theta/2)) / \theta^2 of the logarithm's Jacobian; ``square`` is \theta^2.
+
+    Finite up to and including the cut at \theta = \pi.
+    """
+    if square < SMALL_ANGLE * SMALL_ANGLE:
+        return 1.0 / 12.0 + square / 720.0
+    half = 0.5 * math.sqrt(square)
+    return (1.0 - half * math.cos(half) / math.sin(half)) / square
+
+
+@compiled
+def add_rotation_rate(vector: Array, velocity: Array, out: Array) -> None:
+    r"""Adds the rate of a rotation vector \phi, exp(\phi) turning from a fixed start, at velocity \omega.
+
+    \phi' = \omega - [\phi]\omega / 2 + [\phi]^2 \omega / 12, up to fourth order in \phi; world axes.
+    """
+    x = vector[1] * velocity[2] - vector[2] * velocity[1]
+    y = vector[2] * velocity[0] - vector[0] * velocity[2]
+    z = vector[0] * velocity[1] - vector[1] * velocity[0]
+    out[0] += velocity[0] - 0.5 * x + (vector[1] * z - vector[2] * y) / 12.0
+    out[1] += velocity[1] - 0.5 * y + (vector[2] * x - vector[0] * z) / 12.0
+    out[2] += velocity[2] - 0.5 * z + (vector[0] * y - vector[1] * x) / 12.0
+
+
+@compiled
+def write_quaternion(rotation: Array, out: Array) -> None:
+    """Writes the unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3)."""
+    a, b, c = rotation[0, 0], rotation[1, 1], rotation[2, 2]
+    if a + b + c >= 0.0:
+        r = math.sqrt(1.0 + a + b + c)
+        s = 0.5 / r
+        out[0] = (rotation[2, 1] - rotation[1, 2]) * s
+        out[1] = (rotation[0, 2] - rotation[2, 0]) * s
+        out[2] = (rotation[1, 0] - rotation[0, 1]) * s
+        out[3] = 0.5 * r
+        return
+    i = 0
+    if b > a:
+        i = 1
+    if c > rotation[i, i]:
+        i = 2
+    j, k = (i + 1) % 3, (i + 2) % 3
+    r = math.sqrt(1.0 + rotation[i, i] - rotation[j, j] - rotation[k, k])
+    s = 0.5 / r
+    out[i] = 0.5 * r
+    out[j] = (rotation[j, i] + rotation[i, j]) * s
+    out[k] = (rotation[k, i] + rotation[i, k]) * s
+    out[3] = (rotation[k, j] - rotation[j, k]) * s
+    if out[3] < 0.0:
+        for m in range(4):
+            out[m] = -out[m]
 
 
 def skew(vector: Array) -> Array:
@@ -27,40 +190,28 @@ def skew(vector: Array) -> Array:
 
 
 def exp3(rotation_vector: Array) -> Array:
-    r"""Turns a rotation vector [rad] into a rotation matrix (Rodrigues).
-
-    R = I + (sin \theta / \theta) [\phi] + ((1 - cos \theta) / \theta^2) [\phi]^2
-    """
-    phi = skew(np.asarray(rotation_vector, dtype=float))
-    angle = math.sqrt(float(np.dot(rotation_vector, rotation_vector)))
-    if angle < SMALL_ANGLE:
-        first, second = 1.0 - angle**2 / 6.0, 0.5 - angle**2 / 24.0
-    else:
-        first, second = math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle**2
-    return np.eye(3) + first * phi + second * (phi @ phi)
+    """Turns a rotation vector (3,) [rad] into a new rotation matrix (3, 3); the law is ``exponential``."""
+    out = np.empty((3, 3))
+    exponential(np.asarray(rotation_vector, dtype=float), out)
+    return out
 
 
 def log3(rotation: Array) -> Array:
-    r"""Turns a rotation matrix into the rotation vector [rad] of length at most \pi.
+    """Turns a rotation matrix (3, 3) into a new rotation vector (3,) [rad]; the law is ``logarithm``."""
+    out = np.empty(3)
+    logarithm(rotation, out)
+    return out
 
-    Continuous for angles below \pi. At \pi itself, the cut, both signs describe the same rotation and
-    one of them is returned.
+
+def log_jacobian(rotation_vector: Array) -> Array:
+    r"""Gives how the rotation vector changes when the body turns by a small world-axes rotation, (3, 3).
+
+    log(exp(\delta) R) = log(R) + J \delta + O(\delta^2), with the inverse left Jacobian
+    J = I - [\phi] / 2 + c [\phi]^2, c = ``log_curvature``. Finite up to and including the cut at \theta = \pi.
     """
-    vector = 0.5 * np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    sine = math.sqrt(float(vector @ vector))
-    cosine = 0.5 * (float(np.trace(rotation)) - 1.0)
-    angle = math.atan2(sine, cosine)
-    if angle < SMALL_ANGLE:
-        return vector * (1.0 + angle**2 / 6.0)
-    if cosine > -0.99:
-        return vector * (angle / sine)
-    return _log3_near_cut(rotation, vector, angle, cosine)
+    phi = skew(np.asarray(rotation_vector, dtype=float))
+    square = float(np.dot(rotation_vector, rotation_vector))
+    return np.eye(3) - 0.5 * phi + log_curvature(square) * (phi @ phi)
 
 
 def rotation_angle(rotations: Array) -> Array:
@@ -72,31 +223,3 @@ def rotation_angle(rotations: Array) -> Array:
     sine = 0.5 * np.sqrt(turned[..., 2, 1] ** 2 + turned[..., 0, 2] ** 2 + turned[..., 1, 0] ** 2)
     cosine = 0.5 * (np.trace(rotations, axis1=-2, axis2=-1) - 1.0)
     return np.asarray(np.arctan2(sine, cosine))
-
-
-def _log3_near_cut(rotation: Array, vector: Array, angle: float, cosine: float) -> Array:
-    """Takes the axis from the symmetric part, where the sine is too small to divide by."""
-    symmetric = 0.5 * (rotation + rotation.T) - cosine * np.eye(3)
-    column = int(np.argmax(np.diag(symmetric)))
-    axis = symmetric[:, column] / np.linalg.norm(symmetric[:, column])
-    if float(axis @ vector) < 0.0:
-        axis = -axis
-    return np.asarray(angle * axis)
-
-
-def log_jacobian(rotation_vector: Array) -> Array:
-    r"""Gives how the rotation vector changes when the body turns by a small world-axes rotation.
-
-    log(exp(\delta) R) = log(R) + J \delta + O(\delta^2), with the inverse left Jacobian
-    J = I - [\phi] / 2 + (1 / \theta^2 - (1 + cos \theta) / (2 \theta sin \theta)) [\phi]^2.
-
-    Finite up to and including the cut at \theta = \pi.
-    """
-    phi = skew(np.asarray(rotation_vector, dtype=float))
-    angle = math.sqrt(float(np.dot(rotation_vector, rotation_vector)))
-    if angle < SMALL_ANGLE:
-        second = 1.0 / 12.0 + angle**2 / 720.0
-    else:
-        half = 0.5 * angle
-        second = (1.0 - half * math.cos(half) / math.sin(half)) / angle**2
-    return np.eye(3) - 0.5 * phi + second * (phi @ phi)

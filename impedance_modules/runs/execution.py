@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.protocol import Backend, RealRobot
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.controller import WarmUp
 from impedance_modules.control.loop import Interrupt, no_collections, run_loop
 from impedance_modules.control.signals import as_interrupt
 from impedance_modules.control.supervisor import Ending, Supervisor
-from impedance_modules.control.warm_up import Rehearsal
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.errors import SafetyStop
@@ -100,7 +100,7 @@ def carry_out(
     with ExitStack() as ending:
         # What keeps every thread waiting comes before the robot is taken over: it must be held all the time.
         if real is not None:
-            real.warm_up_with(Rehearsal(assembly))
+            real.warm_up_with(WarmUp(assembly))
         ending.enter_context(no_collections())
         # Whatever happens, the robot is held; once it is, again does nothing.
         ending.callback(backend.finish, "hold")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.control.adjust import as_taught
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.conditions import Touch
+from impedance_modules.control.contact_detection import HandWrenches
 from impedance_modules.control.loop import Interrupt
 from impedance_modules.control.supervisor import Ending
 from impedance_modules.effects.apply import apply_to_plant
@@ -29,13 +29,13 @@ from impedance_modules.episode.run_folder import write_summary
 from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.driven import DrivenPlant
-from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.joint_boards import DrivenPlant
+from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.plant.playback import TICK, JointPath, Playback, PlaybackMode
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.compiled_row import write_poses
 from impedance_modules.runs.execution import RunOptions, carry_out
+from impedance_modules.runs.recorder import write_poses
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.spec.task import TaskPlayback
 
@@ -154,7 +154,7 @@ class _Recorder:
         self._hands = tuple(arm.limb.hand for arm in assembly.modules.arms)
         self._limbs = tuple(arm.limb.name for arm in assembly.modules.arms)
         self._kinematics = Kinematics(model, self._hands)
-        self._touch = Touch(model, assembly.modules, self._kinematics, max(assembly.period, TICK))
+        self._touch = HandWrenches(model, assembly.modules, self._kinematics, max(assembly.period, TICK))
         columns = ["time"]
         for kind in ("position", "velocity", "effort", "position_command"):
             columns += joint_columns(kind, model.joint_names)

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.protocol import RealRobot
+from impedance_modules.compiled import compiled
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.cycle import Cycle
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.columns import (
     joint_columns,
@@ -20,8 +22,9 @@ from impedance_modules.episode.columns import (
 )
 from impedance_modules.episode.metadata import episode_metadata, library_versions
 from impedance_modules.episode.writer import EpisodeWriter
+from impedance_modules.records import IndexMatrix, Indices, Matrix, Record, Vector
+from impedance_modules.robot.rotation import write_quaternion
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.compiled_row import fill_row
 
 Array = NDArray[np.float64]
 
@@ -36,12 +39,79 @@ SCALARS = (
     "late",
     "interrupt",
 )
-"""Level [J]; part of the springs in force, of the motion granted, of the torque paid; [s]; rung of the stop ladder;
-number of active filter rows; 1 where the last torque came too late or somebody asked for a stop. ``fill_row`` knows
+"""Level [J]; part of the springs in force, of the motion granted, of the torque paid; [s]; stop level;
+number of active filter rows; 1 where the last torque came too late or somebody asked for a stop. ``write_row`` knows
 the order."""
 
 MISSED = "missed"
 """Column of a real robot's episode: control cycles without a state since the row before."""
+
+
+class RecordedRow(Record):
+    """One row of an episode, and what of a cycle is written into it.
+
+    Attributes:
+        values: (columns without the phase,).
+        wrench: (hands, 6) of the surroundings on each hand.
+        springs: Springs whose targets are recorded.
+        modules: (k, 2) module and joint of every torque that is recorded.
+    """
+
+    values: Vector
+    wrench: Matrix
+    springs: Indices
+    modules: IndexMatrix
+
+
+@compiled
+def write_row(
+    row: RecordedRow, cycle: Cycle, q: Array, velocity: Array, effort: Array, command: Array
+) -> None:
+    """Writes what a cycle came to, in the order of ``columns``, but for the entries that ``Recorder`` knows.
+
+    Args:
+        row: ``values`` is overwritten.
+        cycle: The last one; hands come first among its frames.
+        q: (n,) measured [rad].
+        velocity: (n,) measured [rad/s].
+        effort: (n,) measured [N.m].
+        command: (n,) torque that left [N.m].
+    """
+    values, n = row.values, q.size
+    for j in range(n):
+        values[1 + j] = q[j]
+        values[1 + n + j] = velocity[j]
+        values[1 + 2 * n + j] = command[j]
+        values[1 + 3 * n + j] = effort[j]
+    k = 1 + 4 * n
+    values[k], values[k + 1] = cycle.tank.level, cycle.tank.spring_scale
+    values[k + 2], values[k + 3], values[k + 4] = cycle.admitted, cycle.effort_scale, cycle.clock
+    k += 9
+    hands, springs = row.wrench.shape[0], cycle.modules.springs
+    for h in range(hands):
+        k = _write_pose(values, k, cycle.arms.rotation[h], cycle.arms.translation[h])
+    for s in row.springs:
+        k = _write_pose(values, k, springs.target_rotation[s], springs.target_translation[s])
+    for h in range(hands):
+        values[k : k + 6] = row.wrench[h]
+        k += 6
+    for m in range(row.modules.shape[0]):
+        values[k + m] = cycle.modules.efforts[row.modules[m, 0], row.modules[m, 1]]
+
+
+@compiled
+def _write_pose(values: Array, at: int, rotation: Array, translation: Array) -> int:
+    for k in range(3):
+        values[at + k] = translation[k]
+    write_quaternion(rotation, values[at + 3 : at + 7])
+    return at + 7
+
+
+@compiled
+def write_poses(rotation: Array, translation: Array, out: Array) -> None:
+    """Writes poses (k, 3, 3), (k, 3) [m] as (k, 7): position, then unit quaternion (x, y, z, w)."""
+    for k in range(len(out)):
+        _write_pose(out[k], 0, rotation[k], translation[k])
 
 
 class Recorder:
@@ -90,9 +160,13 @@ class Recorder:
         self.writer = EpisodeWriter(directory, names, metadata, wait_for_disk=simulated)
         self.columns = tuple(names)
         self.row: Array = np.zeros(len(names) - 1)
-        self._law = self.row[: self._own]
-        self._slots = np.array([slot for _, slot in self._targets], dtype=np.int64)
-        self._owners = np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2)
+        self._own_row = RecordedRow(
+            values=self.row[: self._own],
+            wrench=supervisor.touch.wrench,
+            springs=np.array([spring for _, spring in self._targets], dtype=np.int64),
+            modules=np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2),
+        )
+        self._scalars_at = names.index("rung")
 
     def warm(self) -> None:
         """Fills a row once without recording it: a first call waits for its machine code, for longer than a period."""
@@ -112,28 +186,12 @@ class Recorder:
         self.writer.append(self.row, self._supervisor.sequence.phase.name)
 
     def _fill(self, state: RobotState, command: Array, *, late: bool, interrupted: bool) -> None:
-        supervisor = self._supervisor
+        supervisor, row, at = self._supervisor, self.row, self._scalars_at
         controller = supervisor.controller
-        kinematics, memory = controller.kinematics, controller.memory
-        fill_row(
-            self._law,
-            state.time,
-            int(supervisor.rung),
-            controller.acting,
-            late,
-            interrupted,
-            state.position,
-            state.velocity,
-            command,
-            state.effort,
-            kinematics.rotation,
-            kinematics.translation,
-            supervisor.touch.wrench,
-            self._slots,
-            self._owners,
-            memory.floats,
-            memory.float_at,
-        )
+        write_row(self._own_row, controller.cycle, state.position, state.velocity, state.effort, command)
+        row[0] = state.time
+        row[at], row[at + 1] = supervisor.stop_level, controller.active_rows
+        row[at + 2], row[at + 3] = late, interrupted
 
     def close(self, ending: str, reason: str) -> None:
         """Merges the episode and says in it how the run ended."""

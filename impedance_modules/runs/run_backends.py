@@ -16,14 +16,13 @@ from impedance_modules.backends.protocol import Backend
 from impedance_modules.backends.replay_backend import ReplayBackend
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.contact_gate import contact_checks
+from impedance_modules.control.contact_detection import contact_checks
 from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.grasp.held_object import HeldObject
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.plant import Plant, PlantOptions
 
 Array = NDArray[np.float64]
 

@@ -58,10 +58,11 @@ class Summary:
             return
         self._attributed += 1
         found = attribute(
-            controller.workspace.problem,
+            controller.cycle.problem,
+            controller.layout,
             controller.solution,
             controller.module_names,
-            controller.memory["efforts"],
+            controller.cycle.modules.efforts,
         )
         for reduction in found:
             self._reduced[reduction.row, reduction.module or "motion"] += reduction.amount

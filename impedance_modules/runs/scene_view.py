@@ -21,16 +21,15 @@ from impedance_modules.episode.view_scene import (
     ViewSample,
 )
 from impedance_modules.modules.mobility import mobility
-from impedance_modules.plant.contact.sheet import Sheet
+from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3, rotation_angle
 from impedance_modules.robot.shapes import LinkPoses, LinkShape, link_shapes
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.compiled_row import write_poses
-from impedance_modules.safety.problem import RowKind
+from impedance_modules.runs.recorder import write_poses
+from impedance_modules.safety.filter_problem import RowKind
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
-from impedance_modules.superposition.ellipsoid import ellipsoid
-from impedance_modules.superposition.inertia import from_mobility
+from impedance_modules.superposition.operational_inertia import ellipsoid, from_mobility
 
 Array = NDArray[np.float64]
 
@@ -60,7 +59,7 @@ class SceneView:
         self._links = tuple(dict.fromkeys(shape.link for shape in shapes))
         self._poses = LinkPoses(assembly.model, self._links)
         self._arms = len(assembly.modules.arms)
-        self._slots = supervisor.controller.memory.index("slots")
+        self._slots = supervisor.controller.cycle.modules.springs.frame
         self._said = 0
         self._limb_joints = np.concatenate([arm.limb.joints for arm in assembly.modules.arms])
         self._kinds = tuple(kind.label for kind in RowKind)
@@ -79,8 +78,8 @@ class SceneView:
 
     def _sample(self, state: RobotState, effort: Array) -> ViewSample:
         controller = self._supervisor.controller
-        kinematics, memory = controller.kinematics, controller.memory
-        ends = np.stack([kinematics.translation[self._slots], memory["target_translation"]], axis=1)
+        kinematics, springs = controller.kinematics, controller.cycle.modules.springs
+        ends = np.stack([kinematics.translation[self._slots], springs.target_translation], axis=1)
         ellipsoid_poses, half_axes = self._ellipsoids()
         said = self._supervisor.messages[self._said :]
         self._said = len(self._supervisor.messages)
@@ -96,7 +95,7 @@ class SceneView:
             torque_ratio=(effort / limits)[self._limb_joints],
             tracking_error=self._tracking(),
             active_rows=self._active_rows(),
-            tank=controller.level,
+            tank=controller.tank.level,
             phase=self._supervisor.sequence.phase.name,
             messages=tuple(text for _, text in said),
         )
@@ -116,9 +115,9 @@ class SceneView:
     def _tracking(self) -> Array:
         """Gives distance [m] and angle [rad] of every spring's frame to its target, (springs, 2)."""
         controller = self._supervisor.controller
-        memory, kinematics = controller.memory, controller.kinematics
-        away = kinematics.translation[self._slots] - memory["target_translation"]
-        turn = kinematics.rotation[self._slots] @ memory["target_rotation"].transpose(0, 2, 1)
+        springs, kinematics = controller.cycle.modules.springs, controller.kinematics
+        away = kinematics.translation[self._slots] - springs.target_translation
+        turn = kinematics.rotation[self._slots] @ springs.target_rotation.transpose(0, 2, 1)
         distances = np.linalg.norm(away, axis=1)
         return np.column_stack([distances, rotation_angle(turn)])
 
@@ -128,7 +127,7 @@ class SceneView:
         solution = controller.solution if controller.changed else None
         if solution is None or solution.active is None:
             return counts
-        kinds = controller.workspace.layout.kinds
+        kinds = controller.layout.kinds
         for row in np.flatnonzero(solution.active):
             counts[self._kinds.index(kinds[row].label)] += 1
         return counts
@@ -144,8 +143,8 @@ class SceneView:
                 missing.append(2 * row)
             else:
                 blocks[2 * row] = inertia[:3, :3]
-            springs = controller.memory["stiffness"][2][self._slots == row].sum(axis=0)
-            blocks[2 * row + 1] = springs[:3, :3] * controller.spring_scale
+            springs = controller.cycle.modules.springs.stiffness[self._slots == row].sum(axis=0)
+            blocks[2 * row + 1] = springs[:3, :3] * controller.tank.spring_scale
         found = ellipsoid(blocks)
         poses = np.zeros((2 * arms, 7))
         write_poses(found.directions, np.repeat(kinematics.translation[:arms], 2, axis=0), poses)

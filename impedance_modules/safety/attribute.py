@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_modules.safety.problem import FilterProblem, Matrix, Vector
-from impedance_modules.safety.solvers.solution import FilterSolution
+from impedance_modules.records import Matrix, Vector
+from impedance_modules.safety.filter_problem import FilterLayout, FilterProblem
+from impedance_modules.safety.solvers import FilterSolution
 
 _SUM_TOLERANCE = 1e-6
 
@@ -33,7 +34,11 @@ class Reduction:
 
 
 def attribute(
-    problem: FilterProblem, solution: FilterSolution, module_names: Sequence[str], module_efforts: Matrix
+    problem: FilterProblem,
+    layout: FilterLayout,
+    solution: FilterSolution,
+    module_names: Sequence[str],
+    module_efforts: Matrix,
 ) -> list[Reduction]:
     r"""Splits the filter's change of torque over rows and modules, without remainder.
 
@@ -47,6 +52,7 @@ def attribute(
 
     Args:
         problem: As solved.
+        layout: Names of its rows.
         solution: Of that problem.
         module_names: k names.
         module_efforts: (k, n) torque of each module; they sum to ``problem.desired``.
@@ -69,10 +75,10 @@ def attribute(
     acting = np.flatnonzero(duals)
     if acting.size == 0:
         return []
-    rows = np.vstack([np.eye(problem.layout.n), problem.matrix])[acting]
+    rows = np.vstack([np.eye(layout.n), problem.matrix])[acting]
     changes = -np.linalg.solve(problem.metric, (rows * duals[acting, None]).T).T
     pushes = np.maximum(0.0, np.sign(duals[acting])[:, None] * (rows @ module_efforts.T))
-    labels = problem.layout.box_labels + problem.layout.labels
+    labels = layout.box_labels + layout.labels
     found = [
         reduction
         for index, change, push in zip(acting, changes, pushes, strict=True)

@@ -4,20 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_modules.safety.problem import Vector
+from impedance_modules.records import Record, Scalar, Vector
 from impedance_modules.spec.robot_spec import JointSpec, TimingSpec
 
 GENTLE_APPROACH = 0.2
 """A pair that closes at 1 m/s is then slowed from 0.2 m before its margin on, with 5 m/s^2 [s]."""
 
 
-@dataclass(frozen=True)
-class FilterLimits:
-    """Constants of one run, joints in the order of the torque vector.
+class FilterLimits(Record):
+    """Constants of one run, joints in the order of the torque vector; nothing changes them.
 
     Attributes:
         effort_max: (n,) [N.m].
@@ -44,43 +42,13 @@ class FilterLimits:
     velocity_max: Vector
     deceleration: Vector
     return_speed: Vector
-    margin: float
-    approach_time: float
-    separation_speed: float
-    separation_acceleration: float
-    period: float
-    delay: float
-    horizon: float
-
-    def __post_init__(self) -> None:
-        positive = {
-            "effort_max": self.effort_max,
-            "effort_rate_max": self.effort_rate_max,
-            "velocity_max": self.velocity_max,
-            "deceleration": self.deceleration,
-            "return_speed": self.return_speed,
-            "position_max - position_min": self.position_max - self.position_min,
-            "separation_speed": self.separation_speed,
-            "separation_acceleration": self.separation_acceleration,
-            "period": self.period,
-        }
-        bad = [name for name, value in positive.items() if not np.all(np.asarray(value) > 0.0)]
-        if bad:
-            raise ValueError(f"filter limits must be positive, these are not: {', '.join(bad)}")
-        if not (self.delay >= 0.0 and self.margin >= 0.0):
-            raise ValueError(f"delay and margin must not be negative: {self.delay} s, {self.margin} m")
-        if not self.horizon >= self.period:
-            raise ValueError(f"horizon {self.horizon} s must be at least the period {self.period} s")
-        if not self.approach_time >= 4.0 * self.horizon:
-            raise ValueError(
-                f"approach_time {self.approach_time} s must be at least four horizons of {self.horizon} s, "
-                "or a pair swings through its margin"
-            )
-
-    @property
-    def power_horizon(self) -> float:
-        """Time for which a command may act before the next one replaces it, period + delay [s]."""
-        return self.period + self.delay
+    margin: Scalar
+    approach_time: Scalar
+    separation_speed: Scalar
+    separation_acceleration: Scalar
+    period: Scalar
+    delay: Scalar
+    horizon: Scalar
 
 
 def limits_of(
@@ -112,13 +80,13 @@ def limits_of(
     period = 1.0 / rate
     horizon = look_ahead * period + timing.command_delay
     velocity_max = np.array([joint.velocity_max for joint in joints])
-    return FilterLimits(
+    limits = FilterLimits(
         effort_max=np.array([joint.effort_max for joint in joints]),
         effort_rate_max=np.array([joint.effort_rate_max for joint in joints]),
         position_min=np.array([joint.position_min for joint in joints]),
         position_max=np.array([joint.position_max for joint in joints]),
         velocity_max=velocity_max,
-        deceleration=deceleration,
+        deceleration=np.array(deceleration),
         return_speed=0.1 * velocity_max,
         margin=margin,
         approach_time=max(GENTLE_APPROACH, 4.0 * horizon),
@@ -128,6 +96,35 @@ def limits_of(
         delay=timing.command_delay,
         horizon=horizon,
     )
+    _check(limits)
+    return limits
+
+
+def _check(limits: FilterLimits) -> None:
+    """Refuses limits under which a row would be empty or a pair would swing."""
+    positive = {
+        "effort_max": limits.effort_max,
+        "effort_rate_max": limits.effort_rate_max,
+        "velocity_max": limits.velocity_max,
+        "deceleration": limits.deceleration,
+        "return_speed": limits.return_speed,
+        "position_max - position_min": limits.position_max - limits.position_min,
+        "separation_speed": limits.separation_speed,
+        "separation_acceleration": limits.separation_acceleration,
+        "period": limits.period,
+    }
+    bad = [name for name, value in positive.items() if not np.all(np.asarray(value) > 0.0)]
+    if bad:
+        raise ValueError(f"filter limits must be positive, these are not: {', '.join(bad)}")
+    if not (limits.delay >= 0.0 and limits.margin >= 0.0):
+        raise ValueError(f"delay and margin must not be negative: {limits.delay} s, {limits.margin} m")
+    if not limits.horizon >= limits.period:
+        raise ValueError(f"horizon {limits.horizon} s must be at least the period {limits.period} s")
+    if not limits.approach_time >= 4.0 * limits.horizon:
+        raise ValueError(
+            f"approach_time {limits.approach_time} s must be at least four horizons of {limits.horizon} s, "
+            "or a pair swings through its margin"
+        )
 
 
 def braking_deceleration(effort_max: Vector, inertia: Vector, share: float = 0.5) -> Vector:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a change of torque costs, and what breaking a soft row costs in the same currency.
+r"""What a change of torque costs: the metric W of the filter.
 
 Gauss's principle of least constraint: the natural size of a torque change dtau is the size of the
 acceleration it causes, weighed by inertia. Seen by the whole arm that is
@@ -9,11 +9,13 @@ acceleration and their operational inertia.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 
-from impedance_modules.safety.problem import Matrix, RowKind, Vector
+from impedance_modules.compiled import compiled
+from impedance_modules.records import Matrix
+from impedance_modules.safety.filter_problem import FilterProblem, FilterState
 
 POSTURE_WEIGHT = 0.1
 """eps: a torque change that no hand feels costs eps / (1 + eps) of one that moves a hand."""
@@ -21,19 +23,17 @@ POSTURE_WEIGHT = 0.1
 HEAVIEST_HAND = (100.0, 10.0)
 """Bounds of a hand's operational inertia, (mass [kg], rotational inertia [kg.m^2]), near singularities."""
 
-LOWEST_PENALTY = 1e2
-"""kappa of the lowest rank: about 1 / kappa of the excess that the desired torque asks for gets through."""
 
-RANK_FACTOR = 12.0
-"""kappa of a rank over that of the rank below it."""
+@compiled
+def write_metric(problem: FilterProblem, state: FilterState) -> None:
+    """Writes the metric of a cycle's problem, with the weights above."""
+    weigh_changes(problem, state, POSTURE_WEIGHT, HEAVIEST_HAND[0], HEAVIEST_HAND[1])
 
 
-def metric(
-    inverse_inertia: Matrix,
-    jacobians: Sequence[Matrix],
-    eps: float = POSTURE_WEIGHT,
-    heaviest: tuple[float, float] = HEAVIEST_HAND,
-) -> Matrix:
+@compiled
+def weigh_changes(
+    problem: FilterProblem, state: FilterState, eps: float, heaviest: float, bulkiest: float
+) -> None:
     r"""How much a torque change matters: first the hands' acceleration, then the posture's.
 
     W = sum_hands Minv J^T Lambda J Minv + eps Minv,   Lambda = (J Minv J^T + C)^-1,
@@ -42,63 +42,78 @@ def metric(
     C bounds Lambda where an arm is singular and its true operational inertia infinite; elsewhere it
     changes Lambda by about Lambda / heaviest. Since Lambda never exceeds the true one, the sum is a
     weighted projection: eps Minv <= W <= (1 + eps) Minv, so W is as well conditioned as the inertia
-    up to the factor (1 + eps) / eps, in every posture.
+    up to the factor (1 + eps) / eps, in every posture. Source: design section 4, "QP".
 
     Args:
-        inverse_inertia: (n, n) Minv = (M + I_r)^-1 [1/(kg.m^2)].
-        jacobians: J_WE (6, n) of each hand, linear rows first. Hands must not share joints.
+        problem: ``metric`` is overwritten; what a hand feels of a torque stays within its own arm, so all sums run over
+            the joints of ``moved_by`` alone. Hands must not share joints.
+        state: ``inverse_inertia`` and ``jacobian``.
         eps: Weight of the posture, > 0.
-        heaviest: Largest mass [kg] and rotational inertia [kg.m^2] of a hand.
-
-    Returns:
-        (n, n) symmetric positive definite [1/(kg.m^2)].
-
-    Raises:
-        ValueError: If eps or an entry of ``heaviest`` is not positive.
-
-    Source: design section 4 "QP".
+        heaviest: Largest mass of a hand [kg].
+        bulkiest: Largest rotational inertia of a hand [kg.m^2].
     """
-    if not (eps > 0.0 and min(heaviest) > 0.0):
-        raise ValueError(
-            f"metric needs eps > 0 and a positive heaviest hand, got eps={eps}, heaviest={heaviest}"
-        )
-    result = eps * inverse_inertia
-    floor = np.repeat(1.0 / np.asarray(heaviest), 3)
-    for jacobian in jacobians:
-        acceleration = jacobian @ inverse_inertia
-        mobility = acceleration @ jacobian.T
-        mobility.flat[:: mobility.shape[0] + 1] += floor
-        result += acceleration.T @ np.linalg.solve(mobility, acceleration)
-    return 0.5 * (result + result.T)
+    n = state.inverse_inertia.shape[0]
+    for i in range(n):
+        for j in range(n):
+            problem.metric[i, j] = eps * state.inverse_inertia[i, j]
+    acceleration, factor = np.empty((6, n)), np.empty((6, 6))
+    least = (1.0 / heaviest, 1.0 / bulkiest)
+    for hand in range(state.jacobian.shape[0]):
+        first, last = problem.moved_by[0, hand], problem.moved_by[1, hand]
+        jacobian = state.jacobian[hand]
+        _write_acceleration(jacobian, state.inverse_inertia, first, last, acceleration)
+        _factor_mobility(acceleration, jacobian, (first, last), least, factor)
+        _divide(factor, acceleration, first, last)
+        for r in range(6):
+            for i in range(first, last):
+                share = acceleration[r, i]
+                for j in range(first, last):
+                    problem.metric[i, j] += share * acceleration[r, j]
 
 
-def relative_penalty(kind: RowKind) -> float:
-    """Returns kappa of a soft kind: LOWEST_PENALTY at the lowest rank, RANK_FACTOR times more per rank above.
+@compiled
+def _write_acceleration(
+    jacobian: Matrix, inverse_inertia: Matrix, first: int, last: int, acceleration: Matrix
+) -> None:
+    """Writes J Minv (6, n), in the columns from ``first`` to ``last``."""
+    for r in range(6):
+        for j in range(first, last):
+            acceleration[r, j] = 0.0
+        for k in range(first, last):
+            motion = jacobian[r, k]
+            for j in range(first, last):
+                acceleration[r, j] += motion * inverse_inertia[k, j]
 
-    Two rows of the same direction that cannot both hold are broken in the ratio of their kappas.
 
-    Raises:
-        ValueError: For a hard kind, which has no penalty.
-    """
-    if kind.hard:
-        raise ValueError(f"a {kind.label} row is hard; only soft rows have a penalty")
-    return LOWEST_PENALTY * RANK_FACTOR ** (RowKind.VELOCITY.value - kind.value)
+@compiled
+def _factor_mobility(
+    acceleration: Matrix,
+    jacobian: Matrix,
+    joints: tuple[int, int],
+    least: tuple[float, float],
+    factor: Matrix,
+) -> None:
+    """Factors J Minv J^T + C = L L^T, 6 x 6, by Cholesky; ``least``: linear and angular entries of C."""
+    for r in range(6):
+        for c in range(r + 1):
+            total = 0.0
+            for j in range(joints[0], joints[1]):
+                total += acceleration[r, j] * jacobian[c, j]
+            if r == c:
+                total += least[0] if r < 3 else least[1]
+            for k in range(c):
+                total -= factor[r, k] * factor[c, k]
+            factor[r, c] = math.sqrt(total) if r == c else total / factor[c, c]
 
 
-def penalty(kind: RowKind, row_mobility: Vector) -> Vector:
-    """Penalty of a soft row, commensurate with the metric.
-
-    Moving a row a . tau by one unit costs at least 1 / (a W^-1 a^T), and a W^-1 a^T lies between
-    g / (1 + eps) and g / eps with g = a M a^T. So w = kappa / g makes a row resist between kappa /
-    (1 + eps) and kappa / eps times harder than the desired torque pulls, whatever its units.
-
-    Args:
-        kind: Rank of the rows.
-        row_mobility: g of each row: Minv_ii for an acceleration row Minv_i, 1 / Minv_ii (a lower bound
-            of M_ii) for a single torque, c Minv c^T for the acceleration along c. Zero: no such row.
-
-    Returns:
-        w, same shape; 1 where g = 0 (the row is absent, its weight without effect).
-    """
-    present = row_mobility > 0.0
-    return np.where(present, relative_penalty(kind) / np.where(present, row_mobility, 1.0), 1.0)
+@compiled
+def _divide(factor: Matrix, rows: Matrix, first: int, last: int) -> None:
+    """Replaces rows by L^-1 rows, in the columns from ``first`` to ``last``."""
+    for r in range(6):
+        for k in range(r):
+            share = factor[r, k]
+            for j in range(first, last):
+                rows[r, j] -= share * rows[k, j]
+        inverse = 1.0 / factor[r, r]
+        for j in range(first, last):
+            rows[r, j] *= inverse

@@ -3,20 +3,24 @@
 
 A commanded torque acts on the rotor, so the energy that leaves the controller is torque times rotor
 travel. Behind a series-elastic spring the link moves differently; counting ``tau . dq`` there can even give
-the wrong sign (``tests/laws/test_ledger_counterexample.py``).
+the wrong sign (``tests/safety/test_ledger_counterexample.py``).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.compiled import compiled
+from impedance_modules.records import Vector
 from impedance_modules.spec.robot_spec import JointSpec, SensorSpec
-
-Vector = NDArray[np.float64]
 
 NOISE_DEVIATIONS = 4.0
 """Sensor noise is taken as bounded by this many standard deviations (exceeded by 6 samples in 100 000)."""
+
+
+DITHER = 0.35
+"""Noise of at least this part of a grid step makes the rounding error white: what is left of its mean is below
+exp(-2 pi^2 0.35^2) / pi = 3 % of a step."""
 
 
 def spring_compliances(joints: tuple[JointSpec, ...]) -> Vector:
@@ -28,21 +32,31 @@ def spring_compliances(joints: tuple[JointSpec, ...]) -> Vector:
     return np.array([0.0 if j.spring_stiffness is None else 1.0 / j.spring_stiffness for j in joints])
 
 
-def motor_positions(q: Vector, effort: Vector, compliance: Vector) -> Vector:
-    """Where the rotors are, from the link angles and the twist of the springs.
+@compiled
+def motor_position(q: float, effort: float, compliance: float) -> float:
+    """Where a rotor is, from the link's angle and the twist of the spring: ``theta = q + effort / K_sea``.
 
-    ``theta = q + effort / K_sea`` (thesis eq. 3.3; design 4 "Passivity"). ``effort`` must be the torque of
-    the spring's deflection, K_sea (theta - q), without the spring's structural damping.
+    ``effort`` must be the torque of the spring's deflection, K_sea (theta - q), without the spring's structural
+    damping. Source: thesis eq. 3.3; design section 4, "Passivity".
 
     Args:
-        q: (n,) link angles [rad].
-        effort: (n,) torque between gearbox and link [N.m].
-        compliance: (n,) 1 / K_sea [rad/N.m], 0 for a rigid joint.
+        q: Link angle [rad].
+        effort: Torque between gearbox and link [N.m].
+        compliance: 1 / K_sea [rad/N.m], 0 for a rigid joint.
 
     Returns:
-        (n,) rotor angles seen at the joint [rad].
+        Rotor angle seen at the joint [rad].
     """
     return q + effort * compliance
+
+
+@compiled
+def absolute_dot(effort: Vector, weight: Vector) -> float:
+    """The most that torques of these sizes can spend: ``sum_i |tau_i| weight_i`` [J], weight (n,) >= 0 [rad]."""
+    total = 0.0
+    for i in range(effort.size):
+        total += abs(effort[i]) * weight[i]
+    return total
 
 
 def sensing_error(sensors: SensorSpec, compliance: Vector, speed_bound: Vector, latency: float) -> Vector:
@@ -62,11 +76,6 @@ def sensing_error(sensors: SensorSpec, compliance: Vector, speed_bound: Vector, 
     position = sensors.position_resolution / 2 + NOISE_DEVIATIONS * sensors.position_noise
     effort = sensors.effort_resolution / 2 + NOISE_DEVIATIONS * sensors.effort_noise
     return position + effort * compliance + speed_bound * latency
-
-
-DITHER = 0.35
-"""Noise of at least this part of a grid step makes the rounding error white: what is left of its mean is below
-exp(-2 pi^2 0.35^2) / pi = 3 % of a step."""
 
 
 def sensing_deviation(sensors: SensorSpec, compliance: Vector) -> Vector | None:
@@ -89,8 +98,3 @@ def sensing_deviation(sensors: SensorSpec, compliance: Vector) -> Vector | None:
         return None
     position, effort = (grid**2 / 12.0 + noise**2 for grid, noise in grids)
     return np.asarray(np.sqrt(position + effort * compliance**2))
-
-
-def absolute_dot(effort: Vector, weight: Vector) -> float:
-    """The most that torques of these sizes can spend: ``sum_i |tau_i| weight_i``, weight >= 0 [rad], [J]."""
-    return float(np.abs(effort) @ weight)

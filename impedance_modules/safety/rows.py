@@ -1,23 +1,147 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Limits as intervals of acceleration, each a pure formula over arrays.
+r"""First of the filter's three steps: the limits of one cycle become rows on the torque.
 
-A row keeps a state from leaving its range by bounding the acceleration of the next `horizon`:
-position rows by what braking can still stop, velocity rows by what reaches the speed limit in one
-horizon, distance rows by a damper whose allowed closing speed shrinks with the distance left. None
-demands more than the declared deceleration, so every interval is finite work for the arm, and all
-are non-empty from any state. All formulas broadcast over joints or pairs.
+Accelerations are torques seen through the inertia, vdot_i = Minv_i . (tau - bias), so a limit
+a_min <= vdot_i <= a_max is the row Minv_i . tau in [a_min, a_max] + Minv_i . bias. A row keeps a state from leaving
+its range by bounding the acceleration of the next ``horizon``: position rows by what braking can still stop, velocity
+rows by what reaches the speed limit in one horizon, distance rows by a damper whose allowed closing speed shrinks
+with the distance left. None demands more than the declared deceleration, so every interval is finite work for the
+arm, and all are non-empty from any state.
+
+The penalty of a soft row is commensurate with the metric: moving a row a . tau by one unit costs at least
+1 / (a W^-1 a^T), and a W^-1 a^T lies between g / (1 + eps) and g / eps with g = a M a^T (``metric.py``). So
+w = kappa / g makes a row resist between kappa / (1 + eps) and kappa / eps times harder than the desired torque pulls,
+whatever its units. g is Minv_ii for an acceleration row Minv_i, 1 / Minv_ii (a lower bound of M_ii) for a single
+torque, c Minv c^T for the acceleration along c.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from impedance_modules.safety.problem import Vector
+from impedance_modules.compiled import compiled
+from impedance_modules.records import Vector
+from impedance_modules.safety.filter_problem import POWER_ROW, FilterProblem, FilterState
+from impedance_modules.safety.limits import FilterLimits
 
 
+@compiled
+def write_rows(problem: FilterProblem, limits: FilterLimits, state: FilterState) -> None:
+    """Writes power, rate, distance, position and velocity rows with bounds and penalties.
+
+    Args:
+        problem: ``matrix``, ``lower``, ``upper`` and ``penalty`` are overwritten.
+        limits: Constants of the run.
+        state: This cycle.
+    """
+    write_power_row(problem, state.motor_velocity, state.available, limits.period + limits.delay)
+    for i in range(state.q.size):
+        _write_rate_row(problem, limits, state, i)
+        _write_joint_rows(problem, limits, state, i)
+    for pair in range(state.distance.size):
+        _write_distance_row(problem, limits, state, pair)
+
+
+@compiled
+def write_power_row(problem: FilterProblem, motor_velocity: Vector, available: float, horizon: float) -> None:
+    """The energy a torque may take from the tank before the next torque replaces it.
+
+    thetadot . tau horizon <= available, divided by |thetadot| horizon so that the row has unit length;
+    at rest the row is absent. tau = 0 always satisfies it.
+
+    Args:
+        problem: Its first row is overwritten.
+        motor_velocity: (n,) thetadot, the port's speed [rad/s].
+        available: Tank level above its floor, >= 0 [J].
+        horizon: Period + delay [s].
+    """
+    square = 0.0
+    for i in range(motor_velocity.size):
+        square += motor_velocity[i] * motor_velocity[i]
+    speed = math.sqrt(square)
+    if speed == 0.0:
+        problem.matrix[POWER_ROW, :] = 0.0
+        problem.upper[POWER_ROW] = np.inf
+        return
+    for i in range(motor_velocity.size):
+        problem.matrix[POWER_ROW, i] = motor_velocity[i] / speed
+    problem.upper[POWER_ROW] = available / speed / horizon
+
+
+@compiled
+def _write_rate_row(problem: FilterProblem, limits: FilterLimits, state: FilterState, i: int) -> None:
+    """Bounds one joint's torque by what its drive can reach in one period."""
+    row = 1 + i
+    problem.lower[row], problem.upper[row] = rate_interval(limits, i, state.previous[i])
+    problem.penalty[row] = problem.kappa[row] * state.inverse_inertia[i, i]
+
+
+@compiled
+def rate_interval(limits: FilterLimits, i: int, previous: float) -> tuple[float, float]:
+    """Torques that a drive can reach in one period.
+
+    |tau - previous| <= rate_max period, around the previous torque clipped to the torque limits.
+
+    Args:
+        limits: effort_max, effort_rate_max and period.
+        i: Joint.
+        previous: Torque of the last cycle [N.m].
+
+    Returns:
+        (lower, upper) [N.m].
+    """
+    centre = min(max(previous, -limits.effort_max[i]), limits.effort_max[i])
+    step = limits.effort_rate_max[i] * limits.period
+    return centre - step, centre + step
+
+
+@compiled
+def _write_joint_rows(problem: FilterProblem, limits: FilterLimits, state: FilterState, i: int) -> None:
+    """Bounds one joint's acceleration, Minv_i . (tau - bias), by its range and by its speed limit."""
+    position = 1 + state.q.size + state.distance.size + i
+    velocity = position + state.q.size
+    mobility, free = state.inverse_inertia[i, i], 0.0
+    problem.penalty[position] = problem.kappa[position] / mobility
+    problem.penalty[velocity] = problem.kappa[velocity] / mobility
+    for j in range(problem.coupled[0, i], problem.coupled[1, i]):
+        free += state.inverse_inertia[i, j] * state.bias[j]
+        problem.matrix[position, j] = state.inverse_inertia[i, j]
+        problem.matrix[velocity, j] = state.inverse_inertia[i, j]
+    low, high = position_interval(limits, i, state.q[i], state.v[i])
+    problem.lower[position], problem.upper[position] = low + free, high + free
+    low, high = velocity_interval(limits, i, state.v[i])
+    problem.lower[velocity], problem.upper[velocity] = low + free, high + free
+
+
+@compiled
+def position_interval(limits: FilterLimits, i: int, q: float, v: float) -> tuple[float, float]:
+    """Accelerations from which a joint can stop before both ends of its range.
+
+    The interval of ``braking_acceleration`` at both ends. Where a range is too short to stop in, the two
+    ends contradict each other; both become their middle.
+
+    Args:
+        limits: position_min, position_max, deceleration, return_speed and horizon.
+        i: Joint.
+        q: [rad].
+        v: [rad/s].
+
+    Returns:
+        (a_min, a_max) [rad/s^2], a_min <= a_max.
+    """
+    brake, back, horizon = limits.deceleration[i], limits.return_speed[i], limits.horizon
+    high = braking_acceleration(limits.position_max[i] - q, v, brake, back, horizon)
+    low = -braking_acceleration(q - limits.position_min[i], -v, brake, back, horizon)
+    middle = 0.5 * (low + high)
+    return min(low, middle), max(high, middle)
+
+
+@compiled
 def braking_acceleration(
-    room: Vector, speed: Vector, deceleration: Vector, return_speed: Vector, horizon: float
-) -> Vector:
+    room: float, speed: float, deceleration: float, return_speed: float, horizon: float
+) -> float:
     r"""Largest acceleration towards a limit from which the joint can still stop before it.
 
     With room d to the limit, speed v towards it, braking b and horizon h, the acceleration a is held for
@@ -41,84 +165,69 @@ def braking_acceleration(
     Returns:
         Upper bound of the acceleration towards the limit [rad/s^2].
     """
-    half = 0.5 * deceleration * horizon
-    spare = 2.0 * room - speed * horizon
-    next_speed = np.sqrt(half * half + deceleration * np.maximum(spare, 0.0)) - half
-    coast = (next_speed - speed) / horizon
-    stop = -speed * speed / (2.0 * np.where(room > 0.0, room, 1.0))
-    back = -(np.minimum(return_speed, np.maximum(-room, 0.0) / horizon) + speed) / horizon
-    inside = np.where(spare >= 0.0, coast, stop)
-    return np.maximum(np.where(room > 0.0, inside, back), -deceleration)
+    if room > 0.0:
+        spare = 2.0 * room - speed * horizon
+        if spare >= 0.0:
+            half = 0.5 * deceleration * horizon
+            bound = (math.sqrt(half * half + deceleration * spare) - half - speed) / horizon
+        else:
+            bound = -speed * speed / (2.0 * room)
+    else:
+        bound = -(min(return_speed, -room / horizon) + speed) / horizon
+    return max(bound, -deceleration)
 
 
-def position_interval(
-    position: Vector,
-    velocity: Vector,
-    position_min: Vector,
-    position_max: Vector,
-    *,
-    deceleration: Vector,
-    return_speed: Vector,
-    horizon: float,
-) -> tuple[Vector, Vector]:
-    """Accelerations from which each joint can stop before both ends of its range.
-
-    The interval of `braking_acceleration` at both ends. Where a range is too short to stop in, the two
-    ends contradict each other; both become their middle.
-
-    Args:
-        position: q [rad].
-        velocity: v [rad/s].
-        position_min: [rad].
-        position_max: [rad].
-        deceleration: [rad/s^2].
-        return_speed: [rad/s].
-        horizon: [s].
-
-    Returns:
-        (a_min, a_max) [rad/s^2], a_min <= a_max.
-    """
-    upper = braking_acceleration(position_max - position, velocity, deceleration, return_speed, horizon)
-    lower = -braking_acceleration(position - position_min, -velocity, deceleration, return_speed, horizon)
-    middle = 0.5 * (lower + upper)
-    return np.minimum(lower, middle), np.maximum(upper, middle)
-
-
-def velocity_interval(
-    velocity: Vector, velocity_max: Vector, deceleration: Vector, horizon: float
-) -> tuple[Vector, Vector]:
-    """Accelerations that keep each joint's speed within its limit, or bring it back.
+@compiled
+def velocity_interval(limits: FilterLimits, i: int, v: float) -> tuple[float, float]:
+    """Accelerations that keep a joint's speed within its limit, or bring it back.
 
     a <= max(-b, (v_max - v) / h),   a >= min(b, (-v_max - v) / h).
 
     Args:
-        velocity: v [rad/s].
-        velocity_max: [rad/s].
-        deceleration: b, the most that is demanded of a joint too fast [rad/s^2].
-        horizon: h, at least the control period [s].
+        limits: velocity_max; deceleration, b, the most that is demanded of a joint too fast; horizon, h.
+        i: Joint.
+        v: [rad/s].
 
     Returns:
         (a_min, a_max) [rad/s^2], a_min <= a_max.
     """
-    upper = np.maximum((velocity_max - velocity) / horizon, -deceleration)
-    lower = np.minimum((-velocity_max - velocity) / horizon, deceleration)
-    return lower, upper
+    low = min((-limits.velocity_max[i] - v) / limits.horizon, limits.deceleration[i])
+    high = max((limits.velocity_max[i] - v) / limits.horizon, -limits.deceleration[i])
+    return low, high
 
 
-def separation_acceleration(
-    distance: Vector,
-    rate: Vector,
-    *,
-    margin: float,
-    approach_time: float,
-    separation_speed: float,
-    limit: float,
-    horizon: float,
-) -> Vector:
+@compiled
+def _write_distance_row(problem: FilterProblem, limits: FilterLimits, state: FilterState, pair: int) -> None:
+    """Bounds the acceleration of one pair's distance; the row of a far pair, without a gradient, is absent.
+
+    How the distance would accelerate by itself, without vdot, is left out: 5 m/s^2 at most, at full speed.
+    """
+    n, far = state.v.size, True
+    row = 1 + n + pair
+    for j in range(n):
+        far = far and state.gradient[pair, j] == 0.0
+        problem.matrix[row, j] = 0.0
+    if far:
+        problem.lower[row], problem.penalty[row] = -np.inf, 1.0
+        return
+    for i in range(n):
+        for j in range(n):
+            problem.matrix[row, j] += state.gradient[pair, i] * state.inverse_inertia[i, j]
+    rate, mobility, free = 0.0, 0.0, 0.0
+    for j in range(n):
+        mobility += problem.matrix[row, j] * state.gradient[pair, j]
+        free += problem.matrix[row, j] * state.bias[j]
+        rate += state.gradient[pair, j] * state.v[j]
+    problem.lower[row] = separation_acceleration(limits, state.distance[pair], rate) + free
+    problem.penalty[row] = problem.kappa[row] / mobility
+
+
+@compiled
+def separation_acceleration(limits: FilterLimits, distance: float, rate: float) -> float:
     """Smallest acceleration of a distance that a damper towards the margin asks for.
 
-    The distance may shrink no faster than (d - margin) / T; closer than the margin it must grow at that
-    rate, at most separation_speed. The allowed rate is reached in one horizon:
+    The distance may shrink no faster than (d - margin) / T, T the approach time; closer than the margin it must grow
+    at that rate, at most separation_speed. The allowed rate is reached in one horizon h:
 
         a >= min(limit, (max(-(d - margin) / T, .) - d_rate) / h),   . = bounded by separation_speed
 
@@ -126,62 +235,12 @@ def separation_acceleration(
     T >= 4 h: a pair that starts outside the margin, not faster than the damper, never enters it.
 
     Args:
+        limits: margin, approach_time, separation_speed, separation_acceleration (the limit) and horizon.
         distance: d [m].
         rate: Its time derivative [m/s].
-        margin: [m].
-        approach_time: T, at least 4 h [s].
-        separation_speed: Bound of the speed demanded inside the margin [m/s].
-        limit: Most acceleration ever demanded [m/s^2].
-        horizon: h [s].
 
     Returns:
         Lower bound of the distance's acceleration [m/s^2].
     """
-    allowed = np.minimum((margin - distance) / approach_time, separation_speed)
-    return np.minimum((allowed - rate) / horizon, limit)
-
-
-def rate_interval(
-    previous: Vector, effort_rate_max: Vector, effort_max: Vector, period: float
-) -> tuple[Vector, Vector]:
-    """Torques that the drives can reach in one period.
-
-    |tau - previous| <= rate_max period, around the previous torque clipped to the box.
-
-    Args:
-        previous: Torque of the last cycle [N.m].
-        effort_rate_max: [N.m/s].
-        effort_max: [N.m].
-        period: [s].
-
-    Returns:
-        (lower, upper) [N.m].
-    """
-    centre = np.clip(previous, -effort_max, effort_max)
-    step = effort_rate_max * period
-    return centre - step, centre + step
-
-
-def power_row(motor_velocity: Vector, available: float, horizon: float) -> tuple[Vector, float]:
-    """The energy a torque may take from the tank before the next torque replaces it.
-
-    thetadot . tau horizon <= available, divided by |thetadot| horizon so that the row has unit length;
-    at rest the row is absent. tau = 0 always satisfies it.
-
-    Args:
-        motor_velocity: thetadot (n,), the port's speed [rad/s].
-        available: Tank level above its floor [J].
-        horizon: Period + delay [s].
-
-    Returns:
-        (row (n,), upper bound [N.m]).
-
-    Raises:
-        ValueError: If ``available`` is negative or not a number: a tank below its floor grants nothing.
-    """
-    if not available >= 0.0:
-        raise ValueError(f"available energy must be >= 0 J, got {available}")
-    speed = float(np.linalg.norm(motor_velocity))
-    if speed == 0.0:
-        return np.zeros_like(motor_velocity), np.inf
-    return motor_velocity / speed, available / speed / horizon
+    allowed = min((limits.margin - distance) / limits.approach_time, limits.separation_speed)
+    return min((allowed - rate) / limits.horizon, limits.separation_acceleration)

@@ -1,8 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The energy tank: what the controller may still spend beyond the potential of its declared springs.
+r"""The energy tank: a ledger of what the controller may still spend beyond the potential of its springs.
 
-``TankSettings`` are the constants of a run, ``Tank`` the record of one instant. The steps from one record
-to the next are in ``ledger.py``; why they keep the controller passive is proved in ``docs/passivity.md``.
+The controller's port is the motor side of the joints (``motor_port.py``). Against any environment
+
+    integral of tau_applied . dtheta  <=  T_0 + U_0 - r U                                        (claim)
+
+T is the tank's level, U the potential of the declared springs and joint bias, r the spring scale. A cycle takes
+
+1. ``measure``: book the work of the last interval;
+2. ``budget``, ``change_cost``, ``admit``: move equilibria and gains as far as the tank can pay;
+3. ``rescale_springs``: relax the springs if the tank alone is below its floor, tighten them again later;
+4. ``limit_to_budget``: scale the torque until the tank can answer for all that it may spend.
+
+A cycle without a usable state takes ``missed``. T + r U changes by the measured work alone, and by what is charged
+or spilled. Proof: docs/passivity.md. Source: design section 4, "Passivity".
 """
 
 from __future__ import annotations
@@ -12,8 +23,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput
-from impedance_modules.safety.motor_port import Vector, absolute_dot, motor_positions
+from impedance_modules.records import Flag, Integer, Matrix, Record, Scalar, Vector
+from impedance_modules.safety.motor_port import absolute_dot, motor_position
+
+DEVIATIONS = 6.0
+"""Of the accumulated error of white sensors that are charged: exceeded by one run in a thousand million."""
+
+ROUNDING = 1e-9
+"""Relative tolerance of the overspeed test [-]."""
 
 
 @dataclass(frozen=True)
@@ -22,14 +41,15 @@ class TankSettings:
 
     Attributes:
         initial, max, floor: Energy at the start, ceiling, and least energy while the task runs [J].
-        period: Time between two cycles [s].
-        delay: Whole periods from a command's issue to the beginning of its action; the command of cycle k
-            acts in [k + delay, k + delay + 1]. 0 acts at once.
-        hold: Longest time for which the robot keeps acting on a command when none follows [s], >= period.
+        period: Time between two cycles, h [s].
+        delay: Whole periods from a command's issue to the beginning of its action, d; the command of cycle k
+            acts in [k + d, k + d + 1]. 0 acts at once.
+        hold: Longest time for which the robot keeps acting on a command when none follows, H >= h [s].
         speed_bound: (n,) declared bound of the rotor speeds, v_max [rad/s].
         compliance: (n,) 1 / K_sea [rad/N.m], 0 for a rigid joint.
         sensing_error: (n,) bound of the error of a measured rotor angle, e [rad].
-        sensing_deviation: (n,) standard deviation s of that error where it is white; None where only e is known.
+        sensing_deviation: (n,) standard deviation s of that error where it is white [rad]; None where only e is
+            known.
         recovery_time: Time constant with which relaxed springs are tightened again [s].
     """
 
@@ -68,22 +88,14 @@ class TankSettings:
             if wrong:
                 raise BadInput(f"energy tank: {problem}")
 
-    @property
-    def reach(self) -> float:
-        """Time over which a new command is answered for: period + delay [s] (design 4)."""
-        return (1 + self.delay) * self.period
 
-    @property
-    def worst_travel(self) -> Vector:
-        """(n,) The most that 1 N.m costs in one period, sensing included: v_max period + 4 e [rad]."""
-        return self.speed_bound * self.period + 4.0 * self.sensing_error
-
-
-@dataclass(frozen=True)
-class Tank:
-    """The ledger at one instant; arrays are read-only by convention and never changed in place.
+class Tank(Record):
+    """The ledger: constants of the run as in ``TankSettings``, and what has been booked so far.
 
     Attributes:
+        initial, max, floor, period, delay, hold, recovery_time, speed_bound, compliance, sensing_error: Constants.
+        sensing_deviation: (n,) constant; counts only where ``white`` is true.
+        white: Whether the sensors' error is white.
         level: T, energy that may still be spent [J].
         potential: U of the springs and joint bias as the modules declare it, unscaled, at the last
             measured state and the equilibrium and gains now in force [J].
@@ -91,16 +103,15 @@ class Tank:
         motor_position: (n,) rotor angles of the last measured cycle [rad].
         applied: (n,) torque that acted in the last interval [N.m]; of the last measured one
             in a gap, zero after one that was booked at its worst.
-        pending: (delay + 1, n) commands issued and not yet over, oldest first [N.m]; the last row is zero
-            between ``measure`` and ``pay``.
+        pending: (d + 1, n) commands issued and not yet over, oldest first [N.m]; the last row is zero
+            between ``measure`` and ``limit_to_budget``.
         need: Level above the floor at which the last wanted torque would be paid in full, for ever [J].
         short: In this cycle the tank had to relax the springs, could not tighten them again, or could pay for
             no part of a wanted change.
         starved_time: For how long torque or springs have been reduced without a break [s].
-        missed: Cycles without a state sample since the last one.
+        missed_cycles: Cycles without a state sample since the last one.
         gap_work: What was booked for those cycles [J]; given back when the travel over all of them is seen.
         gap_spread: By how much their torques may have done more work than the last of them on that travel [J].
-        overspeed: Joints whose rotor moved farther than v_max allows since the last cycle.
         initial_energy: T_0 + U_0 [J].
         work: Sum of tau_applied . dtheta as measured (an upper bound over missed cycles) [J].
         charged: Charged so far for what the sensors cannot see [J].
@@ -109,80 +120,334 @@ class Tank:
         spilled: Thrown away above the ceiling [J].
     """
 
-    level: float
-    potential: float
-    spring_scale: float
+    initial: Scalar
+    max: Scalar
+    floor: Scalar
+    period: Scalar
+    delay: Integer
+    hold: Scalar
+    recovery_time: Scalar
+    speed_bound: Vector
+    compliance: Vector
+    sensing_error: Vector
+    sensing_deviation: Vector
+    white: Flag
+    level: Scalar
+    potential: Scalar = 0.0
+    spring_scale: Scalar = 1.0
     motor_position: Vector
     applied: Vector
-    pending: Vector
-    need: float
-    short: bool
-    starved_time: float
-    missed: int
-    gap_work: float
-    gap_spread: float
-    overspeed: tuple[int, ...]
-    initial_energy: float
-    work: float
-    charged: float
-    variance: float
-    assumed: float
-    spilled: float
-
-    @property
-    def declared(self) -> float:
-        """U that the ledger counts: spring_scale times the modules' potential [J]."""
-        return self.spring_scale * self.potential
+    pending: Matrix
+    need: Scalar = 0.0
+    short: Flag = False
+    starved_time: Scalar = 0.0
+    missed_cycles: Integer = 0
+    gap_work: Scalar = 0.0
+    gap_spread: Scalar = 0.0
+    initial_energy: Scalar
+    work: Scalar = 0.0
+    charged: Scalar = 0.0
+    variance: Scalar = 0.0
+    assumed: Scalar = 0.0
+    spilled: Scalar = 0.0
 
     @property
     def work_bound(self) -> float:
-        """The certificate: integral of tau_applied . dtheta <= T_0 + U_0 - U, against any environment [J]."""
-        return self.initial_energy - self.declared
+        """The certificate: integral of tau_applied . dtheta <= T_0 + U_0 - r U, against any environment [J]."""
+        return self.initial_energy - self.spring_scale * self.potential
 
 
-def filled_tank(settings: TankSettings, q: Vector, effort: Vector, potential: float) -> Tank:
-    """The tank before the first command, nothing in flight.
+def make_tank(settings: TankSettings) -> Tank:
+    """Makes the ledger of a run; ``fill`` opens it at the first state."""
+    n, deviation = settings.speed_bound.size, settings.sensing_deviation
+    return Tank(
+        initial=settings.initial,
+        max=settings.max,
+        floor=settings.floor,
+        period=settings.period,
+        delay=settings.delay,
+        hold=settings.hold,
+        recovery_time=settings.recovery_time,
+        speed_bound=settings.speed_bound.copy(),
+        compliance=settings.compliance.copy(),
+        sensing_error=settings.sensing_error.copy(),
+        sensing_deviation=np.zeros(n) if deviation is None else deviation.copy(),
+        white=deviation is not None,
+        level=settings.initial,
+        initial_energy=settings.initial,
+        motor_position=np.zeros(n),
+        applied=np.zeros(n),
+        pending=np.zeros((settings.delay + 1, n)),
+    )
+
+
+@compiled
+def fill(tank: Tank, q: Vector, effort: Vector, potential: float) -> None:
+    """Opens the ledger before the first command, nothing in flight and nothing booked.
 
     Args:
-        settings: Constants of the run.
+        tank: Overwritten, but for its constants.
         q: (n,) first measured link angles [rad].
         effort: (n,) first measured torques [N.m].
         potential: U of the declared springs at that state [J].
     """
-    n = settings.speed_bound.size
-    return Tank(
-        level=settings.initial,
-        potential=potential,
-        spring_scale=1.0,
-        motor_position=motor_positions(q, effort, settings.compliance),
-        applied=np.zeros(n),
-        pending=np.zeros((settings.delay + 1, n)),
-        need=0.0,
-        short=False,
-        starved_time=0.0,
-        missed=0,
-        gap_work=0.0,
-        gap_spread=0.0,
-        overspeed=(),
-        initial_energy=settings.initial + potential,
-        work=0.0,
-        charged=0.0,
-        variance=0.0,
-        assumed=0.0,
-        spilled=0.0,
-    )
+    tank.level, tank.potential, tank.spring_scale = tank.initial, potential, 1.0
+    for i in range(q.size):
+        tank.motor_position[i] = motor_position(q[i], effort[i], tank.compliance[i])
+    tank.applied[:] = 0.0
+    tank.pending[:] = 0.0
+    tank.need, tank.short, tank.starved_time = 0.0, False, 0.0
+    tank.missed_cycles, tank.gap_work, tank.gap_spread = 0, 0.0, 0.0
+    tank.initial_energy = tank.initial + potential
+    tank.work = tank.charged = tank.variance = tank.assumed = tank.spilled = 0.0
 
 
-def power_budget(tank: Tank, settings: TankSettings) -> float:
-    """Right side of the QP's power row, >= 0 [W]: thetadot . tau <= (T - floor) / (period + delay)."""
-    return max(0.0, tank.level - settings.floor) / settings.reach
+@compiled
+def measure(tank: Tank, q: Vector, effort: Vector, potential: float) -> int:
+    """Books what the last interval cost, at the motor side.
 
+    ``T <- min(T_max, T - [tau_applied . dtheta + r (U - U_last)] - charge)``, see ``sensing_charge``. After missed
+    cycles dtheta is the travel over all of them, and what their torques may have done beyond tau_applied on it is
+    added (``missed``); what was booked for them comes back. If assuming the worst again, ``|tau_applied| . v_max h``,
+    is cheaper, that is done, and ``|tau_before| . e`` charged to end the chain of samples.
 
-def sensing_uncertainty(tank: Tank, settings: TankSettings) -> float:
-    """How far ``tank.work`` can be from the true integral of tau_applied . dtheta [J].
+    Args:
+        tank: After the last ``limit_to_budget`` or ``missed``.
+        q: (n,) link angles measured now [rad], finite.
+        effort: (n,) torques between gearbox and link measured now [N.m], finite.
+        potential: U now, at the equilibrium and gains of the *last* cycle, unscaled, >= 0 [J].
 
-    Summation by parts: ``sum_k |tau_k - tau_(k-1)| e`` (charged already) ``+ |tau_n| e`` (the end term, kept
-    in the tank), and twice what was assumed in missed cycles. 0 with exact sensors.
+    Returns:
+        The first joint whose rotor moved farther than ``v_max h`` per cycle, beyond the error of both samples; n for
+        none.
     """
-    end_term = absolute_dot(tank.applied, settings.sensing_error)
-    return tank.charged + end_term + 2.0 * tank.assumed
+    n = q.size
+    worst, seen, too_fast = 0.0, tank.gap_spread, n
+    for i in range(n):
+        theta = motor_position(q[i], effort[i], tank.compliance[i])
+        travel = theta - tank.motor_position[i]
+        allowed = tank.speed_bound[i] * tank.period * (1.0 + tank.missed_cycles) + 2.0 * tank.sensing_error[i]
+        if too_fast == n and abs(travel) > allowed * (1.0 + ROUNDING):
+            too_fast = i
+        tank.motor_position[i] = theta
+        worst += abs(tank.pending[0, i]) * tank.speed_bound[i] * tank.period
+        seen += tank.pending[0, i] * travel
+    if tank.missed_cycles == 0 or seen <= tank.gap_work + worst:
+        work, assumed = seen - tank.gap_work, tank.gap_spread - tank.gap_work
+        charge = sensing_charge(tank)
+        tank.applied[:] = tank.pending[0]
+    else:
+        work, assumed = worst, worst
+        charge = absolute_dot(tank.applied, tank.sensing_error)
+        tank.applied[:] = 0.0
+    _book(tank, work, assumed, charge, potential)
+    return too_fast
+
+
+@compiled
+def _book(tank: Tank, work: float, assumed: float, charge: float, potential: float) -> None:
+    """Takes the cost of a measured interval from the level and ends the gap before it."""
+    tank.level -= work + tank.spring_scale * (potential - tank.potential) + charge
+    tank.potential = potential
+    tank.missed_cycles, tank.gap_work, tank.gap_spread = 0, 0.0, 0.0
+    tank.short = False
+    tank.work += work
+    tank.charged += charge
+    tank.assumed += assumed
+    _advance(tank.pending)
+    tank.pending[-1, :] = 0.0
+    _spill(tank)
+
+
+@compiled
+def sensing_charge(tank: Tank) -> float:
+    """What an interval costs because rotor angles are measured with an error [J].
+
+    The error in the work so far is ``-sum (tau_k - tau_(k-1)) . error_k``, at most ``sum |tau_k - tau_(k-1)| . e``.
+    Where the error is white it is a random walk of variance ``V = sum_ki (change_ki s_i)^2``, and 6 sqrt(V) bound it:
+    ``C <- min(C + |change| . e, 6 sqrt(V))``, C the sum of all charges. Adds the interval's part to V.
+    """
+    charge, variance = 0.0, tank.variance
+    for i in range(tank.applied.size):
+        change = tank.pending[0, i] - tank.applied[i]
+        charge += abs(change) * tank.sensing_error[i]
+        deviation = change * tank.sensing_deviation[i]
+        variance += deviation * deviation
+    if tank.white:
+        charge = max(0.0, min(charge, DEVIATIONS * math.sqrt(variance) - tank.charged))
+        tank.variance = variance
+    return charge
+
+
+@compiled
+def missed(tank: Tank) -> None:
+    """Books a cycle without a usable state, or too late to send: the robot keeps its last command one period more.
+
+    Nobody saw the travel, so the worst is booked: ``T <- T - |tau_applied| . v_max h``. Later, ``measure`` knows the
+    travel over all missed cycles. Its torques' work is then at most
+
+        sum_k tau_k . dtheta_k  <=  tau_n . sum_k dtheta_k  +  sum_k |tau_k - tau_n| . v_max h
+
+    and the last sum, over m missed cycles, at most ``sum_j j |tau_(j+1) - tau_j| . v_max h``: ``gap_spread``.
+    """
+    work = absolute_dot(tank.pending[0], tank.speed_bound) * tank.period
+    tank.level -= work
+    tank.missed_cycles += 1
+    tank.gap_work += work
+    tank.work += work
+    tank.assumed += work
+    change = 0.0
+    if tank.pending.shape[0] > 1:
+        for i in range(tank.speed_bound.size):
+            change += abs(tank.pending[1, i] - tank.pending[0, i]) * tank.speed_bound[i] * tank.period
+    tank.gap_spread += tank.missed_cycles * change
+    _advance(tank.pending)
+
+
+@compiled
+def budget(tank: Tank) -> float:
+    """What a change of equilibrium, gain or rest posture may cost: ``max(0, T - floor - need)`` [J].
+
+    What it leaves in the tank still pays the wanted torque in full, so a starved task slows down instead of going
+    limp.
+    """
+    return max(0.0, tank.level - tank.floor - tank.need)
+
+
+@compiled
+def change_cost(tank: Tank, potential: float) -> float:
+    """What a new potential at an unmoved robot costs, ``r (U_new - U)``; a refund is negative [J]."""
+    return tank.spring_scale * (potential - tank.potential)
+
+
+@compiled
+def admit(tank: Tank, potential: float) -> None:
+    """Pays, or takes back, a change of equilibrium or gain at an unmoved robot: ``T <- T - r (U_new - U)``.
+
+    Args:
+        tank: After ``measure``.
+        potential: U with the change made, unscaled [J]; its ``change_cost`` is at most the ``budget``.
+    """
+    tank.level -= change_cost(tank, potential)
+    tank.potential = potential
+    _spill(tank)
+
+
+@compiled
+def rescale_springs(tank: Tank) -> None:
+    """Relaxes the springs when the tank alone is below its floor, tightens them when the tank can pay for it.
+
+    An environment that deflects the springs while the torque is limited or late raises U without paying for it.
+    With ``b = floor + |tau_applied| . e``: if ``T < b``, ``r <- x r`` and ``T <- T + (1 - x) r U`` with
+    ``x = (T + r U - b) / (r U + need)``, so that afterwards ``T = b + x need``: the softer springs can be
+    paid. ``T + r U >= b`` always (docs/passivity.md), so x is never negative. Otherwise r climbs to 1, paid
+    by what the tank holds above ``floor + need``, with the time constant ``recovery_time``.
+    """
+    declared = tank.spring_scale * tank.potential
+    base = tank.floor + absolute_dot(tank.applied, tank.sensing_error)
+    if tank.level < base:
+        tank.short = True
+        if declared > 0.0:
+            need = min(tank.need, max(0.0, tank.max - base))
+            kept = (tank.level + declared - base) / (declared + need)
+            kept = min(1.0, max(0.0, kept))
+            tank.level += (1.0 - kept) * declared
+            tank.spring_scale *= kept
+    elif tank.spring_scale != 1.0:
+        _tighten_springs(tank)
+
+
+@compiled
+def _tighten_springs(tank: Tank) -> None:
+    """Raises r towards 1 by what the tank holds above what the present torque needs."""
+    surplus = budget(tank)
+    affordable = surplus * min(1.0, tank.period / tank.recovery_time)
+    missing = (1.0 - tank.spring_scale) * tank.potential
+    if missing <= affordable:
+        tank.level -= missing
+        tank.spring_scale = 1.0
+        return
+    tank.spring_scale += affordable / tank.potential
+    tank.level -= affordable
+    if not surplus > 0.0:
+        tank.short = True
+
+
+@compiled
+def release_springs(tank: Tank) -> None:
+    """Lets go of all springs, for a stop: what they hold goes back to the tank, ``T <- T + r U``, ``r U <- 0``."""
+    tank.level += tank.spring_scale * tank.potential
+    tank.spring_scale, tank.potential = 0.0, 0.0
+
+
+@compiled
+def available(tank: Tank) -> float:
+    """What the filter's power row may spend, ``max(0, T - floor)`` [J]."""
+    return max(0.0, tank.level - tank.floor)
+
+
+@compiled
+def limit_to_budget(tank: Tank, effort: Vector, stopping: bool) -> float:
+    """The guarantee: scales a torque until the tank can answer for all it and its forerunners may spend.
+
+    The largest ``s`` in [0, 1] with, ``h`` the period, ``A = T - floor``:
+
+    - ``s |tau| . (v_max hold + 4 e) + sum_pending |tau_p| . (v_max h + 4 e) + |tau_applied| . e <= A`` and
+    - ``s |tau| . v_max (h + delay) <= A`` (design section 4).
+
+    The first alone makes T + r U >= floor invariant; the second alone does not once there is a delay.
+
+    Args:
+        tank: After ``rescale_springs``.
+        effort: (n,) wanted torque, springs already multiplied by ``tank.spring_scale``; finite; scaled in place [N.m].
+        stopping: In a stop the floor itself may be spent: it was kept for that.
+
+    Returns:
+        s; the torque is untouched where it is 1.
+    """
+    spendable = tank.level - (0.0 if stopping else tank.floor)
+    reserved = absolute_dot(tank.applied, tank.sensing_error)
+    for k in range(tank.pending.shape[0] - 1):
+        for i in range(effort.size):
+            worst_travel = tank.speed_bound[i] * tank.period + 4.0 * tank.sensing_error[i]
+            reserved += abs(tank.pending[k, i]) * worst_travel
+    power = absolute_dot(effort, tank.speed_bound)
+    blindness = absolute_dot(effort, tank.sensing_error)
+    scale = min(
+        _part(spendable - reserved, power * tank.hold + 4.0 * blindness),
+        _part(spendable, power * ((1.0 + tank.delay) * tank.period)),
+    )
+    for i in range(effort.size):
+        if scale < 1.0:
+            effort[i] *= scale
+        tank.pending[-1, i] = effort[i]
+    if tank.missed_cycles > 0 and tank.pending.shape[0] == 1:
+        # A blind command that acts at once would be one of the gap's changes: then the worst stays booked.
+        tank.gap_spread = math.inf
+    lasting = tank.hold + tank.delay * tank.period
+    tank.need = power * lasting + (4.0 * tank.delay + 5.0) * blindness
+    tank.starved_time = tank.starved_time + tank.period if tank.short or scale < 1.0 else 0.0
+    return scale
+
+
+@compiled
+def _part(available: float, wanted: float) -> float:
+    """The part of ``wanted`` >= 0 that ``available`` covers, in [0, 1]."""
+    if wanted <= 0.0:
+        return 1.0
+    return min(1.0, max(0.0, available / wanted))
+
+
+@compiled
+def _advance(pending: Matrix) -> None:
+    """Moves the commands in flight one period on; the newest stays in the last row."""
+    for k in range(pending.shape[0] - 1):
+        pending[k, :] = pending[k + 1, :]
+
+
+@compiled
+def _spill(tank: Tank) -> None:
+    """Throws away what is above the ceiling."""
+    excess = max(0.0, tank.level - tank.max)
+    tank.level -= excess
+    tank.spilled += excess

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.superposition.stiffness import NetStiffness, net_stiffness
+from impedance_modules.superposition.net_stiffness import NetStiffness, net_stiffness
 
 Array = NDArray[np.float64]
 

@@ -33,8 +33,18 @@ class JointSpace:
         )
 
 
+def block_diagonal(matrices: Sequence[Array]) -> Array:
+    """Puts square matrices along the diagonal: what several arms do that share no joint."""
+    ends = np.cumsum([len(matrix) for matrix in matrices])
+    found = np.zeros((ends[-1], ends[-1]))
+    for end, matrix in zip(ends, matrices, strict=True):
+        place = slice(end - len(matrix), end)
+        found[place, place] = matrix
+    return found
+
+
 @dataclass(frozen=True)
-class Mode:
+class VibrationMode:
     """One way in which a system moves by itself.
 
     Attributes:
@@ -57,7 +67,7 @@ def joint_space_stiffness(
     return springs - gamma + jacobian.T @ end_stiffness @ jacobian
 
 
-def natural_modes(system: JointSpace) -> tuple[Mode, ...]:
+def natural_modes(system: JointSpace) -> tuple[VibrationMode, ...]:
     """Finds the modes of M qdd + D qd + K q = 0, slowest first.
 
     An oscillation is listed once; a motion that does not swing gives one mode per eigenvalue.
@@ -69,7 +79,7 @@ def natural_modes(system: JointSpace) -> tuple[Mode, ...]:
     return modes_of(values, vectors[:k])
 
 
-def modes_of(values: NDArray[np.complex128], shapes: NDArray[np.complex128]) -> tuple[Mode, ...]:
+def modes_of(values: NDArray[np.complex128], shapes: NDArray[np.complex128]) -> tuple[VibrationMode, ...]:
     """Lists modes from eigenvalues s (m,) and shapes (k, m), conjugate pairs once, slowest first."""
     # A free motion is a double zero, which rounding splits into a pair of about sqrt(1e-16).
     free = 1e-6 * float(np.max(np.abs(values)))
@@ -81,11 +91,11 @@ def modes_of(values: NDArray[np.complex128], shapes: NDArray[np.complex128]) -> 
         ratio = None if frequency < free else float(-value.real / frequency)
         largest = shape[np.argmax(np.abs(shape))]
         scaled = shape / largest if largest != 0.0 else shape
-        found.append(Mode(0.0 if ratio is None else frequency, ratio, scaled))
+        found.append(VibrationMode(0.0 if ratio is None else frequency, ratio, scaled))
     return tuple(sorted(found, key=lambda mode: mode.frequency))
 
 
-def least_damped(modes: Sequence[Mode]) -> Mode | None:
+def least_damped(modes: Sequence[VibrationMode]) -> VibrationMode | None:
     """Picks the mode with the smallest damping ratio; None if all motions are free."""
     bound = [
         (mode.damping_ratio, index) for index, mode in enumerate(modes) if mode.damping_ratio is not None
@@ -111,7 +121,7 @@ class HeldTogether:
         Args:
             arms: Block diagonal over the stacked joints; Gamma with everything that acts on each hand.
             object_inertia: (6, 6) at the object's origin, world axes.
-            turning: (6, 6) sum of ``turning_stiffness`` over the hands.
+            turning: (6, 6) sum of ``lever_arm_stiffness`` over the hands.
         """
         free = arms.seen_through(self.motion)
         return JointSpace(

@@ -16,12 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.superposition.elastic_joints import SampledArm
-from impedance_modules.superposition.modes import Mode, modes_of
+from impedance_modules.superposition.modes import VibrationMode, modes_of
 
 Array = NDArray[np.float64]
 
 MARGIN = 1e-7
 """A free motion has a double eigenvalue one, which rounding moves by about 1e-8; this is above that."""
+
+STRIDE = 1.6
+"""Factor by which the endpoint stiffness is changed while the limit of stability is looked for."""
+
+SMALLEST_SCALE = 1e-3
+"""Of the endpoint stiffness; a loop that is unstable there is taken as unstable however soft the hand is."""
+
+TOLERANCE = 0.01
+"""Relative accuracy of the highest stable stiffness."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +62,10 @@ def spectral_radius(arm: SampledArm, gains: Gains) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(loop_matrix(arm, gains)))))
 
 
-def sampled_modes(arm: SampledArm, gains: Gains) -> tuple[Mode, ...]:
-    """Finds the loop's modes as a continuous observer sees them, s = rate log(z), slowest first.
+def sampled_modes(arm: SampledArm, gains: Gains) -> tuple[VibrationMode, ...]:
+    """Finds the loop's modes as continuous motions, s = rate log(z), slowest first.
 
-    Motions that die within a small fraction of a period, such as the pure delay's, are left out.
+    Motions that decay within a small fraction of a period, such as the pure delay's, are left out.
     """
     values, vectors = np.linalg.eig(loop_matrix(arm, gains))
     lasting = np.abs(values) > 1e-3
@@ -67,7 +76,8 @@ def sampled_modes(arm: SampledArm, gains: Gains) -> tuple[Mode, ...]:
 def highest_stable_stiffness(arm: SampledArm, fixed: Gains, scaled: Gains, largest: float) -> float | None:
     r"""Finds how far the endpoint stiffness can be raised before the sampled loop is unstable.
 
-    The endpoint stiffness is multiplied by s and its damping, by its rule 2 \zeta \sqrt{k m}, by \sqrt{s}.
+    The endpoint stiffness is multiplied by s and its damping, by its rule 2 \zeta \sqrt{k m}, by \sqrt{s}. The
+    search goes from s = 1 upwards while the loop is stable, else downwards, then bisects to ``TOLERANCE``.
 
     Args:
         arm: The arm between samples.
@@ -76,28 +86,25 @@ def highest_stable_stiffness(arm: SampledArm, fixed: Gains, scaled: Gains, large
         largest: Scale beyond which nobody asks.
 
     Returns:
-        The smallest scale at which the loop loses stability, 0 if it is unstable however soft the hand
-        is, or None if it is stable up to ``largest``.
+        The scale, near to 1, at which the loop loses stability, from below; 0 if it is unstable down to about
+        ``SMALLEST_SCALE``; None if it is stable up to ``largest``.
     """
 
     def stable(scale: float) -> bool:
-        return spectral_radius(arm, _scaled(fixed, scaled, scale)) < 1.0 + MARGIN
+        stiffness, root = fixed.stiffness + scale * scaled.stiffness, math.sqrt(scale)
+        return spectral_radius(arm, Gains(stiffness, fixed.damping + root * scaled.damping)) < 1.0 + MARGIN
 
-    grid = np.geomspace(1e-3, largest, 1 + math.ceil(8 * math.log10(largest / 1e-3)))
-    first = next((index for index, scale in enumerate(grid) if not stable(float(scale))), None)
-    if first is None:
-        return None
-    if first == 0:
-        return 0.0
-    low, high = float(grid[first - 1]), float(grid[first])
-    while high / low > 1.0 + 1e-4:
+    high = 1.0
+    while stable(high):
+        if high >= largest:
+            return None
+        high = min(STRIDE * high, largest)
+    low = high / STRIDE
+    while not stable(low):
+        if low < SMALLEST_SCALE:
+            return 0.0
+        high, low = low, low / STRIDE
+    while high / low > 1.0 + TOLERANCE:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low
-
-
-def _scaled(fixed: Gains, scaled: Gains, scale: float) -> Gains:
-    return Gains(
-        fixed.stiffness + scale * scaled.stiffness,
-        fixed.damping + math.sqrt(scale) * scaled.damping,
-    )

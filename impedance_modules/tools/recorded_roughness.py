@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.control.hand_force import HandForce
-from impedance_modules.control.roughness_windows import (
+from impedance_modules.control.roughness_detection import (
     LEAST_FORCE,
     LENGTH,
     SAMPLE_RATE,
     Directions,
+    HandForce,
     Window,
     WindowFinder,
     frequencies,

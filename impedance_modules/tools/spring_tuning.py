@@ -28,7 +28,7 @@ from scipy.optimize import linprog
 
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput
-from impedance_modules.modules.build import build_modules
+from impedance_modules.modules.arms import build_modules
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.prediction.mechanism import Mechanism, Setting
@@ -37,7 +37,7 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
-from impedance_modules.superposition.stiffness import gamma
+from impedance_modules.superposition.net_stiffness import gamma
 
 Array = NDArray[np.float64]
 

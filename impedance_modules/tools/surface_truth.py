@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import BadInput
-from impedance_modules.prediction.contact import PlacedSurface, place_surface
+from impedance_modules.prediction.contact_geometry import PlacedSurface, place_surface
 from impedance_modules.spec.task import SurfaceSpec
 from impedance_modules.tools.surface_fit import SurfaceMap
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
-from impedance_modules.prediction.energy import forecast_tank
+from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import rehearse
+from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import Document
 from impedance_modules.spec.task_text import changed, task_document
@@ -145,4 +145,4 @@ def _need(text: str) -> float:
         path = Path(folder) / "task.yaml"
         path.write_text(text, encoding="utf-8")
         assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
-        return forecast_tank(assembly, Mechanism(assembly), rehearse(assembly)).need
+        return forecast_tank(assembly, Mechanism(assembly), predict_motion(assembly)).need

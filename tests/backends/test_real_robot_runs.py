@@ -17,7 +17,7 @@ from impedance_modules.errors import ReplayMismatch
 from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.verify import verify
-from impedance_modules.safety.stop_events import Rung
+from impedance_modules.safety.stop_levels import StopLevel
 from impedance_modules.spec.robot_spec import JointOrigin, RobotSpec
 
 GAP = (1750, 1766)
@@ -98,7 +98,7 @@ def test_a_run_with_gaps_is_replayed_bit_for_bit_on_the_mounts_it_had(
     missed = np.asarray(episode.extra["missed"])
     gap = int(np.argmax(missed))
     assert 16 <= missed[gap] <= 19
-    assert episode.extra["rung"][gap] == Rung.DAMP
+    assert episode.extra["rung"][gap] == StopLevel.DAMP
     assert 60 <= missed.sum() <= 150
     assert missed[: gap + 1].sum() + gap == GAP[1]
     assert np.array_equal(episode.extra["gravity.one"], 1.0 + np.arange(len(missed)))

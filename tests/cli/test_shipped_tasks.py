@@ -11,9 +11,9 @@ import pytest
 
 from impedance_modules.control.assembly import assemble
 from impedance_modules.control.supervisor import Ending
-from impedance_modules.prediction.energy import forecast_tank
+from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.quasi_static import rehearse
+from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.spec.task_reader import read_task
 from tests.support.paths import TESTS
 from tests.support.shipped_runs import OBJECT, SHIPPED, Watched, shipped, watch
@@ -63,7 +63,7 @@ def test_says_what_to_feel_and_see(name: str) -> None:
 @EVERY_TASK
 def test_holds_at_most_half_again_the_energy_it_needs(name: str) -> None:
     assembly = assemble(str(shipped(name)), effects=None, rate=None, scale=1.0, arm=None)
-    need = forecast_tank(assembly, Mechanism(assembly), rehearse(assembly)).need
+    need = forecast_tank(assembly, Mechanism(assembly), predict_motion(assembly)).need
     assert need <= assembly.tank.initial <= 1.5 * need
 
 

@@ -12,7 +12,7 @@ import pytest
 from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.controller import Controller
-from impedance_modules.control.gains import BLENDING
+from impedance_modules.control.set_points import BLENDING
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.run_backends import sim_backend
@@ -64,7 +64,7 @@ def lived(assembly: Assembly, away: float, cycles: int) -> tuple[Supervisor, lis
         effort = supervisor.step(state, late=False, stop_request=None)
         assert effort is not None
         efforts.append(effort.copy())
-        forces.append(float(supervisor.controller.memory["force"][-1][0, 2]))
+        forces.append(float(supervisor.controller.cycle.modules.springs.force[0, 2]))
         robot.write(effort)
         state = robot.read()
     return supervisor, efforts, forces
@@ -104,7 +104,7 @@ def gripped(acting: float, cycles: int) -> list[np.ndarray]:
         if k == cycles // 3:
             controller.next_phase(assembly.task.phases[1])
         controller.tick(RobotState((k + 1) / RATE, *parts))
-        found.append(controller.memory["efforts"][-2:].copy())
+        found.append(controller.cycle.modules.efforts[-2:].copy())
     return found
 
 

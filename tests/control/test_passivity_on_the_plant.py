@@ -23,13 +23,11 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.plant.effects_port import JointMotion
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.effects.joint_motion import JointMotion
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.state import RobotState
-from impedance_modules.safety.compiled_ledger import FLOOR
-from impedance_modules.safety.tank import sensing_uncertainty
 from impedance_modules.spec.task import SurfaceSpec
+from tests.support.tank_worlds import sensing_uncertainty
 
 Random = np.random.Generator
 ROUNDING = 1e-6
@@ -107,9 +105,9 @@ class Adversity:
     def watch(self, state: RobotState, effort: np.ndarray, late: bool, asked: bool) -> None:
         tank, true = self.supervisor.controller.tank, self.plant.motor_work
         self.least_margin = min(self.least_margin, tank.work_bound - true)
-        excess = abs(true - tank.work) - sensing_uncertainty(tank, self.assembly.tank)
+        excess = abs(true - tank.work) - sensing_uncertainty(tank)
         self.largest_error = max(self.largest_error, excess)
-        self.largest_bound = max(self.largest_bound, sensing_uncertainty(tank, self.assembly.tank))
+        self.largest_bound = max(self.largest_bound, sensing_uncertainty(tank))
         self.cycles += 1
 
 
@@ -197,7 +195,7 @@ def test_work_at_the_motors_stays_within_the_claim(tmp_path: Path, world: dict) 
 
 def ignore_the_tank(controller: Controller) -> None:
     """The books go on, but there is always a thousand joules to spend: nothing is scaled, nothing relaxed."""
-    controller.memory["book_constants"][FLOOR] = -1000.0
+    controller.tank.floor = -1000.0
 
 
 def test_without_scaling_the_claim_breaks(tmp_path: Path) -> None:

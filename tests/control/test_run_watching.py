@@ -10,7 +10,7 @@ import pytest
 
 from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly, assemble
-from impedance_modules.control.conditions import REGULARISATION, Touch
+from impedance_modules.control.contact_detection import REGULARISATION, HandWrenches
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.columns import joint_columns, pose_columns, target_columns, wrench_columns
@@ -20,8 +20,7 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.recorder import SCALARS
 from impedance_modules.runs.run_summary import BLOCK, Tally
 from impedance_modules.runs.scene_view import INERTIA_SCALE, SceneView
-from impedance_modules.superposition.ellipsoid import ellipsoid
-from impedance_modules.superposition.inertia import operational_inertia
+from impedance_modules.superposition.operational_inertia import ellipsoid, operational_inertia
 from tests.support.arm_samples import Array, random_psd, random_rotation
 from tests.support.paths import TESTS
 
@@ -41,7 +40,7 @@ def test_each_hand_feels_the_wrench_that_loads_its_own_joints(assembly: Assembly
     """At rest effort = gravity - J^T w; along a direction of gain s^2 the estimate is w s^2 / (s^2 + r)."""
     random, model = np.random.default_rng(0), assembly.model
     kinematics = Kinematics(model, assembly.modules.frames)
-    touch = Touch(model, assembly.modules, kinematics, 0.01)
+    touch = HandWrenches(model, assembly.modules, kinematics, 0.01)
     for _ in range(20):
         q, still = near(random, assembly), np.zeros(model.n)
         kinematics.update(q, still)

@@ -23,9 +23,9 @@ from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.errors import EndOfRecording, SafetyStop
 from impedance_modules.robot.state import RobotState
-from impedance_modules.safety.solvers.solution import FilterSolution, failed
-from impedance_modules.safety.tank import sensing_uncertainty
+from impedance_modules.safety.solvers import FilterSolution, failed
 from tests.support.forecast_tasks import SOFT_HANDS
+from tests.support.tank_worlds import sensing_uncertainty
 
 TASK = f"""
 format: 1
@@ -155,7 +155,7 @@ def check_promises(outcome: Outcome) -> None:
         assert supervisor.reason
         assert supervisor.messages[-1][1] == supervisor.reason
     tank = supervisor.controller.tank
-    assert np.isfinite([tank.level, tank.work, sensing_uncertainty(tank, robot.assembly.tank)]).all()
+    assert np.isfinite([tank.level, tank.work, sensing_uncertainty(tank)]).all()
 
 
 def stopped(outcome: Outcome, word: str, how: str = "hold") -> None:
@@ -342,7 +342,7 @@ def test_tank_that_something_drains_stops(assembly: Assembly) -> None:
     outcome = run(drained.assembly, robot=drained)
     assert outcome.supervisor.ending is Ending.STOPPED
     assert "tank" in outcome.supervisor.reason
-    assert outcome.supervisor.controller.level >= -1e-9
+    assert outcome.supervisor.controller.tank.level >= -1e-9
 
 
 def test_recording_that_ends_holds_and_says_so(assembly: Assembly) -> None:
@@ -402,7 +402,7 @@ def test_stop_after_the_law_has_run_books_the_interval_once(assembly: Assembly) 
         def counted(state: RobotState) -> int:
             count[0] += 1
             if count[0] == 5:
-                seen.append(controller.memory["pending"].copy())
+                seen.append(controller.tank.pending.copy())
                 controller.solver = BrokenSolver(failed("on purpose", 1))
             return tick(state)
 
@@ -410,7 +410,7 @@ def test_stop_after_the_law_has_run_books_the_interval_once(assembly: Assembly) 
 
         def braking(state: RobotState | None, effort: np.ndarray) -> int:
             status = brake(state, effort)
-            seen.append(controller.memory["pending"].copy())
+            seen.append(controller.tank.pending.copy())
             return status
 
         controller.tick, controller.brake = counted, braking

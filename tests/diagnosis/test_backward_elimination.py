@@ -23,7 +23,9 @@ def judged(monkeypatch):
     def prune(model, stands):
         return [
             one.name
-            for one in eliminate_backward(model, list, lambda trial: None if stands(trial[0].name, trial[1]) else "no")
+            for one in eliminate_backward(
+                model, list, lambda trial: None if stands(trial[0].name, trial[1]) else "no"
+            )
         ]
 
     return prune

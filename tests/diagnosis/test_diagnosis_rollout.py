@@ -24,9 +24,8 @@ from impedance_modules.diagnosis.rollout.simulated_robot import (
 )
 from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
-from impedance_modules.plant.seeded import Seed, SeededPlant
+from impedance_modules.plant.plant import Plant, PlantOptions
+from impedance_modules.plant.rollout_plant import Seed, SeededPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity
 from impedance_modules.spec.schema import load_schema

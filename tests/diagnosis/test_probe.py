@@ -38,7 +38,7 @@ from impedance_modules.diagnosis.experiment_design.separation import (
     spring_stiffness,
 )
 from impedance_modules.errors import BadInput
-from impedance_modules.prediction.check import refuse_unfit
+from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.spec.robot_reader import read_robot
 from tests.support.paths import TESTS
 
@@ -145,7 +145,7 @@ def test_the_joints_follow_as_predicted_by_their_own_equation() -> None:
 def test_the_task_passes_check(tmp_path: Path) -> None:
     _write(proposed(0), read_robot(ROBOT), tmp_path)
     assembly = assemble(str(tmp_path / "probe.yaml"), effects=None, rate=None, scale=1.0, arm=None)
-    refuse_unfit(assembly)
+    refuse_infeasible(assembly)
     assert json.loads((tmp_path / "probe.json").read_text())["questions"][0]["answered"]
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.robot_reader import read_robot

@@ -12,8 +12,7 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import touches
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from tests.support.effect_recordings import applied, patch_of, start
 from tests.support.plant_parts import SIX_JOINTS, exact, plane, spec_of

@@ -6,10 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from impedance_modules.effects.water import BuoyancyTorque, DragTorque
-from impedance_modules.plant.compiled_links import accelerate, place_links
-from impedance_modules.plant.links import link_table
+from impedance_modules.plant.links import accelerate, link_table, place_links
 from impedance_modules.robot.model import RobotModel
-from tests.plant.test_plant_reference import random_tree
+from tests.plant.test_plant_equations import random_tree
 from tests.support.effect_recordings import applied, plant_with, start
 from tests.support.plant_parts import SIX_JOINTS, spec_of, undamped
 
@@ -42,7 +41,7 @@ def test_buoyancy_is_the_slope_of_a_potential_and_gives_back_what_it_took() -> N
     (lift,) = (t for t in subject.torques if isinstance(t, BuoyancyTorque))
     random = np.random.default_rng(2)
     for q in random.uniform(-1.5, 1.5, (10, subject.model.n)):
-        motion = subject._integrator.motion(0)
+        motion = subject._integrator.motion()
         motion.position[:] = q
         slope = [(lift.potential(q + e) - lift.potential(q - e)) / 2e-6 for e in 1e-6 * np.eye(q.size)]
         np.testing.assert_allclose(lift.torque(motion), -np.array(slope), atol=1e-7)
@@ -60,7 +59,7 @@ def test_buoyancy_lifts_by_the_weight_of_what_is_displaced() -> None:
     q, centre = start(model), np.array([0.02, -0.03, 0.05])
     lift = BuoyancyTorque(model, {"port_palm": (1.1, centre)})
     subject = moving((), 0)
-    motion = subject._integrator.motion(0)
+    motion = subject._integrator.motion()
     motion.position[:] = q
     data = model.pin_model.createData()
     J = pin.computeFrameJacobian(
@@ -79,7 +78,7 @@ def test_drag_takes_energy_in_every_motion_and_the_books_close() -> None:
     links = {"port_palm": (random.uniform(0, 20, 3), random.normal(size=3) * 0.1)}
     drag = DragTorque(model, links)
     subject = moving((), 0)
-    motion = subject._integrator.motion(0)
+    motion = subject._integrator.motion()
     for _ in range(50):
         motion.position[:] = random.uniform(-2, 2, model.n)
         motion.velocity[:] = random.normal(size=model.n)
@@ -120,7 +119,7 @@ def test_added_mass_keeps_energy_and_only_adds_inertia() -> None:
     """Different along every axis, no rigid body has it: energy is conserved still, and no motion gets lighter."""
     subject = moving(ALONG, 6)
     dry = moving((), 6)
-    water = subject._memory.links["water"][1:]
+    water = subject.state.links["added_mass"][1:]
     assert min(np.linalg.eigvalsh(w).min() for w in water) > -1e-12
     before = subject.energy()
     assert before.links > dry.energy().links + 0.01
@@ -135,7 +134,7 @@ def test_added_mass_keeps_energy_and_only_adds_inertia() -> None:
 
 def responses(subject) -> np.ndarray:
     """Accelerations of the plant's links at rest per unit torque on each joint (n, n)."""
-    n, table = subject.model.n, subject._memory.links
+    n, table = subject.model.n, subject.state.links
     place_links(table, subject.position)
     out = np.empty((n + 1, n))
     for i, torque in enumerate(np.vstack([np.eye(n), np.zeros(n)])):

@@ -19,7 +19,7 @@ from impedance_experiments.terrain_variations import (
 )
 from impedance_experiments.thesis_experiments import find_experiment
 from impedance_experiments.thesis_page import Settings, Size
-from impedance_modules.prediction.contact import place_surface, surface_distance
+from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.spec.task import SurfaceSpec
 
 

@@ -19,8 +19,7 @@ from impedance_modules.effects.effect import JointLaw
 from impedance_modules.effects.effect_description import Description, Parameter
 from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.errors import BadFile
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import parse_document
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec

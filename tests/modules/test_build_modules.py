@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from impedance_modules.errors import BadFile
-from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.build import build_modules
+from impedance_modules.modules.arms import TaskModules, build_modules
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.modules.held_object import distance_to_surface, moments_of_inertia
-from impedance_modules.modules.total import desired_effort
+from impedance_modules.modules.sum import lay_out
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task_reader import read_task
+from tests.support.module_samples import module_sum
 from tests.support.paths import TESTS
 
 PRESS_BOX = TESTS / "data" / "press-box.yaml"
@@ -53,7 +53,7 @@ def test_modules_start_relaxed_between_the_hands(tmp_path: Path) -> None:
     np.testing.assert_allclose(modules.held.start.translation, 0.5 * (right + left))
     kinematics = Kinematics(model, modules.frames)
     kinematics.update(modules.posture, np.zeros(model.n))
-    found = desired_effort(
+    found, energy = module_sum(
         modules,
         kinematics,
         start_equilibrium(modules),
@@ -61,14 +61,11 @@ def test_modules_start_relaxed_between_the_hands(tmp_path: Path) -> None:
         np.zeros(model.n),
         phase_damping(modules, kinematics),
     )
-    assert found.energy == pytest.approx(0.0, abs=1e-20)
-    assert {part.kind for part in found.parts} == {"spring", "damping", "force", "squeeze"}
-    presses = [part for part in found.parts if part.kind == "squeeze"]
-    np.testing.assert_allclose(sum(part.wrench for part in presses), 0.0, atol=1e-9)
-    assert all(np.linalg.norm(part.wrench[:3]) == pytest.approx(15.0) for part in presses)
-    loads = {part.name: part.wrench for part in found.parts if part.kind == "force"}
-    assert set(loads) == {"right.hand", "left.hand"}
-    np.testing.assert_allclose(loads["left.hand"], [0, 0, -12.0, 0, 0, 0], atol=1e-12)
+    assert energy == pytest.approx(0.0, abs=1e-20)
+    np.testing.assert_allclose(found.loads.squeeze[:, :3].sum(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(found.loads.squeeze[:, :3], axis=1), 15.0)
+    assert found.loads.squeeze_effort.any() and not found.loads.weight_effort.any()
+    np.testing.assert_allclose(found.springs.wrench, [[0, 0, -12.0, 0, 0, 0]] * 2, atol=1e-12)
 
 
 def test_a_carried_weight_is_on_the_hands(tmp_path: Path) -> None:
@@ -76,16 +73,9 @@ def test_a_carried_weight_is_on_the_hands(tmp_path: Path) -> None:
     model = RobotModel(read_task(PRESS_BOX)[1])
     kinematics = Kinematics(model, modules.frames)
     kinematics.update(modules.posture, np.zeros(model.n))
-    found = desired_effort(
-        modules,
-        kinematics,
-        start_equilibrium(modules),
-        modules.posture,
-        np.zeros(model.n),
-        phase_damping(modules, kinematics),
-    )
-    lifts = [part.wrench for part in found.parts if part.kind == "weight"]
-    assert sum(lift[2] for lift in lifts) == pytest.approx(1.2 * 9.81)
+    loads = lay_out(modules, model.n).loads
+    # With the object's axes along the world's, each hand's part of the lift, up to the object's weight.
+    assert loads.lift * loads.weight[:, 2, 2].sum() == pytest.approx(1.2 * 9.81)
 
 
 def test_every_geometric_problem_is_told_at_once_with_its_place(tmp_path: Path) -> None:

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from impedance_modules.modules.arms import ArmModule, TaskModules
-from impedance_modules.modules.damping import phase_damping
+from impedance_modules.modules.damping import endpoint_damping, joint_damping, phase_damping
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.mobility import mobility
-from impedance_modules.modules.modal_damping import endpoint_damping, joint_damping
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry

@@ -16,7 +16,7 @@ from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion, phas
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.pose_motion import minimum_jerk, minimum_jerk_slope, pose_motion
-from impedance_modules.modules.spring import displacement
+from impedance_modules.modules.spring import displacement_of
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3, log3
 from impedance_modules.spec.task import AXES, HybridAxis, ObjectSpec, PhaseSpec, Sine
@@ -66,7 +66,7 @@ def holding_arms(random: np.random.Generator) -> TaskModules:
 
 def distance(one: Equilibrium, other: Equilibrium) -> float:
     """Largest move of any equilibrium [m, rad]."""
-    moves = [np.abs(displacement(one.springs[name], other.springs[name])).max() for name in one.springs]
+    moves = [np.abs(displacement_of(one.springs[name], other.springs[name])).max() for name in one.springs]
     rests = [np.abs(one.rests[limb] - other.rests[limb]).max() for limb in one.rests]
     return float(max(moves + rests))
 
@@ -97,7 +97,7 @@ def test_motion_is_continuous_and_its_velocity_is_its_derivative(seed: int, sine
     random = np.random.default_rng(seed)
     current = random_pose(random)
     motion = pose_motion(random_pose(random), current, random_coordinates(random, sines), 2.0)
-    np.testing.assert_allclose(displacement(motion.pose(0.0), current), 0.0, atol=1e-7)
+    np.testing.assert_allclose(displacement_of(motion.pose(0.0), current), 0.0, atol=1e-7)
     for clock in np.linspace(0.01, 2.5, 40):
         step = 1e-6
         ahead, behind = motion.pose(clock + step), motion.pose(clock - step)
@@ -193,11 +193,11 @@ def test_an_object_target_moves_all_grasps_rigidly(seed: int) -> None:
             np.testing.assert_allclose(after.translation, before.translation, atol=1e-9)
             step = 1e-6
             ahead, behind = motion.at(clock + step).springs[name], motion.at(clock - step).springs[name]
-            slope = displacement(ahead, behind) / (2 * step)
+            slope = displacement_of(ahead, behind) / (2 * step)
             if clock > 0.0:
                 np.testing.assert_allclose(motion.velocities(clock)[name], slope, atol=1e-6)
         elbow = next(name for name in start.springs if name.endswith("elbow"))
-        assert np.all(displacement(now.springs[elbow], start.springs[elbow]) == 0.0)
+        assert np.all(displacement_of(now.springs[elbow], start.springs[elbow]) == 0.0)
     assert motion.at(1.0).object.translation[0] == pytest.approx(0.7)
 
 
@@ -233,4 +233,4 @@ def test_unknown_targets_are_refused_with_the_valid_ones() -> None:
 def test_a_displacement_is_measured_in_world_axes() -> None:
     random = np.random.default_rng(1)
     target, step = random_pose(random), 0.01 * random.normal(size=6)
-    np.testing.assert_allclose(displacement(displaced(target, step), target), step, atol=1e-12)
+    np.testing.assert_allclose(displacement_of(displaced(target, step), target), step, atol=1e-12)

@@ -6,30 +6,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from impedance_modules.modules.arms import ArmModule, TaskModules
-from impedance_modules.modules.damping import phase_damping
-from impedance_modules.modules.equilibrium import Equilibrium
-from impedance_modules.modules.joint_bias import JointBias
-from impedance_modules.modules.total import desired_effort
-from impedance_modules.robot.kinematics import Kinematics
-from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import HybridAxis
-from impedance_modules.superposition.spring_stiffness import (
+from impedance_modules.superposition.net_stiffness import (
     spring_stiffness,
     spring_stiffness_without_preload,
 )
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
     Array,
-    baxter,
     displaced,
     make_spring,
     random_pose,
-    random_position,
     random_psd,
-    six_joint_pair,
     split_spring,
 )
 
@@ -120,68 +110,3 @@ def test_hybrid_axis_pushes_along_its_own_axis_and_limits_the_speed() -> None:
     np.testing.assert_allclose(wrench[3:], 0.5 * reference.rotation[:, 0], atol=1e-12)
     np.testing.assert_allclose(np.diag(spring.damping), [0, 0, 120.0, 0, 0, 0])
     assert spring.hybrid and not make_spring(np.eye(6)).hybrid
-
-
-def _random_modules(random: np.random.Generator, model: RobotModel) -> TaskModules:
-    """Every limb with springs on its hand and on another of its frames, in random axes, and a bias."""
-    arms = []
-    posture = random_position(random, model)
-    for limb in model.limbs.values():
-        own = [frame for frame in model.frames if _moved_by(model, frame, limb.name)]
-        springs = tuple(
-            make_spring(
-                random_psd(random, TYPICAL_STIFFNESS),
-                frame=frame,
-                limb=limb.name,
-                name=f"spring{index}",
-                reference=model.pose(posture, str(random.choice(list(model.frames)))),
-                start=model.pose(posture, frame),
-            )
-            for index, frame in enumerate((limb.hand, limb.hand, str(random.choice(own))))
-        )
-        k = len(limb.joints)
-        bias = JointBias(
-            limb.name, limb.joints, 20 * random.random(k), random.normal(size=k), np.zeros(k), None
-        )
-        arms.append(ArmModule(limb, springs, bias))
-    return TaskModules(tuple(arms), None, posture)
-
-
-def _moved_by(model: RobotModel, frame: str, limb: str) -> bool:
-    from impedance_modules.errors import BadInput
-
-    try:
-        return model.limb_of(frame).name == limb
-    except BadInput:
-        return False
-
-
-@pytest.mark.parametrize("robot", [baxter, six_joint_pair], ids=["baxter", "six_joint_pair"])
-@pytest.mark.parametrize("seed", range(10))
-def test_torque_is_minus_the_gradient_by_the_joints(robot, seed: int) -> None:
-    """tau = -dU/dq of everything together, springs on any frame, in any axes, with joint bias."""
-    random = np.random.default_rng(seed)
-    model = robot()
-    modules = _random_modules(random, model)
-    kinematics = Kinematics(model, modules.frames)
-    rest = {arm.limb.name: arm.bias.rest for arm in modules.arms}
-    targets = Equilibrium(
-        {s.name: s.start @ random_pose(random, 0.2, 1.0) for a in modules.arms for s in a.springs}, None, rest
-    )
-    q = modules.posture + 0.2 * random.normal(size=model.n)
-
-    def terms(q: Array):
-        kinematics.update(q, np.zeros(model.n))
-        return desired_effort(modules, kinematics, targets, q, np.zeros(model.n), damping)
-
-    kinematics.update(q, np.zeros(model.n))
-    damping = phase_damping(modules, kinematics)
-    step = 1e-3 * np.eye(model.n)
-    slope = [
-        (8 * (terms(q + h).energy - terms(q - h).energy) - terms(q + 2 * h).energy + terms(q - 2 * h).energy)
-        / (12 * 1e-3)
-        for h in step
-    ]
-    found = terms(q)
-    np.testing.assert_allclose(found.effort, -np.array(slope), atol=2e-8 * np.abs(found.effort).max())
-    np.testing.assert_allclose(sum(part.effort for part in found.parts), found.effort, atol=1e-12)

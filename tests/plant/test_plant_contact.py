@@ -38,7 +38,7 @@ def on_slope(
     return subject, normal
 
 
-def live(subject: Plant, periods: int) -> list[np.ndarray]:
+def advance(subject: Plant, periods: int) -> list[np.ndarray]:
     """Contact wrenches on the object, once per period."""
     wrenches = []
     for _ in range(periods):
@@ -51,7 +51,7 @@ def live(subject: Plant, periods: int) -> list[np.ndarray]:
 def test_a_dropped_mass_comes_to_rest_on_its_weight(shape) -> None:
     subject, _ = on_slope(0.0, shape, mass=0.8)
     subject.place_object(Pose(np.eye(3), np.array([0.0, 3.0, 0.12])), STILL)
-    forces = live(subject, 1500)
+    forces = advance(subject, 1500)
     wrench = forces[-1]
     peak = max(force[2] for force in forces)
     print(f"{shape}: at rest {wrench[2]:.4f} N of {0.8 * G:.4f}; peak {peak:.1f} N")
@@ -65,9 +65,9 @@ def test_a_dropped_mass_comes_to_rest_on_its_weight(shape) -> None:
 def test_it_sticks_below_mu_n(angle) -> None:
     """tan(angle) < mu: after the tangential spring has stretched, nothing creeps."""
     subject, normal = on_slope(angle, friction=0.3)
-    live(subject, 500)
+    advance(subject, 500)
     before = subject.object_pose.translation
-    wrench = live(subject, 1000)[-1]
+    wrench = advance(subject, 1000)[-1]
     crept = np.linalg.norm(subject.object_pose.translation - before)
     along = wrench[:3] - (wrench[:3] @ normal) * normal
     print(f"slope {angle}: {np.linalg.norm(along):.4f} N along, crept {crept:.1e} m in 1 s")
@@ -79,9 +79,9 @@ def test_it_sticks_below_mu_n(angle) -> None:
 def test_it_slides_above_mu_n_with_mu_n(angle, friction) -> None:
     """The slope's acceleration is g (sin - mu cos)."""
     subject, normal = on_slope(angle, friction=friction)
-    live(subject, 200)
+    advance(subject, 200)
     start = subject.object_twist[:3]
-    wrenches = live(subject, 300)
+    wrenches = advance(subject, 300)
     gained = np.linalg.norm(subject.object_twist[:3] - start) / 0.3
     expected = G * (np.sin(angle) - friction * np.cos(angle))
     print(f"slope {angle}, mu {friction}: {gained:.4f} m/s^2, expected {expected:.4f}")
@@ -97,7 +97,7 @@ def test_a_surface_never_pulls(damping) -> None:
     """Even with a damper that would hold on: what leaves is held back by its weight alone."""
     subject, normal = on_slope(0.0, damping=damping)
     subject.place_object(Pose(np.eye(3), np.array([0.0, 3.0, 0.0999])), np.array([0, 0, 1.0, 0, 0, 0]))
-    forces = live(subject, 150)
+    forces = advance(subject, 150)
     assert min(force[:3] @ normal for force in forces) >= 0.0
     # Thrown upwards it only gains from the spring, then falls freely.
     assert subject.object_twist[2] >= 1.0 - G * 0.15 - 1e-9
@@ -107,7 +107,7 @@ def test_friction_heats_and_never_cools() -> None:
     subject, _ = on_slope(0.4, friction=0.2)
     before, last = subject.energy(), 0.0
     for _ in range(30):
-        live(subject, 10)
+        advance(subject, 10)
         lost = subject.energy().dissipated(before)["contact"]
         assert lost >= last - 1e-7
         last = lost
@@ -120,7 +120,7 @@ def test_a_box_surface_carries_above_its_top_and_not_beside_it() -> None:
         subject = plant(exact(spec_of(BAXTER)), [table], loose(position=(0.0, 3.0, 0.61)))
         subject.reset(posture(subject.model))
         subject.place_object(Pose(np.eye(3), np.array([offset, 3.0, 0.6005])), STILL)
-        wrench = live(subject, 400)[-1]
+        wrench = advance(subject, 400)[-1]
         if carried:
             assert wrench[2] == pytest.approx(1.2 * G, rel=5e-3)
         else:
@@ -136,7 +136,7 @@ def test_a_hand_feels_what_it_presses() -> None:
     height = float(bare.model.pose(start, hand).translation[2]) - 0.005
     subject = plant(spec, [plane(height)])
     subject.reset(start)
-    jacobian = subject._memory.jacobian[0].copy()
+    jacobian = subject.state.jacobian[0].copy()
     for _ in range(3000):
         state = subject.sense()
         back = 20.0 * (start - state.position) - state.velocity
@@ -145,7 +145,7 @@ def test_a_hand_feels_what_it_presses() -> None:
     load = subject.sense().effort - subject.model.gravity(subject.position)
     print(f"hand presses with {wrench[2]:.2f} N")
     assert wrench[2] > 10.0
-    np.testing.assert_allclose(load, -subject._memory.jacobian[0].T @ wrench, atol=0.1)
+    np.testing.assert_allclose(load, -subject.state.jacobian[0].T @ wrench, atol=0.1)
     assert np.abs(wrench[3:]).max() < 1e-9
 
 
@@ -171,7 +171,7 @@ def test_distances_follow_a_moving_point_around_an_edge(stride) -> None:
         loose(shape="sphere", size=(2.0 * radius,), position=(0.0, 3.0, 2.0)),
     )
     subject.reset(posture(subject.model))
-    ball = subject._memory.contacts[-1]
+    ball = subject.state.contacts[-1]
     worst = 0.0
     for angle in np.arange(-0.3, np.pi / 2 + 0.3, stride / radius):
         offset = np.array([0.0, 0.5 + 0.049 * np.sin(angle), 0.1 + 0.049 * np.cos(angle)])
@@ -193,7 +193,7 @@ def test_distances_follow_a_point_through_a_box_and_along_its_faces() -> None:
         loose(shape="sphere", size=(0.002,), position=(0.0, 3.0, 2.0)),
     )
     subject.reset(posture(subject.model))
-    ball, rotation, rng = subject._memory.contacts[-1], exp3(turn), np.random.default_rng(4)
+    ball, rotation, rng = subject.state.contacts[-1], exp3(turn), np.random.default_rng(4)
     asked, near = 0, 0
     for _ in range(20):
         start, end = rng.uniform(-0.06, 0.06, (2, 3))

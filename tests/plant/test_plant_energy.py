@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The plant creates no energy: drift of free arms, wound springs, free fall; balance with everything."""
+"""The plant creates no energy: drift of free arms, deflected springs, free fall; balance with everything."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_moving_links_with_rotors_co_moving_keep_their_energy(folder, seed) -> N
 
 
 def spring_loss(step: float, seconds: float) -> float:
-    """Share of E_0 lost by springs wound 0.02 rad."""
+    """Share of E_0 lost by springs deflected 0.02 rad."""
     subject = plant(undamped(spec_of(BAXTER)), gravity=WEIGHTLESS, step=step)
     subject.reset(middle(subject.model))
     subject.place(np.zeros(subject.model.n), np.full(subject.model.n, 0.02))
@@ -59,12 +59,12 @@ def spring_loss(step: float, seconds: float) -> float:
     return 1.0 - subject.energy().stored / before
 
 
-def test_wound_springs_lose_little_and_by_the_methods_order() -> None:
+def test_deflected_springs_lose_little_and_by_the_methods_order() -> None:
     """Below 2 % in 10 s at 0.25 ms; a fourth-order method damps an oscillation by h^5: 32 times less."""
     whole = spring_loss(0.25e-3, SECONDS)
     losses = [spring_loss(step, 1.0) for step in (0.5e-3, 0.25e-3, 0.125e-3)]
     ratios = [coarse / fine for coarse, fine in pairwise(losses)]
-    print(f"springs wound 0.02 rad: {whole:.2e} of E_0 lost in {SECONDS} s; halving the step: x {ratios}")
+    print(f"springs deflected 0.02 rad: {whole:.2e} of E_0 lost in {SECONDS} s; halving the step: x {ratios}")
     assert abs(whole) < 0.02
     assert all(ratio > 2.0**4 for ratio in ratios)
 
@@ -110,7 +110,7 @@ def test_every_joule_is_accounted_for_with_contact_grasp_and_damping(grasp) -> N
     subject.reset(start)
     before = subject.energy()
     bias = np.full(subject.model.n, 10.0)
-    jacobian = sum(subject._memory.jacobian.copy())
+    jacobian = sum(subject.state.jacobian.copy())
     pressed = 0.0
     for k in range(1500):
         t = 1e-3 * k

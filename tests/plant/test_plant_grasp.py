@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.grasp.held_object import principal_inertia
-from impedance_modules.plant.options import GRASP_ANGULAR_STIFFNESS, GRASP_LINEAR_STIFFNESS
+from impedance_modules.plant.grasp import GRASP_ANGULAR_STIFFNESS, GRASP_LINEAR_STIFFNESS, principal_inertia
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import exp3, log3
@@ -114,7 +113,7 @@ def test_a_weld_stays_where_it_was_closed_while_the_arms_move() -> None:
         return subject.pose(subject.frames[0]).inverse() @ subject.object_pose
 
     before, start = relative(), subject.object_pose.translation
-    jacobian = sum(subject._memory.jacobian.copy())
+    jacobian = sum(subject.state.jacobian.copy())
     largest = angle = 0.0
     for k in range(1000):
         push = 6.0 * np.array([np.sin(6e-3 * k), np.cos(6e-3 * k), 1.0, 0.0, 0.0, 0.0])

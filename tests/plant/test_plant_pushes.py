@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.plant.pushes import push_share, push_wrench
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput, NotConnected
-from impedance_modules.plant.commands import CommandLine, Mode, Order, delay_periods
-from impedance_modules.plant.effects_port import JointMotion
-from impedance_modules.plant.options import PlantOptions, divide
+from impedance_modules.plant.motor_commands import CommandQueue, Mode, Order, delay_periods
+from impedance_modules.plant.plant import PlantOptions, divide
 from impedance_modules.spec.robot_spec import TimingSpec
 from tests.support.plant_parts import (
     BAXTER,
@@ -25,6 +25,7 @@ from tests.support.plant_parts import (
     idle,
     in_both_hands,
     middle,
+    plane,
     plant,
     posture,
     spec_of,
@@ -40,10 +41,10 @@ def order(value: float) -> Order:
 @given(delay=st.floats(0.0, 0.02), rate=st.floats(100.0, 2000.0))
 def test_a_command_acts_whole_periods_later_and_never_early(delay, rate) -> None:
     timing = TimingSpec(rate, 1.0, 1e4, delay, 1.0)
-    line = CommandLine(timing, rate, order(-1.0))
+    line = CommandQueue(timing, rate, order(-1.0))
     periods = line.delay
     assert delay - 1e-9 <= periods / rate < delay + 1.0 / rate
-    acted = [line.pass_on(order(float(k))).effort[0] for k in range(periods + 5)]
+    acted = [line.exchange(order(float(k))).effort[0] for k in range(periods + 5)]
     assert acted == [-1.0] * periods + [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
@@ -281,22 +282,42 @@ class Viscous:
 
 
 def test_an_effect_at_the_motor_is_the_same_as_the_robots_own_damping() -> None:
-    worn = plant(undamped(spec_of(BAXTER)), gravity=WEIGHTLESS)
+    perturbed = plant(undamped(spec_of(BAXTER)), gravity=WEIGHTLESS)
     effect = Viscous(0.7, "motor")
-    worn.torques.append(effect)
+    perturbed.torques.append(effect)
     own = plant(with_every(undamped(spec_of(BAXTER)), motor_damping=0.7), gravity=WEIGHTLESS)
     rng = np.random.default_rng(0)
     commands = rng.normal(size=(40, 14))
-    for subject in (worn, own):
+    for subject in (perturbed, own):
         subject.reset(middle(subject.model))
-    before = worn.energy()
+    before = perturbed.energy()
     for command in commands:
-        worn.advance(command)
+        perturbed.advance(command)
         own.advance(command)
-    np.testing.assert_allclose(worn.position, own.position, atol=1e-13)
-    assert worn.energy().effect_work == pytest.approx(-own.energy().motor_loss, rel=1e-9)
-    assert abs(worn.energy().imbalance(before)) < 1e-9
+    np.testing.assert_allclose(perturbed.position, own.position, atol=1e-13)
+    assert perturbed.energy().effect_work == pytest.approx(-own.energy().motor_loss, rel=1e-9)
+    assert abs(perturbed.energy().imbalance(before)) < 1e-9
     assert effect.settled == 160
+
+
+def test_a_period_in_one_call_is_its_stages_one_by_one() -> None:
+    """Box on a table, pushed about: the same run with an effect of nothing asked at every stage, to the last bit."""
+    spec, held = spec_of(BAXTER), in_both_hands(spec_of(BAXTER), squeeze=15.0)
+    bare = plant(spec, [], held)
+    bare.reset(middle(bare.model))
+    table = plane(float(bare.object_pose.translation[2]) - 0.0995)
+    ends = []
+    for effects in ([], [Viscous(0.0, "motor")]):
+        subject = plant(spec, [table], held)
+        subject.torques.extend(effects)
+        subject.reset(middle(subject.model))
+        pressed, rng = 0.0, np.random.default_rng(3)
+        for _ in range(100):
+            subject.advance(subject.start_command + rng.normal(size=subject.model.n))
+            pressed = max(pressed, subject.contact_wrench("object")[2])
+        assert pressed > 1.0
+        ends.append(subject.state.start.whole.copy())
+    np.testing.assert_array_equal(*ends)
 
 
 def test_an_effect_at_the_link_is_another_physics() -> None:

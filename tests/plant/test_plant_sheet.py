@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from impedance_modules.plant.contact.sheet import Sheet
+from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
 from tests.support.plant_parts import BAXTER, exact, loose, plant, posture, spec_of
@@ -109,7 +109,7 @@ def thrown(sheet: SheetSpec, velocity: float, **numbers: float):
     ball = loose(shape="sphere", size=(0.002,), mass=0.5)
     subject = plant(exact(spec_of(BAXTER)), [ground], ball)
     subject.reset(posture(subject.model))
-    turn = np.array(subject._memory.surfaces[0]["rotation"])
+    turn = np.array(subject.state.surfaces[0]["rotation"])
     at = np.array(ground.position) + turn @ np.array([-0.3, 0.0, Sheet(sheet).point(-0.3).height + 0.0009])
     subject.place_object(
         Pose(np.eye(3), at), np.concatenate([turn @ np.array([velocity, 0.0, 0.0]), np.zeros(3)])

@@ -34,7 +34,7 @@ def on_wood(
     return subject
 
 
-def live(subject: Plant, periods: int) -> np.ndarray:
+def advance(subject: Plant, periods: int) -> np.ndarray:
     """Contact wrench on the object once per period."""
     rows = []
     for _ in range(periods):
@@ -49,7 +49,7 @@ def test_a_slippery_texture_shakes_and_keeps_the_energy(seed) -> None:
     wood = WoodSpec(seed, RoughnessSpec(2e-3, 0.03, 0.0, 500.0), None)
     subject = on_wood(wood, "sphere", velocity=0.5, friction=0.0, damping=0.0)
     before = subject.energy()
-    wrench = live(subject, 800)
+    wrench = advance(subject, 800)
     after = subject.energy()
     stored = [book.body + book.gravity + book.contact for book in (before, after)]
     moved = 0.5 * MASS * 0.25
@@ -61,7 +61,7 @@ def test_a_slippery_texture_shakes_and_keeps_the_energy(seed) -> None:
 def test_rough_wood_rubs_harder_and_wears_by_the_work_done_on_it() -> None:
     subject = on_wood(WoodSpec(3, ROUGH, None), velocity=1.2)
     before = subject.energy()
-    wrench = live(subject, 200)
+    wrench = advance(subject, 200)
     after = subject.energy()
     state = subject.woods[0]
     worn = -np.log(state.remaining).sum() * ROUGH.wear * 0.01**2
@@ -81,7 +81,7 @@ def test_worn_wood_is_the_smooth_wood_below() -> None:
     """With everything worn off, it slides as on a bare box."""
     fragile = RoughnessSpec(height=4e-4, wavelength=0.02, friction=0.4, wear=1e-3)
     subject = on_wood(WoodSpec(3, fragile, None), velocity=1.0, damping=500.0)
-    wrench = live(subject, 200)
+    wrench = advance(subject, 200)
     ratio = -wrench[100:, 0].sum() / wrench[100:, 2].sum()
     assert ratio == pytest.approx(0.2, abs=0.02)
 
@@ -92,14 +92,14 @@ def test_splinters_hold_what_friction_cannot_are_damaged_by_the_law_and_break_fo
     wood = WoodSpec(5, None, SplintersSpec(400.0, (force, force), endurance, 0.04))
     subject = on_wood(wood, angle=angle, friction=0.1, damping=300.0)
     start = subject.object_pose.translation
-    contacts, damage, first = subject._memory.contacts, {}, None
+    contacts, damage, first = subject.state.contacts, {}, None
     before = subject.energy()
     for period in range(3000):
-        live(subject, 1)
-        for contact in contacts[contacts["caught"] >= 0]:
-            bound = 0.1 * contact["pressure"]
-            load = 2e4 * float(np.linalg.norm(contact["slip"])) - bound
-            held = int(contact["caught"])
+        advance(subject, 1)
+        for contact in contacts[contacts["splinter"] >= 0]:
+            bound = 0.1 * contact["normal_force"]
+            load = 2e4 * float(np.linalg.norm(contact["stretch"])) - bound
+            held = int(contact["splinter"])
             if load > 0.0:
                 damage[held] = damage.get(held, 0.0) + 1e-3 / endurance * np.exp(10.0 * (load / force - 1.0))
         if subject.woods[0].broken and first is None:
@@ -112,7 +112,7 @@ def test_splinters_hold_what_friction_cannot_are_damaged_by_the_law_and_break_fo
     assert first is not None and 100 < first < 2900
     assert crept < 2e-3
     assert largest == pytest.approx(1.0, abs=0.1)
-    live(subject, 1500)
+    advance(subject, 1500)
     after, end = subject.energy(), subject.woods[0]
     lost = after.dissipated(before)["contact"]
     print(f"{end.broken} broken, {end.broken_work:.2e} J set free, {lost:.3f} J lost in contact")
@@ -126,8 +126,8 @@ def test_a_seed_is_a_piece_of_wood_and_reset_makes_it_fresh() -> None:
     ends = []
     for seed in (7, 7, 8):
         subject = on_wood(WoodSpec(seed, ROUGH, splinters), velocity=1.0)
-        live(subject, 100)
-        ends.append(subject._memory.state[0].copy())
+        advance(subject, 100)
+        ends.append(subject.state.start.whole.copy())
     np.testing.assert_array_equal(ends[0], ends[1])
     assert not np.array_equal(ends[0], ends[2])
     assert subject.woods[0].rubbed > 0.0

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
-from impedance_modules.safety.problem import FilterProblem
+from impedance_modules.safety.filter_problem import FilterProblem
 
 LONG = np.longdouble
 

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from impedance_modules.robot.distances import LONGEST_WAIT, QUICKEST, Distances
+from impedance_modules.robot.distances import LONGEST_WAIT, QUICKEST, Distances, free_time
 from impedance_modules.robot.kinematics import Kinematics
 from tests.support.arm_samples import baxter, random_position
 
@@ -55,7 +55,7 @@ def test_pair_left_alone_cannot_matter(seed: int) -> None:
     _, distances = measuring(everything=False)
     for _ in range(2000):
         d, c = float(random.uniform(0.0, 1.0)), float(random.uniform(-1.0, 1.5))
-        free = distances.free_time(d, c)
+        free = free_time(distances.state, d, c)
         assert 0.0 <= free <= LONGEST_WAIT
         for t in np.append(random.uniform(0.0, free, 3), free):
             pull = float(random.uniform(0.5, 1.0)) * QUICKEST if t < free else QUICKEST
@@ -84,9 +84,9 @@ def test_random_motion_never_makes_a_skipped_pair_matter() -> None:
         q = middle + size * np.sin(rate * t + phase)
         v = size * rate * np.cos(rate * t + phase)
         kinematics.update(q, v)
-        before = list(distances._due)
+        before = list(distances.state.due)
         distances.update(q, v)
-        measured += sum(due <= distances._cycle for due in before)
+        measured += sum(due <= distances.state.cycle for due in before)
         truth_kinematics.update(q, v)
         truth.update(q, v)
         closing = -(truth.gradient @ v)
@@ -111,9 +111,9 @@ def test_at_rest_most_cycles_measure_nothing_and_none_measures_two_pairs() -> No
     distances.update(q, still)
     tally = []
     for _ in range(500):
-        before = list(distances._due)
+        before = list(distances.state.due)
         distances.update(q, still)
-        tally.append(sum(due <= distances._cycle for due in before))
+        tally.append(sum(due <= distances.state.cycle for due in before))
     idle = distances.distance > 0.1
     assert idle.sum() >= 8
     assert np.mean(np.array(tally) == 0) > 0.5

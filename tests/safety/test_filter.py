@@ -3,17 +3,26 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from impedance_modules.errors import BadInput
-from impedance_modules.safety.build import build
-from impedance_modules.safety.metric import RANK_FACTOR, metric, penalty
-from impedance_modules.safety.problem import FilterLayout, FilterProblem, FilterWorkspace, RowKind
+from impedance_modules.safety.filter_problem import (
+    POWER_ROW,
+    RANK_FACTOR,
+    FilterLayout,
+    FilterProblem,
+    RowKind,
+    make_problem,
+    relative_penalty,
+)
+from impedance_modules.safety.metric import write_metric
 from impedance_modules.safety.solvers import make_solver
 from tests.support import filter_problems as fp
+from tests.support.both_ways import machine_code  # noqa: F401
+
+pytestmark = pytest.mark.usefixtures("machine_code")
 
 SOLVERS = ("daqp", "proxsuite", "qpsolvers:daqp")
 SOFT = [kind for kind in RowKind if not kind.hard]
@@ -21,7 +30,7 @@ SOFT = [kind for kind in RowKind if not kind.hard]
 
 def single(**arrays: np.ndarray) -> FilterProblem:
     """One joint, unit metric, no limit but those given."""
-    return replace(FilterWorkspace(FilterLayout(("j",), ())).problem, **arrays)
+    return fp.changed(make_problem(FilterLayout(("j",), ()), np.full(1, np.inf)), **arrays)
 
 
 @pytest.mark.parametrize("name", SOLVERS)
@@ -31,7 +40,7 @@ def test_torque_inside_all_bounds_passes_to_the_last_bit(name: str) -> None:
     for _ in range(50):
         problem = fp.problem(rng, 0.9, 1.0)
         value = problem.matrix @ problem.desired
-        free = replace(
+        free = fp.changed(
             problem,
             effort_max=np.maximum(problem.effort_max, np.abs(problem.desired)),
             lower=np.minimum(problem.lower, value - 1e-9),
@@ -59,7 +68,7 @@ def test_solution_satisfies_the_optimality_conditions(name: str) -> None:
         value = p.matrix @ s.effort
         beyond = np.maximum(value - p.upper, 0.0) - np.maximum(p.lower - value, 0.0)
         assert value[0] <= p.upper[0] + 1e-9
-        soft = p.layout.soft
+        soft = fp.LAYOUT.soft
         assert beyond[soft] == pytest.approx((s.row_duals / p.penalty)[soft], abs=1e-8)
         assert s.row_duals[0] >= 0.0
         loose = np.minimum(p.effort_max - np.abs(s.effort), 1.0)
@@ -87,10 +96,10 @@ def test_conflicting_rows_of_one_direction_give_way_by_rank() -> None:
         RowKind.VELOCITY: layout.velocity.start,
     }
     for high, low in ((a, b) for a in SOFT for b in SOFT if a.value < b.value):
-        p = FilterWorkspace(layout).problem
+        p = make_problem(layout, np.full(layout.n, np.inf))
         p.matrix[1:] = 1.0
         for kind, row in where.items():
-            p.penalty[row] = penalty(kind, np.array([1.0]))[0]
+            p.penalty[row] = relative_penalty(kind)
         p.lower[where[high]], p.upper[where[low]] = 10.0, -10.0
         s = make_solver("daqp").solve(p)
         broken_high, broken_low = 10.0 - s.effort[0], s.effort[0] + 10.0
@@ -101,11 +110,11 @@ def test_conflicting_rows_of_one_direction_give_way_by_rank() -> None:
 
 def test_torque_rate_yields_to_power_and_power_to_nothing() -> None:
     layout = FilterLayout(("j",), ())
-    p = FilterWorkspace(layout).problem
-    p.matrix[layout.power] = 1.0
-    p.upper[layout.power] = 0.0
+    p = make_problem(layout, np.full(layout.n, np.inf))
+    p.matrix[POWER_ROW] = 1.0
+    p.upper[POWER_ROW] = 0.0
     p.lower[layout.rate], p.upper[layout.rate] = 30.0, 32.0
-    p.penalty[layout.rate] = penalty(RowKind.RATE, np.ones(1))
+    p.penalty[layout.rate] = relative_penalty(RowKind.RATE)
     p.desired[:] = 31.0
     p.effort_max[:] = 50.0
     s = make_solver("daqp").solve(p)
@@ -120,16 +129,18 @@ def test_hands_are_protected_before_the_posture() -> None:
     for _ in range(40):
         state = fp.state(rng)
         layout = FilterLayout(fp.LAYOUT.joints, ())
-        p = FilterWorkspace(layout).problem
+        p = make_problem(layout, np.full(layout.n, np.inf))
         p.effort_max[:] = 1e3
         p.matrix[0] = rng.normal(size=fp.N)
         p.desired[:] = rng.normal(size=fp.N)
         p.upper[0] = p.matrix[0] @ p.desired - 1.0
         felt = []
-        for w in (metric(state.inverse_inertia, state.jacobians), state.inverse_inertia):
+        weighted = fp.blank()
+        write_metric(weighted, state)
+        for w in (weighted.metric, state.inverse_inertia):
             p.metric[:] = w
             change = state.inverse_inertia @ (solver.solve(p).effort - p.desired)
-            felt.append(sum(float(np.linalg.norm(j @ change)) for j in state.jacobians))
+            felt.append(sum(float(np.linalg.norm(j @ change)) for j in state.jacobian))
         ratios.append(felt[0] / felt[1])
     assert np.median(ratios) < 0.7
 
@@ -142,7 +153,7 @@ def test_not_a_number_is_never_solved(name: str, where: str) -> None:
     p = fp.problem(rng, 0.9, 2.0)
     broken = getattr(p, where).copy()
     broken.flat[-1] = np.nan
-    s = solver.solve(replace(p, **{where: broken}))
+    s = solver.solve(fp.changed(p, **{where: broken}))
     assert not s.solved
     assert s.effort is None
     assert solver.solve(p).solved
@@ -151,7 +162,7 @@ def test_not_a_number_is_never_solved(name: str, where: str) -> None:
 @pytest.mark.parametrize("name", SOLVERS)
 def test_metric_that_is_not_positive_definite_is_never_solved(name: str) -> None:
     p = fp.problem(np.random.default_rng(9), 0.9, 2.0)
-    s = make_solver(name).solve(replace(p, metric=-p.metric))
+    s = make_solver(name).solve(fp.changed(p, metric=-p.metric))
     assert not s.solved
     assert s.effort is None
     assert "positive definite" in s.status
@@ -188,7 +199,7 @@ def test_unknown_solvers_are_refused_with_the_valid_ones() -> None:
 
 def test_solver_libraries_load_only_when_asked_for() -> None:
     code = (
-        "import sys; import impedance_modules.safety.solvers as s, impedance_modules.safety.build;"
+        "import sys; import impedance_modules.safety.solvers as s, impedance_modules.safety.rows;"
         "libraries = {'daqp', 'proxsuite', 'qpsolvers', 'numba', 'scipy'};"
         "early = libraries & set(sys.modules); s.make_solver('daqp');"
         "late = {'proxsuite', 'qpsolvers'} & set(sys.modules); print(sorted(early | late))"
@@ -199,28 +210,31 @@ def test_solver_libraries_load_only_when_asked_for() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_filtered_arm_stays_within_position_and_speed_limits(seed: int) -> None:
-    """Two coupled seven-joint limbs, pushed wildly for half a second."""
+    """Two coupled seven-joint limbs with a steady load on every joint, pushed wildly for a second."""
     rng = np.random.default_rng(seed)
-    solver, workspace = make_solver("daqp"), FilterWorkspace(fp.LAYOUT)
+    solver, problem = make_solver("daqp"), fp.blank()
     period = 2e-3
-    base = replace(fp.state(rng), available=1e6, bias=np.zeros(fp.N), distances=np.full(10, 10.0))
-    limits = replace(
+    state = fp.changed(
+        fp.state(rng), available=1e6, bias=rng.normal(size=fp.N) * 5.0, distance=np.full(10, 10.0)
+    )
+    limits = fp.changed(
         fp.limits(rng, period), effort_rate_max=np.full(fp.N, 1e6), effort_max=np.full(fp.N, 1e3),
         deceleration=np.full(fp.N, 20.0),
     )  # fmt: skip
-    q, v, tau = rng.uniform(-1, 1, fp.N), np.zeros(fp.N), np.zeros(fp.N)
+    state.q[:], state.v[:], state.previous[:] = rng.uniform(-1, 1, fp.N), 0.0, 0.0
     push = rng.normal(size=fp.N) * 60.0
     touched = 0
     for cycle in range(500):
         if cycle % 100 == 0:
             push = rng.normal(size=fp.N) * 60.0
-        state = replace(base, position=q, velocity=v, motor_velocity=v, previous=tau)
-        solution = solver.solve(build(workspace, limits, state, push))
+        state.motor_velocity[:] = state.v
+        solution = solver.solve(fp.build(problem, limits, state, push))
         assert solution.solved
         touched += bool(solution.active.any())
-        tau = solution.effort
-        a = base.inverse_inertia @ tau
-        q, v = q + v * period + 0.5 * a * period**2, v + a * period
-        assert (np.abs(q) <= 2.0 + 2e-3).all()
-        assert (np.abs(v) <= 2.0 * 1.1).all()
+        state.previous[:] = solution.effort
+        a = state.inverse_inertia @ (solution.effort - state.bias)
+        state.q[:] += state.v * period + 0.5 * a * period**2
+        state.v[:] += a * period
+        assert (np.abs(state.q) <= 2.0 + 2e-3).all()
+        assert (np.abs(state.v) <= 2.0 * 1.1).all()
     assert touched > 50

@@ -1,50 +1,58 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a torque change costs, and what breaking a soft row costs."""
+"""What a torque change costs: the hands' acceleration before the posture's."""
 
 import numpy as np
 import pytest
 
-from impedance_modules.safety.metric import LOWEST_PENALTY, RANK_FACTOR, metric, penalty, relative_penalty
-from impedance_modules.safety.problem import RowKind
+from impedance_modules.safety.filter_problem import FilterState
+from impedance_modules.safety.metric import HEAVIEST_HAND, POSTURE_WEIGHT, weigh_changes, write_metric
 from tests.support import filter_problems as fp
+from tests.support.both_ways import ways  # noqa: F401
 
-SOFT = [kind for kind in RowKind if not kind.hard]
+pytestmark = pytest.mark.usefixtures("ways")
 
 
-@pytest.mark.parametrize("seed", range(30))
+def metric(state: FilterState, eps: float, heaviest: float, bulkiest: float) -> np.ndarray:
+    problem = fp.blank()
+    weigh_changes(problem, state, eps, heaviest, bulkiest)
+    return problem.metric
+
+
+@pytest.mark.parametrize("seed", range(10))
 def test_metric_lies_between_eps_and_one_plus_eps_of_the_mobility(seed: int) -> None:
     rng = np.random.default_rng(seed)
     state = fp.state(rng)
     eps = float(rng.uniform(0.01, 1.0))
-    w = metric(state.inverse_inertia, state.jacobians, eps)
+    w = metric(state, eps, *HEAVIEST_HAND)
     root = np.linalg.inv(np.linalg.cholesky(state.inverse_inertia))
     seen = np.linalg.eigvalsh(root @ w @ root.T)
     assert eps * (1 - 1e-9) <= seen.min()
     assert seen.max() <= (1 + eps) * (1 + 1e-9)
-    assert np.array_equal(w, w.T)
+    assert w == pytest.approx(w.T, rel=1e-12, abs=1e-12)
 
 
 def test_metric_is_gauss_function_of_the_hand_away_from_singularities() -> None:
     rng = np.random.default_rng(3)
     state = fp.state(rng)
-    minv = state.inverse_inertia
-    w = metric(minv, state.jacobians[:1], eps=1e-9, heaviest=(1e9, 1e9))
+    state.jacobian[1] = 0.0
+    minv, hand = state.inverse_inertia, state.jacobian[0]
+    w = metric(state, 1e-9, 1e9, 1e9)
     for _ in range(20):
         change = rng.normal(size=fp.N)
-        acceleration = state.jacobians[0] @ minv @ change
-        weight = np.linalg.pinv(state.jacobians[0] @ minv @ state.jacobians[0].T, rcond=1e-9)
+        acceleration = hand @ minv @ change
+        weight = np.linalg.pinv(hand @ minv @ hand.T, rcond=1e-9)
         assert change @ w @ change == pytest.approx(acceleration @ weight @ acceleration, rel=1e-4, abs=1e-6)
 
 
-def test_metric_refuses_a_weight_that_leaves_the_posture_free() -> None:
-    with pytest.raises(ValueError, match="eps > 0"):
-        metric(np.eye(2), [], eps=0.0)
-
-
-def test_penalties_are_ranked_and_independent_of_units() -> None:
-    values = [relative_penalty(kind) for kind in SOFT]
-    assert values[-1] == LOWEST_PENALTY
-    assert np.allclose(np.array(values[:-1]) / values[1:], RANK_FACTOR)
-    assert penalty(RowKind.POSITION, np.array([4.0]))[0] == relative_penalty(RowKind.POSITION) / 4.0
-    with pytest.raises(ValueError, match="hard"):
-        relative_penalty(RowKind.POWER)
+def test_metric_of_a_cycle_is_the_sum_over_hands_by_plain_matrix_algebra() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        state, problem = fp.state(rng), fp.blank()
+        write_metric(problem, state)
+        expected = POSTURE_WEIGHT * state.inverse_inertia
+        mass, inertia = HEAVIEST_HAND
+        for hand in state.jacobian:
+            seen = hand @ state.inverse_inertia
+            mobility = seen @ hand.T + np.diag([1 / mass] * 3 + [1 / inertia] * 3)
+            expected = expected + seen.T @ np.linalg.inv(mobility) @ seen
+        assert problem.metric == pytest.approx(expected, rel=1e-9, abs=1e-11)

@@ -13,8 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from impedance_modules.safety.ledger import measure, pay, settle
-from impedance_modules.safety.tank import TankSettings, filled_tank
+from impedance_modules.safety.tank import TankSettings, measure, rescale_springs
+from tests.support.both_ways import ways  # noqa: F401
+from tests.support.tank_worlds import filled_tank, limited
+
+pytestmark = pytest.mark.usefixtures("ways")
 
 PERIOD, SUBSTEPS = 0.0005, 4
 
@@ -74,10 +77,11 @@ def swing(
     worst_step, link_work, motor_work, energies = -np.inf, 0.0, 0.0, [joint.energy(x)]
     for k in range(cycles):
         if k:
-            ledger = measure(ledger, settings, x[:1], joint.stiffness * (x[1:2] - x[:1]), 0.0)
+            measure(ledger, x[:1].copy(), joint.stiffness * (x[1:2] - x[:1]), 0.0)
         wanted = np.array([-damping * x[2]])
         if tank is not None:
-            ledger, wanted = pay(settle(ledger, settings), settings, wanted, stopping=False)
+            rescale_springs(ledger)
+            wanted = limited(ledger, wanted)
         before, x = x, joint.step(x, float(wanted[0]))
         worst_step = max(worst_step, float(wanted[0] * (x[0] - before[0])))
         link_work += float(wanted[0] * (x[0] - before[0]))

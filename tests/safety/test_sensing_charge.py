@@ -6,11 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from impedance_modules.safety.ledger import measure, pay, settle
 from impedance_modules.safety.motor_port import sensing_deviation, sensing_error
-from impedance_modules.safety.tank import filled_tank
+from impedance_modules.safety.tank import measure, rescale_springs
 from impedance_modules.spec.robot_spec import SensorSpec
-from tests.support.tank_worlds import settings_of
+from tests.support.both_ways import ways  # noqa: F401
+from tests.support.tank_worlds import filled_tank, limited, settings_of
+
+pytestmark = pytest.mark.usefixtures("ways")
 
 GRID = 3.8e-4
 
@@ -56,10 +58,11 @@ def test_the_charge_covers_the_error_in_the_work(delay: int, noise: float) -> No
         q = reading(k)
         speed += 0.1 * ((q - last) / s.period - speed)
         last = q
-        tank = settle(measure(tank, s, q, np.zeros(n), 0.0), s)
+        measure(tank, q, np.zeros(n), 0.0)
+        rescale_springs(tank)
         end = float(np.abs(tank.applied) @ error)
         worst = max(worst, true_work - tank.work - tank.charged - end)
-        tank, _ = pay(tank, s, -stiffness * q - damping * speed, stopping=False)
+        limited(tank, -stiffness * q - damping * speed)
     assert worst <= 1e-9
 
 
@@ -76,8 +79,8 @@ def test_white_sensors_cost_a_small_part_of_the_worst_case() -> None:
     for s in (white, worst):
         tank = filled_tank(s, np.zeros(n), np.zeros(n), 0.0)
         for _ in range(2000):
-            tank = measure(tank, s, np.zeros(n), np.zeros(n), 0.0)
-            tank, _ = pay(tank, s, 0.05 * rng.standard_normal(n), stopping=False)
+            measure(tank, np.zeros(n), np.zeros(n), 0.0)
+            limited(tank, 0.05 * rng.standard_normal(n))
         charged.append(tank.charged)
     assert 0.0 < charged[0] < 0.1 * charged[1]
 
@@ -85,3 +88,17 @@ def test_white_sensors_cost_a_small_part_of_the_worst_case() -> None:
 def test_a_grid_coarser_than_its_noise_is_not_called_white() -> None:
     assert sensing_deviation(sensors(0.2 * GRID), np.zeros(2)) is None
     assert sensing_deviation(sensors(0.0), np.zeros(2)) is None
+
+
+def test_the_deviation_of_a_white_error_is_that_of_noisy_rounded_readings() -> None:
+    rng = np.random.default_rng(2)
+    grid = 0.2
+    spec = SensorSpec(GRID, grid, 0.5 * GRID, 0.5 * grid, 0.0)
+    compliance = np.array([0.0, 1 / 843])
+    found = sensing_deviation(spec, compliance)
+    assert found is not None
+    q, effort = rng.uniform(-1, 1, 40_000), rng.uniform(-20, 20, 40_000)
+    read_q = np.round((q + 0.5 * GRID * rng.standard_normal(q.size)) / GRID) * GRID
+    read_effort = np.round((effort + 0.5 * grid * rng.standard_normal(q.size)) / grid) * grid
+    for deviation, twist in zip(found, compliance, strict=True):
+        assert np.std(read_q - q + twist * (read_effort - effort)) == pytest.approx(deviation, rel=0.02)

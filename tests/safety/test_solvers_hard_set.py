@@ -5,16 +5,18 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from impedance_modules.safety.problem import FilterProblem
+from impedance_modules.safety.filter_problem import FilterProblem
 from impedance_modules.safety.solvers import make_solver
 from tests.reference import filter_reference
 from tests.support import filter_problems as fp
+from tests.support.both_ways import machine_code  # noqa: F401
 from tests.support.paths import CHECKOUT
+
+pytestmark = pytest.mark.usefixtures("machine_code")
 
 TOLERANCE = {"daqp": 1e-8, "proxsuite": 1e-3, "qpsolvers:daqp": 1e-3}
 MOST_ITERATIONS = 2000
@@ -34,48 +36,48 @@ def barely_moving(rng: np.random.Generator) -> FilterProblem:
     matrix, upper = p.matrix.copy(), p.upper.copy()
     matrix[0] *= 10.0 ** rng.uniform(-9, -3)
     upper[0] = 0.0
-    return replace(p, matrix=matrix, upper=upper)
+    return fp.changed(p, matrix=matrix, upper=upper)
 
 
 def duplicated_rows(rng: np.random.Generator) -> FilterProblem:
     p = fp.problem(rng, 1.2, 1.5)
     arrays = {name: getattr(p, name).copy() for name in ("matrix", "lower", "upper", "penalty")}
-    rows = rng.choice(np.arange(1, p.layout.m), 12, replace=False)
+    rows = rng.choice(np.arange(1, fp.LAYOUT.m), 12, replace=False)
     for array in arrays.values():
         array[rows[:6]] = array[rows[6:]]
-    return replace(p, **arrays)
+    return fp.changed(p, **arrays)
 
 
 def parallel_rows(rng: np.random.Generator) -> FilterProblem:
     """The same direction again and again, differently long and nearly so; power along one joint."""
     p = fp.problem(rng, 1.2, 1.5)
     matrix = p.matrix.copy()
-    for row in p.layout.labels.index("distance pair0") + np.arange(8):
+    for row in fp.LAYOUT.labels.index("distance pair0") + np.arange(8):
         matrix[row] = (
-            matrix[p.layout.position.start] * rng.uniform(-2, 2) + rng.choice([0.0, 1e-9]) * matrix[row]
+            matrix[fp.LAYOUT.position.start] * rng.uniform(-2, 2) + rng.choice([0.0, 1e-9]) * matrix[row]
         )
     matrix[0] = np.eye(fp.N)[rng.integers(fp.N)]
-    return replace(p, matrix=matrix)
+    return fp.changed(p, matrix=matrix)
 
 
 def outside_both_ways(rng: np.random.Generator) -> FilterProblem:
     """Every joint beyond its range and too fast, pairs inside the margin, and contradictory rows."""
     p = fp.problem(rng, 1.6, 1.0)
     lower, upper = p.lower.copy(), p.upper.copy()
-    where = p.layout.position
+    where = fp.LAYOUT.position
     shift = rng.choice([-50.0, 50.0], fp.N)
     lower[where] += shift
     upper[where] += shift
-    return replace(p, lower=lower, upper=upper)
+    return fp.changed(p, lower=lower, upper=upper)
 
 
 def closed_intervals(rng: np.random.Generator) -> FilterProblem:
     """Rows whose two bounds are one number, hard to tell from equalities."""
     p = fp.problem(rng, 1.2, 1.0)
     lower = p.lower.copy()
-    rows = rng.choice(np.arange(p.layout.position.start, p.layout.m), 10, replace=False)
+    rows = rng.choice(np.arange(fp.LAYOUT.position.start, fp.LAYOUT.m), 10, replace=False)
     lower[rows] = p.upper[rows]
-    return replace(p, lower=lower)
+    return fp.changed(p, lower=lower)
 
 
 def huge_demand(rng: np.random.Generator) -> FilterProblem:
@@ -88,14 +90,14 @@ def starved_tank(rng: np.random.Generator) -> FilterProblem:
     upper, lower = p.upper.copy(), p.lower.copy()
     upper[0] = 0.0
     push = np.sign(p.matrix[0]) * p.effort_max
-    lower[p.layout.rate], upper[p.layout.rate] = push - 1.0, push + 1.0
-    return replace(p, lower=lower, upper=upper)
+    lower[fp.LAYOUT.rate], upper[fp.LAYOUT.rate] = push - 1.0, push + 1.0
+    return fp.changed(p, lower=lower, upper=upper)
 
 
 def tight_box(rng: np.random.Generator) -> FilterProblem:
     """Some joints may give no torque at all."""
     p = fp.problem(rng, 1.0, 1.0)
-    return replace(p, effort_max=p.effort_max * rng.choice([0.0, 1e-6, 1.0], fp.N))
+    return fp.changed(p, effort_max=p.effort_max * rng.choice([0.0, 1e-6, 1.0], fp.N))
 
 
 KINDS = (

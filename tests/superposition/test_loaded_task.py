@@ -13,15 +13,15 @@ from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.joint_bias import JointBias
-from impedance_modules.modules.total import desired_effort
+from impedance_modules.modules.sum import lay_out, sum_modules, write_equilibrium, write_gains
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import HybridAxis, ObjectSpec
-from impedance_modules.superposition.arm import ArmImpedance, arm_impedance
-from impedance_modules.superposition.held import HeldImpedance, held_impedance
+from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
 from impedance_modules.superposition.modes import hold_together
+from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance, squeeze_force
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
     Array,
@@ -54,6 +54,7 @@ class LoadedTask:
                     name,
                     random_pose(random),
                     model.pose(q, frame),
+                    damping=0.02 * share * np.diag(TYPICAL_STIFFNESS),
                     damping_ratio=0.7,
                     axes={"z": HybridAxis(4.0, None)},
                 )
@@ -87,10 +88,13 @@ class LoadedTask:
     def place(self, q: Array) -> None:
         self.kinematics.update(q, np.zeros(self.model.n))
 
-    def effort(self, q: Array) -> Array:
+    def effort(self, q: Array, v: Array | None = None) -> Array:
         self.place(q)
-        zero = np.zeros(self.model.n)
-        return desired_effort(self.modules, self.kinematics, self.targets, q, zero, self.damping).effort
+        found = lay_out(self.modules, self.model.n)
+        write_gains(found, self.modules, self.damping)
+        write_equilibrium(found, self.modules, self.targets)
+        sum_modules(found, self.kinematics.arms, q, np.zeros(self.model.n) if v is None else v, 1.0)
+        return found.desired
 
     def arms(self, q: Array) -> dict[str, ArmImpedance]:
         self.place(q)
@@ -125,7 +129,7 @@ def test_a_loaded_arm_moves_as_its_printed_compliance_says(robot, seed: int) -> 
     q = task.settle(task.modules.posture, load)
     found = task.arms(q)
     for limb, arm in found.items():
-        assert arm.unbalanced < 1e-8 and not arm.stiffness.folds
+        assert not arm.stiffness.folds
         assert np.max(np.abs(arm.preload)) > 1.0
         np.testing.assert_allclose(arm.preload, arm.wrench + load[limb], atol=1e-7)
         columns = []
@@ -153,6 +157,18 @@ def test_scaled_and_fixed_gains_make_up_the_arm(robot) -> None:
         assert np.linalg.eigvalsh(arm.system.damping)[0] > 0.0
         difference = arm.inertia.inertia - arm.inertia_without_reflected.inertia
         assert np.linalg.eigvalsh(0.5 * (difference + difference.T))[0] > 0.0
+
+
+@ROBOTS
+def test_joint_space_damping_is_minus_the_derivative_of_the_torque_by_velocity(robot) -> None:
+    task = LoadedTask(robot(), np.random.default_rng(1))
+    q = task.modules.posture
+    for limb, arm in task.arms(q).items():
+        joints = task.model.limbs[limb].joints
+        still, columns = task.effort(q), []
+        for joint in joints:
+            columns.append(still - task.effort(q, np.eye(task.model.n)[joint]))
+        assert relative(arm.system.damping, np.array(columns).T[joints]) < 1e-9
 
 
 class HeldTask(LoadedTask):
@@ -224,6 +240,11 @@ def test_a_held_loaded_object_moves_as_the_sum_says(robot, seed: int) -> None:
     assert relative(np.linalg.inv(found.impedance.stiffness), np.array(columns).T) < 1e-5
     slow = found.motion.twist @ np.linalg.solve(found.system.stiffness, found.motion.twist.T)
     assert relative(slow, np.array(columns).T) < 1e-5
+    held = task.modules.held
+    loose = held_impedance(replace(held, spec=replace(held.spec, squeeze=0.0)), task.arms(q))
+    pressed, unpressed = (squeeze_force(one.hands, one.impedance.internal) for one in (found, loose))
+    # The hands press along the line between them, which passes near the object's origin.
+    assert 0.8 * held.spec.squeeze < pressed - unpressed <= held.spec.squeeze + 1e-9
     summed = sum(
         carry(hand.offset).T @ wrench
         for hand, wrench in zip(found.hands, found.impedance.internal, strict=True)

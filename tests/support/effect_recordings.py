@@ -17,8 +17,7 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import PAIR
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.rigid_model import RigidModel
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import PatchSpec, read_patch
 from impedance_modules.spec.robot_spec import RobotSpec

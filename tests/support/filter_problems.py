@@ -3,23 +3,36 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
-from impedance_modules.safety.build import FilterState, build
+from impedance_modules.records import Record
+from impedance_modules.safety.filter_problem import FilterLayout, FilterProblem, FilterState, make_problem
 from impedance_modules.safety.limits import FilterLimits
-from impedance_modules.safety.problem import FilterLayout, FilterProblem, FilterWorkspace
+from impedance_modules.safety.metric import write_metric
+from impedance_modules.safety.rows import write_rows
 
 PER_LIMB = 7
 N = 2 * PER_LIMB
 LAYOUT = FilterLayout(tuple(f"j{i}" for i in range(N)), tuple(f"pair{i}" for i in range(10)))
+ARMS = np.array([[0, PER_LIMB], [PER_LIMB, N]])
+COUPLED = np.repeat(ARMS, PER_LIMB, axis=1)
 EFFORT = np.tile([50.0, 50.0, 50.0, 50.0, 15.0, 15.0, 15.0], 2)
+
+
+AnyRecord = TypeVar("AnyRecord", bound=Record)
+
+
+def changed(record: AnyRecord, **values: Any) -> AnyRecord:
+    """A copy of a record with some arrays or numbers replaced."""
+    kept = record.snapshot() | values
+    return type(record)(**{k: np.array(v) if isinstance(v, np.ndarray) else v for k, v in kept.items()})
 
 
 def limits(rng: np.random.Generator, period: float = 1e-3) -> FilterLimits:
     return FilterLimits(
-        effort_max=EFFORT,
+        effort_max=EFFORT.copy(),
         effort_rate_max=rng.uniform(500.0, 5000.0, N),
         position_min=np.full(N, -2.0),
         position_max=np.full(N, 2.0),
@@ -48,38 +61,42 @@ def limb(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 def state(rng: np.random.Generator, spread: float = 0.8, moving: bool = True) -> FilterState:
     """A cycle; ``spread`` 1 reaches the limits, more lies outside."""
-    inverse = np.zeros((N, N))
-    jacobians = []
-    for part in (slice(0, PER_LIMB), slice(PER_LIMB, N)):
-        inertia, jacobian = limb(rng)
+    inverse, jacobian = np.zeros((N, N)), np.zeros((2, 6, N))
+    for hand, part in enumerate((slice(0, PER_LIMB), slice(PER_LIMB, N))):
+        inertia, jacobian[hand][:, part] = limb(rng)
         inverse[part, part] = np.linalg.inv(inertia)
-        full = np.zeros((6, N))
-        full[:, part] = jacobian
-        jacobians.append(full)
     velocity = rng.uniform(-2.0, 2.0, N) * spread * moving
     pairs = len(LAYOUT.pairs)
     return FilterState(
-        position=rng.uniform(-2.0, 2.0, N) * spread,
-        velocity=velocity,
+        q=rng.uniform(-2.0, 2.0, N) * spread,
+        v=velocity,
         motor_velocity=velocity * rng.uniform(0.9, 1.1, N),
         inverse_inertia=0.5 * (inverse + inverse.T),
         bias=rng.normal(size=N) * 2.0 * moving,
-        jacobians=jacobians,
+        jacobian=jacobian,
         previous=rng.uniform(-0.5, 0.5, N) * EFFORT,
         available=float(rng.choice([0.0, 0.01, 1.0, 100.0])),
-        distances=rng.uniform(-0.02 if spread > 1.0 else 0.03, 0.3, pairs),
-        distance_jacobians=rng.normal(size=(pairs, N)) * 0.3,
-        distance_drift=rng.normal(size=pairs) * moving,
+        distance=rng.uniform(-0.02 if spread > 1.0 else 0.03, 0.3, pairs),
+        gradient=rng.normal(size=(pairs, N)) * 0.3,
     )
 
 
+def blank(layout: FilterLayout = LAYOUT) -> FilterProblem:
+    """A problem of these two limbs that asks for nothing."""
+    return make_problem(layout, np.full(N, np.inf), COUPLED, ARMS)
+
+
+def build(
+    problem: FilterProblem, limits: FilterLimits, state: FilterState, desired: np.ndarray
+) -> FilterProblem:
+    """Writes a cycle's problem as the control cycle does."""
+    problem.desired[:], problem.effort_max[:] = desired, limits.effort_max
+    write_metric(problem, state)
+    write_rows(problem, limits, state)
+    return problem
+
+
 def problem(rng: np.random.Generator, spread: float, demand: float, moving: bool = True) -> FilterProblem:
-    """A snapshot of one built problem; ``demand`` is the desired torque in torque limits."""
+    """One built problem; ``demand`` is the desired torque in torque limits."""
     desired = rng.normal(size=N) * demand * EFFORT
-    built = build(FilterWorkspace(LAYOUT), limits(rng), state(rng, spread, moving), desired)
-    return built.snapshot()
-
-
-def changed(original: FilterProblem, **arrays: np.ndarray) -> FilterProblem:
-    """The same problem with some arrays replaced."""
-    return replace(original, **arrays)
+    return build(blank(), limits(rng), state(rng, spread, moving), desired)

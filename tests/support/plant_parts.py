@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.plant.grasp.held_object import HeldObject
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec, SensorSpec

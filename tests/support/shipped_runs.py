@@ -19,7 +19,6 @@ from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.run_backends import sim_backend
-from impedance_modules.safety.compiled_ledger import NEED
 from tests.support.paths import CHECKOUT
 
 Array = NDArray[np.float64]
@@ -57,14 +56,14 @@ class Watched:
         if asked:
             return
         controller = self.supervisor.controller
-        level = controller.level
-        need = float(controller.memory["book_scalars"][NEED])
+        level = controller.tank.level
+        need = controller.tank.need
         self.headroom = min(self.headroom, level - self.assembly.tank.floor - need)
         self.lowest = min(self.lowest, level)
         np.maximum(self._peak, np.abs(effort), out=self._peak)
-        self.slowed += controller.granted < 1.0 or controller.paid < 1.0
-        self.least_paid = min(self.least_paid, controller.paid)
-        self.softest = min(self.softest, controller.spring_scale)
+        self.slowed += controller.cycle.admitted < 1.0 or controller.cycle.effort_scale < 1.0
+        self.least_paid = min(self.least_paid, controller.cycle.effort_scale)
+        self.softest = min(self.softest, controller.tank.spring_scale)
         self._cycle += 1
         if self._cycle % self._every == 0:
             self._look(state.time)
@@ -76,15 +75,15 @@ class Watched:
         samples["clock"].append(controller.clock)
         samples["phase"].append(self.supervisor.sequence.phase.name)
         samples["q"].append(plant.position)
-        slots = controller.memory.index("slots")
+        springs = controller.cycle.modules.springs
         for row, arm in enumerate(self.assembly.modules.arms):
             hand = arm.limb.hand
             at = plant.pose(hand).translation
             samples[f"at {hand}"].append(at)
             samples[f"surface on {hand}"].append(plant.contact_wrench(hand)[:3])
             samples[f"object on {hand}"].append(plant.grasp_wrench(hand)[:3])
-            if (slots == row).any():
-                target = controller.memory["target_translation"][np.flatnonzero(slots == row)[0]]
+            if (springs.frame == row).any():
+                target = springs.target_translation[np.flatnonzero(springs.frame == row)[0]]
                 samples[f"error {hand}"].append(float(np.linalg.norm(at - target)))
         pose = plant.object_pose
         if pose is not None:

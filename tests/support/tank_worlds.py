@@ -4,12 +4,23 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import expm
 
-from impedance_modules.safety.tank import TankSettings
+from impedance_modules.safety.tank import (
+    Tank,
+    TankSettings,
+    admit,
+    budget,
+    change_cost,
+    fill,
+    limit_to_budget,
+    make_tank,
+)
 
 
 def settings_of(n: int, **changes: object) -> TankSettings:
@@ -27,6 +38,63 @@ def settings_of(n: int, **changes: object) -> TankSettings:
         recovery_time=0.2,
     )
     return replace(base, **changes)
+
+
+def filled_tank(settings: TankSettings, q: np.ndarray, effort: np.ndarray, potential: float) -> Tank:
+    """The ledger before the first command."""
+    tank = make_tank(settings)
+    fill(tank, q, effort, potential)
+    return tank
+
+
+def altered(tank: Tank, **changes: object) -> Tank:
+    """A copy of a ledger with some entries replaced."""
+    copy = deepcopy(tank)
+    for name, value in changes.items():
+        if isinstance(value, np.ndarray):
+            getattr(copy, name)[:] = value
+        else:
+            setattr(copy, name, value)
+    return copy
+
+
+def limited(tank: Tank, wanted: np.ndarray, *, stopping: bool = False) -> np.ndarray:
+    """The torque that may leave; ``wanted`` stays as it is."""
+    effort = wanted.copy()
+    limit_to_budget(tank, effort, stopping)
+    return effort
+
+
+def admit_part(tank: Tank, potential_at: Callable[[float], float]) -> float:
+    """Makes the largest part of a change that the tank can pay, to 1/4096, as the control cycle does."""
+    allowed, part, admitted, refused = budget(tank), 1.0, 0.0, 1.0
+    kept = tank.potential
+    for _ in range(13):
+        potential = potential_at(part)
+        if change_cost(tank, potential) <= allowed:
+            admitted, kept = part, potential
+        else:
+            refused = part
+        if admitted == 1.0:
+            break
+        part = 0.5 * (admitted + refused)
+    tank.short = tank.short or admitted == 0.0
+    admit(tank, kept)
+    return admitted
+
+
+def stored(tank: Tank) -> float:
+    """T + r U [J]."""
+    return tank.level + tank.spring_scale * tank.potential
+
+
+def sensing_uncertainty(tank: Tank) -> float:
+    """How far ``tank.work`` can be from the true integral of tau_applied . dtheta [J] (docs/passivity.md).
+
+    Summation by parts: ``sum_k |tau_k - tau_(k-1)| e`` (charged already) ``+ |tau_n| e`` (the end term, kept
+    in the tank), and twice what was assumed in missed cycles. 0 with exact sensors.
+    """
+    return tank.charged + float(np.abs(tank.applied) @ tank.sensing_error) + 2.0 * tank.assumed
 
 
 @dataclass

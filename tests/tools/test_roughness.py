@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from impedance_modules.cli.surface_verbs import roughness_command as command
-from impedance_modules.control.roughness_windows import Directions, Window, WindowFinder
+from impedance_modules.control.roughness_detection import Directions, Window, WindowFinder
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.errors import BadInput

@@ -18,7 +18,7 @@ from impedance_experiments.task_run import watch_task
 from impedance_modules.cli.main import impedance
 from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
-from impedance_modules.superposition.stiffness import net_stiffness
+from impedance_modules.superposition.net_stiffness import net_stiffness
 from impedance_modules.tools.spring_tuning import MARGIN, TuningRequest, folding_share, least_stiffness, tune
 
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -23,7 +23,7 @@ from impedance_modules.backends.baxter.ros.wire import encode
 from impedance_modules.backends.baxter.stops import DriveMode, Outgoing, Stops
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 
 Array = NDArray[np.float64]
 

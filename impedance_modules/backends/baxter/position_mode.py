@@ -23,7 +23,7 @@ from impedance_modules.backends.baxter.ros.messages import AssemblyState, Empty
 from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_thresholds
 from impedance_modules.errors import BadInput, RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task_reader import read_task
 

@@ -29,8 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.ros.messages import AssemblyState
-from impedance_modules.safety.stop_events import Event
-from impedance_modules.safety.stopping import damping_effort
+from impedance_modules.safety.stop_levels import Event, damping_effort
 
 Array = NDArray[np.float64]
 

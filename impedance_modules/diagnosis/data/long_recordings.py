@@ -127,9 +127,7 @@ def _choose(coarse: Episode, every: int, share: float) -> tuple[tuple[int, int],
     return tuple(_best(time, travel, edges[i], edges[i + 1], length, every) for i in range(count))
 
 
-def _best(  # noqa: PLR0917 - all of them belong together
-    time: Array, travel: Array, begin: float, end: float, length: float, every: int
-) -> tuple[int, int]:
+def _best(time: Array, travel: Array, begin: float, end: float, length: float, every: int) -> tuple[int, int]:
     """First and last + 1 row of the segment of a given length, within bounds, with the most motion."""
     starts = np.flatnonzero((time >= begin) & (time <= end - length))
     if starts.size == 0:

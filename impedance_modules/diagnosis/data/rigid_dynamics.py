@@ -185,7 +185,7 @@ def _placement(body: Body, q: Array) -> tuple[Array, Array]:
     return turn, np.broadcast_to(body.translation, (len(q), 3))
 
 
-def _motion(  # noqa: PLR0917 - all of them belong together
+def _motion(
     body: Body, carrier: tuple[Array, Array, Array], turn: Array, shift: Array, v: Array, a: Array
 ) -> tuple[Array, Array, Array]:
     """Angular velocity, angular acceleration and acceleration of the origin, in the body's axes."""

@@ -233,7 +233,7 @@ def _fits_as_well(masked: Selector, causes: Sequence[ModelTerm], first: Sequence
     )
 
 
-def _floor(  # noqa: PLR0917 - all of them belong together
+def _floor(
     left: Sequence[Sequence[Array]],
     prepared: Sequence[Prepared],
     nuisance: NuisanceColumns,

@@ -130,7 +130,7 @@ def prepare(
     )
 
 
-def _signals(  # noqa: PLR0917 - all of them belong together
+def _signals(
     log: Log,
     model: NominalModel,
     rigid: BatchedRigidModel,

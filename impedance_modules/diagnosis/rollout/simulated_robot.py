@@ -36,8 +36,8 @@ from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.options import PlantOptions
-from impedance_modules.plant.seeded import SeededPlant
+from impedance_modules.plant.plant import PlantOptions
+from impedance_modules.plant.rollout_plant import SeededPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import parse_document
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec

@@ -22,7 +22,7 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_robot import PerturbedPlant
 from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.seeded import Seed
+from impedance_modules.plant.rollout_plant import Seed
 
 Array = NDArray[np.float64]
 

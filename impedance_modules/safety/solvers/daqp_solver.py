@@ -15,16 +15,17 @@ remembers a row as absent (a row that was zero) or as an equality.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from impedance_modules.safety.problem import FilterProblem
-from impedance_modules.safety.solvers.compiled import unit_rows
-from impedance_modules.safety.solvers.finish import finish
-from impedance_modules.safety.solvers.normal_form import normal_form
-from impedance_modules.safety.solvers.shifted import INFINITE, Shifted
-from impedance_modules.safety.solvers.solution import FilterSolution, failed
+from impedance_modules.compiled import compiled
+from impedance_modules.records import Matrix, Record, Vector
+from impedance_modules.safety.filter_problem import FilterProblem
+from impedance_modules.safety.solvers import FilterSolution, failed
+from impedance_modules.safety.solvers.normal_form import INFINITE, Shifted, normal_form
+from impedance_modules.safety.solvers.polish import finish
 
 _SETTINGS = {
     "primal_tol": 1e-11,  # of rows normalised by the metric: 1e-10 N.m or better
@@ -47,6 +48,48 @@ _MEANING = {
     -5: "the metric is not positive definite",
     -6: "too many rows active at the start",
 }
+
+
+class UnitRows(Record):
+    """A problem's rows in unit length, as DAQP is given them.
+
+    Attributes:
+        matrix: (m, n).
+        lower, upper: (n + m,) bounds of the change; torque limits first, -INFINITE and INFINITE where absent.
+        softness: (n + m,) 1 / penalty of the scaled row; 0 for hard ones.
+        inverse_length: (m,) 1 / |a_r|, 0 for a zero row.
+    """
+
+    matrix: Matrix
+    lower: Vector
+    upper: Vector
+    softness: Vector
+    inverse_length: Vector
+
+
+@compiled
+def scale_rows(problem: FilterProblem, unit: UnitRows) -> None:
+    """Scales rows to unit length, with their bounds and softness; a zero row becomes absent.
+
+    Args:
+        problem: ``matrix`` and ``penalty`` are read.
+        unit: ``lower`` and ``upper`` hold the shifted bounds; those of the rows are scaled in place.
+    """
+    m, n = problem.matrix.shape
+    lower, upper = unit.lower, unit.upper
+    for r in range(m):
+        square = 0.0
+        for j in range(n):
+            square += problem.matrix[r, j] * problem.matrix[r, j]
+        inverse = 1.0 / math.sqrt(square) if square > 0.0 else 0.0
+        unit.inverse_length[r] = inverse
+        unit.softness[n + r] = inverse * inverse / problem.penalty[r]
+        for j in range(n):
+            unit.matrix[r, j] = problem.matrix[r, j] * inverse
+        low, high = lower[n + r], upper[n + r]
+        present = square > 0.0
+        lower[n + r] = max(low * inverse, -INFINITE) if present and low > -INFINITE else -INFINITE
+        upper[n + r] = min(high * inverse, INFINITE) if present and high < INFINITE else INFINITE
 
 
 class DaqpSolver:
@@ -76,12 +119,15 @@ class DaqpSolver:
         self._model = None
         self._zero = np.zeros(n)
         self._metric = np.zeros((n, n))
-        self._matrix = np.zeros((m, n))
-        self._lower, self._upper = np.zeros(n + m), np.zeros(n + m)
-        self._softness = np.zeros(n + m)
-        self._inverse_length = np.zeros(m)
+        self._unit = UnitRows(
+            matrix=np.zeros((m, n)),
+            lower=np.zeros(n + m),
+            upper=np.zeros(n + m),
+            softness=np.zeros(n + m),
+            inverse_length=np.zeros(m),
+        )
         self._sense = np.zeros(n + m, dtype=np.intc)
-        self._sense[n:][problem.layout.soft] = _SOFT
+        self._sense[n:][problem.penalty != np.inf] = _SOFT
 
     def _optimum(self, problem: FilterProblem) -> FilterSolution:
         shifted = self._shifted
@@ -89,7 +135,7 @@ class DaqpSolver:
         if flag < 0:
             self._model = None
             return failed(_MEANING.get(flag, f"exit flag {flag}"), 0)
-        self._model.soft_weights(rho_l=self._softness, rho_u=self._softness)
+        self._model.soft_weights(rho_l=self._unit.softness, rho_u=self._unit.softness)
         change, _, flag, info = self._model.solve()
         iterations = int(info["iterations"])
         status = _MEANING.get(flag, f"exit flag {flag}")
@@ -97,7 +143,7 @@ class DaqpSolver:
             return failed(status, iterations)
         duals = np.array(info["lam"])
         stiff = np.dot(duals, duals) > _STIFF * _STIFF
-        duals[shifted.n :] *= self._inverse_length
+        duals[shifted.n :] *= self._unit.inverse_length
         if stiff:
             form = normal_form(problem, shifted)
             guess = form.multipliers(duals)
@@ -105,16 +151,13 @@ class DaqpSolver:
         return shifted.finish(problem, change, duals, iterations, status)
 
     def _load(self, problem: FilterProblem) -> int:
-        shifted = self._shifted
-        # DAQP keeps pointers to what it is given and wants it writable; a problem may be a frozen snapshot.
+        unit = self._unit
+        # DAQP keeps pointers to what it is given, so it gets arrays of its own.
         np.copyto(self._metric, problem.metric)
-        np.copyto(self._lower, shifted.lower)
-        np.copyto(self._upper, shifted.upper)
-        unit_rows(
-            problem.matrix, problem.penalty, INFINITE,
-            self._lower, self._upper, self._matrix, self._softness, self._inverse_length,
-        )  # fmt: skip
-        data = (self._metric, self._zero, self._matrix, self._upper, self._lower, self._sense)
+        np.copyto(unit.lower, self._shifted.lower)
+        np.copyto(unit.upper, self._shifted.upper)
+        scale_rows(problem, unit)
+        data = (self._metric, self._zero, unit.matrix, unit.upper, unit.lower, self._sense)
         if self._model is not None:
             return int(self._model.update(*data))
         self._model = self._model_type()

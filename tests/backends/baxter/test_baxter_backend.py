@@ -18,7 +18,7 @@ from impedance_modules.backends.baxter.driver import CHECK_PERIOD, PROCESS_PAUSE
 from impedance_modules.backends.baxter.position_mode import ARRIVED
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.errors import RobotRefused, RobotStopped
-from impedance_modules.safety.stop_events import Event
+from impedance_modules.safety.stop_levels import Event
 from tests.support.baxter_stub import POSITION, SPEC, STALE, TORQUE, Drive, StubBaxter, driving, started
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from impedance_modules.backends.baxter.ros.messages import AssemblyState
 from impedance_modules.backends.baxter.stops import DriveMode, Stops, stop_thresholds, why_off
-from impedance_modules.safety.stop_events import RUNG_OF, Event, Rung
+from impedance_modules.safety.stop_levels import LEVEL_OF, Event, StopLevel
 
 N = 4
 LIMBS = {"one": np.array([0, 1]), "two": np.array([2, 3])}
@@ -144,7 +144,7 @@ def test_power_off_silences_everything_for_good(name: str) -> None:
             stops.on_robot(0.002, OFF_STATES[name])
         assert stops.mode is DriveMode.OFF
         assert stops.reason is not None
-        assert RUNG_OF[stops.reason.event] is Rung.RELEASE
+        assert LEVEL_OF[stops.reason.event] is StopLevel.RELEASE
         # Somebody enables the robot again: nothing resumes by itself.
         alive(stops, 0.01)
         assert is_nothing(stops.torque(0.011, TAU))
@@ -271,7 +271,7 @@ def test_every_reason_leads_to_a_hold_or_a_release() -> None:
         Event.CUFF,
         Event.COLLISION,
     ):
-        assert RUNG_OF[event] is Rung.HOLD
-    assert RUNG_OF[Event.ROBOT_DISABLED] is Rung.RELEASE
+        assert LEVEL_OF[event] is StopLevel.HOLD
+    assert LEVEL_OF[Event.ROBOT_DISABLED] is StopLevel.RELEASE
     assert why_off(ON) is None
     assert all(why_off(state) for state in OFF_STATES.values())

@@ -34,7 +34,7 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     TICK,
 )
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.collision import CollisionLimits, ContactSense
+from impedance_modules.plant.joint_boards import CollisionLimits, ContactSense
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel

@@ -29,8 +29,15 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     TORQUE_LIMITS,
     SimulatorOptions,
 )
-from impedance_modules.plant.driven import BoardOrders, DrivenPlant
-from impedance_modules.plant.servo import Reach, Reference, Sensed, Servo, Tuning
+from impedance_modules.plant.joint_boards import (
+    BoardOrders,
+    DrivenPlant,
+    Reach,
+    Reference,
+    Sensed,
+    Servo,
+    Tuning,
+)
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.state import RobotState
 

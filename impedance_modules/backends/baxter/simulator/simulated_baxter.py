@@ -36,8 +36,8 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     SimulatorOptions,
 )
 from impedance_modules.effects.plant_builder import PlantEffects
-from impedance_modules.plant.driven import DrivenPlant
-from impedance_modules.plant.options import PlantOptions
+from impedance_modules.plant.joint_boards import DrivenPlant
+from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""Gains and equilibria along a phase's clock, and how far the clock may go: as far as the energy tank can pay.
+
+A new equilibrium or gain at an unmoved robot costs its jump in potential, r (U(q; new) - U(q; old)). Where the tank
+cannot pay for a whole period of the phase's motion, the largest part of it that it can pay for is admitted, found by
+bisection, and the clock goes by that part: an empty tank slows a task down.
+
+Gains g blend from the last phase's into the phase's own by minimum jerk s over the blending time T_b:
+
+    g(t) = g_from + s(t / T_b) (g_to - g_from)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.compiled import compiled
+from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.damping import Damping
+from impedance_modules.modules.equilibrium import EquilibriumMotion, PhaseMotion, place_equilibria
+from impedance_modules.modules.pose_motion import minimum_jerk
+from impedance_modules.modules.sum import Modules, joint_damping_matrix, potential_energy
+from impedance_modules.records import Array3, Flag, Matrix, Record, Scalar
+from impedance_modules.robot.kinematics import ArmGeometry
+from impedance_modules.safety.tank import Tank, admit, budget, change_cost
+
+Array = NDArray[np.float64]
+
+BLENDING = 0.5
+"""Gains of a phase come in by minimum jerk over this time [s], or over the phase if it is shorter; the forces of the
+first one, and squeeze and weight of an object that nothing holds yet, always over this time."""
+
+TRIALS = 12
+"""Bisections for the largest affordable part of a motion: a step of 1/4096."""
+
+
+class SetPoints(Record):
+    """What one phase asks of the modules.
+
+    Attributes:
+        motion: Of the equilibria.
+        blend_time: T_b [s].
+        blended: The gains in force are those of the phase.
+        grip_from: Part of squeeze and carried weight in force when the phase began.
+        stiffness_from, stiffness_to: (springs, 6, 6), like all gains in world axes.
+        damping_from, damping_to: (springs, 6, 6).
+        force_from, force_to: (springs, 6) of the hybrid axes.
+        joint_damping_from, joint_damping_to: (n, n).
+    """
+
+    motion: EquilibriumMotion
+    blend_time: Scalar
+    blended: Flag = False
+    grip_from: Scalar
+    stiffness_from: Array3
+    stiffness_to: Array3
+    damping_from: Array3
+    damping_to: Array3
+    force_from: Matrix
+    force_to: Matrix
+    joint_damping_from: Matrix
+    joint_damping_to: Matrix
+
+
+def phase_set_points(
+    modules: TaskModules, damping: Damping, motion: PhaseMotion, now: Modules, *, first: bool
+) -> SetPoints:
+    """Prepares a phase: its motion from clock 0, its gains blending in from those now in force.
+
+    Args:
+        modules: With the gains of the phase.
+        damping: Designed for the phase.
+        motion: From the equilibria where the last phase ended.
+        now: What is in force.
+        first: True for the first phase, whose gains hold at once, forces apart: every spring is relaxed then.
+    """
+    springs = [spring for arm in modules.arms for spring in arm.springs]
+    count = len(springs)
+    stiffness = np.array([spring.world_stiffness for spring in springs]).reshape(count, 6, 6)
+    dampers = np.array([damping.of_spring(spring) for spring in springs]).reshape(count, 6, 6)
+    force = np.array([spring.axis_force() for spring in springs]).reshape(count, 6)
+    joint_damping = joint_damping_matrix(modules, damping, now.desired.size)
+    biased = [arm.bias.joints for arm in modules.arms if arm.bias is not None]
+    return SetPoints(
+        motion=motion.lay_out(np.concatenate([np.zeros(0, dtype=np.int64), *biased])),
+        blend_time=BLENDING if first else min(BLENDING, motion.duration),
+        grip_from=now.loads.grip,
+        stiffness_from=stiffness.copy() if first else now.springs.stiffness.copy(),
+        stiffness_to=stiffness,
+        damping_from=dampers.copy() if first else now.springs.damping.copy(),
+        damping_to=dampers,
+        force_from=np.zeros_like(force) if first else now.springs.force.copy(),
+        force_to=force,
+        joint_damping_from=joint_damping.copy() if first else now.bias.damping.copy(),
+        joint_damping_to=joint_damping,
+    )
+
+
+@compiled
+def place(points: SetPoints, modules: Modules, clock: float) -> None:
+    """Puts gains and equilibria in force as they are at a phase clock [s]."""
+    blend_gains(points, modules, clock)
+    springs = modules.springs
+    place_equilibria(
+        points.motion, clock, springs.target_rotation, springs.target_translation, modules.bias.rest
+    )
+
+
+@compiled
+def blend_gains(points: SetPoints, modules: Modules, clock: float) -> None:
+    """Puts the gains in force that a phase clock [s] asks for: minimum jerk from the last phase's to this phase's."""
+    if points.blended and clock >= points.blend_time:
+        return
+    part = minimum_jerk(clock / points.blend_time)
+    springs = modules.springs
+    _blend(points.stiffness_from.ravel(), points.stiffness_to.ravel(), part, springs.stiffness.ravel())
+    _blend(points.damping_from.ravel(), points.damping_to.ravel(), part, springs.damping.ravel())
+    _blend(points.force_from.ravel(), points.force_to.ravel(), part, springs.force.ravel())
+    _blend(
+        points.joint_damping_from.ravel(), points.joint_damping_to.ravel(), part, modules.bias.damping.ravel()
+    )
+    modules.loads.grip = points.grip_from + part * (1.0 - points.grip_from)
+    points.blended = clock >= points.blend_time
+
+
+@compiled
+def _blend(first: Array, last: Array, part: float, now: Array) -> None:
+    for k in range(now.size):
+        now[k] = first[k] + part * (last[k] - first[k])
+
+
+@compiled
+def advance(
+    points: SetPoints, modules: Modules, arms: ArmGeometry, tank: Tank, q: Array, clock: float
+) -> float:
+    """Advances the phase by one period, or by the part of it that the tank can pay for; books the change.
+
+    Args:
+        points: Of the phase.
+        modules: Gains and equilibria are overwritten.
+        arms: At the state.
+        tank: After ``measure``.
+        q: (n,) [rad].
+        clock: Of the phase, before [s].
+
+    Returns:
+        The part in [0, 1] of the period by which the phase's clock went on.
+    """
+    allowed = budget(tank)
+    part, admitted, refused = 1.0, 0.0, 1.0
+    potential = 0.0
+    for _ in range(TRIALS + 1):
+        place(points, modules, clock + part * tank.period)
+        potential = potential_energy(modules, arms, q)
+        if change_cost(tank, potential) <= allowed:
+            admitted = part
+        else:
+            refused = part
+        if admitted == 1.0:
+            break
+        part = 0.5 * (admitted + refused)
+    if admitted == 0.0:
+        tank.short = True
+    if admitted < 1.0:
+        place(points, modules, clock + admitted * tank.period)
+        potential = potential_energy(modules, arms, q)
+    admit(tank, potential)
+    return admitted

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The sum of all modules at one state: torque, energy, and who contributed what.
+
+    \tau = \sum_springs J^T (w + F - D V) - K_j (q - q_0) - D_j v + \sum_hands J^T (squeeze + weight)
+
+Nothing is inverted and nothing is projected: impedances add (thesis eq. 4.28).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.compiled import compiled
+from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.damping import Damping
+from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.held_object import ObjectLoads, object_efforts, object_loads
+from impedance_modules.modules.joint_bias import JointSprings, bias_efforts, bias_energy
+from impedance_modules.modules.spring import Springs, spring_efforts, spring_energies
+from impedance_modules.records import Matrix, Record, Vector
+from impedance_modules.robot.kinematics import ArmGeometry
+
+Array = NDArray[np.float64]
+
+
+class Modules(Record):
+    """All modules of a task as they are in force now, and what they ask for.
+
+    Attributes:
+        springs, bias, loads: Of every arm and of the object; their torques are rows of ``efforts``.
+        efforts: (springs + arms + 2, n) torque of every spring, every arm's joint bias, squeeze and weight [N.m].
+        desired: (n,) their sum [N.m].
+    """
+
+    springs: Springs
+    bias: JointSprings
+    loads: ObjectLoads
+    efforts: Matrix
+    desired: Vector
+
+
+@compiled
+def potential_energy(modules: Modules, arms: ArmGeometry, q: Array) -> float:
+    """Returns U of all springs and joint springs at the gains and equilibria in force, undiminished [J]."""
+    return spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)
+
+
+@compiled
+def sum_modules(modules: Modules, arms: ArmGeometry, q: Array, velocity: Array, scale: float) -> float:
+    """Writes every module's torque and their sum; returns the energy of the relaxed springs [J].
+
+    Args:
+        modules: In force.
+        arms: At the state.
+        q: (n,) [rad].
+        velocity: (n,) that dampers act on [rad/s]: the motors', see ``modules.motor_velocity``.
+        scale: Part in [0, 1] of the springs' potential that the energy tank leaves in force.
+    """
+    energy = spring_efforts(modules.springs, arms, velocity, scale)
+    energy += bias_efforts(modules.bias, arms, q, velocity, scale)
+    object_efforts(modules.loads, arms)
+    for j in range(q.size):
+        modules.desired[j] = 0.0
+        for k in range(modules.efforts.shape[0]):
+            modules.desired[j] += modules.efforts[k, j]
+    return energy
+
+
+def lay_out(modules: TaskModules, n: int) -> Modules:
+    """Takes the memory of a task's modules once and writes what no phase changes; gains and equilibria are 0.
+
+    Args:
+        modules: Of the task.
+        n: Number of the robot's joints.
+    """
+    springs = [spring for arm in modules.arms for spring in arm.springs]
+    count, arms = len(springs), len(modules.arms)
+    efforts = np.zeros((count + arms + 2, n))
+    stiffness, limb = np.zeros(n), np.zeros(n, dtype=np.int64)
+    for number, arm in enumerate(modules.arms):
+        limb[arm.limb.joints] = number
+        if arm.bias is not None:
+            stiffness[arm.bias.joints] = arm.bias.stiffness
+    return Modules(
+        springs=Springs(
+            stiffness=np.zeros((count, 6, 6)),
+            damping=np.zeros((count, 6, 6)),
+            force=np.zeros((count, 6)),
+            frame=np.array([modules.frames.index(spring.frame) for spring in springs], dtype=np.int64),
+            target_rotation=np.zeros((count, 3, 3)),
+            target_translation=np.zeros((count, 3)),
+            wrench=np.zeros((count, 6)),
+            effort=efforts[:count],
+        ),
+        bias=JointSprings(
+            stiffness=stiffness,
+            damping=np.zeros((n, n)),
+            rest=np.zeros(n),
+            limb=limb,
+            effort=efforts[count : count + arms],
+        ),
+        loads=object_loads(modules.held, modules.frames, efforts[-2:]),
+        efforts=efforts,
+        desired=np.zeros(n),
+    )
+
+
+def module_names(modules: TaskModules) -> tuple[str, ...]:
+    """Names the rows of ``Modules.efforts``: every spring, every arm's joint bias, squeeze, weight."""
+    springs = [spring.name for arm in modules.arms for spring in arm.springs]
+    biases = [f"{arm.limb.name}.joint_bias" for arm in modules.arms]
+    return (*springs, *biases, "squeeze", "weight")
+
+
+def write_gains(into: Modules, modules: TaskModules, damping: Damping) -> None:
+    """Puts a phase's gains in force at once."""
+    springs = [spring for arm in modules.arms for spring in arm.springs]
+    for s, spring in enumerate(springs):
+        into.springs.stiffness[s] = spring.world_stiffness
+        into.springs.damping[s] = damping.of_spring(spring)
+        into.springs.force[s] = spring.axis_force()
+    into.bias.damping[:] = joint_damping_matrix(modules, damping, into.desired.size)
+
+
+def joint_damping_matrix(modules: TaskModules, damping: Damping, n: int) -> Array:
+    """Gathers the dampers of all arms' joint springs, (n, n) [N.m.s/rad]."""
+    found = np.zeros((n, n))
+    for arm in modules.arms:
+        if arm.bias is not None:
+            found[np.ix_(arm.bias.joints, arm.bias.joints)] = damping.of_joints(arm.limb.name)
+    return found
+
+
+def write_equilibrium(into: Modules, modules: TaskModules, targets: Equilibrium) -> None:
+    """Puts equilibria in force at once."""
+    springs = [spring for arm in modules.arms for spring in arm.springs]
+    for s, spring in enumerate(springs):
+        into.springs.target_rotation[s] = targets.springs[spring.name].rotation
+        into.springs.target_translation[s] = targets.springs[spring.name].translation
+    for arm in modules.arms:
+        if arm.bias is not None:
+            into.bias.rest[arm.bias.joints] = targets.rests[arm.limb.name]

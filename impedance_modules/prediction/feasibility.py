@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a task must pass before anything moves; ``run`` asks the same questions as ``check``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.errors import BadFile, Problem
+from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
+from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase, predict_motion
+from impedance_modules.prediction.statics import Rest, find_rest
+from impedance_modules.spec.task import Sine
+
+Array = NDArray[np.float64]
+
+NAMED_SHARE = 0.05
+"""Share of the tank's need from which a cost is named."""
+
+
+@dataclass(frozen=True)
+class TaskPrediction:
+    """What a task's feasibility is judged by.
+
+    Attributes:
+        motion: Its quasi-static prediction.
+        rests: Where each phase comes to rest; None where one does not.
+        tank: The energy it needs.
+    """
+
+    motion: MotionPrediction
+    rests: tuple[Rest | None, ...]
+    tank: TankForecast
+
+
+def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
+    """Refuses a task that cannot run as written; nothing has moved.
+
+    A sine that the control rate cannot follow; a torque beyond a joint's limit, in motion or at rest; a tank that
+    holds less than the task needs.
+
+    Returns:
+        What was predicted.
+
+    Raises:
+        BadFile: With the place in the task file of every reason.
+    """
+    sines = list(_sines_above_nyquist(assembly))
+    if sines:
+        raise BadFile(sines)
+    motion, mechanism = predict_motion(assembly), Mechanism(assembly)
+    rests = tuple(find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases)
+    prediction = TaskPrediction(motion, rests, forecast_tank(assembly, mechanism, motion))
+    problems = [
+        *_efforts_beyond_limits(assembly, prediction),
+        *_need_beyond_tank(assembly, prediction.tank),
+    ]
+    if problems:
+        raise BadFile(problems)
+    return prediction
+
+
+def _sines_above_nyquist(assembly: Assembly) -> Iterator[Problem]:
+    """Finds sines at or above half the rate that is used (Nyquist)."""
+    highest = 0.5 * assembly.rate
+    for index, phase in enumerate(assembly.task.phases):
+        for target, coordinates in phase.equilibrium.items():
+            for axis, coordinate in coordinates.items():
+                if isinstance(coordinate, Sine) and coordinate.frequency >= highest:
+                    yield assembly.task.document.problem(
+                        ("phases", index, "equilibrium", target, axis, "sine", "frequency"),
+                        f"{coordinate.frequency:g} Hz is not below half the control rate, {highest:g} Hz",
+                    )
+
+
+def _efforts_beyond_limits(assembly: Assembly, prediction: TaskPrediction) -> Iterator[Problem]:
+    """Finds joints whose commanded torque would pass the limit."""
+    limit = assembly.limits.effort_max
+    for index, phase in enumerate(prediction.motion.phases):
+        demand = _demand(prediction.motion, phase, prediction.rests[index])
+        worst = int(np.argmax(demand / limit))
+        if demand[worst] > limit[worst]:
+            yield assembly.task.document.problem(
+                ("phases", index),
+                f"phase '{phase.name}' asks {demand[worst]:.1f} N.m of {assembly.model.joint_names[worst]},"
+                f" whose limit is {limit[worst]:g} N.m: bring its equilibrium nearer, make its springs softer"
+                " or its forces smaller",
+            )
+
+
+def _demand(motion: MotionPrediction, phase: PredictedPhase, rest: Rest | None) -> Array:
+    """Gives the largest commanded torque of a phase, (n,) [N.m]."""
+    efforts = [np.abs(sample.effort) for sample in motion.samples[phase.samples]]
+    if rest is not None:
+        efforts.append(np.abs(rest.effort))
+    return np.asarray(np.max(efforts, axis=0))
+
+
+def _need_beyond_tank(assembly: Assembly, tank: TankForecast) -> Iterator[Problem]:
+    """Compares the energy that the task needs with what its tank holds at the start."""
+    if tank.need <= assembly.tank.initial:
+        return
+    ranked = sorted(tank.costs.items(), key=lambda item: -item[1])
+    named = [f"{name} {cost:.2f} J" for name, cost in ranked if cost > NAMED_SHARE * tank.need]
+    yield assembly.task.document.problem(
+        ("safety", "tank", "initial"),
+        f"the task needs {tank.need:.2f} J in its tank, {assembly.tank.initial:g} J would slow it in phase"
+        f" '{tank.phase}' (at {tank.time:.1f} s: {', '.join(named)}): fill the tank with at least the need or ask"
+        " for less",
+    )

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether the sampled loop around elastic joints is stable, how its least damped mode decays, how stiff a hand may be.
+
+Arms that hold one object together are one system; every other arm is its own. The prediction is for motion without
+contact: surfaces are not in it, and neither are the arms' own gravity and its compensation, which cancel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impedance_modules.control.assembly import Assembly
+from impedance_modules.modules.arms import TaskModules
+from impedance_modules.superposition.arm_impedance import ArmImpedance
+from impedance_modules.superposition.elastic_joints import (
+    SampledArm,
+    drives_of,
+    sampled_arm,
+    sampling_of,
+)
+from impedance_modules.superposition.modes import block_diagonal, least_damped
+from impedance_modules.superposition.object_impedance import HeldImpedance
+from impedance_modules.superposition.sampled_loop import (
+    Gains,
+    highest_stable_stiffness,
+    sampled_modes,
+    spectral_radius,
+)
+
+Array = NDArray[np.float64]
+
+STIFFEST = 30.0
+"""Times the task's own endpoint stiffness; beyond it nobody asks."""
+
+
+@dataclass(frozen=True)
+class StabilityForecast:
+    """The loop of one arm, or of the arms that hold the object.
+
+    Attributes:
+        name: Of the arm, or ``object``.
+        growth: Spectral radius of one period; below 1 is stable.
+        frequency: Of the least damped mode [Hz]; None where nothing swings.
+        damping_ratio: Of it; negative grows.
+        scale: How far the endpoint stiffness can be raised before the loop is unstable, its damping growing as
+            the root; None if it is stable up to ``STIFFEST``; 0 if it is unstable however soft.
+        stiffness: The endpoint stiffness in its stiffest direction [N/m]; 0 without endpoint springs.
+    """
+
+    name: str
+    growth: float
+    frequency: float | None
+    damping_ratio: float | None
+    scale: float | None
+    stiffness: float
+
+
+def forecast_stability(
+    assembly: Assembly, modules: TaskModules, arms: Mapping[str, ArmImpedance], held: HeldImpedance | None
+) -> tuple[StabilityForecast, ...]:
+    """Predicts the loops of all arms with one phase's gains at one state."""
+    found = []
+    grouped: tuple[str, ...] = ()
+    if held is not None and modules.held is not None:
+        grouped = modules.held.limbs
+        found.append(_object_loop(assembly, modules, [arms[limb] for limb in grouped], held))
+    for arm in modules.arms:
+        if arm.limb.name not in grouped:
+            own = arms[arm.limb.name]
+            loop = sampled_arm(
+                own.system.inertia,
+                drives_of(assembly.model, arm.limb.joints),
+                sampling_of(assembly.robot, assembly.rate, True),
+                None,
+                None,
+            )
+            found.append(
+                _forecast(arm.limb.name, loop, own.fixed, own.scaled, _stiffest(modules, arm.limb.name))
+            )
+    return tuple(found)
+
+
+def _object_loop(
+    assembly: Assembly, modules: TaskModules, holding: list[ArmImpedance], held: HeldImpedance
+) -> StabilityForecast:
+    model = assembly.model
+    joints = np.concatenate([modules.arm(arm.limb).limb.joints for arm in holding])
+    fixed, scaled = _stacked([arm.fixed for arm in holding]), _stacked([arm.scaled for arm in holding])
+    own = modules.held
+    inertia = np.zeros((6, 6)) if own is None else own.inertia(held.pose.rotation)
+    twist = held.motion.twist
+    loop = sampled_arm(
+        block_diagonal([arm.system.inertia for arm in holding]),
+        drives_of(model, joints),
+        sampling_of(assembly.robot, assembly.rate, True),
+        held.motion.motion,
+        twist.T @ inertia @ twist,
+    )
+    stiffest = max(_stiffest(modules, arm.limb) for arm in holding)
+    return _forecast("object", loop, fixed, scaled, stiffest)
+
+
+def _forecast(name: str, loop: SampledArm, fixed: Gains, scaled: Gains, stiffest: float) -> StabilityForecast:
+    now = Gains(fixed.stiffness + scaled.stiffness, fixed.damping + scaled.damping)
+    mode = least_damped([m for m in sampled_modes(loop, now) if m.frequency < math.pi * loop.sampling.rate])
+    return StabilityForecast(
+        name=name,
+        growth=spectral_radius(loop, now),
+        frequency=None if mode is None else mode.frequency / (2.0 * math.pi),
+        damping_ratio=None if mode is None else mode.damping_ratio,
+        scale=highest_stable_stiffness(loop, fixed, scaled, STIFFEST) if stiffest > 0.0 else None,
+        stiffness=stiffest,
+    )
+
+
+def _stacked(gains: list[Gains]) -> Gains:
+    """Puts the gains of several arms side by side."""
+    stiffness = block_diagonal([arm.stiffness for arm in gains])
+    return Gains(stiffness, block_diagonal([arm.damping for arm in gains]))
+
+
+def _stiffest(modules: TaskModules, limb: str) -> float:
+    """Gives the largest translational stiffness of the springs on an arm's hand [N/m]."""
+    total = np.sum([np.zeros((3, 3)), *_linear_blocks(modules, limb)], axis=0)
+    return float(np.linalg.eigvalsh(total)[-1])
+
+
+def _linear_blocks(modules: TaskModules, limb: str) -> Iterator[Array]:
+    arm = modules.arm(limb)
+    for spring in arm.springs:
+        if spring.frame == arm.limb.hand:
+            yield spring.in_world(spring.stiffness)[:3, :3]

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Laws of a control cycle: energy booked in full, dampers on the motors, the filter's optimum, the recorded row."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impedance_modules.backends.protocol import FirstState
+from impedance_modules.control.assembly import assemble
+from impedance_modules.control.controller import Controller
+from impedance_modules.control.cycle import all_finite
+from impedance_modules.control.supervisor import Supervisor
+from impedance_modules.modules.damping import phase_damping
+from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.runs.recorder import Recorder
+from tests.control.test_cycle import Motion, pair_assembly
+from tests.reference import filter_reference
+from tests.support.module_samples import module_sum
+
+
+@pytest.fixture(scope="module")
+def assembly(tmp_path_factory: pytest.TempPathFactory):
+    return pair_assembly(tmp_path_factory.mktemp("tasks"), 6.0)
+
+
+def started(assembly, seed: int, size: float, acting: float = 0.0) -> tuple[Controller, Motion]:
+    controller, motion = Controller(assembly), Motion(assembly, seed, size)
+    first = FirstState(motion.state(0), np.full(assembly.model.n, acting))
+    controller.start(first, assembly.task.phases[0])
+    return controller, motion
+
+
+def states(motion: Motion, count: int):
+    """States after the start; a ``Motion`` draws its noise in order."""
+    return [motion.state(k) for k in range(1, count)]
+
+
+def test_tank_and_springs_lose_what_the_motors_did_and_nothing_else(assembly) -> None:
+    """T + r U + work + charged + spilled stays T_0, through set-points that move and springs that are rescaled."""
+    controller, motion = started(assembly, 1, 0.03)
+    tank, moved = controller.tank, 0.0
+    for k, state in enumerate(states(motion, 120)):
+        before = tank.motor_position.copy()
+        acting = tank.pending[0].copy()
+        work = tank.work
+        assert controller.tick(state) == 0
+        travel = state.position + state.effort * assembly.tank.compliance - before
+        assert tank.work - work == pytest.approx(float(acting @ travel), abs=1e-12)
+        balance = tank.level + tank.spring_scale * tank.potential + tank.work + tank.charged + tank.spilled
+        assert balance == pytest.approx(tank.initial_energy, abs=1e-9)
+        targets, damping = controller.motion.at(controller.clock), _dampers(controller)
+        modules, kinematics = controller.modules, controller.kinematics
+        if controller.clock > 0.39:
+            _, energy = module_sum(
+                modules, kinematics, targets, state.position, 0.0 * state.velocity, damping
+            )
+            assert tank.potential == pytest.approx(energy, rel=1e-9, abs=1e-12)
+        moved += controller.cycle.admitted
+        assert controller.clock == pytest.approx(moved * assembly.period) or k < 0
+
+
+def _dampers(controller: Controller):
+    kinematics = Kinematics(controller.assembly.model, controller.modules.frames)
+    kinematics.update(controller.assembly.modules.posture, np.zeros(controller.layout.n))
+    return phase_damping(controller.modules, kinematics)
+
+
+def test_dampers_act_on_the_motors_and_the_tank_relaxes_springs_alone(assembly) -> None:
+    """Torque of every module from numpy's recursion of the motors' velocity and the ledger's spring scale."""
+    controller, motion = started(assembly, 2, 0.03)
+    compliance, period = assembly.tank.compliance, assembly.period
+    lag = assembly.robot.sensors.velocity_filter
+    share = 1.0 - math.exp(-period / lag) if lag > 0.0 else 1.0
+    # The first state of the run has been asked for by ``started``.
+    deflection, rate = controller.cycle.motor.deflection.copy(), np.zeros(controller.layout.n)
+    for k, state in enumerate(states(motion, 90)):
+        assert controller.tick(state) == 0
+        rate += share * ((state.effort * compliance - deflection) / period - rate)
+        deflection = state.effort * compliance
+        springs, bias = controller.cycle.modules.springs, controller.cycle.modules.bias
+        if k % 30 != 29:
+            continue
+        expected = np.zeros(controller.layout.n)
+        r = controller.tank.spring_scale
+        for s in range(len(springs.wrench)):
+            J = controller.kinematics.jacobian[springs.frame[s]]
+            damped = springs.damping[s] @ J @ (state.velocity + rate)
+            elastic = springs.wrench[s] - springs.force[s] + damped
+            # What is left of the wrench without forces and dampers grows with the scale alone.
+            controller_scale = r if r > 0.0 else 1.0
+            np.testing.assert_allclose(
+                elastic / controller_scale, _full_wrench(controller, s), rtol=1e-6, atol=1e-7
+            )
+            expected += J.T @ springs.wrench[s]
+        expected -= r * bias.stiffness * (state.position - bias.rest)
+        expected -= bias.damping @ (state.velocity + rate)
+        expected += controller.cycle.modules.efforts[-2:].sum(axis=0)
+        np.testing.assert_allclose(controller.cycle.modules.desired, expected, rtol=1e-8, atol=1e-8)
+
+
+def _full_wrench(controller: Controller, s: int) -> np.ndarray:
+    """The wrench of one spring, not relaxed, at the last state."""
+    spring = [spring for arm in controller.modules.arms for spring in arm.springs][s]
+    now = controller.cycle.modules.springs
+    pose = controller.kinematics.pose(spring.frame)
+    from impedance_modules.modules.spring import displacement_of, turn_moment
+    from impedance_modules.robot.pose import Pose
+
+    target = Pose(now.target_rotation[s], now.target_translation[s])
+    offset = displacement_of(pose, target)
+    gradient = now.stiffness[s] @ offset
+    turn_moment(offset, gradient)
+    return -gradient
+
+
+def test_what_leaves_is_the_filters_optimum_within_the_budget(assembly) -> None:
+    controller, motion = started(assembly, 3, 0.25)
+    cycle, limited = controller.cycle, 0
+    previous = cycle.previous.copy()
+    for state in states(motion, 60):
+        assert controller.tick(state) == 0 and controller.solved
+        rows = controller.layout
+        step = assembly.limits.effort_rate_max * assembly.period
+        centre = np.clip(previous, -assembly.limits.effort_max, assembly.limits.effort_max)
+        np.testing.assert_allclose(cycle.problem.lower[rows.rate], centre - step, atol=1e-9)
+        spare = max(0.0, controller.tank.level - assembly.tank.floor)
+        speed = float(np.linalg.norm(cycle.motor.velocity))
+        if speed > 0.0:
+            horizon = assembly.limits.period + assembly.limits.delay
+            assert cycle.problem.upper[0] * speed * horizon == pytest.approx(spare, rel=1e-9, abs=1e-12)
+        if controller.changed and limited < 12:
+            expected = filter_reference.solve(cycle.problem)
+            np.testing.assert_allclose(controller.solution.effort, expected, rtol=1e-6, atol=1e-6)
+            limited += 1
+        np.testing.assert_allclose(
+            controller.effort, cycle.effort_scale * controller.solution.effort, rtol=1e-12, atol=1e-12
+        )
+        horizon = assembly.limits.period + assembly.limits.delay
+        needed = float(np.abs(controller.effort) @ assembly.tank.speed_bound) * horizon
+        assert needed <= spare + 1e-9
+        previous = controller.effort.copy()
+        np.testing.assert_array_equal(cycle.previous, previous)
+    assert limited > 2
+
+
+def test_a_gap_that_was_no_gap_costs_nothing(assembly) -> None:
+    """What was booked for cycles without a state is taken back when the state shows that none was missed."""
+    controller, motion = started(assembly, 4, 0.02)
+    first, second = states(motion, 3)
+    controller.tick(first)
+    level, pending = controller.tank.level, controller.tank.pending.copy()
+    controller.miss()
+    controller.miss()
+    assert controller.tank.level < level or not pending.any()
+    controller.reckon(1, anew=True)
+    assert controller.tank.level == level
+    np.testing.assert_array_equal(controller.tank.pending, pending)
+    assert controller.tick(second) == 0
+
+
+def test_a_recorded_row_says_what_the_cycle_was(assembly, tmp_path: Path) -> None:
+    supervisor = Supervisor(assembly)
+    motion = Motion(assembly, 5, 0.05)
+    still = np.zeros(assembly.model.n)
+    supervisor.start(FirstState(motion.state(0), still))
+    recorder = Recorder(tmp_path / "run", supervisor, still, 0, "sim", simulated=True)
+    for state in states(motion, 30):
+        effort = supervisor.step(state, late=False, stop_request=None)
+        assert effort is not None
+        supervisor.look()
+    command = effort + 0.25
+    recorder.add(state, command, late=True, interrupted=False)
+    row = dict(zip(recorder.columns, recorder.row, strict=False))
+    recorder.abandon()
+    controller, cycle = supervisor.controller, supervisor.controller.cycle
+    for i, joint in enumerate(assembly.model.joint_names):
+        told = [row[f"{kind}.{joint}"] for kind in ("position", "velocity", "effort_command", "effort")]
+        assert told == [state.position[i], state.velocity[i], command[i], state.effort[i]]
+    assert (row["time"], row["late"], row["interrupt"]) == (state.time, 1.0, 0.0)
+    assert (row["tank"], row["spring_scale"]) == (controller.tank.level, controller.tank.spring_scale)
+    told = row["granted"], row["paid"], row["phase_clock"]
+    assert told == (cycle.admitted, cycle.effort_scale, controller.clock)
+    assert row["active_rows"] == controller.active_rows
+    for name, efforts in zip(controller.module_names, cycle.modules.efforts, strict=True):
+        for i, joint in enumerate(assembly.model.joint_names):
+            assert row.get(f"module.{name}.{joint}", 0.0) == efforts[i]
+    hand = assembly.modules.arms[0].limb.hand
+    pose = controller.kinematics.pose(hand)
+    assert [row[f"pose.{hand}.{axis}"] for axis in "xyz"] == pose.translation.tolist()
+    wrench = [row[f"wrench.{hand}.{part}"] for part in ("fx", "fy", "fz", "tx", "ty", "tz")]
+    assert wrench == supervisor.touch.wrench[0].tolist()
+
+
+def test_forces_and_grip_come_in_by_minimum_jerk(assembly) -> None:
+    controller, motion = started(assembly, 6, 0.0)
+    springs, loads, forces, grips = controller.cycle.modules.springs, controller.cycle.modules.loads, [], []
+    for state in states(motion, 260):
+        assert controller.tick(state) == 0
+        forces.append(float(springs.force[0, 2]))
+        grips.append(loads.grip)
+    x = np.minimum(np.arange(1, 260) * assembly.period * 1.0, 0.5) / 0.5
+    expected = 10 * x**3 - 15 * x**4 + 6 * x**5
+    if controller.clock == pytest.approx(259 * assembly.period):
+        np.testing.assert_allclose(forces, -6.0 * expected, atol=1e-9)
+        np.testing.assert_allclose(grips, expected, atol=1e-9)
+    assert forces[0] > -0.1 and grips[0] < 0.1
+
+
+def test_one_entry_that_is_not_finite_is_enough(ways) -> None:
+    for bad in (np.nan, np.inf, -np.inf):
+        for place in range(3):
+            values = np.ones(3)
+            values[place] = bad
+            assert not all_finite(values)
+    assert all_finite(np.ones(3))
+
+
+def test_assembly_of_these_tests_is_a_task(assembly) -> None:
+    assert (
+        assemble(str(assembly.task.path), effects=None, rate=None, scale=1.0, arm=None).rate == assembly.rate
+    )

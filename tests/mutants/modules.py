@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: E501
+"""Wrong laws of springs, joint springs, objects, equilibria and rotations (``python -m tests.mutants --only modules``)."""
+
+SPRING = "impedance_modules/modules/spring.py"
+BIAS = "impedance_modules/modules/joint_bias.py"
+OBJECT = "impedance_modules/modules/held_object.py"
+SUM = "impedance_modules/modules/sum.py"
+POSE = "impedance_modules/modules/pose_motion.py"
+EQUILIBRIUM = "impedance_modules/modules/equilibrium.py"
+MOTOR = "impedance_modules/modules/motor_velocity.py"
+DAMPING = "impedance_modules/modules/damping.py"
+ROTATION = "impedance_modules/robot/rotation.py"
+DISTANCES = "impedance_modules/robot/distances.py"
+
+LAWS = (
+    "tests/modules/test_module_sum.py",
+    "tests/modules/test_springs.py",
+    "tests/modules/test_equilibrium.py",
+)
+
+TESTS = {
+    SPRING: LAWS,
+    BIAS: LAWS,
+    OBJECT: (*LAWS, "tests/modules/test_build_modules.py"),
+    SUM: LAWS,
+    POSE: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
+    EQUILIBRIUM: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
+    MOTOR: ("tests/modules/test_motor_velocity.py",),
+    DAMPING: ("tests/modules/test_damping.py",),
+    ROTATION: (*LAWS, "tests/robot/test_rotation.py"),
+    DISTANCES: ("tests/robot/test_distances.py",),
+}
+
+MUTANTS = (
+    (
+        SPRING,
+        "error[i] = translation[i] - target",
+        "error[i] = target_translation[i] - translation[i] + 0.0 * target",
+    ),
+    (SPRING, "rotation[i, k] * target_rotation[j, k]", "rotation[k, i] * target_rotation[k, j]"),
+    (SPRING, "total += 0.5 * error[i] * stiffness[i, j]", "total += error[i] * stiffness[i, j]"),
+    (SPRING, "gradient[3] = x + 0.5 * u", "gradient[3] = x - 0.5 * u"),
+    (SPRING, "gradient[4] = y + 0.5 * v + second * (c * u - a * w)", "gradient[4] = y + 0.5 * v"),
+    (SPRING, "        turn_moment(error, gradient)\n        for i", "        for i"),
+    (
+        SPRING,
+        "wrench[i] = springs.force[s, i] - gradient[i]",
+        "wrench[i] = springs.force[s, i] + gradient[i]",
+    ),
+    (SPRING, "wrench[i] = springs.force[s, i] - gradient[i]", "wrench[i] = -gradient[i]"),
+    (SPRING, "wrench[i] -= springs.damping[s, i, j]", "wrench[i] += springs.damping[s, i, j]"),
+    (SPRING, "gradient[i] += scale * springs", "gradient[i] += springs"),
+    (SPRING, "effort[j] += jacobian[i, j] * wrench[i]", "effort[j] += 2.0 * jacobian[i, j] * wrench[i]"),
+    (SPRING, "return turn @ matrix @ turn.T", "return turn.T @ matrix @ turn"),
+    (SPRING, "return abs(axis.force) / axis.speed_limit", "return abs(axis.force) * axis.speed_limit"),
+    (BIAS, "total += 0.5 * bias.stiffness[j]", "total += bias.stiffness[j]"),
+    (
+        BIAS,
+        "pull = scale * bias.stiffness[j] * (q[j] - bias.rest[j])",
+        "pull = scale * bias.stiffness[j] * q[j]",
+    ),
+    (BIAS, "pull += bias.damping[j, k] * velocity[k]", "pull -= bias.damping[j, k] * velocity[k]"),
+    (BIAS, "bias.effort[bias.limb[j], j] -= pull", "bias.effort[bias.limb[j], j] += pull"),
+    (BIAS, "bias.effort[bias.limb[j], j] -= pull", "bias.effort[0, j] -= pull"),
+    (OBJECT, "loads.weight[h, i, k] * R_WO[2, k]", "loads.weight[h, i, k] * R_WO[k, 2]"),
+    (OBJECT, "force += R_WO[i, k] * wrench[k]", "force += R_WO[k, i] * wrench[k]"),
+    (OBJECT, "loads.squeeze_effort[j] *= loads.grip", "pass"),
+    (OBJECT, "loads.weight_effort[j] *= loads.grip", "pass"),
+    (OBJECT, "return internal * (force / mean)", "return internal * force"),
+    (OBJECT, "towards = -offsets /", "towards = offsets /"),
+    (SUM, "modules.desired[j] += modules.efforts[k, j]", "modules.desired[j] = modules.efforts[k, j]"),
+    (
+        SUM,
+        "return spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)",
+        "return spring_energies(modules.springs, arms)",
+    ),
+    (SUM, "    object_efforts(modules.loads, arms)\n", ""),
+    (SUM, "into.springs.force[s] = spring.axis_force()", "pass"),
+    (POSE, "10.0 - 15.0 * x + 6.0 * x**2", "10.0 - 15.0 * x + 5.0 * x**2"),
+    (
+        POSE,
+        "compose(motions.start_rotation[m], turn, product)",
+        "compose(turn, motions.start_rotation[m], product)",
+    ),
+    (
+        POSE,
+        "local[k] = start + s * (motions.goal[m, k] - start) + wave[k]",
+        "local[k] = start + s * (motions.goal[m, k] - start)",
+    ),
+    (POSE, "translation[k] += reference[k, j] * local[j]", "translation[k] += reference[j, k] * local[j]"),
+    (EQUILIBRIUM, "rest[motion.joint[j]] = start + s", "rest[motion.joint[j]] = start - s"),
+    (
+        EQUILIBRIUM,
+        "motion.rotation[m, k, j] * motion.offset_translation[i, j]",
+        "motion.offset_translation[i, k] * (1.0 if j == k else 0.0)",
+    ),
+    (EQUILIBRIUM, "skew(twist[3:]) @ lever", "-skew(twist[3:]) @ lever"),
+    (
+        MOTOR,
+        "motor.velocity[j] = velocity[j] + motor.rate[j]",
+        "motor.velocity[j] = velocity[j] - motor.rate[j]",
+    ),
+    (MOTOR, "(now - motor.deflection[j]) / motor.period", "(now - motor.deflection[j])"),
+    (MOTOR, "motor.share * (", "("),
+    (MOTOR, "        motor.deflection[j] = now\n", ""),
+    (DAMPING, "X.T @ spring.in_world(spring.stiffness) @ X", "X @ spring.in_world(spring.stiffness) @ X.T"),
+    (ROTATION, "entry -= cosine", "entry += cosine"),
+    (ROTATION, "return 1.0 / 12.0 + square / 720.0", "return 1.0 / 6.0 + square / 720.0"),
+    (ROTATION, "1.0 - half * math.cos(half)", "1.0 + half * math.cos(half)"),
+    (
+        ROTATION,
+        "out[0, 2], out[2, 0] = second * x * z + first * y",
+        "out[0, 2], out[2, 0] = second * x * z - first * y",
+    ),
+    (ROTATION, "if out[3] < 0.0:", "if out[3] > 0.0:"),
+    (DISTANCES, "p, q, r = b * z - c * y", "p, q, r = c * y - b * z"),
+    (DISTANCES, "free = free_time(state, found[0], -rate)", "free = free_time(state, found[0], rate)"),
+    (DISTANCES, "distance - state.margin - (closing", "distance - (closing"),
+    (DISTANCES, "if free >= state.period:", "if free >= 0.0:"),
+)
