@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.preflight_checks import PreflightResult
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
 from impedance_modules.robot.external_torque import ExternalTorque
@@ -288,5 +289,5 @@ def _gate(
 def _patches_with_springs(assembly: Assembly) -> Iterator[str]:
     """Lists the robot folder's patches that know of springs beside the joints."""
     for path in sorted((assembly.robot.folder / "patches").glob("*.yaml")):
-        if any(effect.effect == "parallel_spring" for effect in read_patch(path).effects):
+        if any(CATALOGUE[effect.effect].carried_by_robot for effect in read_patch(path).effects):
             yield f"robots/{assembly.robot.name}/patches/{path.name}"

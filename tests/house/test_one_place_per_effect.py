@@ -30,6 +30,7 @@ PACKAGE = CHECKOUT / "impedance_modules"
 
 SAME_WORD = {
     "reflected_inertia": {"spec", "robot", "plant", "prediction"},  # a joint's number in robot.yaml
+    "added_mass": {"plant"},  # a column of the links' table
     "command_delay": {"spec"},  # a number of robot.yaml's timing
     "hysteresis": {"backends"},  # a field of Baxter's message SEAJointState
     "crosstalk": {"backends"},  # likewise
