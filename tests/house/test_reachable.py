@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nothing in the package is there for tests alone: every module and every name is reached from what people call."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+from tests.house.test_imports import EXPERIMENTS, FILES, PACKAGE, imported_names
+from tests.support.paths import CHECKOUT
+
+ENTRIES = ("impedance_modules.cli.main", "impedance_modules.__main__")
+"""What a person calls; verbs are imported by the names in ``cli.main.VERBS``, experiments by those in their list."""
+
+REGISTERED = ("impedance_modules/machine_code.py", "impedance_modules/cli/", "baxter/ros/socket_transport.py")
+"""Files whose functions are called through a table: numba's decorators, click's verbs, ROS's XML-RPC."""
+
+REASONS = {
+    "model_of_robot": "Python API of the diagnosis: a robot's own model, beside model_of_urdf",
+    "write_episode": "Python API: writes an episode from columns, as docs/recordings.md says",
+    "write_recording": "Python API: an episode as a recording for the viewer",
+    "module_columns": "Python API: names of the columns that docs/recordings.md lists",
+    "from_vector": "Python API: a pose from a translation and a rotation vector",
+    "imbalance": "ground truth of the plant, against which energy laws are tested",
+    "command_acting": "ground truth of the plant, against which the passivity claim is tested",
+    "motor_work": "ground truth of the plant, against which the passivity claim is tested",
+    "place_object": "ground truth of the plant: puts an object where a law is tested",
+}
+"""Names that no command reaches, each with its reason."""
+
+BY_NAME = re.compile(r"^[a-z_]+(\.[a-z_]+)*$")
+
+
+def module_of(path: Path) -> str:
+    """Dotted name of a file; a package's ``__init__`` is the package."""
+    parts = list(path.relative_to(CHECKOUT).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@cache
+def modules() -> dict[str, Path]:
+    return {module_of(path): path for path in FILES}
+
+
+def strings_of(path: Path) -> set[str]:
+    """Strings of a file that could be the name of a module."""
+    found = (node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant))
+    return {text for text in found if isinstance(text, str) and BY_NAME.match(text)}
+
+
+def next_of(module: str) -> set[str]:
+    """Modules that one imports, at any depth, or names in a string, as tables of verbs and experiments do."""
+    path = modules()[module]
+    named = set(imported_names(path))
+    parent = module if path.name == "__init__.py" else module.rsplit(".", 1)[0]
+    for text in strings_of(path):
+        named |= {text, f"{parent}.{text}", f"impedance_modules.{text}"}
+    packages = {name.rsplit(".", k)[0] for name in named for k in range(1, name.count(".") + 1)}
+    return {name for name in named | packages if name in modules()}
+
+
+def test_every_module_is_reached_from_the_command_line() -> None:
+    reached, waiting = set(), list(ENTRIES)
+    while waiting:
+        module = waiting.pop()
+        if module not in reached:
+            reached.add(module)
+            waiting += next_of(module)
+    alone = sorted(set(modules()) - reached)
+    assert not alone, "reached by tests alone, or by nobody: " + " ".join(alone)
+
+
+def definitions(path: Path) -> list[str]:
+    """Names that a file defines at its top, and the methods of its classes."""
+    found = []
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.append(node.name)
+        if isinstance(node, ast.ClassDef):
+            found += [part.name for part in node.body if isinstance(part, ast.FunctionDef)]
+    return found
+
+
+CALLED_BY_OTHERS = re.compile(r"^(__\w+__|visit_\w+|do_\w+|rpc_\w+|publisherUpdate|[a-z]+[A-Z]\w*)$")
+"""Names that a library calls: Python's own, a syntax tree's, an HTTP server's, ROS's XML-RPC (camel case)."""
+
+
+def test_every_function_is_named_somewhere_else_in_the_package() -> None:
+    words: Counter[str] = Counter()
+    for path in FILES:
+        words.update(re.findall(r"\w+", path.read_text()))
+    own: Counter[str] = Counter()
+    where: dict[str, Path] = {}
+    for path in FILES:
+        for name in definitions(path):
+            own[name] += 1
+            where[name] = path
+    unnamed = [
+        f"{where[name].relative_to(CHECKOUT)}: {name}"
+        for name, count in own.items()
+        if words[name] <= count and not CALLED_BY_OTHERS.match(name) and name not in REASONS
+        if not any(part in str(where[name]) for part in REGISTERED)
+    ]
+    assert not unnamed, "named nowhere but where it is defined:\n" + "\n".join(sorted(unnamed))
+
+
+def test_file_stems_and_class_names_have_one_meaning() -> None:
+    stems = Counter(path.stem for path in FILES if path.stem not in ("__init__", "__main__"))
+    assert not [stem for stem, count in stems.items() if count > 1]
+    classes: Counter[str] = Counter()
+    for path in FILES:
+        tree = ast.parse(path.read_text())
+        names = [node.name for node in tree.body if isinstance(node, ast.ClassDef)]
+        classes.update(name for name in names if not name.startswith("_"))
+    assert not [name for name, count in classes.items() if count > 1]
+
+
+def test_the_entries_are_files() -> None:
+    assert set(ENTRIES) <= set(modules())
+    assert PACKAGE.is_dir() and EXPERIMENTS.is_dir()
