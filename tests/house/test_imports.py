@@ -36,6 +36,9 @@ RANK = {
     "cli": 11,
 }
 
+LAWS = {"compiled", "records", "machine_code"}
+"""One thing in three files: ``machine_code`` alone imports a compiler, and the others import it when asked for one."""
+
 NOT_FOR_DIAGNOSIS = ("backends", "control", "prediction", "runs")
 """Diagnosis works from episodes alone."""
 
@@ -91,7 +94,7 @@ def test_imports_point_downwards(path: Path) -> None:
         other = parts[1]
         if own in ("__init__", "__main__", "impedance_experiments") or other == own:
             continue
-        assert RANK[other] < RANK[own], f"{path}: {own} must not import {name}"
+        assert RANK[other] < RANK[own] or {own, other} <= LAWS, f"{path}: {own} must not import {name}"
         assert (own, other) not in {("diagnosis", upper) for upper in NOT_FOR_DIAGNOSIS}, f"{path}: {name}"
 
 
