@@ -21,7 +21,7 @@ from enum import Enum
 import numpy as np
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.joint_boards import (
+from impedance_modules.plant.joint_servos import (
     BoardOrders,
     CollisionLimits,
     ContactSense,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.backends.baxter.fake.limb import LimbDrive
 from impedance_modules.backends.baxter.fake.numbers import BRAKE_SPEED, EASE
-from impedance_modules.plant.joint_boards import BoardOrders, DrivenPlant, Sensed, Servo
+from impedance_modules.plant.joint_servos import BoardOrders, DrivenPlant, Sensed, Servo
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 

@@ -27,7 +27,7 @@ from impedance_modules.backends.baxter.fake.options import FakeOptions
 from impedance_modules.backends.baxter.fake.push import Push, contact_sense
 from impedance_modules.backends.baxter.fake.suppression import Suppressions
 from impedance_modules.effects.worn import WornPlant
-from impedance_modules.plant.joint_boards import DrivenPlant
+from impedance_modules.plant.joint_servos import DrivenPlant
 from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
