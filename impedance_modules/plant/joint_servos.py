@@ -185,7 +185,7 @@ class DrivenPlant(Plant):
 
 
 @dataclass(frozen=True)
-class Tuning:
+class ServoTuning:
     """How a robot's own modes are tuned.
 
     Attributes:
@@ -201,7 +201,7 @@ class Tuning:
 
 
 @dataclass(frozen=True)
-class Reach:
+class JointRange:
     """How far and how fast a limb's joints go, each (k,): [rad], [rad], [rad/s]."""
 
     low: Vector
@@ -232,7 +232,7 @@ class Servo:
     ease: Vector
 
 
-class Reference:
+class ServoReference:
     """The moving set-point of one limb's servo.
 
     Attributes:
@@ -241,7 +241,7 @@ class Reference:
         integral: (k,) of the position error times the integral rate [rad].
     """
 
-    def __init__(self, reach: Reach, tuning: Tuning) -> None:
+    def __init__(self, reach: JointRange, tuning: ServoTuning) -> None:
         self._reach, self._tuning = reach, tuning
         self._catching_up = 1.0 - math.exp(-tuning.tick / tuning.lag)
         k = reach.speed.size
@@ -317,7 +317,7 @@ class CollisionLimits:
     tick: float
 
 
-class ContactSense:
+class CollisionDetector:
     """Watches one limb for impacts and squeezes."""
 
     def __init__(self, limits: CollisionLimits) -> None:
@@ -327,11 +327,11 @@ class ContactSense:
         self._pressed = 0.0
 
     @property
-    def calm(self) -> bool:
+    def idle(self) -> bool:
         """Says whether nothing has pressed lately."""
         return not self._slow.any() and self._pressed == 0.0
 
-    def feel(self, torque: Vector) -> str:
+    def detect(self, torque: Vector) -> str:
         """Takes the torque (k,) [N.m] of one tick; returns ``impact``, ``squish`` or nothing."""
         sudden = np.abs(torque - self._slow)
         self._slow = self._slow + self._fade * (torque - self._slow)

@@ -24,13 +24,13 @@ from impedance_modules.errors import BadInput
 from impedance_modules.plant.joint_servos import (
     BoardOrders,
     CollisionLimits,
-    ContactSense,
+    CollisionDetector,
     DrivenPlant,
-    Reach,
-    Reference,
+    JointRange,
+    ServoReference,
     Sensed,
     Servo,
-    Tuning,
+    ServoTuning,
 )
 from impedance_modules.records import Vector
 from impedance_modules.robot.model import Limb, RobotModel
@@ -86,13 +86,13 @@ class _LimbPlayer:
     def __init__(self, model: RobotModel, limb: Limb, spec: PlaybackSpec) -> None:
         self.joints = limb.joints
         specs = [model.spec.joints[name] for name in limb.joint_names]
-        reach = Reach(
+        reach = JointRange(
             np.array([joint.position_min for joint in specs]),
             np.array([joint.position_max for joint in specs]),
             np.array([joint.velocity_max for joint in specs]),
         )
-        self.reference = Reference(
-            reach, Tuning(TICK, spec.position_lag, spec.integral_rate, spec.integral_limit)
+        self.reference = ServoReference(
+            reach, ServoTuning(TICK, spec.position_lag, spec.integral_rate, spec.integral_limit)
         )
         limits = CollisionLimits(
             impact=np.array([spec.impact.get(short, math.inf) for short in limb.short_names]),
@@ -101,7 +101,7 @@ class _LimbPlayer:
             squish_time=spec.squish_time,
             tick=TICK,
         )
-        self.sense = ContactSense(limits)
+        self.sense = CollisionDetector(limits)
         self.pause_end = -math.inf
 
 
@@ -213,7 +213,7 @@ class Playback:
         return BoardOrders(np.zeros(n), self._stiffness, self._damping, position, np.ones(n))
 
     def _watch(self, name: str, limb: _LimbPlayer, torque: Vector) -> None:
-        felt = limb.sense.feel(torque)
+        felt = limb.sense.detect(torque)
         if felt and not self.paused(name):
             self.collisions.append((self.now, name, felt))
             limb.pause_end = self.now + self._spec.pause

@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.prepare import Prepared
 from impedance_modules.diagnosis.rollout.wearing import Dressed
 from impedance_modules.effects.motion import JointMotion
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.rollout_plant import Seed
+from impedance_modules.plant.rollout_plant import RolloutStart
 
 Array = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def _aims(command: Array | None, rate: float, order: NDArray[np.intp]) -> Array 
     return np.stack([command[:, order], moving[:, order]], axis=1)
 
 
-def seed_at(driver: Driver, start: float, dressed: Dressed) -> Seed:
+def seed_at(driver: Driver, start: float, dressed: Dressed) -> RolloutStart:
     """The state at a time, and the motion that led there."""
     step = dressed.plant.division.step
     remembers = bool(dressed.plant.torques)
@@ -146,7 +146,7 @@ def seed_at(driver: Driver, start: float, dressed: Dressed) -> Seed:
         )
         for k in range(len(times))
     ]
-    return Seed(start, q[-1], v[-1], load[-1], load_rate[-1], acting[-1], past)
+    return RolloutStart(start, q[-1], v[-1], load[-1], load_rate[-1], acting[-1], past)
 
 
 def _at(time: Array, grid: Array, values: Array) -> Array:

@@ -22,7 +22,7 @@ from impedance_modules.effects.wear import wear_patch, wear_plant
 from impedance_modules.effects.worn import WornPlant
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.plant import PlantOptions
-from impedance_modules.plant.rollout_plant import SeededPlant
+from impedance_modules.plant.rollout_plant import RolloutPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, PatchSpec, Quantity
 from impedance_modules.spec.robot import RobotSpec
@@ -55,7 +55,7 @@ class Dressed:
         nuisance: Changes beside the causes.
     """
 
-    plant: SeededPlant
+    plant: RolloutPlant
     worn: WornPlant
     order: tuple[int, ...]
     nuisance: Nuisance
@@ -103,7 +103,7 @@ def dress(robot: RobotSpec, effects: Sequence[EffectSpec], nuisance: Nuisance, t
     model = RobotModel(wear_patch(changed, patch) if effects else changed)
     worn = wear_plant(model, patch)
     for step in STEPS:
-        plant = SeededPlant(model, [], None, PlantOptions(RATE, seed=0, noise=False, step=step), worn)
+        plant = RolloutPlant(model, [], None, PlantOptions(RATE, seed=0, noise=False, step=step), worn)
         try:
             plant.reset(np.zeros(model.n))
         except BadInput:

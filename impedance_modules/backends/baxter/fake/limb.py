@@ -23,7 +23,7 @@ from impedance_modules.backends.baxter.fake.numbers import (
     TORQUE_LIMITS,
 )
 from impedance_modules.backends.baxter.fake.options import FakeOptions
-from impedance_modules.plant.joint_servos import Reach, Reference, Sensed, Servo, Tuning
+from impedance_modules.plant.joint_servos import JointRange, ServoReference, Sensed, Servo, ServoTuning
 from impedance_modules.robot.model import Limb, RobotModel
 
 Array = NDArray[np.float64]
@@ -82,8 +82,8 @@ class LimbDrive:
         low = np.array([spec.position_min for spec in specs])
         high = np.array([spec.position_max for spec in specs])
         speed = np.array([SPEED_LIMITS[short] for short in shorts])
-        tuning = Tuning(TICK, POSITION_LAG, INTEGRAL_RATE, INTEGRAL_LIMIT)
-        self.reference = Reference(Reach(low, high, speed), tuning)
+        tuning = ServoTuning(TICK, POSITION_LAG, INTEGRAL_RATE, INTEGRAL_LIMIT)
+        self.reference = ServoReference(JointRange(low, high, speed), tuning)
         self._k = len(specs)
         self.doing = Doing.HOLDS
         self.mode: CommandMode | None = None

@@ -24,7 +24,7 @@ from impedance_modules.backends.baxter.fake.numbers import (
     SQUISH_TIME,
     TICK,
 )
-from impedance_modules.plant.joint_servos import CollisionLimits, ContactSense
+from impedance_modules.plant.joint_servos import CollisionLimits, CollisionDetector
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Push:
     end: float
 
 
-def contact_sense(short_names: Sequence[str]) -> ContactSense:
+def contact_sense(short_names: Sequence[str]) -> CollisionDetector:
     """Watches one limb for impacts and squeezes, with the robot's own thresholds."""
     infinite = math.inf
     limits = CollisionLimits(
@@ -47,4 +47,4 @@ def contact_sense(short_names: Sequence[str]) -> ContactSense:
         squish_time=SQUISH_TIME,
         tick=TICK,
     )
-    return ContactSense(limits)
+    return CollisionDetector(limits)

@@ -215,7 +215,7 @@ class FakeBaxter:
     def _feel(self, name: str, drive: LimbDrive) -> None:
         """Lets a push act, and pauses the limb if it is a collision."""
         push, joints = self.pushes[name], drive.limb.joints
-        if push is None and self._senses[name].calm and not self.colliding[name]:
+        if push is None and self._senses[name].idle and not self.colliding[name]:
             return
         if push is not None and self.now >= push.end:
             push = self.pushes[name] = None
@@ -223,7 +223,7 @@ class FakeBaxter:
         if push is not None:
             torque = self.kinematics.jacobian_of(drive.limb.hand)[:3, joints].T @ push.force
         self.plant.push[joints] = torque
-        felt = self._senses[name].feel(torque)
+        felt = self._senses[name].detect(torque)
         if not drive.paused(self.now):
             self.colliding[name] = ""
         if felt and self._powered and not self.suppressed(name, "suppress_contact_safety"):
