@@ -18,7 +18,7 @@ Pushes and built-in springs act on the links; both are held over one period. The
 The weight deflects the joint's own spring, so the motor must stand ahead of the link; the integral takes the rest.
 ``ease`` = 0.4 sqrt(M_ii / K_sea) feeds the link's speed back, or the arm would swing on its springs for seconds.
 
-A limb takes what it feels for a collision when it is something sudden, or something that goes on pressing:
+A torque from outside counts as a collision when it is sudden, or when it goes on pressing:
 
     impact: |tau - low pass of tau| > threshold        squish: |tau| > threshold, for a while
 
@@ -73,7 +73,7 @@ class LinkTorque:
     port: Literal["motor", "link"] = "link"
 
     def __init__(self, torque: Vector) -> None:
-        """Takes a live (n,) array [N.m]."""
+        """Takes an array (n,) [N.m] that may change."""
         self._torque = torque
 
     def torque(self, motion: JointMotion) -> Vector:  # noqa: ARG002 - the protocol's signature
@@ -127,7 +127,7 @@ class DrivenPlant(Plant):
         super().__init__(model, surfaces, None, options, known)
         # The springs carry part of the weight from the start.
         self._start.on_links = self._on_links
-        # Without effects the laws take the torque from the table; with them it is asked for at every stage.
+        # Without effects the laws take the torque from the table; with them it is evaluated at every stage.
         self._evaluated = bool(self.torques or effects.coupling.any())
         if self._evaluated:
             self.torques.append(LinkTorque(self._on_links))
@@ -304,10 +304,10 @@ class CollisionLimits:
     """When a limb has collided.
 
     Attributes:
-        impact, squish: (k,) sudden and steady torque that count [N.m]; infinite where nothing is watched.
+        impact, squish: (k,) sudden and steady torque that count [N.m]; infinite where nothing is monitored.
         impact_time: Time constant of the low pass behind the one [s].
         squish_time: Duration of the other [s].
-        tick: Between two looks [s].
+        tick: Between two samples [s].
     """
 
     impact: Vector
@@ -318,7 +318,7 @@ class CollisionLimits:
 
 
 class CollisionDetector:
-    """Watches one limb for impacts and squeezes."""
+    """Detects impacts and squeezes of one limb."""
 
     def __init__(self, limits: CollisionLimits) -> None:
         self._limits = limits
@@ -328,7 +328,7 @@ class CollisionDetector:
 
     @property
     def idle(self) -> bool:
-        """Says whether nothing has pressed lately."""
+        """Whether nothing has pressed lately."""
         return not self._slow.any() and self._pressed == 0.0
 
     def detect(self, torque: Vector) -> str:

@@ -44,7 +44,7 @@ class RolloutPlant(Plant):
     """A plant for experiments on recordings. Call ``reset`` once, then ``seed`` and ``roll`` as often as wanted."""
 
     def seed(self, start: RolloutStart) -> None:
-        """Puts the plant into a measured state; effects have been told the past."""
+        """Puts the plant into a measured state; effects know the past."""
         begin, joints = self.state.start, self.state.joints
         self._start.clear(start.position)
         soft = joints["kind"] == ELASTIC

@@ -22,7 +22,7 @@ from impedance_modules.diagnosis.tree import read_tree
 from impedance_modules.effects.motion import JointMotion
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.plant import Plant, PlantOptions
-from impedance_modules.plant.rollout_plant import RolloutStart, RolloutPlant
+from impedance_modules.plant.rollout_plant import RolloutPlant, RolloutStart
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch import EffectSpec, Quantity
 from impedance_modules.spec.schema import load_schema

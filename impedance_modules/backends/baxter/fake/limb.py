@@ -23,7 +23,7 @@ from impedance_modules.backends.baxter.fake.numbers import (
     TORQUE_LIMITS,
 )
 from impedance_modules.backends.baxter.fake.options import FakeOptions
-from impedance_modules.plant.joint_servos import JointRange, ServoReference, Sensed, Servo, ServoTuning
+from impedance_modules.plant.joint_servos import JointRange, Sensed, Servo, ServoReference, ServoTuning
 from impedance_modules.robot.model import Limb, RobotModel
 
 Array = NDArray[np.float64]

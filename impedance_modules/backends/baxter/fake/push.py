@@ -24,7 +24,7 @@ from impedance_modules.backends.baxter.fake.numbers import (
     SQUISH_TIME,
     TICK,
 )
-from impedance_modules.plant.joint_servos import CollisionLimits, CollisionDetector
+from impedance_modules.plant.joint_servos import CollisionDetector, CollisionLimits
 
 Array = NDArray[np.float64]
 
