@@ -186,11 +186,11 @@ class PhaseMotion:
         found = {name: np.zeros(6) for name in self.start.springs}
         found.update({name: m.velocity(clock) for name, m in self.moved.items() if name != OBJECT})
         if OBJECT in self.moved:
-            now, twist = self.at(clock), self.moved[OBJECT].velocity(clock)
-            origin = self.moved[OBJECT].pose(clock).translation
-            for name in self.carried:
-                lever = now.springs[name].translation - origin
-                found[name] = np.concatenate([twist[:3] + skew(twist[3:]) @ lever, twist[3:]])
+            turn, twist = self.moved[OBJECT].pose(clock).rotation, self.moved[OBJECT].velocity(clock)
+            for name, offset in zip(self.start.springs, self._arrays.offset_translation, strict=True):
+                if name in self.carried:
+                    lever = turn @ offset
+                    found[name] = np.concatenate([twist[:3] + skew(twist[3:]) @ lever, twist[3:]])
         return found
 
     def _object_start(self) -> Pose:

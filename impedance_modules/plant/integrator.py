@@ -6,7 +6,7 @@ Over a step h, for the state x and its rate f:
     x_1 = x,  x_2 = x + h/2 f(x_1),  x_3 = x + h/2 f(x_2),  x_4 = x + h f(x_3)
     x(t + h) = x + h/6 (f(x_1) + 2 f(x_2) + 2 f(x_3) + f(x_4))
 
-A whole period is one law, left only to ask coal for distances. Where effects add torque, they are asked in Python
+A whole period is one law, left only to query coal for distances. Where effects add torque, they are evaluated in Python
 before each stage, between the same laws.
 """
 
@@ -40,7 +40,7 @@ from impedance_modules.records import Matrix, Vector
 
 @compiled
 def advance_steps(plant: PlantState, done: int, steps: int, step: float, clearance: float) -> int:
-    """Takes steps [s] from the ``done``-th on, up to all ``steps`` or until coal has to be asked; returns how many."""
+    """Takes steps [s] from the ``done``-th on, up to ``steps`` or until coal has to be queried; returns how many."""
     while done < steps:
         if place(plant, clearance) > 0:
             return done
@@ -60,7 +60,7 @@ def advance_steps(plant: PlantState, done: int, steps: int, step: float, clearan
 def place(plant: PlantState, clearance: float) -> int:
     """Brings links, hands and points to the step's start; returns how many points wait for coal.
 
-    ``clearance`` is what a point must be closer than for coal to be asked [m].
+    ``clearance`` is what a point must be closer than for coal to be queried [m].
     """
     place_links(plant.links, plant.start.position)
     place_hands(plant)
@@ -115,9 +115,9 @@ class Integrator:
     Attributes:
         plant: What it steps.
         step: Integration step [s].
-        distances: Whom to ask for distances of points from surfaces.
+        distances: Distances of points from surfaces, by coal.
         links: Pinocchio model whose armature holds only the rotors fixed to their links.
-        torques: Effects that add torque at motors or links, in the order in which they are asked.
+        torques: Effects that add torque at motors or links, in the order in which they are evaluated.
         aim, aim_velocity: (n,) the joint motion that the controller aims at, for effects that know it.
         time: Since the start [s].
     """
@@ -208,7 +208,7 @@ class Integrator:
         return mobility_under_water(self.links, self.plant.links, self._data, self.plant.stage.position)
 
     def _advance_with_effects(self) -> None:
-        """Takes the same step with effects asked before each stage."""
+        """Takes the same step with effects evaluated before each stage."""
         plant = self.plant
         self._start_load[:] = self._load
         self.place()
@@ -233,7 +233,7 @@ class Integrator:
             extra += effect.torque(motion)
 
     def motion(self) -> JointMotion:
-        """Gives what effects are told at the step's start; the same object every time."""
+        """Gives the joint motion that effects see at the step's start; the same object every time."""
         return self._timed(self._at_start)
 
     def _timed(self, motion: JointMotion) -> JointMotion:
@@ -242,7 +242,7 @@ class Integrator:
         return motion
 
     def _observed(self, state: StateVector, load: Vector) -> JointMotion:
-        """Takes the views of a state that effects are told."""
+        """Takes the views of a state that effects see."""
         return JointMotion(
             time=self.time,
             position=state.position,

@@ -2,7 +2,7 @@
 r"""Joints: series spring, rotor, play, stop, and the robot's own position hold.
 
 elastic  I_r w' + D w = tau_m - tau_s,  tau_s = K (theta - q) + B (w - v)      (thesis eq. 3.2, 3.3)
-         with play b: K acts on the deflection theta - q less what the play takes, |theta - q| <= b/2 winds nothing;
+         with play b: K acts on the deflection theta - q less what the play takes, nothing within |theta - q| <= b/2;
          teeth push and never pull
 rigid    the rotor moves with the link: tau_s = tau_m - D v - I_r v'
 ideal    I_r = 0: tau_s = tau_m and theta = q + tau_m / K; motor damping does not act

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""A robot that plays a recorded joint path back by itself, in its own position or velocity mode.
 
-A server, asked ``rate`` times a second, compares every joint with its path q_d(t), whose clock never waits:
+A server compares every joint ``rate`` times a second with its path q_d(t), whose clock never waits:
 
     position mode   |q_d - q| >= tolerance ends the playback: the limbs hold where they are;
-                    else the joints are commanded to q_d, at a share of their top speed (``servo``)
+                    else the joints are commanded to q_d, at a share of their top speed
     velocity mode   the joints are commanded the speed gain (q_d - q); nothing ends it
 
-A limb that collides (``collision``) holds where it is and takes no commands for a while, in either mode. Neither the
+A limb that collides holds where it is and takes no commands for a while, in either mode. Neither the
 torque filter nor the energy tank has a part in this: the joint boards' own servos move the arm.
 """
 
@@ -21,16 +21,16 @@ from enum import Enum
 import numpy as np
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.joint_boards import (
+from impedance_modules.plant.joint_servos import (
     BoardOrders,
+    CollisionDetector,
     CollisionLimits,
-    ContactSense,
     DrivenPlant,
-    Reach,
-    Reference,
+    JointRange,
     Sensed,
     Servo,
-    Tuning,
+    ServoReference,
+    ServoTuning,
 )
 from impedance_modules.records import Vector
 from impedance_modules.robot.model import Limb, RobotModel
@@ -41,7 +41,7 @@ TICK = 1e-3
 """Period of the robot's own loop [s]: the rate at which a ``DrivenPlant`` for a playback must run."""
 
 INERTIA_TICKS = 100
-"""The servos are told the arms' inertia every so many ticks."""
+"""The servos get the arms' inertia every so many ticks."""
 
 
 class PlaybackMode(Enum):
@@ -81,18 +81,18 @@ class JointPath:
 
 
 class _LimbPlayer:
-    """One limb's servo and its sense of collisions."""
+    """One limb's servo and its collision detector."""
 
     def __init__(self, model: RobotModel, limb: Limb, spec: PlaybackSpec) -> None:
         self.joints = limb.joints
         specs = [model.spec.joints[name] for name in limb.joint_names]
-        reach = Reach(
+        reach = JointRange(
             np.array([joint.position_min for joint in specs]),
             np.array([joint.position_max for joint in specs]),
             np.array([joint.velocity_max for joint in specs]),
         )
-        self.reference = Reference(
-            reach, Tuning(TICK, spec.position_lag, spec.integral_rate, spec.integral_limit)
+        self.reference = ServoReference(
+            reach, ServoTuning(TICK, spec.position_lag, spec.integral_rate, spec.integral_limit)
         )
         limits = CollisionLimits(
             impact=np.array([spec.impact.get(short, math.inf) for short in limb.short_names]),
@@ -101,7 +101,7 @@ class _LimbPlayer:
             squish_time=spec.squish_time,
             tick=TICK,
         )
-        self.sense = ContactSense(limits)
+        self.detector = CollisionDetector(limits)
         self.pause_end = -math.inf
 
 
@@ -152,7 +152,7 @@ class Playback:
         self.state: RobotState = self.plant.sense()
         for limb in self._limbs.values():
             limb.reference.settle(self.path.at(0.0)[limb.joints])
-        self._feel_inertia()
+        self._update_inertia()
         return self.state
 
     @property
@@ -161,7 +161,7 @@ class Playback:
         return bool(self.stopped) or self.now >= self.path.duration
 
     def tick(self) -> RobotState:
-        """Lives through one millisecond; returns what the sensors say at its end."""
+        """Advances by one millisecond; returns what the sensors say at its end."""
         if not self.stopped and self._ticks % self._every == 0:
             self._serve()
         self.plant.drive(self._orders())
@@ -169,7 +169,7 @@ class Playback:
         self._ticks += 1
         self.now = self._ticks * TICK
         if self._ticks % INERTIA_TICKS == 0:
-            self._feel_inertia()
+            self._update_inertia()
         return self.state
 
     def paused(self, limb: str) -> bool:
@@ -205,17 +205,17 @@ class Playback:
         pressed, position = self.plant.contact_torque(), np.zeros(n)
         for name, limb in self._limbs.items():
             joints = limb.joints
-            self._watch(name, limb, pressed[joints])
+            self._detect_collision(name, limb, pressed[joints])
             self._move(name, limb)
             sensed = Sensed(self.state.position[joints], self.state.velocity[joints])
             servo = Servo(ahead[joints], lead[joints], self._ease[joints])
             position[joints] = limb.reference.motor_target(sensed, servo)
         return BoardOrders(np.zeros(n), self._stiffness, self._damping, position, np.ones(n))
 
-    def _watch(self, name: str, limb: _LimbPlayer, torque: Vector) -> None:
-        felt = limb.sense.feel(torque)
-        if felt and not self.paused(name):
-            self.collisions.append((self.now, name, felt))
+    def _detect_collision(self, name: str, limb: _LimbPlayer, torque: Vector) -> None:
+        found = limb.detector.detect(torque)
+        if found and not self.paused(name):
+            self.collisions.append((self.now, name, found))
             limb.pause_end = self.now + self._spec.pause
             limb.reference.settle(self.state.position[limb.joints])
 
@@ -227,7 +227,7 @@ class Playback:
         else:
             limb.reference.run(self._command[limb.joints])
 
-    def _feel_inertia(self) -> None:
+    def _update_inertia(self) -> None:
         model = self.plant.model
         inertia = np.diag(model.mass_matrix(self.state.position)) - model.reflected_inertia
         self._ease = self._spec.swing_feedback * np.sqrt(inertia / self._stiffness)

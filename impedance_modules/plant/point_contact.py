@@ -9,8 +9,8 @@ r"""Contact of points with surfaces: a unilateral spring-damper with stick-slip 
 A hand touches with the origin of its frame, so a surface is met where the hand frame meets it. A box touches with its
 eight corners, a cylinder (axis z) with eight points of each rim, a sphere with itself.
 
-A point near a surface asks coal for distance and normal; far ones are passed over by a bound on the distance. Between
-two queries the surface counts as flat: the normal stays, the depth changes linearly. While the same face of the
+A point near a surface queries coal for distance and normal; far ones are passed over by a bound on the distance.
+Between two queries the surface counts as flat: the normal stays, the depth changes linearly. While the same face of the
 surface is nearest that is exact; around edges coal is queried again every ``FRESH``. A flexible sheet is evaluated
 anew at every stage instead (``sheet``), and its normal force is the gradient of its energy.
 """
@@ -391,10 +391,10 @@ class SurfaceDistances:
         self._request = coal.DistanceRequest()
         self._request.enable_signed_distance = True
         self._result = coal.DistanceResult()
-        # A sheet is never asked of coal, so no point on it goes stale.
-        asked = [(i, shapes[index]) for i, index in enumerate(contacts["surface"])]
-        # Kept whole: a query does not keep the shape that it asks about.
-        self._shapes = {i: shape for i, shape in asked if shape is not None}
+        # Coal is not queried for a sheet, so no point on it goes stale.
+        queried = [(i, shapes[index]) for i, index in enumerate(contacts["surface"])]
+        # Kept whole: a query does not keep its shape alive.
+        self._shapes = {i: shape for i, shape in queried if shape is not None}
         self._queries = {
             i: coal.ComputeDistance(self._point, shape) for i, (shape, _) in self._shapes.items()
         }

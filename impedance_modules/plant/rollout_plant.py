@@ -20,7 +20,7 @@ from impedance_modules.records import Vector
 
 
 @dataclass(frozen=True, eq=False)
-class Seed:
+class RolloutStart:
     """Where the plant begins.
 
     Attributes:
@@ -40,11 +40,11 @@ class Seed:
     past: Sequence[JointMotion]
 
 
-class SeededPlant(Plant):
+class RolloutPlant(Plant):
     """A plant for experiments on recordings. Call ``reset`` once, then ``seed`` and ``roll`` as often as wanted."""
 
-    def seed(self, start: Seed) -> None:
-        """Puts the plant into a measured state; effects have been told the past."""
+    def seed(self, start: RolloutStart) -> None:
+        """Puts the plant into a measured state; effects know the past."""
         begin, joints = self.state.start, self.state.joints
         self._start.clear(start.position)
         soft = joints["kind"] == ELASTIC

@@ -108,7 +108,7 @@ def sheet_force(sheet: Row, local: Vector, radius: float, stiffness: float, out:
 
 @compiled
 def find_on_sheet(sheet: Row, contact: Row, local: Vector, clearance: float) -> None:
-    """Notes whether a point is above the sheet, or in it from above, within a clearance [m]; coal is not asked."""
+    """Notes whether a point is above the sheet, or in it from above, within a clearance [m]; coal is not queried."""
     found = np.empty(4)
     contact.stale = 0
     if not sheet_point(sheet, local[0], local[1], found):

@@ -238,11 +238,11 @@ MATRICES = (
 
 def analysis_json(analysis: Analysis) -> dict[str, Any]:
     """Gives ``{"format": 1, "arms": {SIDE: X}, "object": X or null}``."""
-    felt = analysis.object
+    impedance = analysis.object
     return {
         "format": 1,
         "arms": {limb: _frame(found, analysis.phase) for limb, found in analysis.arms.items()},
-        "object": None if felt is None else _frame(felt, analysis.phase),
+        "object": None if impedance is None else _frame(impedance, analysis.phase),
     }
 
 
@@ -259,10 +259,14 @@ def write_analysis(analysis: Analysis, path: Path) -> None:
         raise BadInput(f"--json {path}: cannot be written: {error.strerror}") from None
 
 
-def _frame(felt: FrameImpedance, phase: str | None) -> dict[str, Any]:
-    found: dict[str, Any] = {"frame": felt.frame, "position": felt.position.tolist(), "q": dict(felt.q)}
-    found.update({name: _numbers(getattr(felt, name)) for name in MATRICES})
-    found.update({"preload": felt.preload.tolist(), "folds": felt.folds, "phase": phase})
+def _frame(impedance: FrameImpedance, phase: str | None) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "frame": impedance.frame,
+        "position": impedance.position.tolist(),
+        "q": dict(impedance.q),
+    }
+    found.update({name: _numbers(getattr(impedance, name)) for name in MATRICES})
+    found.update({"preload": impedance.preload.tolist(), "folds": impedance.folds, "phase": phase})
     return found
 
 

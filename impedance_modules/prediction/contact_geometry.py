@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 TOO_DEEP = 0.05
 """A point further below a sheet at rest did not come from above it: a forecast sees single states [m]."""
 
-SPRUNG = 0.05
+BULGE = 0.05
 """Between its supports a sheet may bulge above the highest by no more than this [m]."""
 
 
@@ -84,16 +84,16 @@ def find_contacts(
     for index, surface in enumerate(surfaces):
         close = _clearance(surface, centres) - radii < near
         for number in np.flatnonzero(close):
-            felt = _feel(surface, centres[number], float(radii[number]))
-            if felt is not None and felt.depth > -near:
-                arm = centres[number] - pose.translation - radii[number] * felt.normal
+            local = _surface_at(surface, centres[number], float(radii[number]))
+            if local is not None and local.depth > -near:
+                arm = centres[number] - pose.translation - radii[number] * local.normal
                 key = (body, int(number), index)
-                found.append(Contact(key, arm, felt.normal, felt.depth, felt.surface))
+                found.append(Contact(key, arm, local.normal, local.depth, local.surface))
     return found
 
 
 @dataclass(frozen=True)
-class _Felt:
+class _LocalSurface:
     """Normal, depth and mechanics of a surface under one point."""
 
     normal: Array
@@ -101,11 +101,11 @@ class _Felt:
     surface: SurfaceSpec
 
 
-def _feel(placed: PlacedSurface, centre: Array, radius: float) -> _Felt | None:
-    """Feels a surface at a point; None beside a sheet, or too deep in one to have come from above."""
+def _surface_at(placed: PlacedSurface, centre: Array, radius: float) -> _LocalSurface | None:
+    """Describes a surface under a point; None beside a sheet, or too deep in one to have come from above."""
     if placed.sheet is None:
         distance, normal = surface_distance(placed, centre)
-        return _Felt(normal, radius - distance, placed.spec)
+        return _LocalSurface(normal, radius - distance, placed.spec)
     local = placed.rotation.T @ (centre - placed.origin) - np.array([0.0, 0.0, radius])
     here = placed.sheet.point(float(local[0]))
     if here is None or abs(local[1]) > placed.sheet.half_width or local[2] < here.height - TOO_DEEP:
@@ -116,14 +116,14 @@ def _feel(placed: PlacedSurface, centre: Array, radius: float) -> _Felt | None:
     depth = float(here.height - local[2]) * float(normal[2])
     net = 1.0 / (1.0 / placed.spec.stiffness + here.compliance)
     stiffness = net if force is None else float(np.linalg.norm(force)) / depth
-    return _Felt(placed.rotation @ normal, depth, replace(placed.spec, stiffness=stiffness))
+    return _LocalSurface(placed.rotation @ normal, depth, replace(placed.spec, stiffness=stiffness))
 
 
 def _clearance(surface: PlacedSurface, points: Array) -> Array:
     """Bounds the distance of points (p, 3) from a surface from below, (p,) [m]."""
     local = (points - surface.origin) @ surface.rotation
     if surface.spec.sheet is not None:
-        return np.asarray(local[:, 2] - max(height for _, height in surface.spec.sheet.supports) - SPRUNG)
+        return np.asarray(local[:, 2] - max(height for _, height in surface.spec.sheet.supports) - BULGE)
     if surface.spec.size is None:
         return np.asarray(local[:, 2])
     return np.asarray(np.max(np.abs(local) - 0.5 * np.array(surface.spec.size), axis=1))

@@ -58,7 +58,7 @@ class ImplicitStep:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism
-        self._pressure: dict[tuple[int, int, int], float] = {}
+        self._normal_forces: dict[tuple[int, int, int], float] = {}
         self._before: dict[tuple[int, int, int], float] = {}
         self._step_of: Array = np.zeros(0)
         self.friction_loss = 0.0
@@ -71,8 +71,8 @@ class ImplicitStep:
         """
         v = now.velocity
         if v is self._step_of:
-            self._pressure = self._before
-        self._step_of, self._before = v, self._pressure
+            self._normal_forces = self._before
+        self._step_of, self._before = v, self._normal_forces
         system = now.inertia + step * now.dampers + step**2 * now.stiffness
         load = step * (now.force - step * now.stiffness @ v)
         rows, gap = self._mechanism.grasp_rows()
@@ -83,13 +83,13 @@ class ImplicitStep:
         ]
         for _ in range(TRIES):
             new = self._velocity(system, load, rows=rows, gap=gap, points=points, v=v, step=step)
-            pressures = [self._pressure_of(contact, J, new, step) for contact, J in points]
-            kept = [point for point, pressure in zip(points, pressures, strict=True) if pressure > 0.0]
+            forces = [self._normal_force(contact, J, new, step) for contact, J in points]
+            kept = [point for point, force in zip(points, forces, strict=True) if force > 0.0]
             if len(kept) == len(points):
                 break
             points = kept
         self._keep(points, new, step)
-        self.contacts_changed = self._pressure.keys() != self._before.keys()
+        self.contacts_changed = self._normal_forces.keys() != self._before.keys()
         return new
 
     def _velocity(
@@ -108,9 +108,9 @@ class ImplicitStep:
         matrix[:k, :k], right[:k] = system, load + system @ v
         # ``system`` acts on v+ - v; the surfaces' part acts on v+ itself.
         for contact, J in points:
-            added, pushed = self._linear(contact, J, v, step)
+            added, constant = self._linear(contact, J, v, step)
             matrix[:k, :k] += added
-            right[:k] += pushed
+            right[:k] += constant
         matrix[:k, k:], matrix[k:, :k], right[k:] = rows.T, rows, -gap / step
         return np.asarray(np.linalg.solve(matrix, right)[:k])
 
@@ -121,12 +121,12 @@ class ImplicitStep:
         rate = step * surface.stiffness + (surface.damping if contact.depth > 0.0 else 0.0)
         along = J - np.outer(contact.normal, into)
         speed = float(np.linalg.norm(along @ v))
-        pressure = self._pressure.get(contact.key, max(0.0, surface.stiffness * contact.depth))
-        friction = surface.fresh_friction * pressure / max(speed, REGULARISATION_VELOCITY)
+        force = self._normal_forces.get(contact.key, max(0.0, surface.stiffness * contact.depth))
+        friction = surface.fresh_friction * force / max(speed, REGULARISATION_VELOCITY)
         matrix = step * (rate * np.outer(into, into) + friction * along.T @ along)
         return matrix, step * surface.stiffness * contact.depth * into
 
-    def _pressure_of(self, contact: Contact, J: Array, new: Array, step: float) -> float:
+    def _normal_force(self, contact: Contact, J: Array, new: Array, step: float) -> float:
         surface = contact.surface
         approach = -float(contact.normal @ J @ new)
         damped = surface.damping * approach if contact.depth > 0.0 else 0.0
@@ -134,17 +134,17 @@ class ImplicitStep:
 
     def _keep(self, points: list[tuple[Contact, Array]], new: Array, step: float) -> None:
         self.friction_loss = 0.0
-        before, self._pressure = self._pressure, {}
+        before, self._normal_forces = self._normal_forces, {}
         for contact, J in points:
-            pressure = self._pressure_of(contact, J, new, step)
-            self._pressure[contact.key] = pressure
+            force = self._normal_force(contact, J, new, step)
+            self._normal_forces[contact.key] = force
             along = J @ new - contact.normal * float(contact.normal @ J @ new)
             speed = float(np.linalg.norm(along))
-            pressed = before.get(contact.key, pressure)
+            normal = before.get(contact.key, force)
             self.friction_loss += (
                 step
                 * contact.surface.fresh_friction
-                * pressed
+                * normal
                 * speed
                 * min(1.0, speed / REGULARISATION_VELOCITY)
             )

@@ -56,7 +56,9 @@ class Mechanism:
         self.modules: TaskModules = assembly.modules
         self._surfaces = tuple(place_surface(surface) for surface in assembly.task.environment)
         self._pushes = assembly.task.pushes
+        self._arm_inertia: Array | None = None
         self._inertia: Array | None = None
+        self._in_force: Setting | None = None
         self._object: tuple[Pose, Array] | None = None
         self.kinematics = Kinematics(self.model, self.modules.frames)
         self.joints = np.concatenate([arm.limb.joints for arm in self.modules.arms])
@@ -77,7 +79,7 @@ class Mechanism:
     def update(self, q: Array, v: Array) -> None:
         """Moves to positions q [rad] and velocities v [rad/s], both (n,)."""
         self.kinematics.update(q, v)
-        self._inertia, self._object = None, None
+        self._arm_inertia, self._inertia, self._object = None, None, None
 
     def jacobian(self, frame: str) -> Array:
         """Gives J of a frame over the stacked joints, (6, k), world axes."""
@@ -85,18 +87,20 @@ class Mechanism:
 
     def arm_inertia(self) -> Array:
         """Gives M + I_r of the arms alone, (k, k) [kg.m^2]."""
-        if self._inertia is None:
-            self._inertia = np.linalg.inv(self.kinematics.inverse_inertia[np.ix_(self.joints, self.joints)])
-        return self._inertia
+        if self._arm_inertia is None:
+            block = self.kinematics.inverse_inertia[np.ix_(self.joints, self.joints)]
+            self._arm_inertia = np.linalg.inv(block)
+        return self._arm_inertia
 
     def inertia(self) -> Array:
         """Gives M + I_r of the arms and the held object, (k, k) [kg.m^2]."""
-        found = self.arm_inertia()
-        held = self.modules.held
-        if held is not None:
-            J = self.object_jacobian()
-            found = found + J.T @ held.inertia(self.object_pose().rotation) @ J
-        return np.asarray(0.5 * (found + found.T))
+        if self._inertia is None:
+            found, held = self.arm_inertia(), self.modules.held
+            if held is not None:
+                J = self.object_jacobian()
+                found = found + J.T @ held.inertia(self.object_pose().rotation) @ J
+            self._inertia = np.asarray(0.5 * (found + found.T))
+        return self._inertia
 
     def gains(self, modules: TaskModules, damping: Damping) -> tuple[Array, Array]:
         """Gives the declared stiffness and damping of all modules in joint space, (k, k) each."""
@@ -127,7 +131,10 @@ class Mechanism:
             (n,) torque [N.m], and the energy of all springs [J].
         """
         found = self._sum
-        write_gains(found, setting.modules, setting.damping)
+        before = self._in_force
+        if before is None or before.modules is not setting.modules or before.damping is not setting.damping:
+            write_gains(found, setting.modules, setting.damping)
+        self._in_force = setting if force_share == 1.0 else None
         found.springs.force[:] *= force_share
         write_equilibrium(found, setting.modules, setting.targets)
         energy = sum_modules(found, self.kinematics.arms, q, v, 1.0)

@@ -29,7 +29,7 @@ from impedance_modules.episode.run_folder import write_summary
 from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.joint_boards import DrivenPlant
+from impedance_modules.plant.joint_servos import DrivenPlant
 from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.plant.playback import TICK, JointPath, Playback, PlaybackMode
 from impedance_modules.robot.kinematics import Kinematics

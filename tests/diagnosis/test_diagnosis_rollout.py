@@ -25,7 +25,7 @@ from impedance_modules.diagnosis.rollout.simulated_robot import (
 from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.plant import Plant, PlantOptions
-from impedance_modules.plant.rollout_plant import Seed, SeededPlant
+from impedance_modules.plant.rollout_plant import RolloutPlant, RolloutStart
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity
 from impedance_modules.spec.schema import load_schema
@@ -165,7 +165,7 @@ def test_a_plant_from_the_same_state_moves_the_same_way(robot: Path) -> None:
     spec = two_joints(robot)
     options = PlantOptions(rate=1000.0, seed=0, noise=False, step=1e-3)
     model = RobotModel(replace(spec, gravity_compensation="none"))
-    ran, seeded = (kind(model, [], None, options) for kind in (Plant, SeededPlant))
+    ran, seeded = (kind(model, [], None, options) for kind in (Plant, RolloutPlant))
     for plant in (ran, seeded):
         plant.reset(START)
     t = np.arange(400) / 1000.0
@@ -179,7 +179,7 @@ def test_a_plant_from_the_same_state_moves_the_same_way(robot: Path) -> None:
     stiffness = 1.0 / model.spring_compliance()
     acting = commands[begin - ran.delay]
     now = JointMotion(0.1, q, v, theta, w, acting, load, acting, q, v)
-    seeded.seed(Seed(0.1, q, v, load, stiffness * (w - v), acting, [now]))
+    seeded.seed(RolloutStart(0.1, q, v, load, stiffness * (w - v), acting, [now]))
     late = np.concatenate([commands[begin - ran.delay : -ran.delay]])
     positions, velocities = seeded.roll(late, None)
     expected = np.array([state[:2] for state in states])
@@ -207,7 +207,7 @@ def test_a_prismatic_joint_has_friction_in_its_own_units(tmp_path: Path) -> None
     dressed = apply_causes(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)
     still, rest = np.zeros(1), np.ones(1)
     now = JointMotion(0.0, still, rest, still, rest, still, still, still, still, still)
-    dressed.plant.seed(Seed(0.0, still, rest, still, still, still, [now]))
+    dressed.plant.seed(RolloutStart(0.0, still, rest, still, still, still, [now]))
     _, velocity = dressed.plant.roll(np.zeros((500, 1)), None)
     assert velocity[-1, 0] == pytest.approx(np.exp(-4.0 / 5.0 * 0.5), rel=1e-6)
     with pytest.raises(BadInput, match=r"fv is in N\.s/m, not in 'N\.m\.s/rad'"):

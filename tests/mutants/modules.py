@@ -26,7 +26,7 @@ TESTS = {
     SUM: LAWS,
     POSE: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
     EQUILIBRIUM: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
-    MOTOR: ("tests/modules/test_motor_velocity.py",),
+    MOTOR: ("tests/superposition/test_modes.py",),
     DAMPING: ("tests/modules/test_damping.py",),
     ROTATION: (*LAWS, "tests/robot/test_rotation.py"),
     DISTANCES: ("tests/robot/test_distances.py",),

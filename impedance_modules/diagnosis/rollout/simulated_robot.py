@@ -37,7 +37,7 @@ from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.plant import PlantOptions
-from impedance_modules.plant.rollout_plant import SeededPlant
+from impedance_modules.plant.rollout_plant import RolloutPlant
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import parse_document
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec
@@ -85,7 +85,7 @@ class PerturbedPlant:
         nuisance: Fitted changes beside the causes.
     """
 
-    plant: SeededPlant
+    plant: RolloutPlant
     applied: PlantEffects
     order: tuple[int, ...]
     nuisance: FittedNuisance
@@ -110,7 +110,7 @@ def apply_causes(
     model = RobotModel(apply_patch(changed, patch) if effects else changed)
     applied = apply_to_plant(model, patch)
     for step in STEPS:
-        plant = SeededPlant(model, [], None, PlantOptions(RATE, seed=0, noise=False, step=step), applied)
+        plant = RolloutPlant(model, [], None, PlantOptions(RATE, seed=0, noise=False, step=step), applied)
         try:
             plant.reset(np.zeros(model.n))
         except BadInput:

@@ -22,7 +22,7 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_robot import PerturbedPlant
 from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.rollout_plant import Seed
+from impedance_modules.plant.rollout_plant import RolloutStart
 
 Array = NDArray[np.float64]
 
@@ -233,7 +233,7 @@ def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Pl
     )
 
 
-def seed_at(inputs: PlantInput, start: float, perturbed: PerturbedPlant) -> Seed:
+def seed_at(inputs: PlantInput, start: float, perturbed: PerturbedPlant) -> RolloutStart:
     """The plant's initial state at a time, with the motion before it."""
     step = perturbed.plant.division.step
     remembers = bool(perturbed.plant.torques)
@@ -259,7 +259,7 @@ def seed_at(inputs: PlantInput, start: float, perturbed: PerturbedPlant) -> Seed
         )
         for k in range(len(times))
     ]
-    return Seed(start, q[-1], v[-1], load[-1], load_rate[-1], acting[-1], past)
+    return RolloutStart(start, q[-1], v[-1], load[-1], load_rate[-1], acting[-1], past)
 
 
 def _unknown_weight(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Array:

@@ -34,7 +34,7 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     TICK,
 )
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.joint_boards import CollisionLimits, ContactSense
+from impedance_modules.plant.joint_servos import CollisionDetector, CollisionLimits
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
@@ -111,7 +111,7 @@ class HandPush:
     end: float
 
 
-def contact_sense(short_names: Sequence[str]) -> ContactSense:
+def contact_sense(short_names: Sequence[str]) -> CollisionDetector:
     """Makes the collision detection of one limb, with the robot's own thresholds."""
     infinite = math.inf
     limits = CollisionLimits(
@@ -121,7 +121,7 @@ def contact_sense(short_names: Sequence[str]) -> ContactSense:
         squish_time=SQUISH_TIME,
         tick=TICK,
     )
-    return ContactSense(limits)
+    return CollisionDetector(limits)
 
 
 class Suppressions:

@@ -29,14 +29,14 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     TORQUE_LIMITS,
     SimulatorOptions,
 )
-from impedance_modules.plant.joint_boards import (
+from impedance_modules.plant.joint_servos import (
     BoardOrders,
     DrivenPlant,
-    Reach,
-    Reference,
+    JointRange,
     Sensed,
     Servo,
-    Tuning,
+    ServoReference,
+    ServoTuning,
 )
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.state import RobotState
@@ -100,8 +100,8 @@ class LimbDrive:
         low = np.array([spec.position_min for spec in specs])
         high = np.array([spec.position_max for spec in specs])
         speed = np.array([SPEED_LIMITS[short] for short in shorts])
-        tuning = Tuning(TICK, POSITION_LAG, INTEGRAL_RATE, INTEGRAL_LIMIT)
-        self.reference = Reference(Reach(low, high, speed), tuning)
+        tuning = ServoTuning(TICK, POSITION_LAG, INTEGRAL_RATE, INTEGRAL_LIMIT)
+        self.reference = ServoReference(JointRange(low, high, speed), tuning)
         self._k = len(specs)
         self.activity = LimbActivity.HOLDS
         self.mode: CommandMode | None = None

@@ -36,7 +36,7 @@ from impedance_modules.backends.baxter.simulator.parameters import (
     SimulatorOptions,
 )
 from impedance_modules.effects.plant_builder import PlantEffects
-from impedance_modules.plant.joint_boards import DrivenPlant
+from impedance_modules.plant.joint_servos import DrivenPlant
 from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
@@ -224,7 +224,7 @@ class SimulatedBaxter:
     def _detect_collision(self, name: str, drive: LimbDrive) -> None:
         """Applies a push, and pauses the limb if it is a collision."""
         push, joints = self.pushes[name], drive.limb.joints
-        if push is None and self._senses[name].calm and not self.colliding[name]:
+        if push is None and self._senses[name].idle and not self.colliding[name]:
             return
         if push is not None and self.now >= push.end:
             push = self.pushes[name] = None
@@ -232,7 +232,7 @@ class SimulatedBaxter:
         if push is not None:
             torque = self.kinematics.jacobian_of(drive.limb.hand)[:3, joints].T @ push.force
         self.plant.push[joints] = torque
-        felt = self._senses[name].feel(torque)
+        felt = self._senses[name].detect(torque)
         if not drive.paused(self.now):
             self.colliding[name] = ""
         if felt and self._powered and not self.suppressed(name, "suppress_contact_safety"):

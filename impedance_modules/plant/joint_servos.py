@@ -18,7 +18,7 @@ Pushes and built-in springs act on the links; both are held over one period. The
 The weight deflects the joint's own spring, so the motor must stand ahead of the link; the integral takes the rest.
 ``ease`` = 0.4 sqrt(M_ii / K_sea) feeds the link's speed back, or the arm would swing on its springs for seconds.
 
-A limb takes what it feels for a collision when it is something sudden, or something that goes on pressing:
+A torque from outside counts as a collision when it is sudden, or when it goes on pressing:
 
     impact: |tau - low pass of tau| > threshold        squish: |tau| > threshold, for a while
 
@@ -73,7 +73,7 @@ class LinkTorque:
     port: Literal["motor", "link"] = "link"
 
     def __init__(self, torque: Vector) -> None:
-        """Takes a live (n,) array [N.m]."""
+        """Takes an array (n,) [N.m] that may change."""
         self._torque = torque
 
     def torque(self, motion: JointMotion) -> Vector:  # noqa: ARG002 - the protocol's signature
@@ -127,7 +127,7 @@ class DrivenPlant(Plant):
         super().__init__(model, surfaces, None, options, known)
         # The springs carry part of the weight from the start.
         self._start.on_links = self._on_links
-        # Without effects the laws take the torque from the table; with them it is asked for at every stage.
+        # Without effects the laws take the torque from the table; with them it is evaluated at every stage.
         self._evaluated = bool(self.torques or effects.coupling.any())
         if self._evaluated:
             self.torques.append(LinkTorque(self._on_links))
@@ -185,7 +185,7 @@ class DrivenPlant(Plant):
 
 
 @dataclass(frozen=True)
-class Tuning:
+class ServoTuning:
     """How a robot's own modes are tuned.
 
     Attributes:
@@ -201,7 +201,7 @@ class Tuning:
 
 
 @dataclass(frozen=True)
-class Reach:
+class JointRange:
     """How far and how fast a limb's joints go, each (k,): [rad], [rad], [rad/s]."""
 
     low: Vector
@@ -232,7 +232,7 @@ class Servo:
     ease: Vector
 
 
-class Reference:
+class ServoReference:
     """The moving set-point of one limb's servo.
 
     Attributes:
@@ -241,7 +241,7 @@ class Reference:
         integral: (k,) of the position error times the integral rate [rad].
     """
 
-    def __init__(self, reach: Reach, tuning: Tuning) -> None:
+    def __init__(self, reach: JointRange, tuning: ServoTuning) -> None:
         self._reach, self._tuning = reach, tuning
         self._catching_up = 1.0 - math.exp(-tuning.tick / tuning.lag)
         k = reach.speed.size
@@ -304,10 +304,10 @@ class CollisionLimits:
     """When a limb has collided.
 
     Attributes:
-        impact, squish: (k,) sudden and steady torque that count [N.m]; infinite where nothing is watched.
+        impact, squish: (k,) sudden and steady torque that count [N.m]; infinite where nothing is monitored.
         impact_time: Time constant of the low pass behind the one [s].
         squish_time: Duration of the other [s].
-        tick: Between two looks [s].
+        tick: Between two samples [s].
     """
 
     impact: Vector
@@ -317,8 +317,8 @@ class CollisionLimits:
     tick: float
 
 
-class ContactSense:
-    """Watches one limb for impacts and squeezes."""
+class CollisionDetector:
+    """Detects impacts and squeezes of one limb."""
 
     def __init__(self, limits: CollisionLimits) -> None:
         self._limits = limits
@@ -327,11 +327,11 @@ class ContactSense:
         self._pressed = 0.0
 
     @property
-    def calm(self) -> bool:
-        """Says whether nothing has pressed lately."""
+    def idle(self) -> bool:
+        """Whether nothing has pressed lately."""
         return not self._slow.any() and self._pressed == 0.0
 
-    def feel(self, torque: Vector) -> str:
+    def detect(self, torque: Vector) -> str:
         """Takes the torque (k,) [N.m] of one tick; returns ``impact``, ``squish`` or nothing."""
         sudden = np.abs(torque - self._slow)
         self._slow = self._slow + self._fade * (torque - self._slow)
