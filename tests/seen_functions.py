@@ -51,7 +51,7 @@ REASONS = {
     "__init__.py": "a version",
     "__main__.py": "python -m impedance_modules",
 }
-"""Pattern of files -> why the commands below do not call some of their functions, and who does. The first one counts."""
+"""Pattern of files -> why the commands do not call some of their functions, and who does; the first one counts."""
 
 
 class Seen:
@@ -79,7 +79,7 @@ def commands(folder: Path) -> list[list[str]]:
         ["analyze", "press-and-slide", "--phase", "slide"],
         ["run", "press-and-slide", "--duration", "0.1", "--out", run],
         ["replay", run, "--verify"],
-        ["run", "elbow-swing", "--duration", "0.4", "--rate", "200", "--out", swing],
+        ["run", "soft-hold", "--duration", "0.4", "--rate", "200", "--out", swing],
         ["diagnose", swing, "--robot", "baxter", "--json", str(folder / "answer.json")],
         ["probe", "--robot", "baxter", "--out", str(folder / "probe")],
         ["map", run],
