@@ -21,7 +21,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--sample",
         type=float,
         metavar="SHARE",
-        help="run this part, in (0, 1], of long tests: of the parametrisations of each, or of a file's tests",
+        help="run this part, in (0, 1], of long tests: of the parametrisations of each, or of a folder's tests",
     )
     parser.addoption(
         "--sample-seed", type=int, metavar="N", help="which sample; the header of a run prints it"

@@ -432,6 +432,7 @@ main()
 """
 
 
+@pytest.mark.long
 def test_ten_hours_are_diagnosed_from_segments(tmp_path, urdf):
     """Bounded in memory (a process of its own, to measure it) and in time; what was used is said."""
     hour = np.arange(360_000) / 100.0  # the same hour ten times: what is not looked at may be anything
@@ -497,6 +498,7 @@ def corrupt(data, how, name, value, first, length):
         data[name] = column
 
 
+@pytest.mark.long
 @settings(
     max_examples=25,
     deadline=None,

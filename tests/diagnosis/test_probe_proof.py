@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.episode.file_format import write_episode
@@ -86,6 +87,7 @@ def asked(folder: Path, answer: str, *logs: str) -> tuple[int, dict[str, Any]]:
     return code, found
 
 
+@pytest.mark.long
 def test_an_offset_that_could_be_a_spring_is_an_offset_after_the_probe(tmp_path: Path) -> None:
     robot = robot_folder(tmp_path)
     (tmp_path / "withheld.yaml").write_text(patch_text("torque_offset", "link", STANDS, c=(OFFSET, "N.m")))

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from impedance_experiments.thesis_experiments import find_experiment
 from impedance_experiments.thesis_page import Settings, Size
 
@@ -20,6 +22,7 @@ def test_springs_hide_in_slow_motion_and_show_in_a_blow(tmp_path: Path) -> None:
     assert facts["departure of the angle"] < 0.02 and facts["departure of the velocity"] > 0.3
 
 
+@pytest.mark.long
 def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(tmp_path: Path) -> None:
     facts = find_experiment("reflected-inertia-matters").run(short(tmp_path)).facts
     # Square roots of the masses are what Table 3.1 comes near; the masses themselves are not.
@@ -35,6 +38,7 @@ def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(tmp_path: P
     assert facts["ratio of peak force"] < facts["ratio of mean force, same contact time"]
 
 
+@pytest.mark.long
 def test_both_methods_recover_the_plants_own_reflected_inertia(tmp_path: Path) -> None:
     facts = find_experiment("reflected-inertia").run(short(tmp_path)).facts
     for name in ("real", "wrist"):

@@ -72,6 +72,7 @@ def test_the_measures_see_a_wrong_prediction() -> None:
     np.testing.assert_allclose(ratios(1.2 * stiffness, stiffness), 1.2, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_hand_under_water_floats_up_as_stiff_as_before_and_feels_heavier(tmp_path: Path) -> None:
     facts = under_water.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
     assert facts["shift"] == pytest.approx(facts["shift_predicted"], rel=0.1)
@@ -90,6 +91,7 @@ def test_the_thesis_s_posture_needs_more_than_its_springs_to_carry_its_force(tmp
     assert 0.0 < facts["borne"] < 1.0
 
 
+@pytest.mark.long
 def test_damping_differs_by_excitation_until_the_load_is_among_the_laws(tmp_path: Path) -> None:
     facts = nonlinear_damping.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
     assert facts["dry, interactive"] > 2.0 * facts["dry, forward"]

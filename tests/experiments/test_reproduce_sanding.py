@@ -13,6 +13,7 @@ from impedance_experiments.sanding_rule import roc_curve, set_bound, smooth_stat
 from impedance_experiments.thesis_page import Settings, Size
 
 
+@pytest.mark.long
 def test_it_is_held_comes_free_works_and_feels_what_is_rough(tmp_path: Path) -> None:
     facts = sanding.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
     assert 4.0 < facts["stuck"] < 12.0 and facts["broken"] >= 1.0

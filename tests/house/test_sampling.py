@@ -13,11 +13,11 @@ from tests.support.paths import CHECKOUT
 from tests.support.sampling import sample_of
 
 NODES = [
-    *(f"a.py::law[{i}]" for i in range(10)),
-    *(f"a.py::rule[{way}]" for way in ("python", "machine code")),
-    "a.py::one",
-    "a.py::two",
-    "b.py::alone",
+    *(f"a/b.py::law[{i}]" for i in range(10)),
+    *(f"a/b.py::rule[{way}]" for way in ("python", "machine code")),
+    "a/b.py::one",
+    "a/e.py::two",
+    "c/d.py::alone",
 ]
 
 
@@ -25,7 +25,7 @@ NODES = [
 def test_every_group_keeps_its_share_and_at_least_one_test(seed: int) -> None:
     kept = sample_of(NODES, 0.2, seed)
     assert sum("law" in node for node in kept) == 2 and sum("rule" in node for node in kept) == 1
-    assert sum(node in ("a.py::one", "a.py::two") for node in kept) == 1 and "b.py::alone" in kept
+    assert sum(node in ("a/b.py::one", "a/e.py::two") for node in kept) == 1 and "c/d.py::alone" in kept
 
 
 def test_the_seed_chooses() -> None:

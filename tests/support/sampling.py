@@ -12,7 +12,7 @@ from collections.abc import Iterable
 def sample_of(nodes: Iterable[str], share: float, seed: int) -> set[str]:
     """Chooses the tests that run.
 
-    The parametrisations of one test are a group. The tests of a file that have none are a group together.
+    The parametrisations of one test are a group. Tests that have none are a group with those of the same folder.
 
     Args:
         nodes: Names of all tests marked ``long``, as pytest writes them: ``tests/a/test_b.py::test_c[2]``.
@@ -22,7 +22,7 @@ def sample_of(nodes: Iterable[str], share: float, seed: int) -> set[str]:
     groups: dict[str, list[str]] = defaultdict(list)
     for node in nodes:
         test, bracket, _ = node.partition("[")
-        groups[test if bracket else test.partition("::")[0]].append(node)
+        groups[test if bracket else test.partition("::")[0].rpartition("/")[0]].append(node)
     kept = set()
     for group in groups.values():
         group.sort(key=lambda node: hashlib.sha256(f"{seed} {node}".encode()).digest())

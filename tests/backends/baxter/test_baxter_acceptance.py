@@ -78,6 +78,7 @@ def kill(process: subprocess.Popen[str]) -> None:
         raise MachineBusyError("it had ended by itself")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("result", ["hold", "disable", "float"])
 @again_when_busy
 def test_the_robots_time_out_acts_when_the_controller_is_killed(
@@ -93,6 +94,7 @@ def test_the_robots_time_out_acts_when_the_controller_is_killed(
         assert after["modes"]["right"] == ("floats" if result == "float" else "holds")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @again_when_busy
 def test_registrations_of_a_killed_run_are_ignored(tmp_path: Path, master: str, transport: str) -> None:
@@ -106,6 +108,7 @@ def test_registrations_of_a_killed_run_are_ignored(tmp_path: Path, master: str, 
         end(start_run(robot, transport, tmp_path / "again"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["silence", "freeze"])
 def test_no_torque_is_sent_after_100_ms_without_states(tmp_path: Path, master: str, fault: str) -> None:
     with running(tmp_path, master) as (robot, process):
@@ -132,6 +135,7 @@ def test_nothing_is_sent_after_an_emergency_stop(tmp_path: Path, master: str) ->
         assert after["stopped"] and not after["enabled"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [("cuff right", "cuff"), ("push right 0 0 -80 0.2", "collision"), ("joint-fault", "joint fault")],
@@ -146,6 +150,7 @@ def test_the_robots_own_stops_end_the_run(tmp_path: Path, master: str, fault: st
         assert max(robot.last()["last_torque"].values()) <= stopped["time"] + 0.2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @again_when_busy
 def test_a_person_ends_the_run_and_the_arms_are_held(tmp_path: Path, master: str, number: int) -> None:
@@ -173,6 +178,7 @@ REFUSED = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("options", "reason"), REFUSED, ids=[reason for _, reason in REFUSED])
 def test_an_unfit_robot_is_refused_before_anything_is_sent(
     tmp_path: Path, master: str, options: list[str], reason: str
@@ -186,6 +192,7 @@ def test_an_unfit_robot_is_refused_before_anything_is_sent(
         assert robot.last()["commands"]["right"] == 0 and not (tmp_path / "run" / "episode.parquet").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_limits_that_disagree_are_refused_before_anything_is_sent(
     tmp_path: Path, master: str, transport: str
@@ -242,6 +249,7 @@ def test_power_goes_on_and_off_only_as_told(master: str, tmp_path: Path) -> None
         assert (off.returncode, off.stdout) == (0, "disabled\n"), off.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "reason"),
     [(["--software-version", "1.1.1"], "1.1.1"), (["--mount-offset", "left=0,0,0.09"], "mount")],

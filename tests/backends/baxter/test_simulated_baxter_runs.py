@@ -90,6 +90,7 @@ def with_an_ample_tank(task: str, folder: Path) -> str:
     return str(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("task", without_surroundings() if os.environ.get("EVERY_TASK") else THREE)
 def test_a_task_moves_the_simulated_baxter_as_it_moves_the_plant(
     task: str, master: str, tmp_path: Path
@@ -162,6 +163,7 @@ def check_the_answer(recordings: list[str], folder: Path) -> None:
     assert first["parameters"]["right_e1"]["fv"]["value"] == pytest.approx(WITHHELD, rel=0.1)
 
 
+@pytest.mark.long
 def test_withheld_friction_and_springs_are_named_from_recordings_of_the_simulated_baxter(
     tmp_path: Path, patch: Path
 ) -> None:
@@ -195,6 +197,7 @@ def record(motion: str, out: Path) -> str:
     raise AssertionError(said)
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_the_same_over_ros(master: str, tmp_path: Path, patch: Path) -> None:
     stands = ("--posture", MOTIONS[0], "--enabled", "--no-spring", "--effects", str(patch))
