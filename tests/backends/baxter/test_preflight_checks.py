@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from impedance_modules.control.contact_gate import contact_checks
 
 from impedance_modules.backends.baxter.preflight_checks import checks_before_power, refuse_failed
 from impedance_modules.backends.baxter.ros.messages import Float64, JointCommand
@@ -25,6 +24,7 @@ from impedance_modules.backends.baxter.served_description import compare_descrip
 from impedance_modules.backends.baxter.simulator.collision_safety import HandPush
 from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
 from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.control.contact_detection import contact_checks
 from impedance_modules.effects.apply import apply_patch
 from impedance_modules.errors import RobotRefused
 from impedance_modules.robot.model import RobotModel

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis.regression.sensor_noise import LOUDER, _louder
+from impedance_modules.diagnosis.regression.sensor_noise import SENSOR_NOISE_RATIO, _sensor_noise_ratio
 
 
 def _recordings(*sizes: float, effort: bool = True) -> list[SimpleNamespace]:
@@ -25,17 +25,17 @@ def _recordings(*sizes: float, effort: bool = True) -> list[SimpleNamespace]:
 
 
 @pytest.mark.parametrize("size", [1.5, 2.0, 3.0])
-def test_louder_sensors_are_known_by_their_noise_beyond_the_motion(size: float) -> None:
-    power = _louder(_recordings(1.0, 1.0, size), [(1, 0)])
+def test_noisier_sensors_are_known_by_their_noise_beyond_the_motion(size: float) -> None:
+    power = _sensor_noise_ratio(_recordings(1.0, 1.0, size), [(1, 0)])
     np.testing.assert_allclose(power[2], [size**2, 1.0], rtol=0.25)
     np.testing.assert_allclose(power[:2], 1.0)
 
 
-def test_chance_is_no_louder_sensor_and_noise_has_an_end() -> None:
-    power = _louder(_recordings(1.0, 1.0, 1.0, 0.5, 50.0), [(1, 0)])
+def test_chance_is_no_noisier_sensor_and_the_ratio_has_an_end() -> None:
+    power = _sensor_noise_ratio(_recordings(1.0, 1.0, 1.0, 0.5, 50.0), [(1, 0)])
     np.testing.assert_allclose(power[:4], 1.0)
-    assert power[4, 0] == LOUDER[1]
+    assert power[4, 0] == SENSOR_NOISE_RATIO[1]
 
 
 def test_without_a_measured_torque_all_recordings_are_alike() -> None:
-    np.testing.assert_allclose(_louder(_recordings(1.0, 9.0, effort=False), [(1, 0)]), 1.0)
+    np.testing.assert_allclose(_sensor_noise_ratio(_recordings(1.0, 9.0, effort=False), [(1, 0)]), 1.0)
