@@ -119,8 +119,8 @@ class SeriesElasticJoint:
         """Whether nothing grows under the motor torque -gain times the link's velocity; q itself is free."""
         loop = self.system - gain * np.outer(self.inputs[:, 1], [0.0, 0.0, 1.0, 0.0])
         # q and theta only through their difference: without the free drift, whose eigenvalue is 0.
-        wind = np.array([[-1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-        reduced = wind @ loop @ np.linalg.pinv(wind)
+        deflection = np.array([[-1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+        reduced = deflection @ loop @ np.linalg.pinv(deflection)
         return bool(np.max(np.linalg.eigvals(reduced).real) < 0.0)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Everything a run needs, resolved before anything moves: task, robot as it is worn, modules, limits, tank."""
+"""Everything a run needs, resolved before anything moves: task, robot with a patch applied, modules, limits, tank."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Assembly:
 
     Attributes:
         task: As it will run, scale and arm applied.
-        robot: With the patch's effects worn.
+        robot: With the effects of the patch applied.
         patch: The patch, or None.
         model: Of that robot.
         modules: Built at the start posture.
@@ -80,7 +80,7 @@ def assemble(
 
     Args:
         task_name: Path or shipped name.
-        effects: Patch file that plant and model wear, or None.
+        effects: Patch file whose effects are applied to plant and model, or None.
         rate: Control rate [Hz], or None for the robot's own.
         scale: Multiplies stiffness, damping and forces.
         arm: Only this arm takes part, or None for all.

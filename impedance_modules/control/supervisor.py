@@ -69,19 +69,19 @@ class Supervisor:
         self.assembly = assembly
         self.controller = Controller(assembly)
         self._every = max(1, round(assembly.rate / LOOKS))
-        self.touch = HandWrenches(
+        self.hand_wrenches = HandWrenches(
             assembly.model,
             assembly.modules,
             self.controller.kinematics,
             self._every * assembly.period,
         )
-        self.sequence = Sequence(self.controller, self.touch)
+        self.sequence = Sequence(self.controller, self.hand_wrenches)
         self.decisions: dict[str, Decision] = {arm.limb.name: RUNNING for arm in assembly.modules.arms}
         self._hardest = StopLevel.RUN
         self.ending: Ending | None = None
         self.reason = ""
         self.messages: list[tuple[float, str]] = []
-        self._lost_contact = ContactLoss(self.controller, self.touch)
+        self._lost_contact = ContactLoss(self.controller, self.hand_wrenches)
         self._cycle = 0
         self._interrupted = False
         self._unseen: RobotState | None = None
@@ -136,7 +136,7 @@ class Supervisor:
             SafetyStop: The first state is not finite.
         """
         self.controller.start(first, self.sequence.phase)
-        self.touch.reset(first.state)
+        self.hand_wrenches.reset(first.state)
         self._velocity, self._time = first.state.velocity, first.state.time
         self._say(first.state.time, f"phase '{self.sequence.phase.name}'")
 
@@ -204,7 +204,7 @@ class Supervisor:
         state = self._unseen
         if state is None:
             return
-        self.touch.update(state)
+        self.hand_wrenches.update(state)
         for text in self._lost_contact.look():
             self._say(state.time, text)
         outcome = self.sequence.look(state.time)

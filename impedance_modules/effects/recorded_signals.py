@@ -133,7 +133,7 @@ class Signals:
         return self.load
 
     @cached_property
-    def _winding(self) -> Array:
+    def _deflection(self) -> Array:
         """Theta - q by the nominal springs (N, n) [rad]; zero where the encoder sits at the motor."""
         return self.load * self.spring_compliance * (self.encoder == "link")
 
@@ -142,7 +142,7 @@ class Signals:
         r"""Speed of the motors \dot\theta = v + d(load)/dt / K, (N, n) [rad/s]."""
         if not self.spring_compliance.any():
             return self.velocity
-        return self.velocity + self.rate_of(self._winding)
+        return self.velocity + self.rate_of(self._deflection)
 
     @cached_property
     def motor_acceleration(self) -> Array:
@@ -190,7 +190,7 @@ class Signals:
         )
         position = self.position[:, joint]
         if motor_side and self.spring_compliance[joint]:
-            position = position + self._winding[:, joint]
+            position = position + self._deflection[:, joint]
         return JointSample(
             self.time,
             position,

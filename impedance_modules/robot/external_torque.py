@@ -34,7 +34,7 @@ class ExternalTorque:
         self._links = pin.Model(model.pin_model)
         self._links.armature = np.zeros(model.n)
         self._data = self._links.createData()
-        self._winding = model.winding
+        self._parallel_spring_effort = model.parallel_spring_effort
         self._time_constant = time_constant
         self._blend = period / (time_constant + period)
         self._velocity = np.zeros(model.n)
@@ -56,5 +56,5 @@ class ExternalTorque:
         self._acceleration /= self._time_constant
         model_torque = pin.rnea(self._links, self._data, state.position, state.velocity, self._acceleration)
         np.subtract(model_torque, self._effort, out=self.torque)
-        self.torque += self._winding(state.position)
+        self.torque += self._parallel_spring_effort(state.position)
         return self.torque

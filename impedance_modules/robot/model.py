@@ -146,9 +146,11 @@ class RobotModel:
     def gravity(self, q: Array) -> Array:
         """Computes the torque that holds the arms' weight, and winds their parallel springs, at q, (n,) [N.m]."""
         data = self.pin_model.createData()
-        return np.array(pin.computeGeneralizedGravity(self.pin_model, data, q)) + self.winding(q)
+        return np.array(pin.computeGeneralizedGravity(self.pin_model, data, q)) + self.parallel_spring_effort(
+            q
+        )
 
-    def winding(self, q: Array) -> Array:
+    def parallel_spring_effort(self, q: Array) -> Array:
         """Computes the torque that winds the parallel springs at q, (n,) [N.m]; zero where there are none."""
         return np.asarray(self._spring_stiffness * q - self._spring_preload)
 

@@ -162,7 +162,7 @@ class Recorder:
         self.row: Array = np.zeros(len(names) - 1)
         self._own_row = RecordedRow(
             values=self.row[: self._own],
-            wrench=supervisor.touch.wrench,
+            wrench=supervisor.hand_wrenches.wrench,
             springs=np.array([spring for _, spring in self._targets], dtype=np.int64),
             modules=np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2),
         )

@@ -89,7 +89,7 @@ class SceneView:
             poses=self._body_poses(state.position),
             springs=ends,
             wrench_points=kinematics.translation[: self._arms].copy(),
-            wrenches=self._supervisor.touch.wrench.copy(),
+            wrenches=self._supervisor.hand_wrenches.wrench.copy(),
             ellipsoid_poses=ellipsoid_poses,
             half_axes=half_axes,
             torque_ratio=(effort / limits)[self._limb_joints],

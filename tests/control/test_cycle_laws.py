@@ -192,7 +192,7 @@ def test_a_recorded_row_says_what_the_cycle_was(assembly, tmp_path: Path) -> Non
     pose = controller.kinematics.pose(hand)
     assert [row[f"pose.{hand}.{axis}"] for axis in "xyz"] == pose.translation.tolist()
     wrench = [row[f"wrench.{hand}.{part}"] for part in ("fx", "fy", "fz", "tx", "ty", "tz")]
-    assert wrench == supervisor.touch.wrench[0].tolist()
+    assert wrench == supervisor.hand_wrenches.wrench[0].tolist()
 
 
 def test_forces_and_grip_come_in_by_minimum_jerk(assembly) -> None:

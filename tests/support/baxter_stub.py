@@ -202,7 +202,7 @@ class StubBaxter:
                 kind,
                 messages.EndpointState(header, pose, messages.Twist(zero, zero), messages.Wrench(zero, zero)),
             )
-        alone = model.gravity(self._q) - model.winding(self._q)
+        alone = model.gravity(self._q) - model.parallel_spring_effort(self._q)
         gravity = tuple((alone[part.joints] + self._weight[limb]).tolist())
         self._say(
             topics.sea_state(limb),

@@ -265,7 +265,7 @@ def check_weight(link: RobotLink, model: RobotModel, limb: str) -> PreflightResu
     if not set(names) <= set(said):
         return PreflightResult(name, None, "the robot does not say what its arm weighs", "")
     q = link.sample.state.position
-    ours = (model.gravity(q) - model.winding(q))[model.limbs[limb].joints]
+    ours = (model.gravity(q) - model.parallel_spring_effort(q))[model.limbs[limb].joints]
     off = np.abs(ours - np.array([said[joint] for joint in names]))
     worst = int(np.argmax(off))
     found = f"gravity torques differ by at most {off[worst]:.2f} N.m ({names[worst]})"

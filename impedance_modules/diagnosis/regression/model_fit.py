@@ -77,7 +77,7 @@ class ModelTerm:
             TypeError: It is generic.
         """
         if self.layout.shaped.candidate is None:
-            raise TypeError("a generic stand-in has no physical candidate")
+            raise TypeError("a generic basis has no physical candidate")
         return self.layout.shaped.candidate
 
 

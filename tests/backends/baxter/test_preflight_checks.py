@@ -169,7 +169,7 @@ def test_every_check_fails_with_a_reason_and_a_remedy(name: str) -> None:
 def test_a_model_with_the_springs_at_s1_passes_every_check() -> None:
     patch = read_patch(Path("robots/baxter/patches/counterbalance-springs.yaml"))
     worn = apply_patch(SPEC, patch)
-    assert np.abs(RobotModel(worn).winding(np.zeros(14))).max() > 30.0
+    assert np.abs(RobotModel(worn).parallel_spring_effort(np.zeros(14))).max() > 30.0
     with open_session(StubBaxter(worn)) as session:
         results = {result.name: result for result in session.preflight(("left", "right"))}
         refuse_failed(tuple(results.values()), commanding=True)
