@@ -10,6 +10,13 @@ holds both the breaking away and the sliding. In a window of samples f_k, N of t
 
 f is what the surface does to the hand, n the surface's outward normal. The same samples, one after the other, feed this
 while a task runs and when a recording is read.
+
+The force comes from joint efforts, sample by sample and unfiltered:
+
+    J^T w = C(q, v) v + g(q) - \tau_s          w the least-squares solution, J over the hand's limb
+
+The links' own acceleration is left in (the thesis does so too): what shakes the hand shows, as a force, what it takes
+to shake it. ``contact_detection.HandWrenches`` takes it out, and with it everything fast.
 """
 
 from __future__ import annotations
@@ -51,6 +58,9 @@ LEAST_FORCE = 0.5
 
 LEAST_SHARE = 0.6
 """Part of a window's samples that must touch."""
+
+REGULARISATION = 1e-4
+"""Added to J J^T [m^2, rad^2]: along a singular direction no force is claimed."""
 
 
 @dataclass(frozen=True)
@@ -172,10 +182,6 @@ class WindowFinder:
         else:
             return window
         return None
-
-
-REGULARISATION = 1e-4
-"""Added to J J^T [m^2, rad^2]: along a singular direction no force is claimed."""
 
 
 class HandForce:

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One arm is one impedance module: its springs and its joint bias. A task is a few of them and an object."""
+"""One arm is one impedance module: its springs and its joint bias. A task is a few of them and an object.
+
+``build_modules`` makes them from a task file and a robot model at the start posture. Every check that needs the arm's
+geometry is made there, and all of its findings are raised together.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +21,10 @@ from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task import ArmSpec, JointBiasSpec, ObjectSpec, PhaseSpec, TaskSpec
 
 Array = NDArray[np.float64]
+
+WORLD = "world"
+GRASP_REACH = 0.01
+"""A hand holds the object if its frame is at most this far from the object's surface [m]."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +81,6 @@ def _with_gains(spring: Spring, phase: PhaseSpec) -> Spring:
     axes = phase.axes.get(spring.name, {})
     stiffness = phase.stiffness.get(spring.name)
     return spring if not axes and stiffness is None else spring.with_gains(axes, stiffness)
-
-
-WORLD = "world"
-GRASP_REACH = 0.01
-"""A hand holds the object if its frame is at most this far from the object's surface [m]."""
 
 
 def build_modules(task: TaskSpec, model: RobotModel) -> TaskModules:

@@ -4,6 +4,10 @@ r"""The dampers of a whole task, fixed at the start of a phase: explicit ones, a
 Which springs are damped together (design 4, "Damping"): all springs of one frame share that frame's
 modes; the springs of all hands on a held object share the object's modes, with the object's summed
 stiffness and inertia; joint springs share the limb's joint-space modes.
+
+Damping from inertia and stiffness goes mode by mode: c = 2 \zeta \sqrt{k m}, in many dimensions. A mass M on springs K
+has modes K \Phi = M \Phi \Omega^2 with \Phi^T M \Phi = I. The damping that gives every mode its ratio is
+D = M \Phi diag(2 \zeta \omega) \Phi^T M, always positive semidefinite.
 """
 
 from __future__ import annotations
