@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
-from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.grasp import ObjectBody
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot
@@ -54,7 +54,7 @@ def build(
             SurfaceSpec("box", height=None, position=(0.9, 0.0, height - 0.1), size=(1, 2, 0.2), **numbers)
         ],
     }[surface]
-    held_object = HeldObject.of_task(model, BOX) if held else None
+    held_object = ObjectBody.of_task(model, BOX) if held else None
     plant = Plant(model, surfaces, held_object, PlantOptions(rate=1.0 / PERIOD, seed=0), worn)
     plant.warm(q)
     push = np.zeros(model.n)

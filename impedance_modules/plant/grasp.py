@@ -299,7 +299,7 @@ def _slip_about(hand: Row, rotation: Matrix) -> None:
 
 
 @dataclass(frozen=True)
-class HeldObject:
+class ObjectBody:
     """A rigid object in the plant and the hand frames that hold it; none for an object on its own."""
 
     spec: ObjectSpec
@@ -315,9 +315,9 @@ class HeldObject:
             raise BadInput("an object that no hand holds needs a position")
 
     @staticmethod
-    def of_task(model: RobotModel, spec: ObjectSpec) -> HeldObject:
+    def of_task(model: RobotModel, spec: ObjectSpec) -> ObjectBody:
         """Finds the hands of the limbs that hold the object."""
-        return HeldObject(spec, tuple(model.limbs[name].hand for name in spec.held_by))
+        return ObjectBody(spec, tuple(model.limbs[name].hand for name in spec.held_by))
 
     def position(self, hand_origins: Sequence[Vector]) -> Vector:
         """Gives the object's start in world [m]: as declared, or midway between the holding hands."""
@@ -370,7 +370,7 @@ def _unit(vector: Vector) -> Vector:
     return vector / length
 
 
-def object_state(held: HeldObject | None, gravity: Vector) -> ObjectState:
+def object_state(held: ObjectBody | None, gravity: Vector) -> ObjectState:
     """Makes the object, or its absence, at rest in world axes; gravity (3,) [m/s^2]."""
     body = ObjectState(
         present=held is not None,
@@ -387,7 +387,7 @@ def object_state(held: HeldObject | None, gravity: Vector) -> ObjectState:
     return body
 
 
-def set_up_couplings(hands: Table, frames: tuple[str, ...], held: HeldObject) -> None:
+def set_up_couplings(hands: Table, frames: tuple[str, ...], held: ObjectBody) -> None:
     """Writes the constants of every holding hand's coupling."""
     for hand, frame in zip(hands, frames, strict=True):
         hand["holds"] = frame in held.hands
@@ -400,7 +400,7 @@ def set_up_couplings(hands: Table, frames: tuple[str, ...], held: HeldObject) ->
         hand["angular_damping"] = GRASP_ANGULAR_STIFFNESS * GRASP_DAMPING_TIME
 
 
-def load_couplings(hands: Table, body: ObjectState, held: HeldObject, position: Vector) -> Matrix:
+def load_couplings(hands: Table, body: ObjectState, held: ObjectBody, position: Vector) -> Matrix:
     """Sets the couplings' rest at the start pose; returns the wrench of the object on each hand (h, 6)."""
     holding = [i for i in range(hands.size) if hands[i]["holds"]]
     rotation = body.rotation

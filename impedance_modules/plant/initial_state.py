@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from impedance_modules.effects.plant_builder import DrivePath, PlantEffects
-from impedance_modules.plant.grasp import HAND, HeldObject, load_couplings, object_state, set_up_couplings
+from impedance_modules.plant.grasp import HAND, ObjectBody, load_couplings, object_state, set_up_couplings
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import IDEAL, joint_table
 from impedance_modules.plant.links import link_table
@@ -33,7 +33,7 @@ def build_plant_state(
     links: pin.Model,
     frames: tuple[str, ...],
     surfaces: Sequence[SurfaceSpec],
-    held: HeldObject | None,
+    held: ObjectBody | None,
     *,
     added_mass: Array3 | None = None,
 ) -> PlantState:
@@ -87,7 +87,7 @@ class StartAtRest:
     def __init__(
         self,
         integrator: Integrator,
-        held: HeldObject | None,
+        held: ObjectBody | None,
         effects: PlantEffects,
         weight: WeightCompensation,
     ) -> None:

@@ -13,7 +13,7 @@ from impedance_modules.effects.joint_motion import JointTorque
 from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.plant.energy_balance import EnergyBook
-from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.grasp import ObjectBody
 from impedance_modules.plant.ground_truth import OBJECT, GroundTruth
 from impedance_modules.plant.initial_state import StartAtRest, build_plant_state
 from impedance_modules.plant.integrator import Integrator
@@ -105,7 +105,7 @@ class Plant(GroundTruth):
         self,
         model: RobotModel,
         surfaces: Sequence[SurfaceSpec],
-        held: HeldObject | None,
+        held: ObjectBody | None,
         options: PlantOptions,
         effects: PlantEffects | None = None,
         *,

@@ -21,7 +21,7 @@ from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.grasp import ObjectBody
 from impedance_modules.plant.plant import Plant, PlantOptions
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend:
     """Builds the plant with the task's surroundings behind a backend."""
     task, model = assembly.task, assembly.model
-    held = None if task.object is None else HeldObject.of_task(model, task.object)
+    held = None if task.object is None else ObjectBody.of_task(model, task.object)
     options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
     worn = None if assembly.patch is None else apply_to_plant(model, assembly.patch)
     plant = Plant(model, task.environment, held, options, worn, pushes=task.pushes)

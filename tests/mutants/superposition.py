@@ -11,7 +11,7 @@ OBJECT = "impedance_modules/superposition/object_impedance.py"
 
 TESTS = {
     ARM: ("tests/superposition/test_loaded_task.py",),
-    ELASTIC: ("tests/superposition/test_modes.py", "tests/experiments/test_series_elastic_joint.py"),
+    ELASTIC: ("tests/superposition/test_modes.py", "tests/experiments/test_elastic_joint_model.py"),
     INERTIA: ("tests/superposition/test_object_impedance.py",),
     LOOP: ("tests/superposition/test_modes.py",),
     MODES: ("tests/superposition/test_modes.py",),

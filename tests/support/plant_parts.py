@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.plant.grasp import HeldObject
+from impedance_modules.plant.grasp import ObjectBody
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot
@@ -53,7 +53,7 @@ def exact(spec: RobotSpec) -> RobotSpec:
 def plant(
     spec: RobotSpec,
     surfaces: Sequence[SurfaceSpec] = (),
-    held: HeldObject | None = None,
+    held: ObjectBody | None = None,
     **options: object,
 ) -> Plant:
     return Plant(RobotModel(spec), surfaces, held, PlantOptions(**{"rate": 1000.0, "seed": 0, **options}))
@@ -92,10 +92,10 @@ def box(**numbers: object) -> ObjectSpec:
     return ObjectSpec(**{**values, **numbers})
 
 
-def loose(**numbers: object) -> HeldObject:
+def loose(**numbers: object) -> ObjectBody:
     """An object that nobody holds."""
-    return HeldObject(box(**{"position": (2.0, 0.0, 1.0), **numbers}), ())
+    return ObjectBody(box(**{"position": (2.0, 0.0, 1.0), **numbers}), ())
 
 
-def in_both_hands(spec: RobotSpec, **numbers: object) -> HeldObject:
-    return HeldObject(box(**numbers), tuple(limb.hand for limb in spec.limbs.values()))
+def in_both_hands(spec: RobotSpec, **numbers: object) -> ObjectBody:
+    return ObjectBody(box(**numbers), tuple(limb.hand for limb in spec.limbs.values()))

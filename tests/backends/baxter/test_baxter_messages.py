@@ -12,7 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.ros.message_definitions import FIELD_LISTS, Field, checksum, definition
+from impedance_modules.backends.baxter.ros.message_definitions import (
+    FIELD_LISTS,
+    MessageField,
+    checksum,
+    definition,
+)
 from impedance_modules.backends.baxter.ros.messages import (
     MESSAGE_TYPES,
     Header,
@@ -84,7 +89,7 @@ def random_value(kind: str, random: Random) -> object:
     return MESSAGE_TYPES[kind](*(random_field(field, random) for field in definition(kind).fields))
 
 
-def random_field(field: Field, random: Random) -> object:
+def random_field(field: MessageField, random: Random) -> object:
     if not field.repeated:
         return random_value(field.kind, random)
     return tuple(random_value(field.kind, random) for _ in range(random.randrange(9)))

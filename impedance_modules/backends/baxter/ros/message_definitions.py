@@ -78,7 +78,7 @@ FIELD_LISTS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Field:
+class MessageField:
     """One field of a message.
 
     Attributes:
@@ -106,7 +106,7 @@ class Definition:
     """
 
     ros_type: str
-    fields: tuple[Field, ...]
+    fields: tuple[MessageField, ...]
     constants: tuple[tuple[str, str, str], ...]
     text: str
 
@@ -130,7 +130,7 @@ def definition(ros_type: str) -> Definition:
             constants.append((written, name, value))
         else:
             plain = written.removesuffix("[]")
-            fields.append(Field(_full_type(plain, ros_type), name, written, plain != written))
+            fields.append(MessageField(_full_type(plain, ros_type), name, written, plain != written))
     return Definition(ros_type, tuple(fields), tuple(constants), text)
 
 

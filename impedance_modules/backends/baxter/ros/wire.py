@@ -9,7 +9,7 @@ from dataclasses import fields
 from functools import cache, lru_cache
 from typing import Any, TypeVar, cast
 
-from impedance_modules.backends.baxter.ros.message_definitions import Field, checksum, definition
+from impedance_modules.backends.baxter.ros.message_definitions import MessageField, checksum, definition
 from impedance_modules.backends.baxter.ros.messages import MESSAGE_TYPES, Message
 from impedance_modules.errors import ImpedanceError
 
@@ -98,7 +98,7 @@ def _encoder(kind: str) -> Encoder:
     return write
 
 
-def _field_encoder(field: Field) -> Encoder:
+def _field_encoder(field: MessageField) -> Encoder:
     if not field.repeated:
         return _encoder(field.kind)
     if field.kind in LAYOUT:
@@ -153,7 +153,7 @@ def _decoder(kind: str) -> Decoder:
     return read
 
 
-def _field_decoder(field: Field) -> Decoder:
+def _field_decoder(field: MessageField) -> Decoder:
     if not field.repeated:
         return _decoder(field.kind)
     if field.kind in LAYOUT:
