@@ -157,6 +157,12 @@ def test_half_a_grip_is_half_of_squeeze_and_weight(ways) -> None:
     np.testing.assert_allclose(found.efforts[-2:], 0.5 * whole, rtol=1e-14)
 
 
+def test_hands_press_towards_each_other_with_the_force_asked_for_on_average() -> None:
+    """Beside the object's centre they press less along the line between them: the scale makes up for it."""
+    forces = squeeze_forces(np.array([[0.1, 0.05, 0.0], [-0.1, 0.05, 0.0]]), 15.0)
+    np.testing.assert_allclose(forces, [[-15.0, 0.0, 0.0], [15.0, 0.0, 0.0]], atol=1e-9)
+
+
 def test_without_an_object_nothing_is_squeezed(ways) -> None:
     found, _ = module_sum(*sampled(baxter, 4))
     assert not found.efforts[-2:].any()

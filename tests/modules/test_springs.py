@@ -110,3 +110,13 @@ def test_hybrid_axis_pushes_along_its_own_axis_and_limits_the_speed() -> None:
     np.testing.assert_allclose(wrench[3:], 0.5 * reference.rotation[:, 0], atol=1e-12)
     np.testing.assert_allclose(np.diag(spring.damping), [0, 0, 120.0, 0, 0, 0])
     assert spring.hybrid and not make_spring(np.eye(6)).hybrid
+
+
+def test_a_spring_pulls_along_its_own_axes() -> None:
+    random = np.random.default_rng(8)
+    reference = random_pose(random)
+    spring = make_spring(np.diag([300.0, 0.0, 0.0, 0.0, 0.0, 0.0]), reference=reference)
+    x, y = reference.rotation[:, 0], reference.rotation[:, 1]
+    for offset, force in ((0.1 * x, -30.0 * x), (0.1 * y, 0.0 * y)):
+        wrench = spring.wrench(Pose(np.eye(3), offset), Pose.identity())
+        np.testing.assert_allclose(wrench, [*force, 0.0, 0.0, 0.0], atol=1e-12)

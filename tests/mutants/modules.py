@@ -22,7 +22,7 @@ LAWS = (
 TESTS = {
     SPRING: LAWS,
     BIAS: LAWS,
-    OBJECT: (*LAWS, "tests/modules/test_build_modules.py"),
+    OBJECT: (*LAWS, "tests/modules/test_build_modules.py", "tests/superposition/test_object_impedance.py"),
     SUM: LAWS,
     POSE: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
     EQUILIBRIUM: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),

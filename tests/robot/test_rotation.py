@@ -15,6 +15,7 @@ from impedance_modules.robot.rotation import (
     dot,
     exp3,
     log3,
+    log_curvature,
     log_jacobian,
     rotation_angle,
     turn,
@@ -57,6 +58,11 @@ def test_jacobian_is_the_derivative_of_the_logarithm(ways, angle: float) -> None
         ]
         if angle < 3.1:
             np.testing.assert_allclose(log_jacobian(vector), np.array(columns).T, atol=2e-7)
+
+
+def test_curvature_of_the_logarithm_is_continuous_at_small_angles(ways) -> None:
+    for angle in (0.0, 1e-6, 9.9e-5, 1.01e-4, 1e-3):
+        assert log_curvature(angle * angle) == pytest.approx(1.0 / 12.0, rel=1e-6)
 
 
 def test_small_products(ways) -> None:
