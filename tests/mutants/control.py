@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: E501
 """Wrong cycles, set-points, contacts and rows of a recording that the tests must notice."""
-
-from __future__ import annotations
 
 CYCLE = "impedance_modules/control/cycle.py"
 POINTS = "impedance_modules/control/set_points.py"
@@ -18,11 +17,7 @@ TESTS = {
 }
 
 MUTANTS = (
-    (
-        CYCLE,
-        "measure(tank, q, effort, potential_energy(modules, cycle.arms, q))",
-        "measure(tank, q, 0.0 * effort, potential_energy(modules, cycle.arms, q))",
-    ),
+    (CYCLE, "measure(tank, q, effort, potential_energy(modules, cycle.arms, q))", "measure(tank, q, 0.0 * effort, potential_energy(modules, cycle.arms, q))"),
     (CYCLE, "    rescale_springs(tank)\n", ""),
     (CYCLE, "    estimate_motor_velocity(cycle.motor, velocity, effort)\n", ""),
     (CYCLE, "cycle.motor.velocity, tank.spring_scale)", "velocity, tank.spring_scale)"),
@@ -32,11 +27,7 @@ MUTANTS = (
     (CYCLE, "    write_rows(cycle.problem, cycle.limits, cycle.state)\n", ""),
     (CYCLE, "cycle.effort[:] = cycle.active.effort", "cycle.effort[:] = cycle.modules.desired"),
     (CYCLE, "    return limit_effort(cycle, False)", "    return FINE"),
-    (
-        CYCLE,
-        "limit_to_budget(cycle.tank, cycle.effort, stopping)",
-        "limit_to_budget(cycle.tank, cycle.effort, True)",
-    ),
+    (CYCLE, "limit_to_budget(cycle.tank, cycle.effort, stopping)", "limit_to_budget(cycle.tank, cycle.effort, True)"),
     (CYCLE, "    cycle.previous[:] = cycle.effort\n", ""),
     (CYCLE, "finite = finite and math.isfinite(value)", "finite = math.isfinite(value)"),
     (POINTS, "now[k] = first[k] + part * (last[k] - first[k])", "now[k] = last[k]"),
@@ -45,23 +36,11 @@ MUTANTS = (
     (POINTS, "    admit(tank, potential)\n", ""),
     (POINTS, "force_from=np.zeros_like(force) if first", "force_from=force.copy() if first"),
     (POINTS, "blend_time=BLENDING if first else min(BLENDING, motion.duration)", "blend_time=1e-9"),
-    (
-        CONTROLLER,
-        "tank.spring_scale, tank.initial_energy = 0.0, tank.level",
-        "tank.initial_energy = tank.level",
-    ),
+    (CONTROLLER, "tank.spring_scale, tank.initial_energy = 0.0, tank.level", "tank.initial_energy = tank.level"),
     (CONTROLLER, "            self.cycle.tank.restore(self._before_gap)\n", "            pass\n"),
-    (
-        CONTACT,
-        "total[2] += held.spec.mass * STANDARD_GRAVITY",
-        "total[2] -= held.spec.mass * STANDARD_GRAVITY",
-    ),
+    (CONTACT, "total[2] += held.spec.mass * STANDARD_GRAVITY", "total[2] -= held.spec.mass * STANDARD_GRAVITY"),
     (CONTACT, "if as_wanted else 0.0", "if as_wanted else self._held_for"),
     (CONTACT, "(self._felt >= self._force) == self._condition.present", "(self._felt >= self._force)"),
     (RECORD, "values[1 + 2 * n + j] = command[j]", "values[1 + 2 * n + j] = effort[j]"),
-    (
-        RECORD,
-        "values[k + 2], values[k + 3], values[k + 4] = cycle.admitted, cycle.effort_scale, cycle.clock",
-        "values[k + 2], values[k + 3], values[k + 4] = cycle.effort_scale, cycle.admitted, cycle.clock",
-    ),
-)
+    (RECORD, "values[k + 2], values[k + 3], values[k + 4] = cycle.admitted, cycle.effort_scale, cycle.clock", "values[k + 2], values[k + 3], values[k + 4] = cycle.effort_scale, cycle.admitted, cycle.clock"),
+)  # fmt: skip

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: E501
 """Wrong laws of the plant: signs, dropped terms, doubled bounds, transposed rotations, which its tests must notice."""
 
 EQUATIONS = "impedance_modules/plant/equations_of_motion.py"
@@ -23,11 +24,7 @@ MUTANTS = (
     (JOINTS, "- joint.hold_damping * w", "+ joint.hold_damping * w"),
     (JOINTS, "hold = min(max(hold, -joint.effort_max), joint.effort_max)", "hold = hold"),
     (JOINTS, "joint.load -= joint.reflected_inertia", "joint.load += joint.reflected_inertia"),
-    (
-        JOINTS,
-        "joint.effect_motor * w + joint.effect_link * v",
-        "joint.effect_motor * w + joint.effect_link * w",
-    ),
+    (JOINTS, "joint.effect_motor * w + joint.effect_link * v", "joint.effect_motor * w + joint.effect_link * w"),
     (JOINTS, "return float(min(0.0, joint.stop", "return float(max(-1e9, joint.stop"),
     (JOINTS, "position[i] + joint.motor / joint.stiffness", "position[i] - joint.motor / joint.stiffness"),
     # Links.
@@ -40,11 +37,7 @@ MUTANTS = (
     (LINKS, "- mass * centre[r] * centre[c]", "+ mass * centre[r] * centre[c]"),
     # Contact.
     (POINT, "bound = contact.friction * normal_force\n", "bound = 2.0 * contact.friction * normal_force\n"),
-    (
-        POINT,
-        "bound = contact.friction * contact.normal_force /",
-        "bound = 2.0 * contact.friction * contact.normal_force /",
-    ),
+    (POINT, "bound = contact.friction * contact.normal_force /", "bound = 2.0 * contact.friction * contact.normal_force /"),
     (POINT, "contact.force[k] + normal_force * normal[k]", "contact.force[k] - normal_force * normal[k]"),
     (POINT, "max(0.0, push + contact.damping * approach)", "max(0.0, push - contact.damping * approach)"),
     (POINT, "surface.rotation[j, k] * (position[j]", "surface.rotation[k, j] * (position[j]"),
@@ -55,18 +48,10 @@ MUTANTS = (
     (GRASP, "            reaction[3 + k] += moment[k]\n", ""),
     (GRASP, "turn_back(body.rotation_now, stage", "turn(body.rotation_now, stage"),
     (GRASP, "= body.gravity[k] +", "= -body.gravity[k] +"),
-    (
-        GRASP,
-        "((0, bound), (3, bound * hand.palm_radius))",
-        "((0, 2.0 * bound), (3, bound * hand.palm_radius))",
-    ),
+    (GRASP, "((0, bound), (3, bound * hand.palm_radius))", "((0, 2.0 * bound), (3, bound * hand.palm_radius))"),
     (GRASP, "hand.normal_force * hand.palm_radius", "hand.normal_force * 2.0 * hand.palm_radius"),
     (GRASP, "hand.rest_point[k] -= (1.0 - bound / length)", "hand.rest_point[k] += (1.0 - bound / length)"),
-    (
-        GRASP,
-        "(body.step_rotation, body.rotation, body.rotation_now)\n    for r",
-        "(body.rotation, body.step_rotation, body.rotation_now)\n    for r",
-    ),
+    (GRASP, "(body.step_rotation, body.rotation, body.rotation_now)\n    for r", "(body.rotation, body.step_rotation, body.rotation_now)\n    for r"),
     # All together.
     (EQUATIONS, "plant.grasp_wrench[h, r] + plant.push_wrench[h, r]", "plant.grasp_wrench[h, r]"),
     (EQUATIONS, "(stage.position[i] - start.position[i])", "stage.position[i]"),
@@ -74,22 +59,14 @@ MUTANTS = (
     (INTEGRATOR, "reach = step if stage == 3 else 0.5 * step", "reach = 0.5 * step"),
     # Sensors.
     (SENSORS, "+ readings.offset[i] + noise[i]", "- readings.offset[i] + noise[i]"),
-    (
-        SENSORS,
-        "readings.share * (difference - estimate[i])",
-        "readings.lag_share[i] * (difference - estimate[i])",
-    ),
+    (SENSORS, "readings.share * (difference - estimate[i])", "readings.lag_share[i] * (difference - estimate[i])"),
     (SENSORS, "readings.lag_share[i] * (estimate[i] - velocity[i])", "estimate[i] - velocity[i]"),
     # Sheet and wood.
     (SHEET, "change -= 2.0 * (f00", "change += 2.0 * (f00"),
     (SHEET, "- net * depth * found[1]", "+ net * depth * found[1]"),
     (SHEET, "- 2.0 * f01 * p * r", "- f01 * p * r"),
-    (
-        WOOD,
-        "wood.friction + found[0] * wood.rough_friction",
-        "wood.friction - found[0] * wood.rough_friction",
-    ),
+    (WOOD, "wood.friction + found[0] * wood.rough_friction", "wood.friction - found[0] * wood.rough_friction"),
     (WOOD, "friction_work[first + 1] += (1 - a) * b * work", "friction_work[first + 1] += a * b * work"),
     (WOOD, "load = contact.stiffness * (stretch - bound)", "load = contact.stiffness * stretch"),
     (WOOD, "(stretch**2 - bound**2)", "(stretch**2 + bound**2)"),
-)
+)  # fmt: skip

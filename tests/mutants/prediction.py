@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: E501
 """Wrong predictions of `check` and `analyze`: signs and dropped terms, which their tests must notice."""
 
 CONTACT = "impedance_modules/prediction/contact_geometry.py"
@@ -27,7 +28,6 @@ MUTANTS = (
     (MECHANISM, "-held.spec.mass * STANDARD_GRAVITY", "held.spec.mass * STANDARD_GRAVITY"),
     (MECHANISM, "rows.append(carry(origin - pose.translation)", "rows.append(carry(pose.translation - origin)"),
     (PHASE_END, "if there == until.present else 0.0", "if there != until.present else 0.0"),
-    (STATICS, "np.concatenate([force, np.cross(contact.arm, force)])",
-     "np.concatenate([force, np.cross(force, contact.arm)])"),
+    (STATICS, "np.concatenate([force, np.cross(contact.arm, force)])", "np.concatenate([force, np.cross(force, contact.arm)])"),
     (STATICS, "closed and float(np.max(np.abs(self._left))) < BALANCED", "closed"),
 )  # fmt: skip

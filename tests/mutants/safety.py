@@ -2,8 +2,6 @@
 # ruff: noqa: E501
 """Wrong ledgers, rows, metrics, active sets, stop levels and limits that the tests must notice."""
 
-from __future__ import annotations
-
 SAFETY = "impedance_modules/safety/"
 TANK, PORT, LIMITS = SAFETY + "tank.py", SAFETY + "motor_port.py", SAFETY + "limits.py"
 ROWS, METRIC, ACTIVE = SAFETY + "rows.py", SAFETY + "metric.py", SAFETY + "active_set.py"
@@ -31,8 +29,7 @@ LEDGER_MUTANTS = (
     (TANK, "(potential - tank.potential) + charge", "(potential - tank.potential)"),
     (TANK, "tank.level -= work + tank.spring_scale * (pot", "tank.level -= work + (pot"),
     (TANK, "tank.level -= change_cost(tank, potential)", "tank.level -= 0.0"),
-    (TANK, "    tank.level -= change_cost(tank, potential)\n    tank.potential = potential\n    _spill(tank)",
-     "    tank.level -= change_cost(tank, potential)\n    _spill(tank)"),
+    (TANK, "    tank.level -= change_cost(tank, potential)\n    tank.potential = potential\n    _spill(tank)", "    tank.level -= change_cost(tank, potential)\n    _spill(tank)"),
     (TANK, "return tank.spring_scale * (potential - tank.potential)", "return potential - tank.potential"),
     (TANK, "max(0.0, tank.level - tank.floor - tank.need)", "max(0.0, tank.level - tank.floor)"),
     (TANK, "max(0.0, tank.level - tank.floor - tank.need)", "max(0.0, tank.level - tank.need)"),
@@ -52,8 +49,7 @@ LEDGER_MUTANTS = (
     (TANK, "charge += abs(change)", "charge += change"),
     (TANK, "- tank.charged))", "))"),
     (TANK, "        tank.variance = variance\n", ""),
-    (TANK, "    work = absolute_dot(tank.pending[0], tank.speed_bound) * tank.period\n    tank.level -= work",
-     "    work = absolute_dot(tank.pending[0], tank.speed_bound) * tank.period"),
+    (TANK, "    work = absolute_dot(tank.pending[0], tank.speed_bound) * tank.period\n    tank.level -= work", "    work = absolute_dot(tank.pending[0], tank.speed_bound) * tank.period"),
     (TANK, "tank.gap_spread += tank.missed_cycles * change", "tank.gap_spread += change"),
     (TANK, "tank.gap_spread += tank.missed_cycles * change", "tank.gap_spread += 0.0 * change"),
     (TANK, "        tank.gap_spread = math.inf\n", "        pass\n"),
@@ -90,11 +86,9 @@ LEDGER_MUTANTS = (
 )  # fmt: skip
 
 ROW_MUTANTS = (
-    (ROWS, "problem.lower[position], problem.upper[position] = low + free,",
-     "problem.lower[position], problem.upper[position] = low - free,"),
+    (ROWS, "problem.lower[position], problem.upper[position] = low + free,", "problem.lower[position], problem.upper[position] = low - free,"),
     (ROWS, "problem.upper[position] = low + free, high + free", "problem.upper[position] = low + free, high - free"),
-    (ROWS, "problem.lower[velocity], problem.upper[velocity] = low + free,",
-     "problem.lower[velocity], problem.upper[velocity] = low - free,"),
+    (ROWS, "problem.lower[velocity], problem.upper[velocity] = low + free,", "problem.lower[velocity], problem.upper[velocity] = low - free,"),
     (ROWS, "problem.upper[velocity] = low + free, high + free", "problem.upper[velocity] = low + free, high - free"),
     (ROWS, "free += state.inverse_inertia[i, j] * state.bias[j]", "free += state.inverse_inertia[i, j] * state.bias[i]"),
     (ROWS, "state.distance[pair], rate) + free", "state.distance[pair], rate) - free"),
@@ -109,13 +103,10 @@ ROW_MUTANTS = (
     (ROWS, "centre = min(max(previous, -limits.effort_max[i]), limits.effort_max[i])", "centre = previous"),
     (ROWS, "return centre - step, centre + step", "return centre + step, centre + step"),
     (ROWS, "problem.kappa[row] * state.inverse_inertia[i, i]", "problem.kappa[row] / state.inverse_inertia[i, i]"),
-    (ROWS, "problem.penalty[position] = problem.kappa[position] / mobility",
-     "problem.penalty[position] = problem.kappa[position] * mobility"),
-    (ROWS, "problem.penalty[velocity] = problem.kappa[velocity] / mobility",
-     "problem.penalty[velocity] = problem.kappa[position] / mobility"),
+    (ROWS, "problem.penalty[position] = problem.kappa[position] / mobility", "problem.penalty[position] = problem.kappa[position] * mobility"),
+    (ROWS, "problem.penalty[velocity] = problem.kappa[velocity] / mobility", "problem.penalty[velocity] = problem.kappa[position] / mobility"),
     (ROWS, "problem.penalty[row] = problem.kappa[row] / mobility", "problem.penalty[row] = problem.kappa[row]"),
-    (ROWS, "low = -braking_acceleration(q - limits.position_min[i], -v,",
-     "low = -braking_acceleration(q - limits.position_min[i], v,"),
+    (ROWS, "low = -braking_acceleration(q - limits.position_min[i], -v,", "low = -braking_acceleration(q - limits.position_min[i], v,"),
     (ROWS, "braking_acceleration(limits.position_max[i] - q, v,", "braking_acceleration(-limits.position_min[i] - q, v,"),
     (ROWS, "return min(low, middle), max(high, middle)", "return low, high"),
     (ROWS, "spare = 2.0 * room - speed * horizon", "spare = 2.0 * room"),
@@ -132,8 +123,7 @@ ROW_MUTANTS = (
     (ROWS, "/ limits.horizon, limits.separation_acceleration)", "/ limits.horizon, 1e9)"),
     (ROWS, "row = 1 + n + pair", "row = n + pair"),
     (PROBLEM, "RANK_FACTOR ** (RowKind.VELOCITY.value - kind.value)", "RANK_FACTOR ** kind.value"),
-    (PROBLEM, "effort[i] = min(max(tau, -problem.effort_max[i]), problem.effort_max[i])",
-     "effort[i] = min(tau, problem.effort_max[i])"),
+    (PROBLEM, "effort[i] = min(max(tau, -problem.effort_max[i]), problem.effort_max[i])", "effort[i] = min(tau, problem.effort_max[i])"),
     (PROBLEM, "reach[:, layout.position] = reach[:, layout.velocity] = coupled", "reach[:, layout.position] = coupled - 1"),
     (LIMITS, "[joint.effort_max for joint in joints]", "[2.0 * joint.effort_max for joint in joints]"),
     (LIMITS, "[joint.effort_rate_max for joint in joints]", "[2.0 * joint.effort_rate_max for joint in joints]"),
@@ -170,8 +160,7 @@ METRIC_MUTANTS = (
 ACTIVE_SET_MUTANTS = (
     (ACTIVE, "low[i] = -problem.effort_max[i] - problem.desired[i]", "low[i] = -problem.effort_max[i] + problem.desired[i]"),
     (ACTIVE, "high[i] = problem.effort_max[i] - problem.desired[i]", "high[i] = 2.0 * problem.effort_max[i] - problem.desired[i]"),
-    (ACTIVE, "low[c], high[c] = problem.lower[r] - value, problem.upper[r] - value",
-     "low[c], high[c] = problem.lower[r], problem.upper[r]"),
+    (ACTIVE, "low[c], high[c] = problem.lower[r] - value, problem.upper[r] - value", "low[c], high[c] = problem.lower[r], problem.upper[r]"),
     (ACTIVE, "active.side[last] = 1.0 if active.values[constraint] > active.high[constraint] else -1.0", "active.side[last] = 1.0"),
     (ACTIVE, "active.bound[last] = broken * inverse", "active.bound[last] = broken"),
     (ACTIVE, "inverse * inverse / problem.penalty[constraint - n] if", "inverse / problem.penalty[constraint - n] if"),

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: E501
 """Wrong laws of superposition: signs, transposed maps, dropped terms, which its tests must notice."""
 
 ARM = "impedance_modules/superposition/arm_impedance.py"
@@ -59,6 +60,5 @@ MUTANTS = (
     (ELASTIC, "A, B = loop @ A, loop @ B + push", "A, B = loop @ A, loop @ B"),
     (LOOP, "- gains.damping @ arm.velocity", "+ gains.damping @ arm.velocity"),
     (LOOP, "matrix[size:-k, size + k :] = np.eye(k * (late - 1))", "pass"),
-    (LOOP, "root = fixed.stiffness + scale * scaled.stiffness, math.sqrt(scale)",
-     "root = fixed.stiffness + scale * scaled.stiffness, scale"),
+    (LOOP, "root = fixed.stiffness + scale * scaled.stiffness, math.sqrt(scale)", "root = fixed.stiffness + scale * scaled.stiffness, scale"),
 )  # fmt: skip
