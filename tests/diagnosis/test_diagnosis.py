@@ -1,21 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The diagnosis end to end, on recordings made here by a simulator of two joints that shares no code with it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import jsonschema
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from impedance_modules.cli.diagnose_verb import diagnose_command as command
-from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.errors import BadInput
 from impedance_modules.spec.schema import load_schema
+from tests.support.commands import invoke, refusal
+from tests.support.recordings import columns_of, save
 
 RATE = 100.0
 JOINTS = ("shoulder", "elbow")
@@ -51,15 +46,30 @@ def motion(kind: int, seconds: float) -> tuple[np.ndarray, ...]:
     q, v, a = (np.zeros((len(t), 2)) for _ in range(3))
     for joint in range(2):
         for _ in range(4):
-            w, size, phase = (
-                2 * np.pi * random.uniform(0.08, 0.9),
-                random.uniform(0.1, 0.4),
-                random.uniform(0, 6),
-            )
+            w, size = 2 * np.pi * random.uniform(0.08, 0.9), random.uniform(0.1, 0.4)
+            phase = random.uniform(0, 6)
             q[:, joint] += size * np.sin(w * t + phase)
             v[:, joint] += size * w * np.cos(w * t + phase)
             a[:, joint] -= size * w**2 * np.sin(w * t + phase)
     return t, q, v, a
+
+
+def touching(t: np.ndarray) -> np.ndarray:
+    return (t > 8.0) & (t < 11.0)
+
+
+ADDED = {
+    "nothing": (0, lambda t, q, v, kind: 0.0 * t),
+    "viscous_friction": (1, lambda t, q, v, kind: 0.3 * v[:, 1]),
+    "coulomb_friction": (1, lambda t, q, v, kind: 0.25 * np.sign(v[:, 1])),
+    "parallel_spring": (0, lambda t, q, v, kind: 3.0 * q[:, 0] + 1.0),
+    "tone": (1, lambda t, q, v, kind: 0.02 * np.sin(19.0 * t + kind)),
+    "faint tone": (1, lambda t, q, v, kind: 0.0004 * np.sin(19.0 * t + kind)),
+    "faint friction": (1, lambda t, q, v, kind: 0.0003 * np.sign(v[:, 1])),
+    "table": (1, lambda t, q, v, kind: 2.0 * touching(t)),
+    "sudden_stop": (1, lambda t, q, v, kind: 1.5 * (np.abs(q[:, 1] - 0.1) < 0.07) * (t % 3.0 < 1.5)),
+}
+"""Which joint's torque an effect changes, and by how much."""
 
 
 def record(
@@ -70,47 +80,26 @@ def record(
         random = np.random.default_rng(index)
         t, q, v, a = motion(kind, seconds)
         tau = torque(q, v, a, mass=1.02)
-        if effect == "viscous_friction":
-            tau[:, 1] += 0.3 * v[:, 1]
-        if effect == "coulomb_friction":
-            tau[:, 1] += 0.25 * np.sign(v[:, 1])
-        if effect == "parallel_spring":
-            tau[:, 0] += 3.0 * q[:, 0] + 1.0
-        if effect == "tone":
-            tau[:, 1] += 0.02 * np.sin(19.0 * t + kind)
-        if effect == "faint tone":
-            tau[:, 1] += 0.0004 * np.sin(19.0 * t + kind)
-        if effect == "faint friction":
-            tau[:, 1] += 0.0003 * np.sign(v[:, 1])
-        touching = (effect == "table") & (t > 8.0) & (t < 11.0)
-        tau[:, 1] += 2.0 * touching
-        if effect == "sudden_stop":
-            tau[:, 1] += np.where(np.abs(q[:, 1] - 0.1) < 0.07, 1.5, 0.0) * (t % 3.0 < 1.5)
+        joint, law = ADDED[effect]
+        tau[:, joint] += law(t, q, v, kind)
         tau += random.normal(scale=noise, size=tau.shape)
         q = q + random.normal(scale=jitter, size=q.shape)
-        columns = {"time": t}
+        columns = columns_of(t, JOINTS, position=q, effort=tau)
         if effect == "table":
-            columns["phase"] = np.where(touching, "contact", "free")
-        columns |= {f"position.{joint}": q[:, i] for i, joint in enumerate(JOINTS)}
-        columns |= {f"effort.{joint}": tau[:, i] for i, joint in enumerate(JOINTS)}
-        metadata = episode_metadata(
-            robot="pendulum",
-            episode=f"run{index}",
-            effort_source="joint_sensor",
-            gravity_compensation="none",
-            repeat_of=repeat,
-            task=None,
-        )
-        paths.append(write_episode(folder / f"run{index}.parquet", columns, metadata))
+            columns["phase"] = np.where(touching(t), "contact", "free")
+        paths.append(save(folder, f"run{index}", columns, repeat_of=repeat))
     return paths
 
 
 def answer(folder: Path, paths: list[Path], *more: str) -> tuple[int, dict]:
     (folder / "robot.urdf").write_text(URDF)
-    out = folder / "answer.json"
-    arguments = [*map(str, paths), "--urdf", str(folder / "robot.urdf"), "--json", str(out), *more]
-    code = CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False).return_value
-    found = json.loads(out.read_text())
+    return diagnosed(folder, *paths, "--urdf", folder / "robot.urdf", *more)
+
+
+def diagnosed(folder: Path, *words: object) -> tuple[int, dict]:
+    """Exit code and answer, which keeps to its schema."""
+    code = invoke("diagnose", *words, "--json", folder / "answer.json").return_value
+    found = json.loads((folder / "answer.json").read_text())
     jsonschema.validate(found, load_schema("diagnosis"))
     return code, found
 
@@ -179,7 +168,7 @@ def test_short_and_slow_recordings_are_insufficient(tmp_path: Path) -> None:
 
 def test_unknown_effect_and_missing_model_are_refused(tmp_path: Path) -> None:
     paths = record(tmp_path, "nothing", seconds=2.0)
-    with pytest.raises(BadInput, match="did you mean 'payload'"):
-        answer(tmp_path, paths, "--without", "payloat")
-    with pytest.raises(BadInput, match="give --robot NAME or --urdf FILE"):
-        CliRunner().invoke(command, [str(paths[0])], standalone_mode=False, catch_exceptions=False)
+    (tmp_path / "robot.urdf").write_text(URDF)
+    without = refusal("diagnose", *paths, "--urdf", tmp_path / "robot.urdf", "--without", "payloat")
+    assert "did you mean 'payload'" in without
+    assert "give --robot NAME or --urdf FILE" in refusal("diagnose", paths[0])

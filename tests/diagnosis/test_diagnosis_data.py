@@ -4,56 +4,39 @@
 The recordings are those of `test_diagnosis`: two joints, equations written out by hand, spoiled here one way each.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
-import subprocess
-import sys
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.cli.main import impedance
 from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.folds import RUN_IN, assign_folds
 from impedance_modules.diagnosis.data.log import InsufficientData
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
 from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
-from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.errors import ImpedanceError
-from tests.diagnosis.test_diagnosis import JOINTS, URDF, motion, torque
+from tests.diagnosis.test_diagnosis import JOINTS, RATE, URDF, motion, torque
+from tests.support.commands import invoke, python
+from tests.support.recordings import columns_of, save
 
-RATE = 100.0
 DEGREES = 180.0 / np.pi
+WITH_FIXTURES = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture]}
 
 
 def columns(kind=0, seconds=12.0, seed=0, rate=RATE):
     """One good recording: time, positions, velocities, efforts, with noise."""
-    dice = np.random.default_rng(1000 * seed + kind)
-    t, q, v, a = motion(kind, seconds * 100.0 / rate if rate != RATE else seconds)
-    if rate != RATE:  # `motion` samples at 100 Hz: stretch its time instead
-        t, v, a = t * 100.0 / rate, v * rate / 100.0, a * (rate / 100.0) ** 2
+    dice, stretch = np.random.default_rng(1000 * seed + kind), RATE / rate
+    t, q, v, a = motion(kind, seconds * stretch)
+    t, v, a = t * stretch, v / stretch, a / stretch**2
     tau = torque(q, v, a, mass=1.0) + dice.normal(scale=0.05, size=q.shape)
     q = q + dice.normal(scale=1e-5, size=q.shape)
     v = v + dice.normal(scale=1e-3, size=q.shape)
-    named = {"position": q, "velocity": v, "effort": tau}
-    return {
-        "time": t,
-        **{f"{k}.{joint}": x[:, i].copy() for k, x in named.items() for i, joint in enumerate(JOINTS)},
-    }
-
-
-def save(folder, name, data, **about):
-    usual = {"robot": "pendulum", "effort_source": "joint_sensor", "repeat_of": None}
-    said = {**usual, "gravity_compensation": "none", **about}
-    metadata = episode_metadata(episode=name, task=None, **said)
-    return write_episode(folder / f"{name}.parquet", data, metadata)
+    return columns_of(t, JOINTS, position=q, velocity=v, effort=tau)
 
 
 def good(folder, count=3, **more):
@@ -69,13 +52,17 @@ def urdf(tmp_path):
 
 def diagnose(urdf, *arguments):
     """Exit code and everything that was said; an exception that is no answer fails the test."""
-    words = ["diagnose", *map(str, arguments), "--urdf", str(urdf)]
-    runner = CliRunner()
     try:
-        result = runner.invoke(impedance, words, standalone_mode=False, catch_exceptions=False)
+        result = invoke("diagnose", *arguments, "--urdf", urdf)
     except ImpedanceError as error:
         return error.exit_code, str(error)
     return result.return_value, " ".join(result.output.split())
+
+
+def admitted(urdf, *paths):
+    """The logs of recordings and the report on them."""
+    episodes = [episode for found in read_recordings(paths) for episode in found]
+    return admit(episodes, model_of_urdf(urdf, JOINTS))
 
 
 def refused(urdf, paths, words, code=2):
@@ -110,13 +97,6 @@ def test_files_that_are_no_recordings(tmp_path, urdf):
 # --- single channels -------------------------------------------------------------------------------------
 
 
-def spoil(change):
-    """A recording with one thing wrong."""
-    data = columns(0)
-    change(data)
-    return data
-
-
 def put(name, rows, value):
     def change(data):
         data[name][rows] = value
@@ -124,135 +104,100 @@ def put(name, rows, value):
     return change
 
 
-def times(name, factor):
+def times(factor, *names):
     def change(data):
-        data[name] = data[name] * factor
-
-    return change
-
-
-def each(kind, factor):
-    def change(data):
-        for joint in JOINTS:
-            data[f"{kind}.{joint}"] = data[f"{kind}.{joint}"] * factor
+        for name in names:
+            data[name] = data[name] * factor
 
     return change
 
 
 def rename(old, new):
     def change(data):
-        for name in list(data):
-            kind, _, joint = name.partition(".")
-            if joint == old:
-                data[f"{kind}.{new}"] = data.pop(name)
+        for name in [name for name in data if name.endswith(f".{old}")]:
+            data[name.replace(old, new)] = data.pop(name)
 
     return change
 
 
 def add(name, source):
-    def change(data):
-        for joint in JOINTS:
-            data[f"{name}.{joint}"] = data[f"{source}.{joint}"].copy()
-
-    return change
-
-
-def degrees_everywhere(data):
-    each("position", DEGREES)(data)
-    each("velocity", DEGREES)(data)
+    return lambda data: data.update({f"{name}.{joint}": data[f"{source}.{joint}"].copy() for joint in JOINTS})
 
 
 def constant(data):
-    for name in data:
-        if name != "time":
-            data[name][:] = data[name][0]
+    for name in data.keys() - {"time"}:
+        data[name][:] = data[name][0]
 
 
 def jump(data):
     data["position.elbow"][700:] += 2.0
 
 
-def slow(data):
-    data["time"] *= 100.0
-
-
-def milliseconds(data):
-    data["time"] *= 1000.0
-
-
 def swap_rate(data):
     data["time"] = np.concatenate([data["time"][:600], data["time"][600] + 0.02 * np.arange(600)])
 
 
+def first(count):
+    return lambda data: data.update({name: values[:count] for name, values in data.items()})
+
+
+POSITIONS, VELOCITIES, EFFORTS = (
+    tuple(f"{kind}.{joint}" for joint in JOINTS) for kind in ("position", "velocity", "effort")
+)
 SPOILED = {
     "not finite": (put("effort.elbow", 500, np.nan), 2, "column 'effort.elbow' is missing or NaN in row 500"),
     "infinite": (put("position.elbow", 7, np.inf), 2, "column 'position.elbow' is inf in row 7"),
-    "constant": (constant, 2, "effort"),
+    "constant": (constant, 7, "no joint moves more than 0.02 rad"),
     "time repeats": (put("time", 300, 2.99), 2, "time repeats itself in row 300"),
     "time runs back": (put("time", 300, 1.0), 2, "time runs backwards in row 300"),
     "a gap": (lambda d: d.update(time=d["time"] + 5.0 * (np.arange(1200) > 600)), 2, "a gap of 5.01 s"),
     "two rates in one": (swap_rate, 2, "the rate changes from 100 to 50 Hz"),
-    "1 Hz": (slow, 7, "1 Hz is too slow for joint-level causes"),
-    "milliseconds": (milliseconds, 7, "is time in milliseconds?"),
-    "a single sample": (lambda d: d.update({k: v[:1] for k, v in d.items()}), 7, "a single sample"),
-    "few samples": (lambda d: d.update({k: v[:60] for k, v in d.items()}), 7, "60 samples"),
+    "1 Hz": (times(100.0, "time"), 7, "1 Hz is too slow for joint-level causes"),
+    "milliseconds": (times(1000.0, "time"), 7, "is time in milliseconds?"),
+    "a single sample": (first(1), 7, "a single sample"),
+    "few samples": (first(60), 7, "60 samples"),
     "wrong joint name": (rename("elbow", "elbwo"), 2, "no moving joint 'elbwo'; did you mean 'elbow'?"),
-    "degrees": (degrees_everywhere, 2, "which looks like degrees"),
-    "positions in degrees": (each("position", DEGREES), 2, "which looks like degrees"),
-    "velocities in degrees": (each("velocity", DEGREES), 2, "deg/s for rad/s?"),
-    "velocities in rpm": (times("velocity.elbow", 30.0 / np.pi), 2, "rev/min for rad/s?"),
-    "velocity reversed": (times("velocity.elbow", -1.0), 2, "velocity.elbow is -1 times"),
-    "torque in mN.m": (each("effort", 1000.0), 2, "looks like mN.m"),
+    "degrees": (times(DEGREES, *POSITIONS, *VELOCITIES), 2, "which looks like degrees"),
+    "positions in degrees": (times(DEGREES, *POSITIONS), 2, "which looks like degrees"),
+    "velocities in degrees": (times(DEGREES, *VELOCITIES), 2, "deg/s for rad/s?"),
+    "velocities in rpm": (times(30.0 / np.pi, "velocity.elbow"), 2, "rev/min for rad/s?"),
+    "velocity reversed": (times(-1.0, "velocity.elbow"), 2, "velocity.elbow is -1 times"),
+    "torque in mN.m": (times(1000.0, *EFFORTS), 2, "looks like mN.m"),
     "a glitch": (put("effort.elbow", 500, 1e5), 2, "effort.elbow is 1e+05 in sample 500, 1 such samples"),
-    "torque reversed": (times("effort.elbow", -1.0), 2, "the sign of effort.elbow is flipped"),
-    "all reversed": (each("effort", -1.0), 2, "effort.shoulder, effort.elbow is flipped on every joint"),
+    "torque reversed": (times(-1.0, "effort.elbow"), 2, "the sign of effort.elbow is flipped"),
+    "all reversed": (times(-1.0, *EFFORTS), 2, "effort.shoulder, effort.elbow is flipped on every joint"),
     "torque stuck": (put("effort.elbow", slice(None), 0.0), 2, "effort.elbow is 0 in every sample"),
-    "position is command": (
-        add("position_command", "position"),
-        2,
-        "position.shoulder equals position_command",
-    ),
-    "effort is command": (
-        add("effort_command", "effort"),
-        2,
-        "effort.shoulder equals effort_command.shoulder",
-    ),
+    "position is command": (add("position_command", "position"), 2, "position.shoulder equals position_command"),
+    "effort is command": (add("effort_command", "effort"), 2, "effort.shoulder equals effort_command.shoulder"),
     "encoder jump": (jump, 2, "position.elbow jumps by 2.01 rad at row 700"),
-    "no torque": (lambda d: [d.pop(f"effort.{j}") for j in JOINTS], 7, "no torque was recorded"),
-}
+    "no torque": (lambda d: [d.pop(name) for name in EFFORTS], 7, "no torque was recorded"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", SPOILED)
 def test_spoiled_recordings_are_refused_with_the_reason(tmp_path, urdf, case):
     change, code, words = SPOILED[case]
-    data = spoil(change)
+    data = columns(0)
+    change(data)
     about = {} if any(name.startswith("effort.") for name in data) else {"effort_source": None}
-    others = [save(tmp_path, f"run{kind}", {**columns(kind)}) for kind in (1, 2)]
-    if case == "wrong joint name":
-        others = []
-    if case == "constant":
-        words, code = "no joint moves more than 0.02 rad", 7
-        others = []
+    beside = () if case in ("wrong joint name", "constant") else (1, 2)
+    others = [save(tmp_path, f"run{kind}", columns(kind)) for kind in beside]
     refused(urdf, [save(tmp_path, "run0", data, **about), *others], words, code)
 
 
 def test_positions_in_degrees_within_the_range_are_refused(tmp_path, urdf):
     """Small motions, degrees or not, fit any range; the weight they carry tells."""
-    data = columns(0)
-    _, q, v, a = motion(0, 12.0)
-    q, v, a = 0.04 * q, 0.04 * v, 0.04 * a
-    tau = torque(q, v, a, mass=1.0)
-    for i, joint in enumerate(JOINTS):
-        data[f"position.{joint}"], data[f"velocity.{joint}"] = q[:, i] * DEGREES, v[:, i] * DEGREES
-        data[f"effort.{joint}"] = tau[:, i]
-    assert max(np.abs(data[f"position.{joint}"]).max() for joint in JOINTS) < 3.0
+    t, q, v, a = motion(0, 12.0)
+    tau = torque(0.04 * q, 0.04 * v, 0.04 * a, mass=1.0)
+    assert 0.04 * DEGREES * np.abs(q).max() < 3.0
+    data = columns_of(t, JOINTS, position=0.04 * DEGREES * q, velocity=0.04 * DEGREES * v, effort=tau)
     refused(urdf, [save(tmp_path, "run0", data)], "if the positions are degrees")
 
 
 # --- physics that is no mistake --------------------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, **WITH_FIXTURES)
 @given(
     spring=st.floats(-30.0, 30.0),
     preload=st.floats(-30.0, 30.0),
@@ -266,13 +211,10 @@ def test_strong_effects_are_physics_and_not_mistakes(
 ):
     data = columns(0)
     for joint in JOINTS:
-        q, v = data[f"position.{joint}"], data[f"velocity.{joint}"]
-        tau = (
-            gain * data[f"effort.{joint}"] + spring * q + preload + viscous * v + coulomb * np.tanh(v / 0.05)
-        )
+        q, v, tau = (data[f"{kind}.{joint}"] for kind in ("position", "velocity", "effort"))
+        tau = gain * tau + spring * q + preload + viscous * v + coulomb * np.tanh(v / 0.05)
         data[f"effort.{joint}"] = np.roll(tau, late)
-    (episode,) = read_recordings([save(tmp_path, "run0", data)])[0]
-    admit([episode], model_of_urdf(urdf, JOINTS))
+    admitted(urdf, save(tmp_path, "run0", data))
 
 
 def test_a_wrapped_angle_is_unwrapped_with_a_warning(tmp_path, urdf):
@@ -280,10 +222,8 @@ def test_a_wrapped_angle_is_unwrapped_with_a_warning(tmp_path, urdf):
     turned = data["position.shoulder"] + np.pi
     data["position.shoulder"] = np.mod(turned + np.pi, 2 * np.pi) - np.pi
     assert np.abs(np.diff(data["position.shoulder"])).max() > 6.0
-    (episode,) = read_recordings([save(tmp_path, "run0", data)])[0]
-    text = URDF.replace('type="revolute"', 'type="continuous"')
-    urdf.write_text(text)
-    logs, report = admit([episode], model_of_urdf(urdf, JOINTS))
+    urdf.write_text(URDF.replace('type="revolute"', 'type="continuous"'))
+    logs, report = admitted(urdf, save(tmp_path, "run0", data))
     assert any("wraps around" in note for note in report.warnings)
     shift = logs[0].position[:, 0] - turned
     np.testing.assert_allclose(shift, shift[0], atol=1e-9)
@@ -292,8 +232,7 @@ def test_a_wrapped_angle_is_unwrapped_with_a_warning(tmp_path, urdf):
 def test_a_constant_velocity_of_a_moving_joint_is_not_used(tmp_path, urdf):
     data = columns(0)
     data["velocity.elbow"][:] = 0.0
-    (episode,) = read_recordings([save(tmp_path, "run0", data)])[0]
-    (log,), report = admit([episode], model_of_urdf(urdf, JOINTS))
+    (log,), report = admitted(urdf, save(tmp_path, "run0", data))
     assert log.velocity is None and any("velocities are not used" in note for note in report.warnings)
 
 
@@ -334,31 +273,24 @@ def test_recordings_of_other_robots_and_joints(tmp_path, urdf):
 
 def test_mixed_rates_are_brought_to_the_lowest(tmp_path, urdf):
     paths = [*good(tmp_path, 2), save(tmp_path, "fast", columns(2, rate=250.0, seconds=20.0))]
-    episodes = [episode for found in read_recordings(paths) for episode in found]
-    logs, report = admit(episodes, model_of_urdf(urdf, JOINTS))
+    logs, report = admitted(urdf, *paths)
     assert [log.rate for log in logs] == pytest.approx([100.0] * 3)
     assert report.rates["fast"] == pytest.approx(250.0)
     assert any("fast 250 Hz brought to 100 Hz" in note for note in report.warnings)
-    fast = episodes[2]
-    time = np.arange(logs[2].samples) / 100.0
-    inner = slice(20, -20)
-    expected = np.interp(time, fast.time, fast.position["elbow"])
-    np.testing.assert_allclose(logs[2].position[inner, 1], expected[inner], atol=2e-4)
+    ((fast,),) = read_recordings(paths[2:])
+    expected = np.interp(np.arange(logs[2].samples) / 100.0, fast.time, fast.position["elbow"])
+    np.testing.assert_allclose(logs[2].position[20:-20, 1], expected[20:-20], atol=2e-4)
 
 
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, **WITH_FIXTURES)
 @given(late=st.integers(-80, 80))
 def test_repeats_are_aligned_however_late_they_were_started(tmp_path, urdf, late):
     whole, again = columns(0, seconds=14.0), columns(0, seconds=14.0, seed=1)
     first = {name: values[100:1300] for name, values in whole.items()}
     second = {name: values[100 - late : 1300 - late] for name, values in again.items()}
     second["time"] = second["time"] - second["time"][0]
-    paths = [
-        save(tmp_path, "run0", first),
-        save(tmp_path, "again", second),
-        save(tmp_path, "other", columns(1)),
-    ]
-    logs, report = admit([e for f in read_recordings(paths) for e in f], model_of_urdf(urdf, JOINTS))
+    named = {"run0": first, "again": second, "other": columns(1)}
+    logs, report = admitted(urdf, *(save(tmp_path, name, data) for name, data in named.items()))
     assert report.repeats == (("run0", "again"),)
     assert logs[0].samples == logs[1].samples == 1200 - abs(late)
     assert np.abs(logs[0].position - logs[1].position).max() < 1e-3
@@ -366,26 +298,24 @@ def test_repeats_are_aligned_however_late_they_were_started(tmp_path, urdf, late
 
 def test_a_stated_repeat_with_another_motion_is_no_repeat(tmp_path, urdf):
     paths = [save(tmp_path, "run0", columns(0)), save(tmp_path, "run1", columns(1), repeat_of="run0")]
-    _, report = admit([e for f in read_recordings(paths) for e in f], model_of_urdf(urdf, JOINTS))
+    _, report = admitted(urdf, *paths)
     assert report.repeats == ()
     assert any("says it repeats run0, but its motion differs" in note for note in report.warnings)
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, **WITH_FIXTURES)
 @given(late=st.integers(0, 12), carried=st.booleans())
 def test_the_delay_of_effort_behind_command_is_found(tmp_path, urdf, late, carried):
     """Also where the robot adds the weight, which no command shows, and never a negative one."""
     data = columns(0)
     q, v, a = motion(0, 12.0)[1:]
-    asked = torque(q, v, a, mass=1.0) - (torque(q, 0 * v, 0 * a, mass=1.0) if carried else 0.0)
-    weight = torque(q, 0 * v, 0 * a, mass=1.0) if carried else np.zeros_like(q)
+    weight = carried * torque(q, 0 * v, 0 * a, mass=1.0)
+    asked = torque(q, v, a, mass=1.0) - weight
     for i, joint in enumerate(JOINTS):
         data[f"effort_command.{joint}"] = asked[:, i]
         data[f"effort.{joint}"] = np.roll(asked[:, i], late) + weight[:, i] + 1e-3 * np.sin(data["time"] * 37)
     about = {"gravity_compensation": "robot"} if carried else {}
-    _, report = admit(
-        read_recordings([save(tmp_path, "run0", data, **about)])[0], model_of_urdf(urdf, JOINTS)
-    )
+    _, report = admitted(urdf, save(tmp_path, "run0", data, **about))
     assert report.delay == pytest.approx(0.01 * late, abs=0.012)
 
 
@@ -400,7 +330,7 @@ def test_a_command_that_was_held_acts_half_a_period_later(tmp_path, urdf, rate):
         for joint in JOINTS:
             data[f"effort_command.{joint}"] = np.sin(4.0 * data["time"])
         paths.append(save(tmp_path, f"run{kind}", data, **({} if rate is None else {"rate": rate})))
-    logs, _ = admit([e for found in read_recordings(paths) for e in found], model_of_urdf(urdf, JOINTS))
+    logs, _ = admitted(urdf, *paths)
     late = 0.0 if rate is None else 0.5 / rate
     for log in logs:
         time = np.arange(log.samples) / log.rate
@@ -408,8 +338,7 @@ def test_a_command_that_was_held_acts_half_a_period_later(tmp_path, urdf, rate):
 
 
 def test_one_motion_is_cut_without_losing_a_sample(tmp_path, urdf):
-    (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
-    logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
+    logs, _ = admitted(urdf, save(tmp_path, "run0", columns(0, seconds=30.0)))
     found = assign_folds(logs, ())
     assert sorted([*found.fitted, *found.heldout]) == list(range(len(found.logs))) and len(found.folds) >= 3
     margin = int(RUN_IN * 100)
@@ -440,15 +369,15 @@ def test_ten_hours_are_diagnosed_from_segments(tmp_path, urdf):
     v = np.gradient(q, 0.01, axis=0)
     tau = torque(q, v, np.gradient(v, 0.01, axis=0), mass=1.0) + 0.3 * v * [0.0, 1.0]
     dice = np.random.default_rng(0)
-    data = {"time": np.arange(3_600_000) / 100.0}
-    for i, joint in enumerate(JOINTS):
-        noise = dice.normal(scale=0.05, size=3_600_000)
-        data |= {f"position.{joint}": np.tile(q[:, i], 10), f"effort.{joint}": np.tile(tau[:, i], 10) + noise}
-    path, answer = save(tmp_path, "day", data), tmp_path / "answer.json"
-    words = ["diagnose", str(path), "--urdf", str(urdf), "--json", str(answer)]
-    done = subprocess.run(
-        [sys.executable, "-c", TELL_MEMORY, *words], capture_output=True, text=True, timeout=500, check=False
+    noise = dice.normal(scale=0.05, size=(2, 3_600_000)).T
+    ten = columns_of(
+        np.arange(3_600_000) / 100.0,
+        JOINTS,
+        position=np.tile(q, (10, 1)),
+        effort=np.tile(tau, (10, 1)) + noise,
     )
+    path, answer = save(tmp_path, "day", ten), tmp_path / "answer.json"
+    done = python("-c", TELL_MEMORY, "diagnose", str(path), "--urdf", str(urdf), "--json", str(answer))
     memory = int(done.stderr.rsplit("largest resident kB ", 1)[1].split()[0])
     assert done.returncode in (0, 5, 6), done.stderr
     found = json.loads(answer.read_text())
@@ -459,10 +388,20 @@ def test_ten_hours_are_diagnosed_from_segments(tmp_path, urdf):
 
 # --- anything at all -------------------------------------------------------------------------------------
 
-NAMES = ("time", *(f"{kind}.{joint}" for kind in ("position", "velocity", "effort") for joint in JOINTS))
+CHANGES = {
+    "set": lambda part, value, seed: np.full_like(part, value),
+    "scale": lambda part, value, seed: part * value,
+    "shift": lambda part, value, seed: part + value,
+    "swap": lambda part, value, seed: part[::-1].copy(),
+    "drop": None,
+    "cut": None,
+    "noise": lambda part, value, seed: part + np.random.default_rng(seed).normal(size=len(part)) * value,
+    "hold": lambda part, value, seed: np.repeat(part[:1], len(part)),
+    "quantise": lambda part, value, seed: np.round(part / value) * value if value > 0.0 else part,
+}
 CORRUPTIONS = st.tuples(
-    st.sampled_from(("set", "scale", "shift", "swap", "drop", "cut", "noise", "hold", "quantise")),
-    st.sampled_from(NAMES),
+    st.sampled_from(tuple(CHANGES)),
+    st.sampled_from(("time", *POSITIONS, *VELOCITIES, *EFFORTS)),
     st.sampled_from((0.0, -1.0, 1e-12, 1e-3, 0.5, 2.0, 57.3, 1e3, 1e9, 1e300, float("nan"), float("inf"))),
     st.integers(0, 799),
     st.integers(1, 800),
@@ -470,41 +409,21 @@ CORRUPTIONS = st.tuples(
 
 
 def corrupt(data, how, name, value, first, length):
-    rows = slice(first, first + length)
+    rows = slice(None) if how == "quantise" else slice(first, first + length)
     if name not in data:
         return
-    column = data[name].copy()
-    with np.errstate(all="ignore"):
-        if how == "set":
-            column[rows] = value
-        elif how == "scale":
-            column[rows] *= value
-        elif how == "shift":
-            column[rows] += value
-        elif how == "swap":
-            column[rows] = column[rows][::-1]
-        elif how == "noise":
-            column[rows] += np.random.default_rng(first).normal(size=len(column[rows])) * value
-        elif how == "hold" and len(column[rows]):
-            column[rows] = column[rows][0]
-        elif how == "quantise" and value > 0.0:
-            column = np.round(column / value) * value
     if how == "drop":
         data.pop(name)
     elif how == "cut":
-        for other in list(data):
-            data[other] = data[other][rows] if len(data[other][rows]) else data[other][:1]
+        data.update({other: x[rows] if len(x[rows]) else x[:1] for other, x in data.items()})
     else:
-        data[name] = column
+        data[name] = data[name].copy()
+        with np.errstate(all="ignore"):
+            data[name][rows] = CHANGES[how](data[name][rows], value, first)
 
 
 @pytest.mark.long
-@settings(
-    max_examples=25,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(max_examples=25, derandomize=True, **WITH_FIXTURES)
 @given(spoiled=st.lists(CORRUPTIONS, min_size=1, max_size=3), alone=st.booleans())
 def test_corrupt_recordings_give_no_traceback(tmp_path, urdf, spoiled, alone):
     """Whatever is done to a good recording, `diagnose` ends with one of the contract's codes and a sentence."""
@@ -525,22 +444,19 @@ def test_corrupt_recordings_give_no_traceback(tmp_path, urdf, spoiled, alone):
 def test_a_pushed_hand_is_no_flipped_sign(tmp_path, urdf):
     """A push turns the links' torque round; the reading still follows what was asked of the motor."""
     data, still = columns(0), np.zeros((1200, 2))
-    q = np.column_stack([data[f"position.{joint}"] for joint in JOINTS])
+    q = np.column_stack([data[name] for name in POSITIONS])
     weight = torque(q, still, still, mass=1.0)
     turned = -data["effort.elbow"]
-    for pushed in (True, False):
-        spoiled = {**data, "effort.elbow": turned}
-        asked = turned if pushed else data["effort.elbow"]
-        spoiled["effort_command.shoulder"] = data["effort.shoulder"] - weight[:, 0]
-        spoiled["effort_command.elbow"] = asked - weight[:, 1]
-        name = "pushed" if pushed else "flipped"
+    flipped = pytest.raises(ImpedanceError, match=r"the sign of effort\.elbow is flipped")
+    for name, asked, found in (("pushed", turned, nullcontext()), ("flipped", -turned, flipped)):
+        commands = {
+            "effort_command.shoulder": data["effort.shoulder"] - weight[:, 0],
+            "effort_command.elbow": asked - weight[:, 1],
+        }
+        spoiled = {**data, "effort.elbow": turned, **commands}
         path = save(tmp_path, name, spoiled, gravity_compensation="robot")
-        episodes = read_recordings([path])[0]
-        if pushed:
-            admit(episodes, model_of_urdf(urdf, JOINTS))
-        else:
-            with pytest.raises(ImpedanceError, match=r"the sign of effort\.elbow is flipped"):
-                admit(episodes, model_of_urdf(urdf, JOINTS))
+        with found:
+            admitted(urdf, path)
 
 
 def test_a_tool_on_a_joint_without_load_is_no_flipped_sign(tmp_path):
@@ -553,23 +469,16 @@ def test_a_tool_on_a_joint_without_load_is_no_flipped_sign(tmp_path):
     q = middle + 0.3 * np.sin(w * time[:, None])
     v, a = 0.3 * w * np.cos(w * time[:, None]), -0.3 * w**2 * np.sin(w * time[:, None])
     needed = inverse_dynamics(model.tree, q, v, a)
-    for turned, refused in (("right_w2", False), ("right_w1", True)):
+    flipped = pytest.raises(ImpedanceError, match=r"the sign of effort\.right_w1 is flipped")
+    for turned, found in (("right_w2", nullcontext()), ("right_w1", flipped)):
         effort = needed * np.where(np.array(joints) == turned, -1.0, 1.0)
-        data = {"time": time}
-        for i, joint in enumerate(joints):
-            data |= {f"position.{joint}": q[:, i], f"effort.{joint}": effort[:, i]}
-        path = save(tmp_path, turned, data, robot="baxter")
-        episodes = read_recordings([path])[0]
-        if refused:
-            with pytest.raises(ImpedanceError, match=r"the sign of effort\.right_w1 is flipped"):
-                admit(episodes, model)
-        else:
-            admit(episodes, model)
+        path = save(tmp_path, turned, columns_of(time, joints, position=q, effort=effort), robot="baxter")
+        with found:
+            admit(read_recordings([path])[0], model)
 
 
 def test_a_segment_that_is_too_short_is_left_out(tmp_path, urdf):
-    (episode,) = read_recordings([save(tmp_path, "run0", columns(0, seconds=30.0))])[0]
-    logs, _ = admit([episode], model_of_urdf(urdf, JOINTS))
+    logs, _ = admitted(urdf, save(tmp_path, "run0", columns(0, seconds=30.0)))
     whole = assign_folds(logs, ())
     (first, *others), (held,) = whole.folds, whole.heldout
     rest = whole.without([*first, held], "too short")
