@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A stub Baxter for unit tests: publishes what a test sets, records its commands; and the backend that drives it.
 
-No physics: position mode reaches its target at once; torque moves nothing unless ``drift`` is set. The
-simulator with physics is ``impedance baxter fake``.
+No physics: position mode reaches its target at once; torque moves nothing unless ``drift`` is set.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 from unittest import mock
 
 import numpy as np
@@ -35,59 +35,59 @@ GRIPPERS = ("l_gripper_l_finger_joint", "l_gripper_r_finger_joint")
 TIP = 0.025
 
 
+class Command(NamedTuple):
+    """A JointCommand as it was received."""
+
+    time: float
+    limb: str
+    mode: int
+    values: np.ndarray
+
+
 class StubBaxter:
     """All topics of a robot on one in-process master.
 
     Attributes:
-        commands: (time, limb, mode, values) of every JointCommand.
+        commands: Every JointCommand.
         timeouts, rates: (time, value) of every request.
+        parameters: Of the master: the software's version and the served description.
+        loop: Node that publishes the states.
+        left_out, silent, wrong: Joints never reported, topics without messages, topics with another message.
+        effort: Added to gravity in the joint states, (n,) [N.m].
+        tip, weight: By limb: offset of the served hand [m], torque added to the served gravity [N.m].
     """
 
     def __init__(self, spec: RobotSpec) -> None:
         self.spec, self.model = spec, RobotModel(spec)
         self.hub = InProcessMaster()
-        self.commands: list[tuple[float, str, int, np.ndarray]] = []
+        self.parameters = self.hub.parameters
+        self.commands: list[Command] = []
         self.timeouts: list[tuple[float, float]] = []
         self.rates: list[tuple[float, int]] = []
         self.obeys_rate, self.rate = True, 100.0
         self.frozen, self.drift = False, 0.0
+        self.loop = "/realtime_loop"
+        self.left_out, self.silent, self.wrong = set[str](), set[str](), set[str]()
+        self.effort = np.zeros(self.model.n)
+        self.tip, self.weight = dict.fromkeys(spec.limbs, 0.0), dict.fromkeys(spec.limbs, 0.0)
         self._q = np.full(self.model.n, 0.3)
-        self._effort = np.zeros(self.model.n)
-        self._state, self._collision, self._cuff = (
-            ON,
-            dict.fromkeys(spec.limbs, False),
-            dict.fromkeys(spec.limbs, False),
-        )
-        self._left_out: set[str] = set()
-        self._silent: set[str] = set()
-        self._tip, self._weight = dict.fromkeys(spec.limbs, 0.0), dict.fromkeys(spec.limbs, 0.0)
+        self._state = ON
+        self._collision, self._cuff = dict.fromkeys(spec.limbs, False), dict.fromkeys(spec.limbs, False)
         self._count = 0
         self._lock = threading.RLock()
-        self.hub.parameters.update({"/rethink/software_version": "1.2.0.57"})
-        self.serve(spec.urdf.read_text())
-        self._wrong: set[str] = set()
-        self._node = "/realtime_loop"
+        self.parameters["/rethink/software_version"] = "1.2.0.57"
+        self.parameters["/robot_description"] = spec.urdf.read_text()
         self._built: dict[tuple[str, str], object] = {}
-        subscriber = InProcessTransport(self.hub, "/subscriber")
+        hear = InProcessTransport(self.hub, "/subscriber").subscribe
         for limb in spec.limbs:
-            subscriber.subscribe(
-                topics.joint_command(limb), messages.JointCommand, lambda m, t, limb=limb: self._hear(limb, m)
-            )
-            subscriber.subscribe(
-                topics.command_timeout(limb),
-                messages.Float64,
-                lambda m, t: self.timeouts.append((time.monotonic(), m.data)),
-            )
-        subscriber.subscribe(topics.STATE_RATE_REQUEST, messages.UInt16, self._hear_rate)
+            hear(topics.joint_command(limb), JointCommand, lambda m, t, limb=limb: self._hear(limb, m))
+            hear(topics.command_timeout(limb), messages.Float64, self._hear_timeout)
+        hear(topics.STATE_RATE_REQUEST, messages.UInt16, self._hear_rate)
 
     # --- what tests change
 
-    def place(self, angles: Mapping[str, float] | np.ndarray) -> None:
-        if isinstance(angles, np.ndarray):
-            self._q = angles.copy()
-            return
-        for name, angle in angles.items():
-            self._q[self.model.joint_names.index(name)] = angle
+    def place(self, joint: str, angle: float) -> None:
+        self._q[self.model.joint_names.index(joint)] = angle
 
     def power(self, **fields) -> None:
         self._state = replace(ON, **fields)
@@ -102,36 +102,13 @@ class StubBaxter:
         self._say(topics.cuff(limb), messages.DigitalIOState(int(squeezed), True))
 
     def set_effort(self, joint: str, value: float) -> None:
-        self._effort[self.model.joint_names.index(joint)] = value
-
-    def leave_out(self, joint: str) -> None:
-        self._left_out.add(joint)
-
-    def silence(self, topic: str) -> None:
-        self._silent.add(topic)
-
-    def rename_loop(self, node: str) -> None:
-        self._node = node
-
-    def wrong_message(self, limb: str) -> None:
-        self._wrong.add(topics.endpoint_state(limb))
-
-    def move_tip(self, limb: str, metres: float) -> None:
-        self._tip[limb] = metres
-
-    def add_weight(self, limb: str, torque: float) -> None:
-        self._weight[limb] = torque
-
-    def serve(self, text: str | None) -> None:
-        self.hub.parameters.pop("/robot_description", None)
-        if text is not None:
-            self.hub.parameters["/robot_description"] = text
+        self.effort[self.model.joint_names.index(joint)] = value
 
     def another_robot(self) -> None:
         InProcessTransport(self.hub, "/simulator").advertise(topics.ROBOT_STATE, messages.AssemblyState)
 
     def another_controller(self, limb: str) -> None:
-        InProcessTransport(self.hub, "/somebody").advertise(topics.joint_command(limb), messages.JointCommand)
+        InProcessTransport(self.hub, "/somebody").advertise(topics.joint_command(limb), JointCommand)
 
     # --- what it does
 
@@ -142,19 +119,15 @@ class StubBaxter:
             if self.frozen:
                 return
             self._q = self._q + self.drift
-            names = [n for n in (*sorted(self.model.joint_names), "head_pan") if n not in self._left_out]
-            at = {name: k for k, name in enumerate(self.model.joint_names)}
-            angles = tuple(float(self._q[at[n]]) if n in at else 0.0 for n in names)
-            carried = self.model.gravity(self._q) + self._effort
-            efforts = tuple(float(carried[at[n]]) if n in at else 0.0 for n in names)
-        zeros = (0.0,) * len(names)
-        header = self._header()
-        self._say(topics.JOINT_STATES, messages.JointState(header, tuple(names), angles, zeros, efforts))
-        self._say(
-            topics.JOINT_STATES,
-            messages.JointState(header, GRIPPERS, (0.0,) * 2, (0.0,) * 2, (0.0,) * 2),
-            "/end_effector_publisher",
-        )
+            names = [n for n in (*sorted(self.model.joint_names), "head_pan") if n not in self.left_out]
+            angles = dict(zip(self.model.joint_names, self._q.tolist(), strict=True))
+            carried = self.model.gravity(self._q) + self.effort
+            efforts = dict(zip(self.model.joint_names, carried.tolist(), strict=True))
+        header, zeros = self._header(), (0.0,) * len(names)
+        position, effort = (tuple(row.get(name, 0.0) for name in names) for row in (angles, efforts))
+        self._say(topics.JOINT_STATES, messages.JointState(header, tuple(names), position, zeros, effort))
+        still = messages.JointState(header, GRIPPERS, *((0.0,) * 2,) * 3)
+        self._say(topics.JOINT_STATES, still, "/end_effector_publisher")
         self._say(topics.ROBOT_STATE, self._state)
         for limb in self.spec.limbs:
             self._limb(limb, header)
@@ -182,56 +155,51 @@ class StubBaxter:
     def modes(self, since: float = 0.0) -> list[int]:
         """Modes of the commands since a time, in order, each change once."""
         found: list[int] = []
-        for moment, _, mode, _ in list(self.commands):
-            if moment >= since and found[-1:] != [mode]:
-                found.append(mode)
+        for command in list(self.commands):
+            if command.time >= since and found[-1:] != [command.mode]:
+                found.append(command.mode)
         return found
 
     def _limb(self, limb: str, header: messages.Header) -> None:
         model = self.model
         part = model.limbs[limb]
         hand = model.pose(self._q, part.hand)
-        tip = hand.translation + hand.rotation @ np.array([0.0, 0.0, TIP + self._tip[limb]])
+        tip = hand.translation + hand.rotation @ np.array([0.0, 0.0, TIP + self.tip[limb]])
         zero = messages.Vector3(0.0, 0.0, 0.0)
         pose = messages.PoseMessage(messages.Point(*map(float, tip)), messages.Quaternion(0.0, 0.0, 0.0, 1.0))
-        kind = topics.endpoint_state(limb)
-        if kind in self._wrong:
-            self._say(kind, messages.Float64(1.0))
-        else:
-            self._say(
-                kind,
-                messages.EndpointState(header, pose, messages.Twist(zero, zero), messages.Wrench(zero, zero)),
-            )
+        twist, wrench = messages.Twist(zero, zero), messages.Wrench(zero, zero)
         alone = model.gravity(self._q) - model.parallel_spring_effort(self._q)
-        gravity = tuple((alone[part.joints] + self._weight[limb]).tolist())
-        self._say(
-            topics.sea_state(limb),
-            messages.SEAJointState(header, part.joint_names, *((),) * 7, gravity, gravity, (), (), 0.0),
-        )
-        self._say(
-            topics.collision_state(limb), messages.CollisionDetectionState(header, self._collision[limb])
-        )
+        gravity = tuple((alone[part.joints] + self.weight[limb]).tolist())
+        sea = messages.SEAJointState(header, part.joint_names, *((),) * 7, gravity, gravity, (), (), 0.0)
+        self._say(topics.endpoint_state(limb), messages.EndpointState(header, pose, twist, wrench))
+        self._say(topics.sea_state(limb), sea)
+        felt = messages.CollisionDetectionState(header, self._collision[limb])
+        self._say(topics.collision_state(limb), felt)
         self._say(topics.cuff(limb), messages.DigitalIOState(int(self._cuff[limb]), True))
 
     def _header(self) -> messages.Header:
         return messages.Header(self._count, time.monotonic_ns() + 10**18, "")
 
     def _say(self, topic: str, message: messages.Message, node: str | None = None) -> None:
-        if topic in self._silent:
+        if topic in self.silent:
             return
-        name = self._node if node is None else node
-        key = (topic, name)
+        if topic in self.wrong:
+            message = messages.Float64(1.0)
+        key = (topic, self.loop if node is None else node)
         if key not in self._built:
-            self._built[key] = InProcessTransport(self.hub, name).advertise(topic, type(message))
+            self._built[key] = InProcessTransport(self.hub, key[1]).advertise(topic, type(message))
         self._built[key].send(message)
 
     def _hear(self, limb: str, message: messages.JointCommand) -> None:
         values = np.array(message.command)
-        self.commands.append((time.monotonic(), limb, message.mode, values))
+        self.commands.append(Command(time.monotonic(), limb, message.mode, values))
         if message.mode == message.POSITION_MODE:
             with self._lock:
                 for name, value in zip(message.names, values, strict=True):
-                    self._q[self.model.joint_names.index(name)] = value
+                    self.place(name, value)
+
+    def _hear_timeout(self, message: messages.Float64, received: float) -> None:
+        self.timeouts.append((time.monotonic(), message.data))
 
     def _hear_rate(self, message: messages.UInt16, received: float) -> None:
         self.rates.append((received, message.data))
@@ -242,10 +210,8 @@ class StubBaxter:
 @contextmanager
 def open_session(robot: StubBaxter) -> Iterator[Session]:
     """A session that has received a few messages and does not wait for more."""
-    with (
-        mock.patch.object(session, "LISTENING", 0.0),
-        mock.patch.object(preflight_checks, "LOWEST_RATE", 1.0),
-    ):
+    low_rate = mock.patch.object(preflight_checks, "LOWEST_RATE", 1.0)
+    with mock.patch.object(session, "LISTENING", 0.0), low_rate:
         found = Session(InProcessTransport(robot.hub, "/us"), robot.spec)
         for _ in range(5):
             robot.tick()
@@ -267,7 +233,6 @@ TOLERANCE = 0.7
 class Drive:
     robot: StubBaxter
     backend: BaxterBackend
-    started: float = field(default_factory=time.monotonic)
 
     def cycle(self, count: int = 1, effort: float = 1.0) -> None:
         for _ in range(count):
@@ -281,23 +246,21 @@ class Drive:
                 self.cycle()
         return stop.value
 
-    def since(self, moment: float) -> list:
-        return [command for command in list(self.robot.commands) if command[0] > moment]
+    def since(self, moment: float) -> list[Command]:
+        return [command for command in list(self.robot.commands) if command.time > moment]
 
 
 @contextmanager
-def driving(robot: StubBaxter, *, start=None, check=lambda: None, rate=100.0, **options) -> Iterator[Drive]:
+def driving(robot: StubBaxter, *, start=None, rate=100.0, **options) -> Iterator[Drive]:
     generous = mock.patch.object(backend, "RATE_TOLERANCE", TOLERANCE)
     with open_session(robot) as session, robot.live(), generous:
         model = session.model
-        rules = StopThresholds(
-            STALE, 0.1, STALE + 0.2, 1.0, model.column("effort_max"), np.eye(model.n) * 5.0
-        )
-        limbs = {"left": model.limbs["left"]}
-        stops = Stops(rules, {"left": model.limbs["left"].joints})
+        high, brake = model.column("effort_max"), np.eye(model.n) * 5.0
+        left = model.limbs["left"]
+        stops = Stops(StopThresholds(STALE, 0.1, STALE + 0.2, 1.0, high, brake), {"left": left.joints})
         start = np.full(model.n, 0.3) if start is None else start
         given = DriveOptions(rate=rate, start=start, **{"read_only": False, "approach": False, **options})
-        driven = BaxterBackend(session.link, limbs, stops, given, check)
+        driven = BaxterBackend(session.link, {"left": left}, stops, given, lambda: None)
         try:
             yield Drive(robot, driven)
         finally:
