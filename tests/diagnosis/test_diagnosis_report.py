@@ -1,24 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a diagnosis writes for people: one HTML file, a recording for the viewer, the terminal's summary."""
 
-from __future__ import annotations
-
-import itertools
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from rerun.chunk import RrdReader
 
-from impedance_modules.cli.diagnose_verb import diagnose_command as command
-from impedance_modules.cli.run_verbs import replay_command as replay
 from impedance_modules.diagnosis.report.diagnosis_files import spectrum_object
 from impedance_modules.diagnosis.report.html_elements import number, percent, table
 from impedance_modules.diagnosis.report.report_plots import thinned
@@ -27,6 +19,7 @@ from impedance_modules.episode.residual_view import ResidualCurves
 from impedance_modules.episode.run_folder import episode_paths, the_episode
 from impedance_modules.errors import BadInput
 from tests.diagnosis import test_diagnosis as pendulum
+from tests.support.commands import invoke, python, refusal
 
 SECTIONS = (
     "The data", "How large", "Where", "Causes", "Before and after, over time", "Simulated again", "What is left",
@@ -41,10 +34,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     pendulum.record(folder, "viscous_friction", seconds=8.0)
     (folder / "robot.urdf").write_text(pendulum.URDF)
     files = {"--json": "a.json", "--report": "a.html", "--recording": "a.rrd", "--patch": "a.yaml"}
-    options = itertools.chain.from_iterable((option, str(folder / name)) for option, name in files.items())
-    arguments = [str(folder), "--urdf", str(folder / "robot.urdf"), *options]
-    found = CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
-    return folder, found.output
+    options = [word for option, name in files.items() for word in (option, folder / name)]
+    return folder, invoke("diagnose", folder, "--urdf", folder / "robot.urdf", *options).output
 
 
 class Page(HTMLParser):
@@ -52,15 +43,12 @@ class Page(HTMLParser):
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.open: list[str] = []
-        self.headings: list[str] = []
-        self.cells: list[str] = []
-        self.links: list[str] = []
+        self.open, self.headings, self.cells, self.links = [], [], [], []
         self._cell = False
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.links += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
+        self.handle_startendtag(tag, attrs)
         if tag not in ("meta", "br"):
             self.open.append(tag)
         self._cell = tag == "td" and ("class", "n") in attrs
@@ -102,9 +90,8 @@ def test_the_report_is_whole_and_needs_no_network(written: tuple[Path, str]) -> 
     assert "@import" not in text and "url(http" not in text and "<script" not in text
     assert "width=device-width" in text and "@media print" in text
     assert text.count("<svg") >= 7
-    assert "lost because" in text and (written[0] / "a.yaml").read_text().splitlines()[3] in text.replace(
-        "&quot;", '"'
-    )
+    patch = (written[0] / "a.yaml").read_text().splitlines()
+    assert "lost because" in text and patch[3] in text.replace("&quot;", '"')
 
 
 def test_every_number_in_a_table_of_the_report_is_in_the_json(written: tuple[Path, str]) -> None:
@@ -119,10 +106,7 @@ def test_every_number_in_a_table_of_the_report_is_in_the_json(written: tuple[Pat
 
 def test_the_recording_holds_measured_predicted_residuals_and_regimes(written: tuple[Path, str]) -> None:
     path = written[0] / "a.rrd"
-    assert (
-        subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(path)], check=False).returncode
-        == 0
-    )
+    assert python("-m", "rerun", "rrd", "verify", str(path)).returncode == 0
     paths = RrdReader(str(path)).store().schema().entity_paths()
     (tested,) = json.loads((written[0] / "a.json").read_text())["data"]["heldout"]
     for joint in pendulum.JOINTS:
@@ -136,15 +120,10 @@ def test_the_terminal_shows_gap_rollouts_and_cause(written: tuple[Path, str]) ->
         assert words in written[1]
 
 
-def test_a_folder_means_its_episodes_and_is_replayed_if_there_is_one(
-    written: tuple[Path, str], tmp_path: Path
-) -> None:
+def test_a_folder_means_its_episodes_and_is_replayed_if_there_is_one(written, tmp_path: Path) -> None:
     names = [path.name for path in episode_paths([written[0]])]
     assert names == [f"run{index}.parquet" for index in range(5)]
-    with pytest.raises(BadInput, match="holds 5 episodes"):
-        CliRunner().invoke(
-            replay, [str(written[0]), "--verify"], standalone_mode=False, catch_exceptions=False
-        )
+    assert "holds 5 episodes" in refusal("replay", written[0], "--verify")
     with pytest.raises(BadInput, match="no episode here"):
         episode_paths([tmp_path])
     (tmp_path / "only.parquet").write_bytes((written[0] / "run0.parquet").read_bytes())
@@ -175,8 +154,7 @@ def test_octaves_add_up_to_the_whole() -> None:
 
 
 def test_what_is_predicted_and_its_residual_make_what_was_measured() -> None:
-    item = ResidualCurves(
-        "run 1", "link", "j/1", "N.m", np.zeros(1), np.ones(1), np.ones(1), np.ones(1), ("hold",)
-    )
+    numbers = np.zeros(1), np.ones(1), np.ones(1), np.ones(1)
+    item = ResidualCurves("run 1", "link", "j/1", "N.m", *numbers, ("hold",))
     signals, residuals = item.paths
     assert signals != residuals and re.fullmatch(r"/signals/run.*/link/j/1", signals)

@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Re-seeded rollouts of the plant: what they measure, and what a diagnosis makes of them."""
 
-from __future__ import annotations
-
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from impedance_modules.cli.diagnose_verb import diagnose_command as command
 from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import read_tree
+from impedance_modules.diagnosis.report.diagnosis_files import rollout_object
+from impedance_modules.diagnosis.result import LeftOut, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, total_shrink
 from impedance_modules.diagnosis.rollout.simulated_robot import (
     apply_causes,
@@ -29,18 +26,15 @@ from impedance_modules.plant.rollout_plant import RolloutPlant, RolloutStart
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity
 from impedance_modules.spec.schema import load_schema
+from tests.diagnosis import test_diagnosis as pendulum
+from tests.diagnosis.test_diagnosis import diagnosed
 from tests.support.plant_recordings import MOVING, START, patch_text, record, robot_folder, two_joints
 
 VISCOUS = patch_text("viscous_friction", "actuator", "port_lift", fv=(4.0, "N.m.s/rad"))
 
 
-def diagnosed(folder: Path, robot: Path, logs: list[Path], *more: str) -> dict:
-    out = folder / "answer.json"
-    arguments = [*map(str, logs), "--robot", str(robot), "--json", str(out), *more]
-    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
-    found = json.loads(out.read_text())
-    jsonschema.validate(found, load_schema("diagnosis"))
-    return found
+def causes(found: dict, effect: str, joint: str) -> list[dict]:
+    return [cause for cause in found["causes"] if cause["effect"] == effect and joint in cause["joints"]]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +47,7 @@ def viscous(tmp_path_factory: pytest.TempPathFactory, robot: Path) -> tuple[Path
     """Recordings of a plant with friction, and their diagnosis with its patch."""
     folder = tmp_path_factory.mktemp("viscous")
     logs = record(folder, robot, VISCOUS)
-    found = diagnosed(folder, robot, logs, "--patch", str(folder / "found.yaml"))
+    _, found = diagnosed(folder, *logs, "--robot", robot, "--patch", folder / "found.yaml")
     return folder, logs, found
 
 
@@ -67,18 +61,14 @@ def test_the_command_drives_whole_joints_and_the_cause_closes_the_gap(viscous: t
     assert lift["after"] < 2.0 * lift["noise_floor"]
     growth = rollout["growth"]["before"]["port_lift"]
     assert growth == sorted(growth)
-    (cause,) = [
-        c for c in found["causes"] if c["effect"] == "viscous_friction" and "port_lift" in c["joints"]
-    ]
+    (cause,) = causes(found, "viscous_friction", "port_lift")
     assert cause["rollout"]["verdict"] == "helps"
 
 
 def test_with_the_patch_applied_neither_torque_nor_rollout_shows_the_gap(viscous: tuple, robot: Path) -> None:
     folder, logs, found = viscous
-    again = diagnosed(folder, robot, logs, "--effects", str(folder / "found.yaml"))
-    assert not [
-        c for c in again["causes"] if c["effect"] == "viscous_friction" and "port_lift" in c["joints"]
-    ]
+    _, again = diagnosed(folder, *logs, "--robot", robot, "--effects", folder / "found.yaml")
+    assert not causes(again, "viscous_friction", "port_lift")
     first, second = (f["gap"]["rollout"]["per_joint"]["port_lift"]["position"] for f in (found, again))
     assert second["before"] < 0.05 * first["before"]
 
@@ -87,9 +77,8 @@ def test_causes_are_relative_to_numbers_that_a_patch_replaces(tmp_path: Path, ro
     """Told that a rotor weighs nothing, the diagnosis names its inertia, not the robot file's on top of it."""
     nothing = patch_text("reflected_inertia", "actuator", "port_bend", Ia=(0.0, "kg.m^2"))
     (tmp_path / "told.yaml").write_text(nothing)
-    found = diagnosed(
-        tmp_path, robot, record(tmp_path, robot, None), "--effects", str(tmp_path / "told.yaml")
-    )
+    logs = record(tmp_path, robot, None)
+    _, found = diagnosed(tmp_path, *logs, "--robot", robot, "--effects", tmp_path / "told.yaml")
     (cause,) = [c for c in found["causes"] if c["effect"] == "reflected_inertia"]
     assert cause["joints"] == ["port_bend"]
     assert cause["parameters"]["port_bend"]["Ia"]["value"] == pytest.approx(0.3, rel=0.1)
@@ -127,34 +116,19 @@ def test_links_are_adjusted_only_as_far_as_they_stay_physical(robot: Path) -> No
         assert 0.0 < change.parameters[0] / -body.inertia[0] < 1.0
 
 
-def test_without_any_torque_the_reason_is_given_why_nothing_was_simulated(
-    viscous: tuple, tmp_path: Path
-) -> None:
+def test_without_any_torque_the_reason_is_given_why_nothing_was_simulated(viscous: tuple) -> None:
     """What schema and user get when there is nothing to drive a plant with."""
-    from impedance_modules.diagnosis.report.diagnosis_files import rollout_object
-    from impedance_modules.diagnosis.result import LeftOut, no_rollout
-
-    found = {**viscous[2]}
-    found["gap"] = {
-        **found["gap"],
-        "rollout": rollout_object(no_rollout(LeftOut("all", "no torque"))),
-    }
-    jsonschema.validate(found, load_schema("diagnosis"))
-    assert found["gap"]["rollout"] == {"windows": 0, "left_out": [{"what": "all", "why": "no torque"}]}
+    rollout = rollout_object(no_rollout(LeftOut("all", "no torque")))
+    gap = {**viscous[2]["gap"], "rollout": rollout}
+    jsonschema.validate({**viscous[2], "gap": gap}, load_schema("diagnosis"))
+    assert rollout == {"windows": 0, "left_out": [{"what": "all", "why": "no torque"}]}
 
 
 def test_continuous_joints_are_simulated_too(tmp_path: Path) -> None:
     """A URDF with a continuous joint, rigid drives, effort at the link alone."""
-    from tests.diagnosis import test_diagnosis as pendulum
-
-    logs = pendulum.record(tmp_path, "viscous_friction", seconds=8.0)
-    (tmp_path / "robot.urdf").write_text(
-        pendulum.URDF.replace('"elbow" type="revolute"', '"elbow" type="continuous"')
-    )
-    out = tmp_path / "answer.json"
-    arguments = [*map(str, logs), "--urdf", str(tmp_path / "robot.urdf"), "--json", str(out)]
-    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
-    rollout = json.loads(out.read_text())["gap"]["rollout"]
+    logs, urdf = pendulum.record(tmp_path, "viscous_friction", seconds=8.0), tmp_path / "robot.urdf"
+    urdf.write_text(pendulum.URDF.replace('"elbow" type="revolute"', '"elbow" type="continuous"'))
+    rollout = diagnosed(tmp_path, *logs, "--urdf", urdf)[1]["gap"]["rollout"]
     assert rollout["driven_by"] == "effort"
     elbow = rollout["per_joint"]["elbow"]["position"]
     assert elbow["before"] > 20.0 * elbow["noise_floor"] and elbow["shrink"] > 0.95
@@ -180,8 +154,7 @@ def test_a_plant_from_the_same_state_moves_the_same_way(robot: Path) -> None:
     acting = commands[begin - ran.delay]
     now = JointMotion(0.1, q, v, theta, w, acting, load, acting, q, v)
     seeded.seed(RolloutStart(0.1, q, v, load, stiffness * (w - v), acting, [now]))
-    late = np.concatenate([commands[begin - ran.delay : -ran.delay]])
-    positions, velocities = seeded.roll(late, None)
+    positions, velocities = seeded.roll(commands[begin - ran.delay : -ran.delay], None)
     expected = np.array([state[:2] for state in states])
     np.testing.assert_allclose(positions[:-1], expected[begin + 1 :, 0], atol=1e-9)
     np.testing.assert_allclose(velocities[:-1], expected[begin + 1 :, 1], atol=1e-7)
@@ -200,15 +173,14 @@ def test_a_prismatic_joint_has_friction_in_its_own_units(tmp_path: Path) -> None
     robot = robot_of_model(model, tmp_path / "slide.urdf", "effort", "none")
 
     def friction(unit: str) -> EffectSpec:
-        return EffectSpec(
-            "viscous_friction", ("rail",), "link", {"rail": {"fv": PatchQuantity(4.0, unit, None)}}, {}
-        )
+        numbers = {"rail": {"fv": PatchQuantity(4.0, unit, None)}}
+        return EffectSpec("viscous_friction", ("rail",), "link", numbers, {})
 
-    dressed = apply_causes(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)
+    perturbed = apply_causes(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)
     still, rest = np.zeros(1), np.ones(1)
     now = JointMotion(0.0, still, rest, still, rest, still, still, still, still, still)
-    dressed.plant.seed(RolloutStart(0.0, still, rest, still, still, still, [now]))
-    _, velocity = dressed.plant.roll(np.zeros((500, 1)), None)
+    perturbed.plant.seed(RolloutStart(0.0, still, rest, still, still, still, [now]))
+    _, velocity = perturbed.plant.roll(np.zeros((500, 1)), None)
     assert velocity[-1, 0] == pytest.approx(np.exp(-4.0 / 5.0 * 0.5), rel=1e-6)
     with pytest.raises(BadInput, match=r"fv is in N\.s/m, not in 'N\.m\.s/rad'"):
         apply_causes(robot, [friction("N.m.s/rad")], no_nuisance(model.tree), model.tree)
@@ -216,14 +188,8 @@ def test_a_prismatic_joint_has_friction_in_its_own_units(tmp_path: Path) -> None
 
 def test_the_weak_floor_follows_from_noise_of_state_and_torque(tmp_path: Path) -> None:
     """Recordings that match the model but for noise: rollouts stray by about the floor, without any repeat."""
-    from tests.diagnosis import test_diagnosis as pendulum
-
-    logs = [pendulum.record(tmp_path, "nothing", seconds=12.0)[index] for index in (2, 3, 4)]
-    (tmp_path / "robot.urdf").write_text(pendulum.URDF)
-    out = tmp_path / "answer.json"
-    arguments = [*map(str, logs), "--urdf", str(tmp_path / "robot.urdf"), "--json", str(out)]
-    CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
-    rollout = json.loads(out.read_text())["gap"]["rollout"]
+    logs = pendulum.record(tmp_path, "nothing", seconds=12.0)[2:]
+    rollout = pendulum.answer(tmp_path, logs)[1]["gap"]["rollout"]
     assert rollout["noise_floor_from"] == "weak"
     for joint in rollout["per_joint"].values():
         for found in joint.values():

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What recordings of strangers bring along: planar arms, stamps that jitter, encoders' grids, one short motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,22 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.folds import assign_folds
-from impedance_modules.diagnosis.data.long_recordings import read_recordings
-from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.data.time_base import quantisation_step, sampling_times
-from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.metadata import episode_metadata
-from tests.diagnosis.test_diagnosis import JOINTS, URDF, answer, motion, torque
-from tests.diagnosis.test_diagnosis_data import columns, diagnose, save
-
-
-@pytest.fixture
-def urdf(tmp_path):
-    path = tmp_path / "pendulum.urdf"
-    path.write_text(URDF)
-    return path
+from tests.diagnosis.test_diagnosis import JOINTS, answer, motion, torque
+from tests.diagnosis.test_diagnosis_data import admitted, columns, diagnose, urdf  # noqa: F401
+from tests.support.recordings import columns_of, save
 
 
 def point(q, v, a, mass, reach, length=0.4, g=9.81):
@@ -48,16 +35,7 @@ def test_a_payload_of_a_planar_arm_is_named_although_its_width_is_not_observable
         tau = torque(q, v, a, mass=1.0) + point(q, v, a, 0.3, 0.3)
         tau = tau + dice.normal(scale=0.02, size=q.shape)
         q = q + dice.normal(scale=1e-5, size=q.shape)
-        data = {"time": t, **{f"position.{j}": q[:, i] for i, j in enumerate(JOINTS)}}
-        data |= {f"effort.{j}": tau[:, i] for i, j in enumerate(JOINTS)}
-        about = {
-            "effort_source": "joint_sensor",
-            "gravity_compensation": "none",
-            "repeat_of": None,
-            "task": None,
-        }
-        metadata = episode_metadata(robot="pendulum", episode=f"run{index}", **about)
-        paths.append(write_episode(tmp_path / f"run{index}.parquet", data, metadata))
+        paths.append(save(tmp_path, f"run{index}", columns_of(t, JOINTS, position=q, effort=tau)))
     code, found = answer(tmp_path, paths)
     first = found["causes"][0]
     body = first["parameters"]["fore"]
@@ -80,20 +58,17 @@ def test_a_quantisation_step_is_found_only_where_there_is_one(step, seed):
 @given(seed=st.integers(0, 99), size=st.floats(0.02, 0.08))
 def test_stamps_are_used_only_if_the_motion_is_smooth_by_them(seed, size):
     dice = np.random.default_rng(seed)
-    true = 0.01 * np.arange(800) + 0.01 * size * dice.standard_normal(800)
     even = 0.01 * np.arange(800)
+    true = even + 0.01 * size * dice.standard_normal(800)
     jittered = sampling_times(true, np.sin(3.0 * even)[:, None])  # sampled evenly, stamped unevenly
     assert np.abs(jittered - even).max() < 5e-4
     np.testing.assert_array_equal(sampling_times(true, np.sin(3.0 * true)[:, None]), true)
 
 
-def test_the_held_out_motion_does_not_depend_on_the_order_and_nothing_is_tested_outside_what_was_fitted(
-    tmp_path, urdf
-):
+def test_the_held_out_motion_is_not_the_widest_and_not_a_matter_of_order(tmp_path, urdf):  # noqa: F811
     kinds = {"a": 0, "b": 1, "c": 2, "narrow": 3}
     paths = [save(tmp_path, name, columns(kind)) for name, kind in kinds.items()]
-    episodes = [e for found in read_recordings(paths) for e in found]
-    logs = list(admit(episodes, model_of_urdf(urdf, JOINTS))[0])
+    logs, _ = admitted(urdf, *paths)
     wide = [replace(log, position=0.4 * log.position) if log.name == "narrow" else log for log in logs]
     dice = np.random.default_rng(1)
     chosen = set()
@@ -105,10 +80,8 @@ def test_the_held_out_motion_does_not_depend_on_the_order_and_nothing_is_tested_
     assert (largest.name,) not in chosen
 
 
-def test_one_recording_of_ten_seconds_is_enough(tmp_path, urdf):
-    path = save(tmp_path, "short", columns(0, seconds=10.0))
-    code, said = diagnose(urdf, path)
+def test_one_recording_of_ten_seconds_is_enough(tmp_path, urdf):  # noqa: F811
+    code, said = diagnose(urdf, save(tmp_path, "short", columns(0, seconds=10.0)))
     assert code == 0 and "no_gap" in said
-    path = save(tmp_path, "shorter", columns(0, seconds=3.0))
-    code, said = diagnose(urdf, path)
+    code, said = diagnose(urdf, save(tmp_path, "shorter", columns(0, seconds=3.0)))
     assert code == 7 and "too short to fit one part and test on another" in said and "valid:" in said

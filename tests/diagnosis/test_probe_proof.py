@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An ambiguous diagnosis becomes the right one once the proposed motion was recorded, all by the user's commands."""
 
-from __future__ import annotations
-
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +9,16 @@ import numpy as np
 import pytest
 
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
-from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.robot_reader import read_robot
+from tests.support.commands import python
+from tests.support.effect_recordings import start
 from tests.support.plant_recordings import RATE, patch_text, robot_folder
+from tests.support.recordings import columns_of, save
 
 SWINGS, STANDS = "port_turn", "port_lift"
-ANGLES = {"turn": 0.13, "lift": 0.5, "bend": -1.2, "roll": -1.0, "tilt": 1.0, "spin": 0.3}
-MIRRORED = {**ANGLES, "roll": 1.0, "tilt": -1.0}
 TONES = ((0.4, 0.2), (0.4, 0.2), (0.6, 0.15), (0.9, 0.1))
 """Frequency [Hz] and size [rad] of each recording; the first two are one motion."""
 OFFSET = 3.0
@@ -36,45 +31,35 @@ def record_poor(folder: Path, robot: Path) -> None:
     model = RobotModel(apply_patch(spec, read))
     for index, tone in enumerate(TONES):
         plant = Plant(model, [], None, PlantOptions(rate=RATE, seed=index, step=0.5e-3), applied)
-        metadata = episode_metadata(
-            robot=spec.name,
-            episode=f"poor{index}",
-            effort_source="joint_sensor",
-            gravity_compensation="robot",
-            repeat_of="poor0" if index == 1 else None,
-            task=None,
-        )
-        write_episode(folder / f"poor{index}.parquet", swing(plant, *tone), metadata)
+        about = {"gravity_compensation": "robot", "repeat_of": "poor0" if index == 1 else None}
+        save(folder, f"poor{index}", swing(plant, *tone), robot=spec.name, **about)
 
 
 def swing(plant: Plant, frequency: float, size: float) -> dict[str, np.ndarray]:
     """Follows a tone for six seconds."""
     model, omega = plant.model, 2.0 * np.pi * frequency
-    start = model.position({"port": ANGLES, "starboard": MIRRORED})
+    begin = start(model)
     direction = size * np.array([float(name == SWINGS) for name in model.joint_names])
-    inertia = np.diag(model.mass_matrix(start))
-    plant.reset(start)
-    wound = plant.motor_position - start
+    inertia = np.diag(model.mass_matrix(begin))
+    plant.reset(begin)
+    deflection = plant.motor_position - begin
     time = np.arange(round(6.0 * RATE)) / RATE
     rows = []
     for t in time:
         state = plant.sense()
-        aim, speed = start + direction * np.sin(omega * t), direction * omega * np.cos(omega * t)
-        late = aim - plant.motor_position + wound
+        aim, speed = begin + direction * np.sin(omega * t), direction * omega * np.cos(omega * t)
+        late = aim - plant.motor_position + deflection
         command = inertia * (400.0 * late + 36.0 * (speed - plant.motor_velocity))
         rows.append((state.position, state.velocity, state.effort, command))
         plant.advance(command)
-    columns = {"time": time}
     kinds = ("position", "velocity", "effort", "effort_command")
-    for kind, values in zip(kinds, zip(*rows, strict=True), strict=True):
-        columns |= {f"{kind}.{name}": np.array(values)[:, i] for i, name in enumerate(model.joint_names)}
-    return columns
+    recorded = dict(zip(kinds, map(np.array, zip(*rows, strict=True)), strict=True))
+    return columns_of(time, model.joint_names, **recorded)
 
 
 def impedance(folder: Path, *words: str, expected: set[int]) -> int:
     """Runs a command where a user would."""
-    command = [sys.executable, "-m", "impedance_modules", *words]
-    done = subprocess.run(command, check=False, cwd=folder, capture_output=True, text=True, timeout=900)
+    done = python("-m", "impedance_modules", *words, cwd=folder)
     assert done.returncode in expected, done.stdout + done.stderr
     return done.returncode
 

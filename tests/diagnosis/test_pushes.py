@@ -4,20 +4,15 @@
 The recordings are made by pinocchio's inverse dynamics and Jacobian, which the diagnosis does not use.
 """
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 
 import numpy as np
 import pinocchio
 import pytest
-from click.testing import CliRunner
 
-from impedance_modules.cli.diagnose_verb import diagnose_command as command
-from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.metadata import episode_metadata
+from tests.diagnosis.test_diagnosis import diagnosed
 from tests.support.paths import TESTS
+from tests.support.recordings import columns_of, save
 
 URDF = TESTS / "robots" / "six_joint_pair" / "six_joint_pair.urdf"
 JOINTS = ("turn", "lift", "bend", "roll", "tilt", "spin")
@@ -68,27 +63,14 @@ def record(folder: Path, kind: int, happens: str) -> Path:
             effort[row] += strength * BUMP
     effort += random.normal(scale=0.05, size=effort.shape)
     q += random.normal(scale=1e-5, size=q.shape)
-    columns = {"time": time}
-    columns |= {f"position.port_{name}": q[:, i] for i, name in enumerate(JOINTS)}
-    columns |= {f"effort.port_{name}": effort[:, i] for i, name in enumerate(JOINTS)}
-    metadata = episode_metadata(
-        robot="six_joint_pair",
-        episode=f"run{kind}",
-        effort_source="joint_sensor",
-        gravity_compensation="none",
-        repeat_of=None,
-        task=None,
-    )
-    return write_episode(folder / f"run{kind}.parquet", columns, metadata)
+    columns = columns_of(time, [f"port_{name}" for name in JOINTS], position=q, effort=effort)
+    return save(folder, f"run{kind}", columns, robot="six_joint_pair")
 
 
 @pytest.mark.parametrize("happens", ["push", "bump"])
 def test_a_push_is_named_and_three_torques_that_any_force_would_explain_are_none(tmp_path, happens):
     paths = [record(tmp_path, kind, happens) for kind in range(3)]
-    answer = tmp_path / "answer.json"
-    words = [*map(str, paths[:2]), "--holdout", str(paths[2]), "--urdf", str(URDF), "--json", str(answer)]
-    CliRunner().invoke(command, words, standalone_mode=False, catch_exceptions=False)
-    found = json.loads(answer.read_text())
+    _, found = diagnosed(tmp_path, *paths[:2], "--holdout", paths[2], "--urdf", URDF)
     pushes = [cause for cause in found["causes"] if cause["effect"] == "external_contact"]
     if happens == "bump":
         assert not pushes and found["verdict"] in ("unexplained", "partly_explained")
@@ -101,7 +83,5 @@ def test_a_push_is_named_and_three_torques_that_any_force_would_explain_are_none
     assert float(mean @ PUSH) > 0.95 * float(np.linalg.norm(mean) * np.linalg.norm(PUSH))
     lasted = numbers["end"]["value"] - numbers["start"]["value"]
     impulse = 1.2 * float(np.linalg.norm(PUSH)) * 2.0 / np.pi  # felt seven centimetres short of the palm
-    assert float(np.linalg.norm(mean)) * lasted == pytest.approx(
-        1.2 * impulse, rel=0.25
-    )  # seven centimetres short of the palm
+    assert float(np.linalg.norm(mean)) * lasted == pytest.approx(1.2 * impulse, rel=0.25)
     assert [cause["effect"] for cause in found["causes"]] == ["external_contact"]

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Recordings of two joints of the six-joint robot, made on its plant: tracked tones, noisy sensors."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
-from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 from tests.support.paths import TESTS
+from tests.support.recordings import columns_of, save
 
 SIX_JOINTS = TESTS / "robots" / "six_joint_pair"
 RATE = 500.0
@@ -65,27 +62,18 @@ effects:
 
 def record(folder: Path, robot: Path, patch: str | None, seconds: float = 6.0) -> list[Path]:
     """Three motions, the last one twice; the repeat's noise differs."""
-    spec, worn = two_joints(robot), None
+    spec, applied = two_joints(robot), None
     if patch is not None:
         (folder / "truth.yaml").write_text(patch)
         read = read_patch(folder / "truth.yaml")
         spec = apply_patch(spec, read)
-        worn = apply_to_plant(RobotModel(spec), read)
+        applied = apply_to_plant(RobotModel(spec), read)
     model = RobotModel(spec)
     paths = []
     for index, motion in enumerate([0, 1, 2, 2]):
-        options = PlantOptions(rate=RATE, seed=index, step=0.5e-3)
-        plant = Plant(model, [], None, options, worn)
-        columns = _run(plant, motion, seconds)
-        metadata = episode_metadata(
-            robot=spec.name,
-            episode=f"run{index}",
-            effort_source="joint_sensor",
-            gravity_compensation="robot",
-            repeat_of="run2" if index == 3 else None,
-            task=None,
-        )
-        paths.append(write_episode(folder / f"run{index}.parquet", columns, metadata))
+        plant = Plant(model, [], None, PlantOptions(rate=RATE, seed=index, step=0.5e-3), applied)
+        about = {"gravity_compensation": "robot", "repeat_of": "run2" if index == 3 else None}
+        paths.append(save(folder, f"run{index}", _run(plant, motion, seconds), robot=spec.name, **about))
     return paths
 
 
@@ -98,7 +86,7 @@ def _run(plant: Plant, motion: int, seconds: float) -> dict[str, np.ndarray]:
     q0 = START
     inertia = np.diag(model.mass_matrix(q0))
     plant.reset(q0)
-    wound = plant.motor_position - q0
+    deflection = plant.motor_position - q0
     rows = []
     for k in range(round(seconds * RATE)):
         t = k / RATE
@@ -107,13 +95,10 @@ def _run(plant: Plant, motion: int, seconds: float) -> dict[str, np.ndarray]:
         aim = q0 + ramp * np.sum(sizes * (np.sin(angle) - np.sin(phases)), axis=0)
         speed = ramp * np.sum(sizes * 2.0 * np.pi * tones * np.cos(angle), axis=0)
         state = plant.sense()
-        ahead = plant.motor_position - wound
+        ahead = plant.motor_position - deflection
         command = inertia * (60.0 * (aim - ahead) + 12.0 * (speed - plant.motor_velocity))
         rows.append((state.position, state.velocity, state.effort, command))
         plant.advance(command)
-    out = {"time": np.arange(len(rows)) / RATE}
-    for kind, values in zip(
-        ("position", "velocity", "effort", "effort_command"), zip(*rows, strict=True), strict=True
-    ):
-        out |= {f"{kind}.{name}": np.array(values)[:, i] for i, name in enumerate(model.joint_names)}
-    return out
+    kinds = ("position", "velocity", "effort", "effort_command")
+    recorded = dict(zip(kinds, map(np.array, zip(*rows, strict=True)), strict=True))
+    return columns_of(np.arange(len(rows)) / RATE, model.joint_names, **recorded)
