@@ -33,6 +33,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.residuals.band import choose_cutoff
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect import Site
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.springs import BenchSpring
 from impedance_modules.spec.patch_file import EffectSpec
@@ -111,7 +112,8 @@ def fit_drive(runs: Sequence[TaskRun], joint: str, laws: Sequence[str]) -> Drive
     signals = logs[0].signals
     return DriveFit(
         values={
-            law: CATALOGUE[law].values(own, {}, signals, joint, "actuator") for law, own in shares.items()
+            law: CATALOGUE[law].values(own, {}, Site(signals, joint, "actuator"))
+            for law, own in shares.items()
         },
         accounted=1.0 - float(np.var(torque - fitted) / np.var(torque)),
         time=np.concatenate([log.time for log in logs]),
@@ -138,7 +140,7 @@ def _prepared(run: TaskRun, joint: str) -> Prepared:
 
 
 def _columns(log: Prepared, joint: str, law: str) -> Array:
-    found = CATALOGUE[law].regressor(log.signals, joint, "actuator", "actuator", {})
+    found = CATALOGUE[law].regressor(Site(log.signals, joint, "actuator"), "actuator", {})
     if found is None:
         raise ValueError(f"'{law}' does not show between command and joint sensor")
     return log.band.condense(found.columns[:, 0])

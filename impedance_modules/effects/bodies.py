@@ -9,12 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, all_rows, unbounded
+from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.residual_kinds import Residual, uses_motion
+from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot_spec import BodyChange, RobotSpec
 
@@ -48,7 +47,40 @@ def point_mass(mass: float, centre: Array) -> Array:
     return np.concatenate([[mass], mass * centre, mass * around])
 
 
-class Payload(Effect):
+def place_on_link(meaning: str) -> tuple[Parameter, ...]:
+    """Describes the three coordinates of a point of a link."""
+    return tuple(Parameter(name, "m", f"{meaning} along the link's {name[1]} axis") for name in CENTRE)
+
+
+def centre_of(values: Shape) -> Array:
+    """Gives the point (3,) of a link at which an effect acts, from its parameters or its shape."""
+    return np.array([float(values[name]) for name in CENTRE])
+
+
+def by_axis(centre: Array) -> dict[str, float]:
+    """Names the coordinates of a point of a link."""
+    return dict(zip(CENTRE, map(float, centre), strict=True))
+
+
+class MassAtPoint(Effect):
+    """A mass m at a point c of a link, whose weight is linear in m and in m c; the regression's coefficients."""
+
+    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
+        """Coefficients m and m c; where the point is part of the shape, it starts at the values' own."""
+        centre = centre_of(values)
+        return values["m"] * np.array([1.0, *centre]), by_axis(centre) if self.shape else {}
+
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
+        """C = (m c) / m; without mass there is no place."""
+        m = float(coefficients[0])
+        return {"m": m, **by_axis(coefficients[1:] / m if m > 0.0 else np.zeros(3))}
+
+    def of_moments(self, columns: Array) -> Regressor:
+        """Makes a regressor of the columns (N, n, 4) of m and m c."""
+        return all_rows(columns, lower=(0.0, -np.inf, -np.inf, -np.inf))
+
+
+class Payload(MassAtPoint):
     """A small heavy thing fixed to a link."""
 
     description = Description(
@@ -57,7 +89,7 @@ class Payload(Effect):
         equation="tau = Y(q, v, a) pi, pi of a point mass m at (cx, cy, cz) in the link's frame",
         parameters=(
             Parameter("m", "kg", "mass", lower=0.0),
-            *(Parameter(name, "m", f"its place along the link's {name[1]} axis") for name in CENTRE),
+            *place_on_link("its place"),
         ),
         ports=("link",),
         keys=("body",),
@@ -69,39 +101,19 @@ class Payload(Effect):
     )
     shape = CENTRE
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Columns of m and of the first moments m c; the inertia is that of m at the present guess of c."""
-        if not uses_motion(residual):
-            return None
-        whole = signals.body_columns(key)
-        guess = point_mass(1.0, np.array([float(shape[name]) for name in CENTRE]))
+        whole = site.signals.body_columns(site.key)
+        guess = point_mass(1.0, centre_of(shape))
         heavy = whole[:, :, 0] + whole[:, :, 4:] @ guess[4:]
-        columns = np.concatenate([heavy[:, :, None], whole[:, :, 1:4]], axis=2)
-        return all_rows(signals, columns, np.array([0.0, -np.inf, -np.inf, -np.inf]), np.full(4, np.inf))
+        return self.of_moments(np.concatenate([heavy[:, :, None], whole[:, :, 1:4]], axis=2))
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Starts at the link's origin, at its centre of mass, and as far beyond: where things are fixed."""
-        body = signals.model.body_inertia(key)
+        body = site.signals.model.body_inertia(site.key)
         centre = body[1:4] / body[0] if body[0] > 0.0 else np.zeros(3)
         starts = [reach * centre for reach in (0.0, 1.0, 2.0)][: 3 if centre.any() else 1]
-        return tuple(dict(zip(CENTRE, map(float, start), strict=True)) for start in starts)
-
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
-        """Coefficients m and m c."""
-        centre = {name: values[name] for name in CENTRE}
-        return values["m"] * np.array([1.0, *centre.values()]), centre
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """C = (m c) / m; without mass there is no place."""
-        m = float(coefficients[0])
-        centre = coefficients[1:] / m if m > 0.0 else np.zeros(3)
-        return {"m": m, **dict(zip(CENTRE, map(float, centre), strict=True))}
+        return tuple(by_axis(start) for start in starts)
 
     def out_of_reach(self, coefficients: Array, spread: Array, reach: float) -> str | None:
         """First moments need a mass near enough: |m c| <= m reach."""
@@ -113,16 +125,13 @@ class Payload(Effect):
 
     def relations(self, values: Values) -> list[str]:
         """A thing is fixed where the link is, not where only its lever could be."""
-        far = float(np.linalg.norm([values[name] for name in CENTRE]))
+        far = float(np.linalg.norm(centre_of(values)))
         return [f"its place is {far:.3g} m from the link's origin (valid: {FAR:g} m)"] if far > FAR else []
 
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Adds point masses to links."""
-        changes = [
-            BodyChange(link, tuple(point_mass(v["m"], np.array([v[name] for name in CENTRE]))))
-            for link, v in parameters.items()
-        ]
-        return replace(robot, body_changes=(*robot.body_changes, *changes))
+        masses = {link: point_mass(values["m"], centre_of(values)) for link, values in parameters.items()}
+        return _with_changes(robot, masses)
 
 
 class LinkInertia(Effect):
@@ -152,22 +161,20 @@ class LinkInertia(Effect):
         applied="Plant and model: the link's inertia, refused if what results is no physical body.",
     )
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Ten columns, or what a link costs that is heavier all over, per kilogram."""
-        if not uses_motion(residual):
-            return None
-        whole = signals.body_columns(key)
+        signals = site.signals
+        whole = signals.body_columns(site.key)
         if not shape.get(ALL_OVER):
-            return all_rows(signals, whole, *unbounded(10))
-        nominal = _heavier(signals, key, shape)
+            return all_rows(whole)
+        nominal = _heavier(site, shape)
         column = whole @ (nominal / nominal[0])
-        return all_rows(signals, column[:, :, None], np.array([-nominal[0]]), np.full(1, np.inf))
+        return all_rows(column[:, :, None], lower=-float(nominal[0]))
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Any change; one that leaves the centre of the link with all that is fixed to it; one that leaves its own."""
-        whole, own = signals.model.body_inertia(key), signals.model.link_inertia(key)
+        model = site.signals.model
+        whole, own = model.body_inertia(site.key), model.link_inertia(site.key)
         kinds = [0.0, *([WITH_FIXED] if whole[0] > 0.0 else [])]
         if own[0] > 0.0 and not np.allclose(own, whole):
             kinds.append(ALONE)
@@ -177,12 +184,10 @@ class LinkInertia(Effect):
         """The ten changes."""
         return np.array([values.get(symbol, 0.0) for symbol in CHANGES]), {ALL_OVER: 0.0}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The coefficients, or the nominal link's parameters in proportion to its mass."""
         if shape.get(ALL_OVER):
-            nominal = _heavier(signals, key, shape)
+            nominal = _heavier(site, shape)
             coefficients = float(coefficients[0]) * nominal / nominal[0]
         return dict(zip(CHANGES, map(float, coefficients), strict=True))
 
@@ -192,17 +197,19 @@ class LinkInertia(Effect):
 
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Changes links."""
-        changes = [
-            BodyChange(link, tuple(float(values.get(symbol, 0.0)) for symbol in CHANGES))
-            for link, values in parameters.items()
-        ]
-        return replace(robot, body_changes=(*robot.body_changes, *changes))
+        return _with_changes(robot, {link: self.linear(values)[0] for link, values in parameters.items()})
 
 
-def _heavier(signals: Signals, key: str, shape: Shape) -> Array:
+def _with_changes(robot: RobotSpec, links: Mapping[str, Array]) -> RobotSpec:
+    """Adds ten inertial parameters to each of some links."""
+    changes = (BodyChange(link, tuple(map(float, change))) for link, change in links.items())
+    return replace(robot, body_changes=(*robot.body_changes, *changes))
+
+
+def _heavier(site: Site, shape: Shape) -> Array:
     """Parameters (10,) of what is heavier in proportion: a link alone, or with all that is fixed to it."""
-    model = signals.model
-    return model.link_inertia(key) if shape[ALL_OVER] == ALONE else model.body_inertia(key)
+    model = site.signals.model
+    return model.link_inertia(site.key) if shape[ALL_OVER] == ALONE else model.body_inertia(site.key)
 
 
 def _leaning(gravity: Array, lean: Array) -> Array:
@@ -231,12 +238,9 @@ class BaseTilt(Stepped):
     )
     shape = ("rx", "ry")
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """The weight's change at the guessed lean, and its slope by the lean."""
-        if not uses_motion(residual):
-            return None
+        signals = site.signals
         lean = np.array([float(shape["rx"]), float(shape["ry"])])
         here = _leaning(signals.model.gravity, lean)
         slopes = [
@@ -245,9 +249,9 @@ class BaseTilt(Stepped):
         ]
         columns = np.stack([signals.weight_columns @ slope for slope in slopes], axis=2)
         fixed = signals.weight_columns @ (here - signals.model.gravity)
-        return Regressor(tuple(range(signals.n)), columns, fixed, -0.6 - lean, 0.6 - lean)
+        return all_rows(columns, fixed, -0.6 - lean, 0.6 - lean)
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Starts upright."""
         return ({"rx": 0.0, "ry": 0.0},)
 

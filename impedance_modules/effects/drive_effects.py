@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, one_row, unbounded
+from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
@@ -49,18 +49,21 @@ class DriveLaw(Stepped):
         """The drive."""
         return "drive"
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Linearises at the shape."""
-        if not self.shows(port, residual) or signals.drive is None:
+        signals = site.signals
+        if signals.drive is None:
             return None
-        joint, value = signals.joint(key), float(shape[self.symbol])
+        value = float(shape[self.symbol])
         known = signals.drive if signals.clean_drive is None or self.peaks else signals.clean_drive
-        asked = self.asked(signals, known)[:, joint]
+        asked = self.asked(signals, known)[:, site.joint]
         given, slope = self.given(asked, signals.time, value)
         lowest = self.description.parameter(self.symbol).lower - value
-        return one_row(joint, -slope[:, None], asked - given, np.array([lowest]), np.full(1, np.inf))
+        return one_row(site.joint, -slope, asked - given, lowest)
+
+
+LAGS = (0.0, 0.01, 0.04, 0.15)
+"""Time constants of a lag from which its search starts [s]."""
 
 
 class CommandDelay(DriveLaw):
@@ -84,6 +87,7 @@ class CommandDelay(DriveLaw):
     )
     delays_torque = True
     shared_by_joints = True
+    starts = (0.0, 0.005, 0.015, 0.04, 0.1)  # a step of Newton might miss what lies between wider ones
 
     def computed_from_command(self, port: Port) -> bool:
         """Made of the torque asked for."""
@@ -97,10 +101,6 @@ class CommandDelay(DriveLaw):
         """Shifts by interpolation; before the recording began the first value acted."""
         late = np.interp(time - value, time, asked)
         return late, -differentiate(late, time)
-
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Starts without a delay and at some that one step of Newton might miss."""
-        return tuple({"T": T} for T in (0.0, 0.005, 0.015, 0.04, 0.1))
 
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Adds the largest delay to the model's, so that predictions of stability include it."""
@@ -132,6 +132,7 @@ class ActuatorLag(DriveLaw):
         applied="The plant: all torque of the joint's motor.",
     )
     delays_torque = True
+    starts = LAGS
 
     def computed_from_command(self, port: Port) -> bool:
         """Made of the torque asked for."""
@@ -142,10 +143,6 @@ class ActuatorLag(DriveLaw):
         slow = lagged(asked, time, value)
         change = 0.02 * value + 1e-5
         return slow, (lagged(asked, time, value + change) - slow) / change
-
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Starts between an instant and a quarter of a second."""
-        return tuple({"T": T} for T in (0.0, 0.01, 0.04, 0.15))
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Slows motors down; two lags on one joint add."""
@@ -178,11 +175,11 @@ class TorqueSaturation(DriveLaw):
         beyond = np.abs(asked) > value
         return np.clip(asked, -value, value), np.where(beyond, np.sign(asked), 0.0)
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Starts from shares of the largest torque asked for."""
-        if signals.drive is None:
+        if site.signals.drive is None:
             return ()
-        asked = np.abs(signals.drive[:, signals.joint(key)])
+        asked = np.abs(site.signals.drive[:, site.joint])
         limits = np.unique(np.quantile(asked, (0.5, 0.7, 0.85, 0.95, 0.99)))
         return tuple({"limit": float(limit)} for limit in limits)
 
@@ -253,17 +250,15 @@ class ControllerGain(Effect):
         """The drive."""
         return "drive"
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Minus the tracking error and its rate."""
-        if not self.shows(port, residual) or signals.position_command is None:
+        signals, joint = site.signals, site.joint
+        if signals.position_command is None:
             return None
-        joint = signals.joint(key)
         aim = signals.position_command[:, joint]
         error = aim - signals.position[:, joint]
         rate = signals.rate_of(aim) - signals.velocity[:, joint]
-        return one_row(joint, -np.stack([error, rate], axis=1), None, *unbounded(2))
+        return one_row(joint, -np.stack([error, rate], axis=1), lower=-np.inf)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Closes a loop around joints."""

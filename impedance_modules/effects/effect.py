@@ -16,7 +16,7 @@ asks for an effect by its id. A new effect is a subclass and a line in `catalogu
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -35,6 +35,9 @@ Array = NDArray[np.float64]
 Values = Mapping[str, float]
 """An effect's parameters by symbol, in the units of its description."""
 
+Bound = float | Sequence[float] | Array
+"""Bound of all coefficients of a regression, or of each of them."""
+
 PAIR = "<-"
 """Between the two joints of a key: ``JOINT<-OTHER``."""
 
@@ -49,6 +52,34 @@ REGULARISATION = "regularisation"
 
 WIDER_REGULARISATIONS = (3.0, 7.0)
 """Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where in a recording an effect is looked for.
+
+    Attributes:
+        signals: The recording.
+        key: Joint, pair of joints, link, ``base``, ``log`` or surface that carries the effect's numbers.
+        port: Where it acts.
+    """
+
+    signals: Signals
+    key: str
+    port: Port
+
+    @property
+    def joint(self) -> int:
+        """Column of the joint that the key names."""
+        return self.signals.joint(self.key)
+
+    def sample(self) -> JointSample:
+        """The joint's motion on the side of its gear at which the effect acts."""
+        return self.signals.sample(self.joint, motor_side=self.port == "actuator")
+
+    def bristles(self, stretch: float) -> Array:
+        """Bend (N,) of bristles that slip within a displacement [rad], on the same side."""
+        return self.signals.bristles(self.joint, stretch, motor_side=self.port == "actuator")
 
 
 @dataclass(frozen=True)
@@ -165,11 +196,13 @@ class Effect(ABC):
         """Lists violated relations between an effect's own numbers, in words."""
         return []
 
-    @abstractmethod
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def regressor(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Computes the columns in one residual; None where the effect cannot show or is not recorded."""
+        return self.in_residual(site, residual, shape) if self.shows(site.port, residual) else None
+
+    @abstractmethod
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
+        """Computes the columns in a residual in which it shows; None where what they need is not recorded."""
 
     def out_of_reach(self, coefficients: Array, spread: Array, reach: float) -> str | None:
         """Says why coefficients (p,), known to (p,), ask for a place beyond a reach [m]; None where they do not."""
@@ -179,13 +212,11 @@ class Effect(ABC):
         """Says why a shape cannot be seen through a position sensor's grid [rad]; None where it can."""
         return None
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Proposes the shapes to try; one empty shape for a linear effect."""
         return ({},)
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
+    def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Turns parameters into the regression's coefficients and the shape in which they are meant.
 
         Unless said otherwise the coefficients are the parameters outside the shape, zero where left out.
@@ -197,9 +228,7 @@ class Effect(ABC):
         coefficients = np.array([values.get(name, 0.0) for name in self.free])
         return coefficients, {name: values[name] for name in self.shape}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """Turns a regression's result into the effect's parameters."""
         found = dict(zip(self.free, map(float, coefficients), strict=True))
         return {
@@ -232,48 +261,39 @@ class JointLaw(Effect):
 
     Attributes:
         dry: Whether it needs the sign of the speed.
+        lower, upper: Physical bounds of the coefficients.
     """
 
     dry: bool = False
+    lower: Bound = 0.0
+    upper: Bound = np.inf
 
     @abstractmethod
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes what the consumed torque is linear in, (..., p)."""
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Physical bounds of the coefficients."""
-        count = len(self.free)
-        return np.zeros(count), np.full(count, np.inf)
-
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Evaluates the law over a recording."""
-        if not self.shows(port, residual):
-            return None
-        joint = signals.joint(key)
-        sample = signals.sample(joint, motor_side=port == "actuator")
+        sample = site.sample()
         presliding = float(shape.get(PRESLIDING, 0.0))
         if presliding > 0.0:
-            sample = replace(
-                sample, bristles=signals.bristles(joint, presliding, motor_side=port == "actuator")
-            )
+            sample = replace(sample, bristles=site.bristles(presliding))
         wider = float(shape.get(REGULARISATION, 0.0))
         if wider > 0.0:
             sample = replace(sample, regularisation=wider * sample.regularisation)
-        return one_row(joint, self.basis(sample, shape), None, *self.bounds())
+        return one_row(site.joint, self.basis(sample, shape), lower=self.lower, upper=self.upper)
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """One empty shape; for a dry law all ways in which its sign may change."""
-        return self.with_reversal_shapes(signals, key, ({},))
+        return self.with_reversal_shapes(site, ({},))
 
     def with_reversal_shapes(
-        self, signals: Signals, key: str, shapes: tuple[dict[str, float], ...]
+        self, site: Site, shapes: tuple[dict[str, float], ...]
     ) -> tuple[dict[str, float], ...]:
         """Adds to the shapes of a dry law presliding displacements and, for a law of one number, wider speeds."""
         if not self.dry:
             return shapes
-        second = float(regularisation_velocity(signals.model.sliding)[signals.joint(key)])
+        second = float(regularisation_velocity(site.signals.model.sliding)[site.joint])
         wider = WIDER_REGULARISATIONS if len(self.description.symbols) == 1 else ()
         return (
             *shapes,
@@ -293,45 +313,56 @@ class Stepped(Effect):
     r"""An effect all of whose numbers enter nonlinearly: the regression finds the step from a guess.
 
     p = p_0 + \delta p,      r = fixed(p_0) + columns(p_0) \delta p
+
+    Attributes:
+        starts: Guesses of an effect of one number, each of which is tried.
     """
+
+    starts: tuple[float, ...] = ()
+
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
+        """Starts at each guess."""
+        return tuple({self.shape[0]: start} for start in self.starts)
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """The shape says it all."""
         return np.zeros(len(self.shape)), {name: values[name] for name in self.shape}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The shape plus the step."""
         return {name: float(shape[name] + step) for name, step in zip(self.shape, coefficients, strict=True)}
 
 
-def predicted(
-    effect: Effect, signals: Signals, key: str, port: Port, *, residual: Residual, values: Values
-) -> Array:
+def predicted(effect: Effect, site: Site, residual: Residual, values: Values) -> Array:
     """Computes what an effect with known parameters adds to a residual, (N, n); zero where it does not show."""
-    total = np.zeros((signals.samples, signals.n))
-    coefficients, shape = effect.coefficients(values, signals, key, port)
-    found = effect.regressor(signals, key, port, residual, shape)
+    total = np.zeros((site.signals.samples, site.signals.n))
+    coefficients, shape = effect.coefficients(values, site)
+    found = effect.regressor(site, residual, shape)
     if found is not None:
         total[:, list(found.rows)] += found.torque(coefficients)
     return total
 
 
-def unbounded(count: int) -> tuple[Array, Array]:
-    """Gives bounds that allow every coefficient."""
-    return np.full(count, -np.inf), np.full(count, np.inf)
+def one_row(
+    joint: int, columns: Array, fixed: Array | None = None, lower: Bound = 0.0, upper: Bound = np.inf
+) -> Regressor:
+    """Makes a regressor of one joint from one column (N,) or columns (N, p), and a fixed part (N,)."""
+    columns = columns.reshape(len(columns), 1, -1)
+    steady = np.zeros(columns.shape[:2]) if fixed is None else fixed[:, None]
+    return _bounded((joint,), columns, steady, lower, upper)
 
 
-def one_row(joint: int, columns: Array, fixed: Array | None, lower: Array, upper: Array) -> Regressor:
-    """Makes a regressor of one joint from columns (N, p) and a fixed part (N,)."""
-    steady = np.zeros(columns.shape[0]) if fixed is None else fixed
-    return Regressor((joint,), columns[:, None, :], steady[:, None], lower, upper)
+def all_rows(
+    columns: Array, fixed: Array | None = None, lower: Bound = -np.inf, upper: Bound = np.inf
+) -> Regressor:
+    """Makes a regressor of all joints from columns (N, n, p) and a fixed part (N, n)."""
+    steady = np.zeros(columns.shape[:2]) if fixed is None else fixed
+    return _bounded(tuple(range(columns.shape[1])), columns, steady, lower, upper)
 
 
-def all_rows(signals: Signals, columns: Array, lower: Array, upper: Array) -> Regressor:
-    """Makes a regressor of all joints from columns (N, n, p)."""
-    return Regressor(tuple(range(signals.n)), columns, np.zeros(columns.shape[:2]), lower, upper)
+def _bounded(rows: tuple[int, ...], columns: Array, fixed: Array, lower: Bound, upper: Bound) -> Regressor:
+    count = columns.shape[2]
+    return Regressor(rows, columns, fixed, np.full(count, lower), np.full(count, upper))
 
 
 def ends(key: str) -> tuple[str, str]:

@@ -11,12 +11,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Values, all_rows, unbounded
+from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.residual_kinds import Residual, uses_motion
+from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.rigid_model import WORLD_AXES
 from impedance_modules.robot.model import RobotModel
 
@@ -50,20 +49,17 @@ class ExternalContact(Effect):
     bound_to_recording = True
     shape = ("start", "end")
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Three rows of J, with minus, within the window."""
-        if not uses_motion(residual):
-            return None
-        J = signals.model.jacobian(key, signals.position)[:, :3]
+        signals = site.signals
+        J = signals.model.jacobian(site.key, signals.position)[:, :3]
         within = (signals.time >= shape["start"]) & (signals.time < shape["end"])
         columns = -np.swapaxes(J, 1, 2) * within[:, None, None]
-        return all_rows(signals, columns, *unbounded(3))
+        return all_rows(columns)
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Tries pieces of the recording."""
-        edges = np.linspace(signals.time[0], signals.time[-1], WINDOWS + 1)
+        edges = np.linspace(site.signals.time[0], site.signals.time[-1], WINDOWS + 1)
         return tuple({"start": float(a), "end": float(b)} for a, b in pairwise(edges))
 
     def relations(self, values: Values) -> list[str]:

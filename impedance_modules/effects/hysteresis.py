@@ -15,12 +15,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Values, one_row
+from impedance_modules.effects.effect import Effect, Regressor, Site, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, bent, follow
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
 
 Array = NDArray[np.float64]
@@ -60,16 +59,9 @@ class Hysteresis(Effect):
     )
     shape = (STRETCH,)
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Follows the bristles along the recorded positions, unbent at the start."""
-        if not self.shows(port, residual):
-            return None
-        joint = signals.joint(key)
-        position = signals.sample(joint, motor_side=port == "actuator").position
-        column = follow(position, float(shape[STRETCH]))
-        return one_row(joint, column[:, None], None, np.zeros(1), np.full(1, np.inf))
+        return one_row(site.joint, follow(site.sample().position, float(shape[STRETCH])))
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
         """Bristles that slip within three counts are dry friction for all that can be seen."""
@@ -77,21 +69,17 @@ class Hysteresis(Effect):
             return None
         return f"bristles slip within {COUNTS} counts of the encoder: dry friction as far as it can be seen"
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Tries lengths from a thousandth to a tenth of the joint's travel."""
-        position = signals.position[:, signals.joint(key)]
+        position = site.signals.position[:, site.joint]
         travel = max(float(np.ptp(position)), 1e-3)
         return tuple({STRETCH: float(x)} for x in np.geomspace(1e-3 * travel, 0.1 * travel, 8))
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
+    def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient fc, shape fc / s0."""
         return np.array([values["fc"]]), {STRETCH: values["fc"] / values["s0"]}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The coefficient is fc; s0 = fc / stretch."""
         fc = float(coefficients[0])
         return {"s0": fc / shape[STRETCH], "fc": fc}

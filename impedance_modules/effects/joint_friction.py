@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import JointLaw, Values
+from impedance_modules.effects.effect import JointLaw, Site, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import (
     REGULARISATION_VELOCITY,
@@ -16,7 +14,6 @@ from impedance_modules.effects.joint_motion import (
     Shape,
     regularisation_velocity,
 )
-from impedance_modules.effects.recorded_signals import Signals
 
 Array = NDArray[np.float64]
 
@@ -129,20 +126,17 @@ class StribeckFriction(JointLaw):
         """Coefficients fc and fs - fc."""
         return np.array([values["fc"], values["fs"] - values["fc"]]), {"vs": values["vs"]}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The inverse of ``linear``."""
         fc, bump = map(float, coefficients)
         return {"fc": fc, "fs": fc + bump, "vs": float(shape["vs"])}
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Tries speeds from just above the regularisation velocity to a third of the largest one."""
-        joint = signals.joint(key)
-        fastest = float(np.abs(signals.velocity[:, joint]).max())
-        least = float(regularisation_velocity(signals.model.sliding)[joint])
+        fastest = float(np.abs(site.signals.velocity[:, site.joint]).max())
+        least = float(regularisation_velocity(site.signals.model.sliding)[site.joint])
         speeds = np.geomspace(least, max(fastest / 3.0, 2.0 * least), 5)
-        return self.with_reversal_shapes(signals, key, tuple({"vs": float(speed)} for speed in speeds))
+        return self.with_reversal_shapes(site, tuple({"vs": float(speed)} for speed in speeds))
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
         """A fall within the regularisation velocity of dry friction cannot be told from the regularisation."""
@@ -212,6 +206,7 @@ class AsymmetricFriction(JointLaw):
     constant_part = "da"
 
     dry = True
+    lower = (0.0, 0.0, -np.inf)  # dry friction takes energy in both directions; dv has a sign
     contrasts = ((1.0, -1.0, 0.0), (0.0, 0.0, 1.0))
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
@@ -219,18 +214,12 @@ class AsymmetricFriction(JointLaw):
         s = sample.direction
         return np.stack([np.maximum(s, 0.0), np.minimum(s, 0.0), np.abs(sample.velocity)], axis=-1)
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Dry friction takes energy in both directions; dv has a sign."""
-        return np.array([0.0, 0.0, -np.inf]), np.full(3, np.inf)
-
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients fc + da, fc - da, dv."""
         fc, da = values["fc"], values["da"]
         return np.array([fc + da, fc - da, values.get("dv", 0.0)]), {}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The inverse of ``linear``."""
         ahead, back, dv = map(float, coefficients)
         return {"fc": 0.5 * (ahead + back), "da": 0.5 * (ahead - back), "dv": dv}
@@ -260,16 +249,12 @@ class LoadDependentFriction(JointLaw):
         reference="Hamon, Gautier & Garrec 2010; Rhoban BAM 2025, models M3 to M6",
         applied=APPLIED,
     )
-
     dry = True
+    upper = 1.0  # a gear that locks itself
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes |load| sgn(v)."""
         return np.asarray(np.abs(sample.load) * sample.direction)[..., None]
-
-    def bounds(self) -> tuple[Array, Array]:
-        """From no friction to a gear that locks itself."""
-        return np.zeros(1), np.ones(1)
 
 
 class FrictionDrift(JointLaw):
@@ -304,15 +289,14 @@ class FrictionDrift(JointLaw):
         """Coefficients fv (cold) and fv (1 - k) (warm)."""
         return np.array([values["fv"], values["fv"] * (1.0 - values["k"])]), {"T": values["T"]}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The inverse of ``linear``; without friction there is nothing to fade, k = 0."""
         cold, warm = map(float, coefficients)
         return {"fv": cold, "k": 1.0 - warm / cold if cold > 0.0 else 0.0, "T": float(shape["T"])}
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Tries time constants from a tenth to three times the recording's length: grease warms in no second."""
-        least = max(WARMING_MIN, 0.1 * float(signals.time[-1] - signals.time[0]))
-        most = max(3.0 * float(signals.time[-1] - signals.time[0]), 2.0 * least)
+        length = float(site.signals.time[-1] - site.signals.time[0])
+        least = max(WARMING_MIN, 0.1 * length)
+        most = max(3.0 * length, 2.0 * least)
         return tuple({"T": float(T)} for T in np.geomspace(least, most, 6))

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Values, ends, one_row
+from impedance_modules.effects.effect import Effect, Regressor, Site, Values, ends, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, sign
 from impedance_modules.effects.plant_builder import PlantBuilder
@@ -72,27 +72,19 @@ class ReflectedInertia(Effect):
     first_excitation = 3
     replaces = True
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """The motor's acceleration; the coefficient is what I_r lacks."""
-        if not self.shows(port, residual):
-            return None
-        joint = signals.joint(key)
-        column = signals.motor_acceleration[:, joint, None]
-        return one_row(joint, column, None, -signals.reflected_inertia[[joint]], np.full(1, np.inf))
+        signals, joint = site.signals, site.joint
+        lowest = -float(signals.reflected_inertia[joint])
+        return one_row(joint, signals.motor_acceleration[:, joint], lower=lowest)
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
+    def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient Ia - I_r."""
-        return np.array([values["Ia"] - signals.reflected_inertia[signals.joint(key)]]), {}
+        return np.array([values["Ia"] - site.signals.reflected_inertia[site.joint]]), {}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """Ia = I_r + coefficient."""
-        return {"Ia": float(signals.reflected_inertia[signals.joint(key)] + coefficients[0])}
+        return {"Ia": float(site.signals.reflected_inertia[site.joint] + coefficients[0])}
 
     def joint_numbers(self, values: Values, *, link_effort: bool) -> dict[str, float]:
         """Replaces I_r."""
@@ -131,27 +123,21 @@ class JointElasticity(Effect):
     )
     replaces = True
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What a compliance of one more rad per N.m costs."""
-        joint = signals.joint(key)
+        signals, joint = site.signals, site.joint
         column = cost_of_deflection(signals, joint, signals.load[:, joint], residual)
         if column is None:
             return None
-        return one_row(joint, column[:, None], None, -signals.spring_compliance[[joint]], np.full(1, np.inf))
+        return one_row(joint, column, lower=-float(signals.spring_compliance[joint]))
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
+    def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient 1/K - 1/K_nominal."""
-        return np.array([1.0 / values["K"] - signals.spring_compliance[signals.joint(key)]]), {}
+        return np.array([1.0 / values["K"] - site.signals.spring_compliance[site.joint]]), {}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """K = 1 / (1/K_nominal + coefficient); infinite for a joint found to be rigid."""
-        compliance = float(signals.spring_compliance[signals.joint(key)] + coefficients[0])
+        compliance = float(site.signals.spring_compliance[site.joint] + coefficients[0])
         return {"K": 1.0 / compliance if compliance > 0.0 else float("inf")}
 
     def joint_numbers(self, values: Values, *, link_effort: bool) -> dict[str, float]:
@@ -187,27 +173,21 @@ class Backlash(Effect):
         applied="The plant: a dead zone in series with the joint's spring; the joint needs one.",
     )
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What crossing a gap of one radian costs."""
-        joint = signals.joint(key)
+        signals = site.signals
         load = signals.touch if shape.get(READ) else signals.load
-        place = place_in_play(load[:, joint])
+        place = place_in_play(load[:, site.joint])
         if np.ptp(place) == 0.0:
             return None
-        column = cost_of_deflection(signals, joint, place, residual)
-        if column is None:
-            return None
-        return one_row(joint, column[:, None], None, np.zeros(1), np.full(1, np.inf))
+        column = cost_of_deflection(signals, site.joint, place, residual)
+        return None if column is None else one_row(site.joint, column)
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Flanks touch by the load that motion and model make, and by the one that was read where noise allows."""
-        return ({READ: 0.0},) if signals.reading is None else ({READ: 0.0}, {READ: 1.0})
+        return ({READ: 0.0},) if site.signals.reading is None else ({READ: 0.0}, {READ: 1.0})
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
+    def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """The gap."""
         return np.array([values["b"]]), {READ: 0.0}
 
@@ -269,14 +249,10 @@ class TransmissionCoupling(Effect):
 
     symmetric = True
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Three columns on the rows of both joints."""
-        if not self.shows(port, residual):
-            return None
-        joint, other = (signals.joint(name) for name in ends(key))
-        one, two = (signals.sample(i, motor_side=True) for i in (joint, other))
+        joint, other = (site.signals.joint(name) for name in ends(site.key))
+        one, two = (site.signals.sample(i, motor_side=True) for i in (joint, other))
         rub = sign(one.velocity + two.velocity)
         columns = np.stack(
             [np.stack([far.acceleration, far.velocity, rub], axis=-1) for far in (two, one)], axis=1

@@ -8,17 +8,17 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.drive_effects import lagged
+from impedance_modules.effects.drive_effects import LAGS, lagged
 from impedance_modules.effects.effect import (
     Effect,
     JointLaw,
     Regressor,
+    Site,
     Stepped,
     Values,
     all_rows,
     ends,
     one_row,
-    unbounded,
 )
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import JointSample, Shape
@@ -50,6 +50,7 @@ class TorqueOffset(JointLaw):
         applied="The plant: as a torque at the motor or link, or in what its effort sensor reports.",
     )
     constant_part = "c"
+    lower = -np.inf
     first_excitation = 5
 
     def shows(self, port: Port, residual: Residual) -> bool:
@@ -60,18 +61,10 @@ class TorqueOffset(JointLaw):
         """Computes 1."""
         return np.ones((*sample.velocity.shape, 1))
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Either sign."""
-        return unbounded(1)
-
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """A column of ones, with the sign of the effort if only the reading is off."""
-        if not self.shows(port, residual):
-            return None
-        sign = EFFORT_SIGN[residual] if port == "sensor" else 1.0
-        return one_row(signals.joint(key), np.full((signals.samples, 1), sign), None, *self.bounds())
+        sign = EFFORT_SIGN[residual] if site.port == "sensor" else 1.0
+        return one_row(site.joint, np.full(site.signals.samples, sign), lower=self.lower)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Torque on the joint, or error of its sensor."""
@@ -114,32 +107,25 @@ class TorqueGain(Effect):
         """A reading shows wherever the effort enters."""
         return EFFORT_SIGN[residual] != 0.0 if port == "sensor" else super().shows(port, residual)
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Drive: -u with coefficient s - 1. Sensor: the reading e with coefficient 1 - 1/s, which is exact."""
-        torque = signals.effort if port == "sensor" else signals.drive
-        if not self.shows(port, residual) or torque is None:
+        torque = site.signals.effort if site.port == "sensor" else site.signals.drive
+        if torque is None:
             return None
-        joint = signals.joint(key)
-        if port == "sensor":
-            column = EFFORT_SIGN[residual] * torque[:, joint]
-            return one_row(joint, column[:, None], None, np.full(1, -np.inf), np.array([1.0 - 1e-6]))
-        return one_row(joint, -torque[:, joint, None], None, np.array([-1.0 + 1e-6]), np.full(1, np.inf))
+        own = torque[:, site.joint]
+        if site.port == "sensor":
+            return one_row(site.joint, EFFORT_SIGN[residual] * own, lower=-np.inf, upper=1.0 - 1e-6)
+        return one_row(site.joint, -own, lower=-1.0 + 1e-6)
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
+    def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Drive: s - 1. Sensor: 1 - 1/s."""
         s = values["s"]
-        return np.array([1.0 - 1.0 / s if port == "sensor" else s - 1.0]), {}
+        return np.array([1.0 - 1.0 / s if site.port == "sensor" else s - 1.0]), {}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The inverse of ``coefficients``."""
         found = float(coefficients[0])
-        return {"s": 1.0 / (1.0 - found) if port == "sensor" else 1.0 + found}
+        return {"s": 1.0 / (1.0 - found) if site.port == "sensor" else 1.0 + found}
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Scales the drive or the sensor."""
@@ -164,31 +150,24 @@ class EncoderOffset(Stepped):
         applied="The plant: its position sensor, and the robot's own gravity compensation with it.",
     )
     shape = ("dq0",)
+    starts = (0.0,)
     nearly_linear = True
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Wherever the links' model is evaluated."""
         return uses_motion(residual)
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Linearises the inverse dynamics about the angle less the shape's offset, on all joints."""
-        if not self.shows(port, residual):
-            return None
-        joint, offset, rows = signals.joint(key), float(shape["dq0"]), tuple(range(signals.n))
+        signals = site.signals
+        joint, offset = site.joint, float(shape["dq0"])
         if offset == 0.0:
-            columns = -signals.position_derivative[:, :, joint, None]
-            return Regressor(rows, columns, np.zeros(columns.shape[:2]), *unbounded(1))
+            return all_rows(-signals.position_derivative[:, :, joint, None])
         v, a = signals.velocity, signals.acceleration
         there = signals.position.copy()
         there[:, joint] -= offset
         columns = -signals.model.position_derivative(there, v, a)[:, :, joint, None]
-        return Regressor(rows, columns, signals.model.torque(there, v, a) - signals.rigid, *unbounded(1))
-
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Starts without one; what is found moves it."""
-        return ({"dq0": 0.0},)
+        return all_rows(columns, signals.model.torque(there, v, a) - signals.rigid)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Shifts what the encoder reports."""
@@ -217,15 +196,13 @@ class Crosstalk(Effect):
         """Wherever the effort enters."""
         return EFFORT_SIGN[residual] != 0.0
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """The other joint's reading."""
-        if not self.shows(port, residual) or signals.effort is None:
+        signals = site.signals
+        if signals.effort is None:
             return None
-        joint, other = ends(key)
-        column = EFFORT_SIGN[residual] * signals.effort[:, signals.joint(other)]
-        return one_row(signals.joint(joint), column[:, None], None, -np.ones(1), np.ones(1))
+        joint, other = (signals.joint(name) for name in ends(site.key))
+        return one_row(joint, EFFORT_SIGN[residual] * signals.effort[:, other], lower=-1.0, upper=1.0)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Adds shares of other joints' efforts to readings."""
@@ -251,26 +228,20 @@ class VelocityFilterLag(Stepped):
         applied="The plant: the velocity that its sensors report.",
     )
     shape = ("T",)
+    starts = LAGS
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """In the reported velocity alone."""
         return residual == "velocity"
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """The lag at T, and its slope by T."""
-        if not self.shows(port, residual):
-            return None
-        joint, T = signals.joint(key), float(shape["T"])
+        signals = site.signals
+        joint, T = site.joint, float(shape["T"])
         true, change = signals.velocity[:, joint], 0.02 * T + 1e-5
         slow = lagged(true, signals.time, T)
         slope = (lagged(true, signals.time, T + change) - slow) / change
-        return one_row(joint, slope[:, None], slow - true, np.array([-T]), np.full(1, np.inf))
-
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Starts between an instant and a quarter of a second."""
-        return tuple({"T": T} for T in (0.0, 0.01, 0.04, 0.15))
+        return one_row(joint, slope, slow - true, lower=-T)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Filters reported velocities once more."""
@@ -309,12 +280,9 @@ class ClockDrift(Effect):
         """Where velocities are compared, accelerations used, or commands laid beside readings."""
         return residual == "velocity" or uses_motion(residual) or "drive" in COVERS[residual]
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Velocity in its own residual, twice the inertial torque in the links', what the command changes meanwhile."""
-        if not self.shows(port, residual):
-            return None
+        signals = site.signals
         values = np.zeros((signals.samples, signals.n))
         if residual == "velocity":
             values += signals.velocity
@@ -323,12 +291,11 @@ class ClockDrift(Effect):
         if shape.get(APART) and "drive" in COVERS[residual]:
             values += _run_away(signals)
         ppm = self.description.parameter("ppm")
-        bounds = np.full(1, ppm.lower), np.full(1, ppm.upper)
-        return all_rows(signals, 1e-6 * values[:, :, None], *bounds)
+        return all_rows(1e-6 * values[:, :, None], lower=ppm.lower, upper=ppm.upper)
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """All stamps alike, or the readings' against the commands'."""
-        return ({APART: 0.0},) if signals.drive is None else ({APART: 0.0}, {APART: 1.0})
+        return ({APART: 0.0},) if site.signals.drive is None else ({APART: 0.0}, {APART: 1.0})
 
     @property
     def free(self) -> tuple[str, ...]:

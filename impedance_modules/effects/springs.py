@@ -9,12 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import JointLaw, Regressor, Values, one_row, unbounded
+from impedance_modules.effects.effect import JointLaw, Regressor, Site, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
 from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import COVERS, Residual
 from impedance_modules.spec.robot_spec import ParallelSpringSpec, RobotSpec
 
@@ -61,55 +60,45 @@ class ParallelSpring(JointLaw):
     )
     carried_by_robot = True
     first_excitation = 4
-
+    lower = (0.0, -np.inf)
     contrasts = ((1.0, 0.0),)
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes q and -1."""
         return np.stack([sample.position, -np.ones_like(sample.position)], axis=-1)
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def regressor(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Evaluates the law; a carried spring is consumed at the link and supplied, unasked, by the drive."""
         supplied = float(CARRIED in shape and "drive" in COVERS[residual])
-        sign = float(self.shows(port, residual)) - supplied
+        sign = float(self.shows(site.port, residual)) - supplied
         if sign == 0.0:
             return None
-        joint = signals.joint(key)
-        columns = sign * self.basis(signals.sample(joint, motor_side=False), shape)
-        return one_row(joint, columns, None, *self.bounds())
+        columns = sign * self.basis(site.sample(), shape)
+        return one_row(site.joint, columns, lower=self.lower)
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Unknown to the robot; or known, where it adds torques of its own and both ends of the joint are seen."""
-        if signals.assistance is None or signals.effort is None:
+        if site.signals.assistance is None or site.signals.effort is None:
             return ({},)
         return ({}, {CARRIED: 1.0})
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
+    def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """The recording tells whether the robot carries it: more effort than asked for, by what deflects it."""
+        signals = site.signals
         coefficients, shape = self.linear(values)
-        asked, measured, joint = signals.drive, signals.effort, signals.joint(key)
+        asked, measured = signals.drive, signals.effort
         if signals.assistance is None or asked is None or measured is None:
             return coefficients, shape
-        deflecting = self.basis(signals.sample(joint, motor_side=False), shape) @ coefficients
-        unasked = (measured - asked)[:, joint]
+        deflecting = self.basis(site.sample(), shape) @ coefficients
+        unasked = (measured - asked)[:, site.joint]
         carried = float(unasked @ deflecting) > 0.5 * float(deflecting @ deflecting)
         return coefficients, {CARRIED: 1.0} if carried else shape
-
-    def bounds(self) -> tuple[Array, Array]:
-        """The stiffness is not negative."""
-        return np.array([0.0, -np.inf]), np.full(2, np.inf)
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients k and preload."""
         return np.array([values["k"], preload_of(values)]), {}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The coefficients are k and preload."""
         return {"k": float(coefficients[0]), "preload": float(coefficients[1])}
 
@@ -164,24 +153,19 @@ class TorqueRipple(JointLaw):
         applied=APPLIED,
     )
     shape = ("N",)
+    lower = -np.inf  # any phase
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes sin(N q) and cos(N q)."""
         turned = sample.position * shape["N"]
         return np.stack([np.sin(turned), np.cos(turned)], axis=-1)
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Any phase."""
-        return unbounded(2)
-
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients A cos(phi) and A sin(phi)."""
         phase = values.get("phi", 0.0)
         return values["A"] * np.array([np.cos(phase), np.sin(phase)]), {"N": values["N"]}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """Amplitude and phase of the two."""
         across, along = map(float, coefficients)
         return {
@@ -194,9 +178,9 @@ class TorqueRipple(JointLaw):
         """N q / (2 pi) over the travel."""
         return float(np.max(shape["N"])) * travel / (2.0 * np.pi)
 
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Tries orders as finely as the joint's travel can tell apart, up to what the sampling can follow."""
-        position = signals.position[:, signals.joint(key)]
+        position = site.signals.position[:, site.joint]
         travel, jump = float(np.ptp(position)), float(np.abs(np.diff(position)).max())
         if travel < 1e-3 or jump == 0.0:
             return ()
@@ -225,23 +209,18 @@ class BenchSpring(JointLaw):
         reference="thesis 3.2.1 (figure 3-6)",
         applied="The plant, as a torque on the link; neither the model nor what the robot adds by itself knows it.",
     )
+    lower = (0.0, -np.inf, 0.0)
     searched = "never"  # without a patch it is named a parallel spring: at the links the two are one law
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes q, -1 and v."""
         return np.stack([sample.position, -np.ones_like(sample.position), sample.velocity], axis=-1)
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Stiffness and damping are not negative."""
-        return np.array([0.0, -np.inf, 0.0]), np.full(3, np.inf)
-
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients k, k q0 and d."""
         return np.array([values["k"], values["k"] * values["q0"], values.get("d", 0.0)]), {}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The inverse of ``linear``; a spring without stiffness is relaxed anywhere, q0 = 0."""
         k, preload, d = map(float, coefficients)
         return {"k": k, "q0": preload / k if k > 0.0 else 0.0, "d": d}

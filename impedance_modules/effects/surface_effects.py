@@ -12,18 +12,18 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Stepped, Values, all_rows, unbounded
+from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import SLIDING_REGULARISATION_VELOCITY, Shape
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.residual_kinds import Residual, uses_motion
+from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
 
@@ -99,21 +99,33 @@ class SurfaceEffect(Effect):
     def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
         """Returns the surface as it really is."""
 
-    def nominal(self, signals: Signals, key: str) -> SurfaceSpec | None:
+    @abstractmethod
+    def pushes(self, touch: SurfaceTouch, surface: SurfaceSpec, shape: Shape) -> tuple[Array, Array]:
+        """Computes the force (N, 3) per unit of the coefficient, and the one that has no coefficient."""
+
+    def nominal(self, site: Site) -> SurfaceSpec | None:
         """Finds the plane or box as the task has it; None where the recording does not say, and for others."""
-        index = surface_index(key)
-        if index is None or index >= len(signals.surfaces):
+        index = surface_index(site.key)
+        if index is None or index >= len(site.signals.surfaces):
             return None
-        surface = signals.surfaces[index]
+        surface = site.signals.surfaces[index]
         return surface if surface.sheet is None and surface.wood is None else None
 
-    def one_column(
-        self, signals: Signals, column: Array, fixed: Array, bounds: tuple[Array, Array]
-    ) -> Regressor | None:
-        """Makes a regressor of all joints from a column (N, n) and a fixed part; None if nothing was touched."""
-        if not column.any():
+    def lowest(self, surface: SurfaceSpec) -> float:
+        """Gives the coefficient's lower bound."""
+        return -np.inf
+
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
+        """Adds up what all hands on the surface consume; None if nothing was touched."""
+        surface = self.nominal(site)
+        if surface is None:
             return None
-        return replace(all_rows(signals, column[:, :, None], *bounds), fixed=fixed)
+        column, fixed = np.zeros((2, site.signals.samples, site.signals.n))
+        for touch in touches(site.signals, surface):
+            slope, steady = self.pushes(touch, surface, shape)
+            column += touch.consumed(slope)
+            fixed += touch.consumed(steady)
+        return all_rows(column[:, :, None], fixed, self.lowest(surface)) if column.any() else None
 
 
 class SurfaceHeight(Stepped, SurfaceEffect):
@@ -133,26 +145,14 @@ class SurfaceHeight(Stepped, SurfaceEffect):
         applied="The plant's surface is moved; so are the predictions of `check`. The controller knows no surface.",
     )
     shape = ("dh",)
+    starts = (0.0, 0.01, 0.03, 0.1)  # also above the map's: a hand that never reaches it tells nothing
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
-        """The push's change at the guessed height, and its slope by the height."""
-        surface = self.nominal(signals, key)
-        if surface is None or not uses_motion(residual):
-            return None
-        raised = float(shape["dh"])
-        column, fixed = np.zeros((2, signals.samples, signals.n))
-        for touch in touches(signals, surface):
-            pressure = touch.pressure(surface, raised)
-            slope = surface.stiffness * touch.normal[2] * (pressure > 0.0)
-            column += touch.consumed(slope[:, None] * touch.normal)
-            fixed += touch.consumed((pressure - touch.pressure(surface))[:, None] * touch.normal)
-        return self.one_column(signals, column, fixed, unbounded(1))
-
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """Starts where the map has it, and some centimetres above: a hand that never reaches it tells nothing."""
-        return tuple({"dh": raised} for raised in (0.0, 0.01, 0.03, 0.1))
+    def pushes(self, touch: SurfaceTouch, surface: SurfaceSpec, shape: Shape) -> tuple[Array, Array]:
+        """The push's slope by the height, and its change at the guessed height."""
+        pressure = touch.pressure(surface, float(shape["dh"]))
+        slope = surface.stiffness * touch.normal[2] * (pressure > 0.0)
+        change = pressure - touch.pressure(surface)
+        return slope[:, None] * touch.normal, change[:, None] * touch.normal
 
     def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
         """Moves it upwards."""
@@ -174,21 +174,21 @@ class SurfaceNumber(SurfaceEffect):
     attribute: str
     replaces = True
 
-    def coefficients(
-        self, values: Values, signals: Signals, key: str, port: Port
-    ) -> tuple[Array, dict[str, float]]:
+    def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """What is beyond the nominal number."""
-        return np.array([values[self.symbol] - self._nominal_number(signals, key)]), {}
+        return np.array([values[self.symbol] - self._nominal_number(site)]), {}
 
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The nominal number and what is beyond it."""
-        return {self.symbol: float(coefficients[0]) + self._nominal_number(signals, key)}
+        return {self.symbol: float(coefficients[0]) + self._nominal_number(site)}
 
-    def _nominal_number(self, signals: Signals, key: str) -> float:
-        surface = self.nominal(signals, key)
+    def _nominal_number(self, site: Site) -> float:
+        surface = self.nominal(site)
         return 0.0 if surface is None else float(getattr(surface, self.attribute))
+
+    def lowest(self, surface: SurfaceSpec) -> float:
+        """What would make the number zero."""
+        return -float(getattr(surface, self.attribute))
 
     def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:
         """Replaces the number."""
@@ -214,19 +214,10 @@ class SurfaceStiffness(SurfaceNumber):
     )
     symbol, attribute = "k", "stiffness"
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def pushes(self, touch: SurfaceTouch, surface: SurfaceSpec, shape: Shape) -> tuple[Array, Array]:
         """Depth along the normal, wherever there is any."""
-        surface = self.nominal(signals, key)
-        if surface is None or not uses_motion(residual):
-            return None
-        column = np.zeros((signals.samples, signals.n))
-        for touch in touches(signals, surface):
-            deep = np.where(touch.pressure(surface) > 0.0, touch.depth, 0.0)
-            column += touch.consumed(deep[:, None] * touch.normal)
-        bounds = np.array([-surface.stiffness]), np.array([np.inf])
-        return self.one_column(signals, column, np.zeros_like(column), bounds)
+        deep = np.where(touch.pressure(surface) > 0.0, touch.depth, 0.0)
+        return deep[:, None] * touch.normal, np.zeros_like(touch.sliding)
 
 
 class SurfaceFriction(SurfaceNumber):
@@ -247,17 +238,8 @@ class SurfaceFriction(SurfaceNumber):
     )
     symbol, attribute = "mu", "friction"
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def pushes(self, touch: SurfaceTouch, surface: SurfaceSpec, shape: Shape) -> tuple[Array, Array]:
         """Pressure against the sliding; nothing is known of a hand that sticks."""
-        surface = self.nominal(signals, key)
-        if surface is None or not uses_motion(residual):
-            return None
-        column = np.zeros((signals.samples, signals.n))
-        for touch in touches(signals, surface):
-            speed = np.linalg.norm(touch.sliding, axis=1)
-            share = np.tanh(speed / SLIDING_REGULARISATION_VELOCITY) / np.maximum(speed, 1e-12)
-            column += touch.consumed(-(touch.pressure(surface) * share)[:, None] * touch.sliding)
-        bounds = np.array([-surface.friction]), np.array([np.inf])
-        return self.one_column(signals, column, np.zeros_like(column), bounds)
+        speed = np.linalg.norm(touch.sliding, axis=1)
+        share = np.tanh(speed / SLIDING_REGULARISATION_VELOCITY) / np.maximum(speed, 1e-12)
+        return -(touch.pressure(surface) * share)[:, None] * touch.sliding, np.zeros_like(touch.sliding)

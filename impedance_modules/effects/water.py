@@ -14,18 +14,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from impedance_modules.effects.effect import Effect, Regressor, Values, all_rows
+from impedance_modules.effects.bodies import CENTRE, MassAtPoint, by_axis, centre_of, place_on_link
+from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.residual_kinds import Residual, uses_motion
+from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.rotation import skew
 
 Array = NDArray[np.float64]
-
-CENTRE = ("cx", "cy", "cz")
 
 MASSES = ("mx", "my", "mz")
 
@@ -34,20 +32,33 @@ INERTIAS = ("Ix", "Iy", "Iz")
 DRAGS = ("dx", "dy", "dz")
 
 
-def _centre(values: Values) -> Array:
-    return np.array([values[name] for name in CENTRE])
+class WaterAtPoint(Effect):
+    """What water does at a known point of a link, along each of its axes.
+
+    Attributes:
+        sizes: Symbols of the effect's size by axis; zero where left out.
+        none: What is wrong with an effect of which all are left out.
+    """
+
+    searched = "under_water"
+    shape = CENTRE
+    sizes: tuple[str, ...]
+    none: str
+
+    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
+        """The link's nominal centre of mass, near which the centre of what it displaces lies; it is not refined."""
+        return (by_axis(site.signals.model.centre(site.key)),)
+
+    def next_shape(self, values: Values, shape: Mapping[str, float]) -> dict[str, float]:
+        """Stays where it is."""
+        return dict(shape)
+
+    def relations(self, values: Values) -> list[str]:
+        """Some direction must be given."""
+        return [] if any(name in values for name in self.sizes) else [self.none]
 
 
-def _places(meaning: str) -> tuple[Parameter, ...]:
-    return tuple(Parameter(name, "m", f"{meaning} along the link's {name[1]} axis") for name in CENTRE)
-
-
-def _nominal_centre(signals: Signals, key: str) -> tuple[dict[str, float], ...]:
-    """Proposes the link's nominal centre of mass, near which the centre of what it displaces lies."""
-    return (dict(zip(CENTRE, map(float, signals.model.centre(key)), strict=True)),)
-
-
-class Buoyancy(Effect):
+class Buoyancy(MassAtPoint):
     """The weight of the water that a link displaces, upwards."""
 
     description = Description(
@@ -56,7 +67,7 @@ class Buoyancy(Effect):
         equation="tau = J_c^T m g, m = rho V the displaced water's mass, g gravity, J_c of (cx, cy, cz) on the link",
         parameters=(
             Parameter("m", "kg", "mass of the displaced water, rho V", lower=0.0),
-            *_places("centre of the displaced volume"),
+            *place_on_link("centre of the displaced volume"),
         ),
         ports=("link",),
         keys=("body",),
@@ -68,34 +79,18 @@ class Buoyancy(Effect):
     )
     searched = "under_water"
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Four columns, of m and m c: minus the weight of a body with these moments."""
-        if not uses_motion(residual):
-            return None
-        columns = -signals.model.weight_of_body(key, signals.position)
-        return all_rows(signals, columns, np.array([0.0, *[-np.inf] * 3]), np.full(4, np.inf))
-
-    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
-        """Coefficients m and m c."""
-        return values["m"] * np.array([1.0, *_centre(values)]), {}
-
-    def values(
-        self, coefficients: Array, shape: Mapping[str, float], signals: Signals, key: str, port: Port
-    ) -> dict[str, float]:
-        """C = (m c) / m; without displaced water there is no place."""
-        m = float(coefficients[0])
-        centre = coefficients[1:] / m if m > 0.0 else np.zeros(3)
-        return {"m": m, **dict(zip(CENTRE, map(float, centre), strict=True))}
+        signals = site.signals
+        return self.of_moments(-signals.model.weight_of_body(site.key, signals.position))
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Lifts links."""
-        lifted = {link: (values["m"], _centre(values)) for link, values in parameters.items()}
+        lifted = {link: (values["m"], centre_of(values)) for link, values in parameters.items()}
         builder.torques.append(BuoyancyTorque(builder.model, lifted))
 
 
-class AddedMass(Effect):
+class AddedMass(WaterAtPoint):
     """Water that a link takes along when it speeds up."""
 
     description = Description(
@@ -116,7 +111,7 @@ class AddedMass(Effect):
                 )
                 for s in INERTIAS
             ),
-            *_places("centre of the displaced volume"),
+            *place_on_link("centre of the displaced volume"),
         ),
         ports=("link",),
         keys=("body",),
@@ -126,48 +121,28 @@ class AddedMass(Effect):
         reference="Kirchhoff 1869; Lamb, Hydrodynamics, 1932, ch. 6; Fossen 2011",
         applied="The plant: the link's inertia in the articulated-body algorithm. The model does not know it.",
     )
-    searched = "under_water"
-    shape = CENTRE
+    sizes = (*MASSES, *INERTIAS)
+    none = "takes no water along in any direction"
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Six columns, of what is taken along each axis and turned about it."""
-        if not uses_motion(residual):
-            return None
+        signals = site.signals
         columns = signals.model.taken_along(
-            key,
-            np.array([float(shape[name]) for name in CENTRE]),
+            site.key,
+            centre_of(shape),
             signals.position,
             signals.velocity,
             signals.acceleration,
         )
-        return all_rows(signals, columns, np.zeros(6), np.full(6, np.inf))
-
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """The link's nominal centre of mass; it is not refined."""
-        return _nominal_centre(signals, key)
-
-    def next_shape(self, values: Values, shape: Mapping[str, float]) -> dict[str, float]:
-        """Stays where it is."""
-        return dict(shape)
-
-    def relations(self, values: Values) -> list[str]:
-        """Some water must be taken along."""
-        return (
-            []
-            if any(name in values for name in (*MASSES, *INERTIAS))
-            else ["takes no water along in any direction"]
-        )
+        return all_rows(columns, lower=0.0)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Adds to links' inertia."""
         for link, values in parameters.items():
-            along = np.array([values.get(name, 0.0) for name in (*MASSES, *INERTIAS)])
-            builder.take_along(link, along, _centre(values))
+            builder.take_along(link, self.linear(values)[0], centre_of(values))
 
 
-class FluidDrag(Effect):
+class FluidDrag(WaterAtPoint):
     """The water's resistance to a link's motion."""
 
     description = Description(
@@ -181,7 +156,7 @@ class FluidDrag(Effect):
                 )
                 for s in DRAGS
             ),
-            *_places("where it acts"),
+            *place_on_link("where it acts"),
         ),
         ports=("link",),
         keys=("body",),
@@ -191,39 +166,20 @@ class FluidDrag(Effect):
         reference="Morison et al. 1950; Fossen 2011",
         applied="The plant: a torque on the joints, always against the motion. The model does not know it.",
     )
-    searched = "under_water"
-    shape = CENTRE
+    sizes = DRAGS
+    none = "holds the link back in no direction"
 
-    def regressor(
-        self, signals: Signals, key: str, port: Port, residual: Residual, shape: Shape
-    ) -> Regressor | None:
+    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Three columns."""
-        if not uses_motion(residual):
-            return None
-        centre = np.array([float(shape[name]) for name in CENTRE])
-        J, v = signals.model.motion_of_point(key, centre, signals.position, signals.velocity)
+        signals = site.signals
+        J, v = signals.model.motion_of_point(site.key, centre_of(shape), signals.position, signals.velocity)
         speed = np.linalg.norm(v, axis=1)
         columns = np.swapaxes(J, 1, 2) * (speed[:, None] * v)[:, None, :]
-        return all_rows(signals, columns, np.zeros(3), np.full(3, np.inf))
-
-    def shapes(self, signals: Signals, key: str, port: Port) -> tuple[dict[str, float], ...]:
-        """The link's nominal centre of mass; it is not refined."""
-        return _nominal_centre(signals, key)
-
-    def next_shape(self, values: Values, shape: Mapping[str, float]) -> dict[str, float]:
-        """Stays where it is."""
-        return dict(shape)
-
-    def relations(self, values: Values) -> list[str]:
-        """Some direction must be held back."""
-        return [] if any(name in values for name in DRAGS) else ["holds the link back in no direction"]
+        return all_rows(columns, lower=0.0)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Holds links back."""
-        held = {
-            link: (np.array([values.get(name, 0.0) for name in DRAGS]), _centre(values))
-            for link, values in parameters.items()
-        }
+        held = {link: (self.linear(values)[0], centre_of(values)) for link, values in parameters.items()}
         builder.torques.append(DragTorque(builder.model, held))
 
 

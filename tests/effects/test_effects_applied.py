@@ -10,7 +10,7 @@ import pytest
 from scipy import signal
 
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import predicted
+from impedance_modules.effects.effect import Site, predicted
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.surface_effects import SurfaceEffect
 from tests.support.effect_recordings import (
@@ -132,10 +132,11 @@ def seen(case: AppliedEffect, run: str, kind: str) -> tuple[np.ndarray, np.ndarr
     """Columns (M, p) of an effect, what they should explain (M,), their true coefficients (p,), all of it (M,)."""
     log, effect = recording(run), CATALOGUE[case.effect]
     s = log.signals
-    coefficients, shape = effect.coefficients(case.numbers, s, case.key, case.port)
-    found = effect.regressor(s, case.key, case.port, kind, shape)
+    site = Site(s, case.key, case.port)
+    coefficients, shape = effect.coefficients(case.numbers, site)
+    found = effect.regressor(site, kind, shape)
     others = sum(
-        predicted(CATALOGUE[o.effect], s, o.key, o.port, residual=kind, values=o.numbers)
+        predicted(CATALOGUE[o.effect], Site(s, o.key, o.port), kind, o.numbers)
         for o in RUNS[run]
         if o is not case
     )
@@ -160,13 +161,14 @@ def test_the_columns_give_the_parameters_back(run: str, case: AppliedEffect) -> 
     effect, s = CATALOGUE[case.effect], recording(run).signals
     for kind in residuals_of(case):
         columns, target, truth, _ = seen(case, run, kind)
-        _, shape = effect.coefficients(case.numbers, s, case.key, case.port)
+        site = Site(s, case.key, case.port)
+        _, shape = effect.coefficients(case.numbers, site)
         alive = (
             np.flatnonzero(np.abs(truth) > 0.0) if case.effect == "link_inertia" else np.arange(truth.size)
         )
         fitted = np.zeros(truth.size)
         fitted[alive] = np.linalg.lstsq(columns[:, alive], target, rcond=None)[0]
-        values = effect.values(fitted, shape, s, case.key, case.port)
+        values = effect.values(fitted, shape, site)
         size = ROUGH.get(case.effect, 0.03)
         for symbol, true in case.numbers.items():
             about = abs(true - 1.0) if symbol == "s" else abs(true)
@@ -265,7 +267,7 @@ def test_the_recording_tells_whether_the_robot_carries_a_spring(carried: bool) -
     signals = replace(recorded, assistance=np.zeros_like(asked), drive=asked)
 
     def torque(residual: str, seen: Signals = signals) -> np.ndarray:
-        return predicted(spring, seen, S + "lift", L, residual=residual, values=numbers)
+        return predicted(spring, Site(seen, S + "lift", L), residual, numbers)
 
     at_link = torque("link")
     assert np.abs(at_link).max() > 3.0

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from impedance_modules.cli.main import impedance
 from impedance_modules.effects.apply import apply_patch, apply_to_plant, apply_to_surfaces
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import PAIR
+from impedance_modules.effects.effect import PAIR, Site
 from impedance_modules.effects.effect_description import Parameter, same_unit
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import RESIDUALS
@@ -198,8 +198,9 @@ def test_coefficients_and_parameters_are_two_names_of_one_thing(seed: int, effec
     for port in described.ports:
         given = [p for p in described.parameters if p.left_out is None or p.symbol not in ("q0", "D")]
         values = {p.symbol: drawn(p, random) for p in given}
-        coefficients, shape = entry_of.coefficients(values, s, key_of(effect), port)
-        again = entry_of.values(coefficients, shape, s, key_of(effect), port)
+        site = Site(s, key_of(effect), port)
+        coefficients, shape = entry_of.coefficients(values, site)
+        again = entry_of.values(coefficients, shape, site)
         for symbol, value in again.items():
             assert value == pytest.approx(values[symbol], rel=1e-9, abs=1e-12), (port, symbol)
 
@@ -236,9 +237,10 @@ def recording() -> Signals:
 def test_every_shape_gives_columns_within_its_bounds_somewhere(effect: str) -> None:
     one, s, seen = CATALOGUE[effect], recording(), False
     for port in one.description.ports:
-        for shape in one.shapes(s, key_of(effect), port)[:3]:
+        site = Site(s, key_of(effect), port)
+        for shape in one.shapes(site)[:3]:
             for residual in RESIDUALS:
-                found = one.regressor(s, key_of(effect), port, residual, shape)
+                found = one.regressor(site, residual, shape)
                 if found is None:
                     continue
                 seen = True
@@ -252,11 +254,12 @@ def test_every_shape_gives_columns_within_its_bounds_somewhere(effect: str) -> N
 def test_a_link_side_sensor_sees_no_rotor_and_a_motor_sees_both_frictions() -> None:
     s = recording()
     rotor, rub = CATALOGUE["reflected_inertia"], CATALOGUE["coulomb_friction"]
-    assert rotor.regressor(s, "port_lift", "actuator", "link", {}) is None
-    assert rub.regressor(s, "port_lift", "actuator", "link", {}) is None
-    assert rub.regressor(s, "port_lift", "link", "actuator", {}) is None
-    for port in ("actuator", "link"):
-        assert rub.regressor(s, "port_lift", port, "motor", {}) is not None
+    motor, link = Site(s, "port_lift", "actuator"), Site(s, "port_lift", "link")
+    assert rotor.regressor(motor, "link", {}) is None
+    assert rub.regressor(motor, "link", {}) is None
+    assert rub.regressor(link, "actuator", {}) is None
+    for site in (motor, link):
+        assert rub.regressor(site, "motor", {}) is not None
 
 
 BROKEN = {
@@ -492,9 +495,9 @@ def test_readings_that_run_away_from_commands_give_their_clock_back(seed: int) -
 
     still = np.zeros((time.size, s.n))
     late = replace(s, time=time, position=still, velocity=still, acceleration=still, drive=asked(time))
-    found = clock.regressor(late, "log", "timing", "actuator", {"apart": 1.0})
+    found = clock.regressor(Site(late, "log", "timing"), "actuator", {"apart": 1.0})
     assert found is not None
     column = found.columns[50:-50, :, 0].ravel()
     consumed = (asked(time) - asked(time / (1.0 + drift)))[50:-50].ravel()
     assert 1e-6 * (column @ consumed) / (column @ column) == pytest.approx(drift, rel=0.03)
-    assert clock.regressor(late, "log", "timing", "actuator", {"apart": 0.0}) is not None
+    assert clock.regressor(Site(late, "log", "timing"), "actuator", {"apart": 0.0}) is not None

@@ -9,6 +9,7 @@ import pytest
 
 from impedance_modules.effects.apply import apply_to_surfaces
 from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect import Site
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import touches
@@ -83,10 +84,11 @@ def test_the_columns_give_the_map_s_error_back(case) -> None:
     signals, beyond, slides = wiped(case)
     assert slides.sum() > 300
     effect, shape = CATALOGUE[case.effect], {}
-    shapes = effect.shapes(signals, case.key, C)
+    site = Site(signals, case.key, C)
+    shapes = effect.shapes(site)
     for _ in range(4):
         shape = effect.next_shape(case.numbers, shape) if shape else dict(shapes[0])
-        found = effect.regressor(signals, case.key, C, "link", shape)
+        found = effect.regressor(site, "link", shape)
         column, target = found.columns[slides, :, 0].ravel(), (beyond - found.fixed)[slides].ravel()
         if case.effect != "surface_friction":
             # Along the surface the friction of a pressure that the map has wrong remains.
@@ -95,7 +97,7 @@ def test_the_columns_give_the_map_s_error_back(case) -> None:
             column = np.einsum("ij,ij->i", normal, found.columns[slides, :, 0])
             target = np.einsum("ij,ij->i", normal, (beyond - found.fixed)[slides])
         size = np.array([column @ target / (column @ column)])
-        values = effect.values(size, shape, signals, case.key, C)
+        values = effect.values(size, shape, site)
         shape = effect.next_shape(values, shape)
     (symbol, true), *_ = case.numbers.items()
     assert values[symbol] == pytest.approx(true, rel=0.03)
@@ -109,5 +111,5 @@ def test_a_true_map_leaves_nothing_and_an_untouched_surface_has_no_columns() -> 
     assert left < 0.03 * np.sqrt(np.mean(felt**2))
     away = Signals(**{**signals.__dict__, "surfaces": (plane(-5.0),)})
     for case in CASES:
-        assert CATALOGUE[case.effect].regressor(away, "surface0", C, "link", {"dh": 0.0}) is None
-        assert CATALOGUE[case.effect].regressor(signals, "surface1", C, "link", {"dh": 0.0}) is None
+        assert CATALOGUE[case.effect].regressor(Site(away, "surface0", C), "link", {"dh": 0.0}) is None
+        assert CATALOGUE[case.effect].regressor(Site(signals, "surface1", C), "link", {"dh": 0.0}) is None

@@ -41,7 +41,8 @@ from impedance_modules.diagnosis.experiment_design.probe_questions import (
 from impedance_modules.diagnosis.regression.candidates import Candidate, columns_of
 from impedance_modules.diagnosis.regression.nuisance_columns import inertia_prior
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import predicted
+from impedance_modules.effects.effect import Site, predicted
+from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.rigid_model import RigidModel
@@ -241,15 +242,9 @@ class _Rows:
         for port in hypothesis.ports:
             if hypothesis.values is not None:
                 blocks: dict[tuple[Residual, int], Array] = {}
+                site = Site(self._signals, hypothesis.key, port)
                 for residual in self._residuals:
-                    torque = predicted(
-                        effect,
-                        self._signals,
-                        hypothesis.key,
-                        port,
-                        residual=residual,
-                        values=hypothesis.values,
-                    )
+                    torque = predicted(effect, site, residual, hypothesis.values)
                     picked = torque[:: self._step]
                     blocks |= {g: picked[:, [g[1]]] for g in self._groups if g[0] == residual}
                 yield self._stack(blocks, 1)[:, 0]
@@ -294,10 +289,10 @@ class _Rows:
                         best = max(best, found, key=lambda item: item.share)
         return best
 
-    def _columns(self, hypothesis: Hypothesis, port: str) -> Iterator[Array]:
+    def _columns(self, hypothesis: Hypothesis, port: Port) -> Iterator[Array]:
         effect = CATALOGUE[hypothesis.effect]
-        candidate = Candidate(effect, port, hypothesis.key, ())  # type: ignore[arg-type]
-        for shape in effect.shapes(self._signals, hypothesis.key, candidate.port):
+        candidate = Candidate(effect, port, hypothesis.key, ())
+        for shape in effect.shapes(candidate.site(self._signals)):
             found = columns_of(candidate, shape, self._signals, self._residuals)
             if found is not None:
                 width = next(iter(found.blocks.values())).shape[1]

@@ -100,9 +100,7 @@ class Plausibility:
         reason = effect.unresolved(term.shaped.shape, self.resolution) or effect.out_of_reach(
             change, spread, self.reach
         )
-        values = effect.values(
-            change, term.shaped.shape, self.signals, term.candidate.key, term.candidate.port
-        )
+        values = effect.values(change, term.shaped.shape, term.candidate.site(self.signals))
         return reason or next(iter(effect.relations(values)), None)
 
     def of_body(self, trial: CandidateTrial) -> bool:
@@ -157,7 +155,7 @@ def _constant_parts_cancel(trial: CandidateTrial, signals: Signals) -> bool:
         for one, coefficients in ((term, trial.in_sample.own), (other, trial.in_sample.beside[start:])):
             own = coefficients[: one.shaped.size] / one.layout.scale
             candidate = one.candidate
-            found = candidate.effect.values(own, one.shaped.shape, signals, candidate.key, candidate.port)
+            found = candidate.effect.values(own, one.shaped.shape, candidate.site(signals))
             read = EFFORT_SIGN[model_fit.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
             sizes.append(read * found[str(candidate.effect.constant_part)])
         if abs(sum(sizes)) < CANCELLED_MAX * max(map(abs, sizes)):

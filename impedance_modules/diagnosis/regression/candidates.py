@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.effects.effect import PAIR, Effect
+from impedance_modules.effects.effect import PAIR, Effect, Site
 from impedance_modules.effects.effect_description import KeyKind, Port
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
@@ -56,6 +56,10 @@ class Candidate:
     def name(self) -> str:
         """For messages."""
         return f"{self.effect.id} on {self.key}"
+
+    def site(self, signals: Signals) -> Site:
+        """Its place in a recording."""
+        return Site(signals, self.key, self.port)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +111,7 @@ def shapes_of(candidate: Candidate, recordings: Sequence[Signals]) -> list[dict[
     if candidate.key in signals.model.joint_names:
         joint = signals.joint(candidate.key)
         signals = max(recordings, key=lambda one: float(np.ptp(one.position[:, joint])))
-    shapes = candidate.effect.shapes(signals, candidate.key, candidate.port)
+    shapes = candidate.effect.shapes(candidate.site(signals))
     return [dict(shape) for shape in shapes if _seen(candidate, shape, signals)]
 
 
@@ -134,7 +138,7 @@ def columns_of(
     blocks: dict[Group, Array] = {}
     fixed, bounds = False, None
     for residual in residuals:
-        found = candidate.effect.regressor(signals, candidate.key, candidate.port, residual, shape)
+        found = candidate.effect.regressor(candidate.site(signals), residual, shape)
         if found is None:
             continue
         bounds = _plausible(candidate, found.lower, found.upper)

@@ -161,13 +161,9 @@ class ShapeRefiner:
         coefficients = model_fit.of(index)
         shape = dict(term.shaped.shape)
         candidate = term.candidate
-        values = candidate.effect.values(
-            np.clip(coefficients, term.shaped.lower, term.shaped.upper),
-            shape,
-            self.prepared[0].signals,
-            candidate.key,
-            candidate.port,
-        )
+        site = candidate.site(self.prepared[0].signals)
+        plausible = np.clip(coefficients, term.shaped.lower, term.shaped.upper)
+        values = candidate.effect.values(plausible, shape, site)
         limited = candidate.effect.next_shape(values, shape)
         if limited == shape:
             told = self._newton(model_fit, term, coefficients * term.layout.scale)
@@ -261,13 +257,13 @@ def estimates(
     """
     term = model_fit.model[index]
     candidate, shape = term.candidate, dict(term.shaped.shape)
-    signals = refiner.prepared[0].signals
+    site = candidate.site(refiner.prepared[0].signals)
     coefficients = np.clip(model_fit.of(index), term.shaped.lower, term.shaped.upper)
     symbols = [symbol for symbol in shape if symbol in candidate.effect.shape]
 
     def values(x: Array) -> dict[str, float]:
         moved = {**shape, **dict(zip(symbols, map(float, x[len(coefficients) :]), strict=True))}
-        return candidate.effect.values(x[: len(coefficients)], moved, signals, candidate.key, candidate.port)
+        return candidate.effect.values(x[: len(coefficients)], moved, site)
 
     point = np.concatenate([coefficients, [shape[symbol] for symbol in symbols]])
     covariance = _covariance(model_fit, refiner, index, symbols)
@@ -350,10 +346,9 @@ def _told(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
     """Whether a parameter of the shape follows from the coefficients, which carry its error then."""
     candidate = model_fit.model[index].candidate
     shape = dict(model_fit.model[index].shaped.shape)
-    signals = refiner.prepared[0].signals
+    site = candidate.site(refiner.prepared[0].signals)
     first, second = (
-        candidate.effect.values(model_fit.of(index) * factor, shape, signals, candidate.key, candidate.port)
-        for factor in (1.0, 1.01)
+        candidate.effect.values(model_fit.of(index) * factor, shape, site) for factor in (1.0, 1.01)
     )
     return any(first.get(s) != second.get(s) for s in shape)
 

@@ -28,7 +28,7 @@ from impedance_modules.diagnosis.data.time_base import delayed
 from impedance_modules.diagnosis.residuals.band import Band, thin, thin_mask
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
-from impedance_modules.effects.effect import predicted
+from impedance_modules.effects.effect import Site, predicted
 from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual
@@ -188,7 +188,7 @@ def _effect_torque(known_effects: Sequence[EffectSpec], signals: Signals, residu
             values = {symbol: quantity.value for symbol, quantity in symbols.items()}
             port = cast("Port", spec.port)
             if all(joint in signals.model.joint_names for joint in spec.joints):
-                total += predicted(effect, signals, key, port, residual=residual, values=values)
+                total += predicted(effect, Site(signals, key, port), residual, values)
     return total
 
 
