@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whatever the robot, the solver or the user does: nothing unsafe leaves, and the end says why.
 
-A scripted robot goes through supervisor and loop. It obeys a crude law of its own, so that torques matter, and
-fails on cue. After every run the same promises are checked: every torque finite and within the limits, none after the
-ending, ``finish`` called once, a reason in the messages.
+A scripted robot goes through supervisor and loop. It obeys a crude law of its own, so that torques matter, and fails
+when told to. After every run the same is checked: every torque finite and within the limits, none after the ending,
+``finish`` called once, a reason in the messages.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
+from itertools import count as count_from
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -39,19 +40,21 @@ phases:
 """
 
 
-@cache
-def assembly_of(folder: Path, until: str = "") -> Assembly:
-    path = folder / f"scripted{len(until)}.yaml"
+def assembly_of(path: Path, until: str = "") -> Assembly:
     path.write_text(TASK.replace("UNTIL", until))
     return assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
 
 
 @pytest.fixture(scope="module")
 def assembly(tmp_path_factory) -> Assembly:
-    return assembly_of(tmp_path_factory.mktemp("scripted"))
+    return assembly_of(tmp_path_factory.mktemp("scripted") / "task.yaml")
 
 
 Script = Callable[[RobotState, int], RobotState | None]
+
+
+def sound(state: RobotState, k: int) -> RobotState:
+    return state
 
 
 @dataclass
@@ -59,8 +62,7 @@ class ScriptedRobot:
     """Rigid joints that creep where they are pushed; ``script`` changes what it reports, cycle by cycle."""
 
     assembly: Assembly
-    script: Script = lambda state, k: state
-    speed: float = 0.002
+    script: Script = sound
     sent: list[tuple[int, np.ndarray]] = field(default_factory=list)
     finished: list[str] = field(default_factory=list)
     reads: int = 0
@@ -78,7 +80,7 @@ class ScriptedRobot:
     def read(self) -> RobotState | None:
         assert not self.finished, "read after finish"
         self.reads += 1
-        self.v = np.clip(self.speed * self.command, -0.3, 0.3)
+        self.v = np.clip(0.002 * self.command, -0.3, 0.3)
         self.q = self.q + self.assembly.period * self.v
         return self.script(self._state(), self.reads)
 
@@ -91,11 +93,10 @@ class ScriptedRobot:
         self.finished.append(how)
 
 
-@dataclass
-class Outcome:
+class Outcome(NamedTuple):
     robot: ScriptedRobot
     supervisor: Supervisor
-    rows: list[tuple[float, np.ndarray, bool]]
+    cycles: list[int]
 
     @property
     def said(self) -> str:
@@ -104,7 +105,7 @@ class Outcome:
 
 def run(
     assembly: Assembly,
-    script: Script = lambda state, k: state,
+    script: Script = sound,
     *,
     tamper: Callable[[Supervisor], None] = lambda supervisor: None,
     on_cycle: Callable[[int], None] = lambda k: None,
@@ -115,36 +116,25 @@ def run(
 ) -> Outcome:
     """Runs the task on a scripted robot and checks what must always hold."""
     robot = ScriptedRobot(assembly, script) if robot is None else robot
-    supervisor = Supervisor(assembly)
+    supervisor, cycles = Supervisor(assembly), []
     supervisor.controller.warm()
     first = robot.start()
     supervisor.start(first)
     tamper(supervisor)
-    rows: list[tuple[float, np.ndarray, bool]] = []
 
-    def record(state: RobotState, effort: np.ndarray, late: bool, asked: bool) -> None:
-        rows.append((state.time, effort.copy(), late))
-        on_cycle(len(rows))
+    def record(*_: object) -> None:
+        cycles.append(robot.reads)
+        on_cycle(len(cycles))
 
-    outcome = Outcome(robot, supervisor, rows)
+    options = {"duration": duration, "paced": paced, "read_only": False}
     try:
-        run_loop(
-            supervisor,
-            robot,
-            first.state,
-            record,
-            interrupt or Interrupt(),
-            duration=duration,
-            paced=paced,
-            read_only=False,
-        )
+        run_loop(supervisor, robot, first.state, record, interrupt or Interrupt(), **options)
     finally:
-        check_promises(outcome)
-    return outcome
+        check_safety(robot, supervisor)
+    return Outcome(robot, supervisor, cycles)
 
 
-def check_promises(outcome: Outcome) -> None:
-    robot, supervisor = outcome.robot, outcome.supervisor
+def check_safety(robot: ScriptedRobot, supervisor: Supervisor) -> None:
     limit = robot.assembly.limits.effort_max
     for _, effort in robot.sent:
         assert np.isfinite(effort).all()
@@ -172,15 +162,25 @@ def test_task_that_nothing_disturbs_is_done(assembly: Assembly) -> None:
     assert "phase 'move' ended" in outcome.said
 
 
+def from_cycle(first: int, change: Script, last: float = np.inf) -> Script:
+    return lambda state, k: change(state, k) if first <= k <= last else state
+
+
+def with_entry(name: str, joint: int, value: float) -> Script:
+    """A state with one entry replaced."""
+
+    def script(state: RobotState, k: int) -> RobotState:
+        values = getattr(state, name).copy()
+        values[joint] = value
+        return replace(state, **{name: values})
+
+    return script
+
+
 @pytest.mark.parametrize("name", ["position", "velocity", "effort"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_state_that_is_not_finite_stops(assembly: Assembly, name: str, bad: float) -> None:
-    def script(state: RobotState, k: int) -> RobotState:
-        values = getattr(state, name).copy()
-        values[3] = bad
-        return replace(state, **{name: values}) if k >= 100 else state
-
-    outcome = run(assembly, script)
+    outcome = run(assembly, from_cycle(100, with_entry(name, 3, bad)))
     stopped(outcome, "state not finite")
     braking = [effort for at, effort in outcome.robot.sent if at >= 100]
     assert 1 <= len(braking) <= 30
@@ -189,11 +189,7 @@ def test_state_that_is_not_finite_stops(assembly: Assembly, name: str, bad: floa
 
 
 def test_one_bad_state_is_enough_and_the_arm_brakes_on_the_sound_ones_after_it(assembly: Assembly) -> None:
-    def script(state: RobotState, k: int) -> RobotState:
-        return replace(state, velocity=np.full_like(state.velocity, np.nan)) if k == 50 else state
-
-    outcome = run(assembly, script)
-    stopped(outcome, "state not finite")
+    stopped(run(assembly, from_cycle(50, with_entry("velocity", 3, np.nan), last=50)), "state not finite")
 
 
 @pytest.mark.parametrize("frozen", [False, True])
@@ -202,14 +198,12 @@ def test_state_that_stays_away_or_stands_still_stops(assembly: Assembly, frozen:
 
     def script(state: RobotState, k: int) -> RobotState | None:
         kept.append(state)
-        if k < 100:
-            return state
-        return kept[98] if frozen else None
+        return state if k < 100 else kept[98] if frozen else None
 
     outcome = run(assembly, script)
     stopped(outcome, "no state for")
     assert outcome.robot.reads < 100 + 60
-    assert len(outcome.rows) <= 101
+    assert len(outcome.cycles) <= 101
 
 
 def test_single_missing_states_are_booked_and_survived(assembly: Assembly) -> None:
@@ -220,16 +214,17 @@ def test_single_missing_states_are_booked_and_survived(assembly: Assembly) -> No
 
 
 def test_motor_faster_than_declared_stops(assembly: Assembly) -> None:
-    jump = 3.0 * assembly.limits.velocity_max[2] * assembly.period
-
-    def script(state: RobotState, k: int) -> RobotState:
-        q = state.position.copy()
-        q[2] += jump * (k >= 60)
-        return replace(state, position=q)
-
-    outcome = run(assembly, script)
+    jump = np.zeros(assembly.model.n)
+    jump[2] = 3.0 * assembly.limits.velocity_max[2] * assembly.period
+    outcome = run(assembly, from_cycle(60, lambda state, k: replace(state, position=state.position + jump)))
     stopped(outcome, "overspeed")
     assert assembly.model.joint_names[2] in outcome.supervisor.reason
+
+
+def lasting(assembly: Assembly, seconds: float) -> Assembly:
+    """The task with its first phase alone, for so long."""
+    first = replace(assembly.task.phases[0], duration=seconds)
+    return replace(assembly, task=replace(assembly.task, phases=(first,)))
 
 
 def test_joint_beyond_its_range_stops(assembly: Assembly) -> None:
@@ -237,17 +232,11 @@ def test_joint_beyond_its_range_stops(assembly: Assembly) -> None:
     creep = 0.5 * assembly.limits.velocity_max[1] * assembly.period
 
     def script(state: RobotState, k: int) -> RobotState:
-        q = state.position.copy()
-        q[1] = min(q[1] + creep * k, high)
-        return replace(state, position=q)
+        return with_entry("position", 1, min(state.position[1] + creep * k, high))(state, k)
 
-    needed = int((high - assembly.modules.posture[1]) / creep) + 10
-    long = replace(
-        assembly, task=replace(assembly.task, phases=(replace(assembly.task.phases[0], duration=60.0),))
-    )
-    outcome = run(long, script)
+    outcome = run(lasting(assembly, 60.0), script)
     assert outcome.supervisor.ending is Ending.STOPPED
-    assert outcome.robot.reads <= needed
+    assert outcome.robot.reads <= int((high - assembly.modules.posture[1]) / creep) + 10
     assert "position limit" in outcome.supervisor.reason or "tank starved" in outcome.supervisor.reason
 
 
@@ -261,25 +250,20 @@ class BrokenSolver:
         return self.answer
 
 
-def test_solver_that_fails_stops(assembly: Assembly) -> None:
+def not_finite(n: int) -> FilterSolution:
+    one = np.zeros(1)
+    return FilterSolution(np.full(n, np.nan), one, np.zeros(n), one.astype(bool), 1, True, "optimal")
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [(lambda n: failed("iteration limit", 1000), "iteration limit"), (not_finite, "effort not finite")],
+)
+def test_solver_that_fails_or_answers_nonsense_stops(assembly: Assembly, answer, reason: str) -> None:
     def tamper(supervisor: Supervisor) -> None:
-        supervisor.controller.solver = BrokenSolver(failed("iteration limit", 1000))
+        supervisor.controller.solver = BrokenSolver(answer(assembly.model.n))
 
-    outcome = run(assembly, tamper=tamper)
-    stopped(outcome, "iteration limit")
-
-
-def test_solver_that_answers_nonsense_stops(assembly: Assembly) -> None:
-    n, m = assembly.model.n, 1
-    nonsense = FilterSolution(
-        np.full(n, np.nan), np.zeros(m), np.zeros(n), np.zeros(m, bool), 1, True, "optimal"
-    )
-
-    def tamper(supervisor: Supervisor) -> None:
-        supervisor.controller.solver = BrokenSolver(nonsense)
-
-    outcome = run(assembly, tamper=tamper)
-    stopped(outcome, "effort not finite")
+    stopped(run(assembly, tamper=tamper), reason)
 
 
 def test_late_torques_never_leave_and_many_of_them_stop(assembly: Assembly) -> None:
@@ -287,12 +271,11 @@ def test_late_torques_never_leave_and_many_of_them_stop(assembly: Assembly) -> N
     late: set[int] = set()
 
     def tamper(supervisor: Supervisor) -> None:
-        tick, count = supervisor.controller.tick, [0]
+        tick, count = supervisor.controller.tick, count_from(1)
 
         def slow(state: RobotState) -> int:
-            status = tick(state)
-            count[0] += 1
-            if count[0] in {20, 40} or count[0] >= 60:
+            status, k = tick(state), next(count)
+            if k in {20, 40} or k >= 60:
                 late.add(round(state.time / assembly.period))
                 time.sleep(1.5 * assembly.period)
             return status
@@ -323,43 +306,38 @@ def test_time_given_to_a_run_ends_it_like_an_interrupt(assembly: Assembly) -> No
     assert "time given to the run is over" in outcome.supervisor.reason
 
 
-def test_condition_not_met_stops_with_the_phase_in_the_reason(tmp_path_factory) -> None:
-    assembly = assembly_of(tmp_path_factory.mktemp("until"), ", until: {contact: {force: 500}}")
+def test_condition_not_met_stops_with_the_phase_in_the_reason(tmp_path: Path) -> None:
+    assembly = assembly_of(tmp_path / "task.yaml", ", until: {contact: {force: 500}}")
     stopped(run(assembly), "phase 'wait': no contact within its 0.3 s")
 
 
 def test_tank_that_something_drains_stops(assembly: Assembly) -> None:
-    poor = replace(assembly, tank=replace(assembly.tank, initial=0.25))
-    long = replace(poor.task, phases=(replace(poor.task.phases[0], duration=20.0),))
-    drained = ScriptedRobot(replace(poor, task=long))
+    poor = lasting(replace(assembly, tank=replace(assembly.tank, initial=0.25)), 20.0)
+    robot, step = ScriptedRobot(poor), 0.5 * poor.limits.velocity_max * poor.period
 
-    def thief(state: RobotState, k: int) -> RobotState:
+    def follow(state: RobotState, k: int) -> RobotState:
         # The arm runs where the torque pushes it, at a good part of the declared speed.
-        drained.q = drained.q + 0.5 * poor.limits.velocity_max * poor.period * np.sign(drained.command)
-        return replace(state, position=drained.q.copy())
+        robot.q = robot.q + step * np.sign(robot.command)
+        return replace(state, position=robot.q.copy())
 
-    drained.script = thief
-    outcome = run(drained.assembly, robot=drained)
+    robot.script = follow
+    outcome = run(poor, robot=robot)
     assert outcome.supervisor.ending is Ending.STOPPED
     assert "tank" in outcome.supervisor.reason
     assert outcome.supervisor.controller.tank.level >= -1e-9
 
 
 def test_recording_that_ends_holds_and_says_so(assembly: Assembly) -> None:
-    def script(state: RobotState, k: int) -> RobotState:
-        if k == 30:
-            raise EndOfRecording("the recording ends after 30 samples")
-        return state
+    def end(state: RobotState, k: int) -> RobotState:
+        raise EndOfRecording("the recording ends after 30 samples")
 
-    outcome = run(assembly, script)
+    outcome = run(assembly, from_cycle(30, end))
     assert outcome.supervisor.ending is None
     assert "the recording ends" in outcome.said
 
 
 @pytest.mark.parametrize("where", ["recorder", "robot", "law"])
 def test_exceptions_anywhere_still_hold_the_robot(assembly: Assembly, where: str) -> None:
-    robots: list[ScriptedRobot] = [ScriptedRobot(assembly)]
-
     def fail(*_: object) -> None:
         raise OSError(f"the {where} broke")
 
@@ -367,28 +345,20 @@ def test_exceptions_anywhere_still_hold_the_robot(assembly: Assembly, where: str
         if where == "recorder" and k == 40:
             fail()
 
-    def script(state: RobotState, k: int) -> RobotState:
-        if where == "robot" and k == 40:
-            fail()
-        return state
-
     def tamper(supervisor: Supervisor) -> None:
         if where == "law":
             supervisor.controller.distances.update = fail
 
-    robots[0].script = script
+    robot = ScriptedRobot(assembly, from_cycle(40, fail) if where == "robot" else sound)
     with pytest.raises(OSError, match="broke"):
-        run(assembly, on_cycle=on_cycle, tamper=tamper, robot=robots[0])
-    assert robots[0].finished == ["hold"]
+        run(assembly, on_cycle=on_cycle, tamper=tamper, robot=robot)
+    assert robot.finished == ["hold"]
 
 
 def test_first_state_that_is_not_finite_is_refused(assembly: Assembly) -> None:
-    n = assembly.model.n
-    supervisor = Supervisor(assembly)
+    still = np.zeros(assembly.model.n)
     with pytest.raises(SafetyStop, match="not finite"):
-        supervisor.start(
-            FirstState(RobotState(0.0, np.full(n, np.nan), np.zeros(n), np.zeros(n)), np.zeros(n))
-        )
+        Supervisor(assembly).start(FirstState(RobotState(0.0, still + np.nan, still, still), still))
 
 
 def test_stop_after_the_law_has_run_books_the_interval_once(assembly: Assembly) -> None:
@@ -396,17 +366,14 @@ def test_stop_after_the_law_has_run_books_the_interval_once(assembly: Assembly) 
     seen: list[np.ndarray] = []
 
     def tamper(supervisor: Supervisor) -> None:
-        controller, count = supervisor.controller, [0]
-        tick = controller.tick
+        controller, count = supervisor.controller, count_from(1)
+        tick, brake = controller.tick, controller.brake
 
         def counted(state: RobotState) -> int:
-            count[0] += 1
-            if count[0] == 5:
+            if next(count) == 5:
                 seen.append(controller.tank.pending.copy())
                 controller.solver = BrokenSolver(failed("on purpose", 1))
             return tick(state)
-
-        brake = controller.brake
 
         def braking(state: RobotState | None, effort: np.ndarray) -> int:
             status = brake(state, effort)
@@ -415,9 +382,7 @@ def test_stop_after_the_law_has_run_books_the_interval_once(assembly: Assembly) 
 
         controller.tick, controller.brake = counted, braking
 
-    robot = ScriptedRobot(assembly)
     # A moving robot, so that the stop takes more than a cycle.
-    robot.script = lambda state, k: replace(state, velocity=np.full_like(state.velocity, 0.2))
-    run(assembly, tamper=tamper, robot=robot)
-    before, after = seen[0], seen[1]
+    run(assembly, lambda state, k: replace(state, velocity=np.full_like(state.velocity, 0.2)), tamper=tamper)
+    before, after = seen[:2]
     assert np.array_equal(after[:-1], before[1:])
