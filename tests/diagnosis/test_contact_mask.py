@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Phases of contact are masked by the diagnosis, all other samples are used."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -29,10 +27,10 @@ def test_a_phase_of_contact_marks_its_times_and_no_others(name: str) -> None:
     for start in random.integers(0, 350, 3):
         inside[start : start + 40] = True
     phase = np.where(inside, name, "free").astype(object)
-    marks = in_contact(SimpleNamespace(phase=phase, time=time, metadata={}), time)
-    np.testing.assert_array_equal(marks, inside)
+    episode = SimpleNamespace(phase=phase, time=time, metadata={})
+    np.testing.assert_array_equal(in_contact(episode, time), inside)
     even = np.linspace(time[0], time[-1], 777)
-    off = in_contact(SimpleNamespace(phase=phase, time=time, metadata={}), even)
+    off = in_contact(episode, even)
     # A resampled instant lies within one sample of an instant with its mark.
     near = np.abs(time[None] - even[:, None]) <= 0.0121
     assert all(mark in inside[row] for mark, row in zip(off, near, strict=True))

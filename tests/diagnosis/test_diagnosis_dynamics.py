@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Laws of the diagnosis's own inverse dynamics: equal to pinocchio's, linear in inertia, with a symmetric M."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,23 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The weak noise floor: what a flexible model leaves of noise is the noise, however many columns it has."""
-
-from __future__ import annotations
+"""Noise of recordings: beside a flexible model, beside a knock, and of sensors that are noisier than others."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.regression import noise_floor as judged
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor
+from impedance_modules.diagnosis.regression.noise_floor import Left, fit_robustly
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
-from impedance_modules.diagnosis.regression.sensor_noise import read_noise
+from impedance_modules.diagnosis.regression.sensor_noise import (
+    SENSOR_NOISE_RATIO,
+    _sensor_noise_ratio,
+    read_noise,
+)
 
 GROUP = ("link", 0)
 SIZE = 0.3
+RATE = 50.0
+TIME = np.arange(0.0, 28.0, 1.0 / RATE)
+FLEXIBLE = np.column_stack([np.sin(k * TIME) for k in range(1, 30)] + [np.cos(k * TIME) for k in range(30)])
 
 
-def floor_of(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> float:
+def floor_of(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch) -> float:
     """Weak floor of one recording's residual beside columns, its positions' noise made up."""
     monkeypatch.setattr(judged, "read_noise", lambda _: None)
     monkeypatch.setattr(judged, "differentiated", lambda *_: SimpleNamespace(of=lambda _: made))
@@ -28,21 +36,15 @@ def floor_of(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch: py
 
 
 @pytest.mark.parametrize("columns", [5, 60, 300])
-def test_noise_is_judged_alike_by_few_and_by_many_columns(
-    columns: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_noise_is_judged_alike_by_few_and_by_many_columns(columns: int, monkeypatch) -> None:
     """82 samples of one short run were once explained by 150 columns, and the floor was a third of the noise."""
     random = np.random.default_rng(columns)
-    found = [
-        floor_of(
-            random.normal(scale=SIZE, size=82), random.normal(size=(82, columns)), np.zeros(82), monkeypatch
-        )
-        for _ in range(20)
-    ]
+    drawn = [(random.normal(scale=SIZE, size=82), random.normal(size=(82, columns))) for _ in range(20)]
+    found = [floor_of(noise, X, np.zeros(82), monkeypatch) for noise, X in drawn]
     assert np.median(found) == pytest.approx(SIZE, rel=0.25)
 
 
-def test_a_column_that_holds_the_noise_does_not_hide_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_column_that_holds_the_noise_does_not_hide_it(monkeypatch) -> None:
     """An acceleration is differentiated noise, and so is the residual: an inertia's column would take it all."""
     random = np.random.default_rng(7)
     noise, other = random.normal(scale=SIZE, size=(2, 400))
@@ -56,3 +58,74 @@ def test_position_noise_is_read_beside_motion() -> None:
     motion = 0.5 * np.sin(2.0 * np.pi * np.outer(time, [0.4, 3.0]))
     item = SimpleNamespace(log=SimpleNamespace(position=motion + 1e-5 * random.normal(size=motion.shape)))
     np.testing.assert_allclose(read_noise(item), 1e-5, rtol=0.15)
+
+
+def recorded_knock(seed: int, knock: float):
+    """Noise of one and a knock of half a second, seen through a flexible model; two recordings."""
+    y = np.random.default_rng(seed).standard_normal(len(TIME))
+    y[np.abs(TIME - 9.0) < 0.25] += knock
+
+    def fit(weights: np.ndarray | None) -> Left:
+        root = np.ones(len(y)) if weights is None else np.sqrt(weights)
+        solution = np.linalg.lstsq(FLEXIBLE * root[:, None], y * root, rcond=None)[0]
+        return list(np.split(y - FLEXIBLE @ solution, 2)), float(FLEXIBLE.shape[1])
+
+    return fit_robustly(fit, RATE)
+
+
+def power(left: Left) -> float:
+    every = np.concatenate(left[0])
+    return float(every @ every) / (len(every) - left[1])
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10_000), st.floats(25.0, 500.0))
+def test_a_knock_does_not_raise_the_noise(seed: int, knock: float) -> None:
+    found = recorded_knock(seed, knock)
+    assert found.disturbed
+    assert 0.6 < power(found.robust) < 1.5 < power(found.ordinary)
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10_000))
+def test_noise_alone_is_no_knock(seed: int) -> None:
+    found = recorded_knock(seed, 0.0)
+    assert not found.disturbed
+    assert 0.7 < power(found.ordinary) < 1.4
+
+
+def test_what_is_large_for_long_is_no_knock() -> None:
+    y = np.random.default_rng(5).standard_normal(len(TIME)) * np.where(np.sin(TIME) > 0.7, 40.0, 1.0)
+    found = fit_robustly(lambda weights: (list(np.split(y, 2)), 0.0), RATE)
+    assert not found.disturbed
+    assert found.robust is found.ordinary
+
+
+def _recordings(*sizes: float, effort: bool = True) -> list[SimpleNamespace]:
+    """Two joints that carry a slow load; noise of some size on the first one's sensor, of size one on the other's."""
+    random = np.random.default_rng(7)
+    time = np.arange(1500) / 100.0
+    out = []
+    for size in sizes:
+        load = np.column_stack([20.0 * np.sin(time), 5.0 * np.cos(3.0 * time)])
+        noise = random.standard_normal(load.shape) * [size, 1.0]
+        log = SimpleNamespace(effort=load + noise if effort else None)
+        out.append(SimpleNamespace(log=log, signals=SimpleNamespace(n=2)))
+    return out
+
+
+@pytest.mark.parametrize("size", [1.5, 2.0, 3.0])
+def test_noisier_sensors_are_known_by_their_noise_beyond_the_motion(size: float) -> None:
+    power = _sensor_noise_ratio(_recordings(1.0, 1.0, size), [(1, 0)])
+    np.testing.assert_allclose(power[2], [size**2, 1.0], rtol=0.25)
+    np.testing.assert_allclose(power[:2], 1.0)
+
+
+def test_chance_is_no_noisier_sensor_and_the_ratio_has_an_end() -> None:
+    power = _sensor_noise_ratio(_recordings(1.0, 1.0, 1.0, 0.5, 50.0), [(1, 0)])
+    np.testing.assert_allclose(power[:4], 1.0)
+    assert power[4, 0] == SENSOR_NOISE_RATIO[1]
+
+
+def test_without_a_measured_torque_all_recordings_are_alike() -> None:
+    np.testing.assert_allclose(_sensor_noise_ratio(_recordings(1.0, 9.0, effort=False), [(1, 0)]), 1.0)

@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The proposed motion answers what a diagnosis left open, keeps every limit, and is a task that passes `check`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from impedance_modules.cli.probe_verb import _write
-from impedance_modules.cli.probe_verb import probe_command as command
 from impedance_modules.control.assembly import assemble
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
@@ -37,12 +33,14 @@ from impedance_modules.diagnosis.experiment_design.separation import (
     SeparationPredictor,
     spring_stiffness,
 )
-from impedance_modules.errors import BadInput
 from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.spec.robot_reader import read_robot
+from tests.support.commands import refusal
 from tests.support.paths import TESTS
 
 ROBOT = TESTS / "robots" / "six_joint_pair"
+SPEC = read_robot(ROBOT)
+MODEL = model_of_spec(SPEC, list(SPEC.joints))
 JOINT = "port_lift"
 PAIRS = [
     ("coulomb_friction", "link", {"fc": (1.5, "N.m")}, "viscous_friction"),
@@ -53,41 +51,31 @@ PAIRS = [
 
 def answer(effect: str, port: str, numbers: dict[str, tuple[float, str]], rival: str) -> dict[str, object]:
     """An ambiguous diagnosis as `diagnose --json` writes it, reduced to what must be there."""
-    spec = read_robot(ROBOT)
-    gaps = [
-        {
-            "joint": joint,
-            "residual": residual,
-            "before": 1.0,
-            "after": 0.1,
-            "noise_floor": 0.1,
-            "unit": "N.m",
-            "shrink": None,
-        }
-        for joint in spec.joints
-        for residual in (("whole",) if port == "actuator" else ("actuator", "link"))
-    ]
+    residuals = ("whole",) if port == "actuator" else ("actuator", "link")
+    sizes = {"before": 1.0, "after": 0.1, "noise_floor": 0.1, "unit": "N.m", "shrink": None}
+    gaps = [{"joint": joint, "residual": name, **sizes} for joint in SPEC.joints for name in residuals]
     parameters = {symbol: {"value": v, "std": 0.1, "unit": unit} for symbol, (v, unit) in numbers.items()}
+    cause = {
+        "effect": effect,
+        "joints": [JOINT],
+        "port": port,
+        "weight": 0.9,
+        "parameters": {JOINT: parameters},
+    }
     return {
         "gap": {"per_port": gaps},
         "data": {"episodes": [], "heldout": []},
-        "causes": [
-            {
-                "effect": effect,
-                "joints": [JOINT],
-                "port": port,
-                "weight": 0.9,
-                "parameters": {JOINT: parameters},
-                "equivalent": [{"effect": rival, "joints": [JOINT]}],
-            }
-        ],
+        "causes": [{**cause, "equivalent": [{"effect": rival, "joints": [JOINT]}]}],
         "next_motion": {"purpose": "", "joints": [JOINT], "excitation": "", "start": {JOINT: 0.3}},
     }
 
 
 def proposed(pair: int) -> Probe:
-    spec = read_robot(ROBOT)
-    return propose_probe(answer(*PAIRS[pair]), model_of_spec(spec, list(spec.joints)), spec.urdf, spec)
+    return propose_probe(answer(*PAIRS[pair]), MODEL, SPEC.urdf, SPEC)
+
+
+def predictor_of(model, rigid, start) -> MotionPredictor:
+    return MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
 
 
 @pytest.mark.parametrize("pair", range(len(PAIRS)))
@@ -97,33 +85,28 @@ def test_the_proposal_answers_and_is_safe(pair: int) -> None:
     assert expected.separation.chi_square >= CHI_SQUARE
     assert expected.separation.share >= SHARE_PERHAPS
     assert probe.proposal.motion.duration < 80.0
-    spec = read_robot(ROBOT)
     joints = probe.predictor.model.joints
     signals = probe.predictor.record(probe.proposal.motion)
-    drives = [spec.joints[name] for name in joints]
+    drives = [SPEC.joints[name] for name in joints]
     assert np.all(signals.position < [drive.position_max for drive in drives])
     assert np.all(signals.position > [drive.position_min for drive in drives])
     assert np.all(np.abs(signals.velocity) < [drive.velocity_max for drive in drives])
     assert np.all(np.abs(signals.drive) < [drive.effort_max for drive in drives])
-    assert Clearance(spec, joints).nearest(signals.position[::5])[0] > spec.collision.margin
+    assert Clearance(SPEC, joints).nearest(signals.position[::5])[0] > SPEC.collision.margin
     assert np.allclose(signals.position[-1], probe.predictor.start, atol=0.02)
 
 
 def test_one_pose_cannot_separate_an_offset_from_a_spring() -> None:
-    spec = read_robot(ROBOT)
-    model = model_of_spec(spec, list(spec.joints))
-    request = request_of_diagnosis(answer(*PAIRS[1]), model.tree)
-    room = limits_of_robot(spec, model.joints)
+    request = request_of_diagnosis(answer(*PAIRS[1]), MODEL.tree)
+    room = limits_of_robot(SPEC, MODEL.joints)
     start = 0.5 * (room.lower + room.upper)
-    rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
-    predictor = MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
-    index, shares = model.joints.index(JOINT), []
+    predictor = predictor_of(MODEL, BatchedRigidModel.of_tree(SPEC.urdf, MODEL.tree), start)
+    index, shares = MODEL.joints.index(JOINT), []
     for way in (0.01, 0.5):
         there, back = start[index] + way, start[index] - way
         strokes = tuple(Stroke({index: float(place)}, 1.5) for place in (there, back, there, back))
-        found = SeparationPredictor(request, model).separate(
-            predictor.record(ProbeMotion(start, strokes, ())), request.questions
-        )
+        signals = predictor.record(ProbeMotion(start, strokes, ()))
+        found = SeparationPredictor(request, MODEL).separate(signals, request.questions)
         shares.append(found[0].chi_square)
     assert shares[0] < CHI_SQUARE < shares[1]
 
@@ -143,7 +126,7 @@ def test_the_joints_follow_as_predicted_by_their_own_equation() -> None:
 
 
 def test_the_task_passes_check(tmp_path: Path) -> None:
-    _write(proposed(0), read_robot(ROBOT), tmp_path)
+    _write(proposed(0), SPEC, tmp_path)
     assembly = assemble(str(tmp_path / "probe.yaml"), effects=None, rate=None, scale=1.0, arm=None)
     refuse_infeasible(assembly)
     assert json.loads((tmp_path / "probe.json").read_text())["questions"][0]["answered"]
@@ -152,9 +135,7 @@ def test_the_task_passes_check(tmp_path: Path) -> None:
 def test_a_wrong_diagnosis_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "d.json"
     path.write_text(json.dumps({"format": 1}))
-    result = CliRunner().invoke(command, [str(path), "--robot", str(ROBOT), "--out", str(tmp_path / "out")])
-    assert isinstance(result.exception, BadInput)
-    assert "required" in str(result.exception)
+    assert "required" in refusal("probe", path, "--robot", ROBOT, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -165,7 +146,7 @@ def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
     room, clearance = limits_of_robot(spec, model.joints), Clearance(spec, model.joints)
     rigid = BatchedRigidModel.of_tree(spec.urdf, model.tree)
     start = choose_start(room, {}, clearance, rigid.weight)
-    predictor = MotionPredictor(model, rigid, start, spring_stiffness(model, start), "joint_sensor")
+    predictor = predictor_of(model, rigid, start)
     search = ProbeSearch(general_request(model.joints, {}), predictor, room, clearance)
     heaviest = int(np.argmax(np.abs(rigid.weight(start[None])[0]) / room.effort))
     safe = [
@@ -177,14 +158,8 @@ def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
 
 
 def test_a_rival_of_bodies_is_a_question_about_its_link_and_minor_causes_are_none() -> None:
-    spec = read_robot(ROBOT)
-    tree = model_of_spec(spec, list(spec.joints)).tree
     open_one = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
-    slight = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
-    slight["causes"][0]["weight"] = 0.001  # type: ignore[index]
-    assert [question.second.key for question in request_of_diagnosis(open_one, tree).questions] == [
-        "port_upper_arm"
-    ]
-    assert all(
-        question.second.effect != "payload" for question in request_of_diagnosis(slight, tree).questions
-    )
+    slight = {**open_one, "causes": [{**open_one["causes"][0], "weight": 0.001}]}
+    asked, minor = (request_of_diagnosis(found, MODEL.tree).questions for found in (open_one, slight))
+    assert [question.second.key for question in asked] == ["port_upper_arm"]
+    assert all(question.second.effect != "payload" for question in minor)

@@ -4,17 +4,14 @@
 The recordings are not part of the project: without them beside the checkout these tests are skipped, and say so.
 """
 
-from __future__ import annotations
-
 import json
 
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from impedance_modules.cli.main import impedance
 from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import can_exist
+from tests.support.commands import invoke
 from tests.support.paths import CHECKOUT, TESTS
 
 MAPS = TESTS / "maps"
@@ -31,9 +28,7 @@ FEW = ("Random", "sin_XYZ_10s_T2_5_Tz_4T_r15", "sin_XYZ_15s_T2_5_Tz_6T_r18")
 
 def call(*words):
     """Exit code of the command line; what it said is shown where a test fails."""
-    result = CliRunner().invoke(
-        impedance, [str(word) for word in words], standalone_mode=False, catch_exceptions=False
-    )
+    result = invoke(*words)
     print(result.output)
     return result.return_value
 
@@ -88,9 +83,8 @@ def test_emps_gives_the_published_friction_in_newtons(tmp_path):
     assert gap["unit"] == "N" and gap["before"] > 35.0 and gap["after"] < 2.0
     viscous, one_way = values_of(answer, "viscous_friction"), values_of(answer, "asymmetric_friction")
     assert within(viscous["carriage"]["fv"], 203.5) and viscous["carriage"]["fv"][2] == "N.s/m"
-    assert (
-        within(one_way["carriage"]["dv"], 0.5 * (166.7 - 240.4)) and one_way["carriage"]["dv"][2] == "N.s/m"
-    )
+    assert within(one_way["carriage"]["dv"], 0.5 * (166.7 - 240.4))
+    assert one_way["carriage"]["dv"][2] == "N.s/m"
     sticking = values_of(answer, "hysteresis").get("carriage", {"fc": (0.0, 0.0, "N")})
     dry = one_way["carriage"]["fc"][0] + sticking["fc"][0]
     assert dry == pytest.approx(20.39, rel=0.05) and one_way["carriage"]["fc"][2] == "N"
