@@ -8,13 +8,12 @@ import pytest
 
 from impedance_modules.control.assembly import assemble
 from impedance_modules.control.contact_detection import ContactJudge, ContactLoss
-from impedance_modules.control.controller import Controller
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.spec.task import ContactCondition
 from tests.support.paths import TESTS
 
 TASK = TESTS / "data" / "press-box.yaml"
-PRESS, GRAVITY = 12.0, 9.81
+PRESS = 12.0
 
 
 @pytest.fixture(scope="module")
@@ -22,67 +21,59 @@ def supervisor() -> Supervisor:
     return Supervisor(assemble(str(TASK), effects=None, rate=None, scale=1.0, arm=None))
 
 
-def _feel(supervisor: Supervisor, mass: float, table: float, squeeze: float) -> None:
-    """Two hands share an object's weight and a table's push, and feel the squeeze."""
-    wrench = np.zeros_like(supervisor.hand_wrenches.wrench)
-    wrench[:, 2] = 0.5 * (table - mass * GRAVITY)
-    wrench[:, 1] = [-squeeze, squeeze]
-    supervisor.hand_wrenches.wrench[:] = wrench
+def weight(supervisor: Supervisor) -> float:
+    return 9.81 * supervisor.controller.modules.held.spec.mass
+
+
+def feel(supervisor: Supervisor, table: float) -> None:
+    """Two hands share an object's weight and a table's push, and feel the squeeze of 15 N."""
+    wrench = supervisor.hand_wrenches.wrench
+    wrench[:] = 0.0
+    wrench[:, 2] = 0.5 * (table - weight(supervisor))
+    wrench[:, 1] = [-15.0, 15.0]
+
+
+def judge_of(supervisor: Supervisor, time: float, *, present: bool = True) -> ContactJudge:
+    condition = ContactCondition(present=present, force=8.0, time=time, target="object")
+    return ContactJudge(condition, supervisor.hand_wrenches, supervisor.assembly.model)
 
 
 def test_an_object_pressed_on_a_table_is_in_contact_until_it_is_lifted(supervisor: Supervisor) -> None:
-    controller: Controller = supervisor.controller
-    held = controller.modules.held
-    assert held is not None
-    lost = ContactLoss(controller, supervisor.hand_wrenches)
+    lost = ContactLoss(supervisor.controller, supervisor.hand_wrenches)
     # Share by share the weight of 1.2 kg hides 5.9 of the 12 N: that is no loss of contact.
     for table in (0.0, 2.0 * PRESS, 1.1 * PRESS, 2.0 * PRESS):
-        _feel(supervisor, held.spec.mass, table, 15.0)
+        feel(supervisor, table)
         assert lost.look() == []
-    _feel(supervisor, held.spec.mass, 0.0, 15.0)
-    assert sorted(lost.look()) == [
-        "force axis z of left.hand lost contact",
-        "force axis z of right.hand lost contact",
-    ]
+    feel(supervisor, 0.0)
+    hands = ("left.hand", "right.hand")
+    assert sorted(lost.look()) == [f"force axis z of {hand} lost contact" for hand in hands]
     assert lost.look() == []
 
 
 def test_the_force_on_an_object_is_shared_by_its_hands(supervisor: Supervisor) -> None:
-    held = supervisor.controller.modules.held
-    assert held is not None
-    random = np.random.default_rng(0)
+    random, felt = np.random.default_rng(0), supervisor.hand_wrenches
     for _ in range(20):
-        supervisor.hand_wrenches.wrench[:] = random.normal(size=supervisor.hand_wrenches.wrench.shape) * 10.0
-        total = supervisor.hand_wrenches.wrench[:, :3].sum(axis=0) + np.array(
-            [0.0, 0.0, held.spec.mass * GRAVITY]
-        )
-        for limb in held.limbs:
-            assert np.allclose(supervisor.hand_wrenches.felt_by(limb), 0.5 * total)
-        assert supervisor.hand_wrenches.force_on(None) == pytest.approx(float(np.linalg.norm(total)))
+        felt.wrench[:] = random.normal(size=felt.wrench.shape) * 10.0
+        total = felt.wrench[:, :3].sum(axis=0) + np.array([0.0, 0.0, weight(supervisor)])
+        for limb in supervisor.controller.modules.held.limbs:
+            assert np.allclose(felt.felt_by(limb), 0.5 * total)
+        assert felt.force_on(None) == pytest.approx(float(np.linalg.norm(total)))
 
 
 @pytest.mark.parametrize("present", [True, False])
 def test_contact_counts_once_it_has_lasted(supervisor: Supervisor, present: bool) -> None:
-    held = supervisor.controller.modules.held
-    assert held is not None
-    period = supervisor.hand_wrenches.period
-    condition = ContactCondition(present=present, force=8.0, time=2.5 * period, target="object")
-    judge = ContactJudge(condition, supervisor.hand_wrenches, supervisor.assembly.model)
-    met = []
+    judge, met = judge_of(supervisor, 2.5 * supervisor.hand_wrenches.period, present=present), []
     # Force of the table on the object, look by look: a gap in between starts the count anew.
     for force in (0.0, 9.0, 9.0, 0.0, 9.0, 9.0, 9.0, 0.0, 0.0, 0.0):
-        _feel(supervisor, held.spec.mass, force, 15.0)
+        feel(supervisor, force)
         met.append(judge.met())
     assert met == [k == (6 if present else 9) for k in range(10)]
 
 
 def test_contact_that_did_not_come_says_what_was_felt_and_what_is_asked_for(supervisor: Supervisor) -> None:
-    held = supervisor.controller.modules.held
-    assert held is not None
-    condition = ContactCondition(present=True, force=8.0, time=0.05, target="object")
-    judge = ContactJudge(condition, supervisor.hand_wrenches, supervisor.assembly.model)
+    judge = judge_of(supervisor, 0.05)
     for force in (1.0, 5.0, 3.0):
-        _feel(supervisor, held.spec.mass, force, 15.0)
+        feel(supervisor, force)
         assert not judge.met()
     told = judge.account()
     assert "object feels 3.0 N" in told

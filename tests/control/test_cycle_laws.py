@@ -17,7 +17,7 @@ from impedance_modules.modules.spring import displacement_of, turn_moment
 from impedance_modules.modules.sum import potential_energy
 from impedance_modules.robot.pose import Pose
 from impedance_modules.runs.recorder import Recorder
-from tests.control.test_cycle import Motion, pair_assembly
+from tests.control.test_cycle import Motion, pair_assembly, started
 from tests.reference import filter_reference
 
 
@@ -26,16 +26,16 @@ def assembly(tmp_path_factory: pytest.TempPathFactory):
     return pair_assembly(tmp_path_factory.mktemp("tasks"), 6.0)
 
 
-def started(assembly, seed: int, size: float, acting: float = 0.0) -> tuple[Controller, Motion]:
-    controller, motion = Controller(assembly), Motion(assembly, seed, size)
-    first = FirstState(motion.state(0), np.full(assembly.model.n, acting))
-    controller.start(first, assembly.task.phases[0])
-    return controller, motion
-
-
 def states(motion: Motion, count: int):
     """States after the start; a ``Motion`` draws its noise in order."""
     return [motion.state(k) for k in range(1, count)]
+
+
+def run(controller: Controller, motion: Motion, count: int):
+    """Cycle by cycle the state and whatever the test then looks at, after the controller has answered it."""
+    for state in states(motion, count):
+        assert controller.tick(state) == 0
+        yield state
 
 
 def test_tank_and_springs_lose_what_the_motors_did_and_nothing_else(assembly) -> None:
@@ -82,10 +82,9 @@ def test_dampers_act_on_the_motors_and_the_tank_relaxes_springs_alone(assembly) 
             damped = springs.damping[s] @ J @ (state.velocity + rate)
             elastic = springs.wrench[s] - springs.force[s] + damped
             # What is left of the wrench without forces and dampers grows with the scale alone.
-            controller_scale = r if r > 0.0 else 1.0
-            np.testing.assert_allclose(
-                elastic / controller_scale, _full_wrench(controller, s), rtol=1e-6, atol=1e-7
-            )
+            scale = r if r > 0.0 else 1.0
+            full = _full_wrench(controller, s)
+            np.testing.assert_allclose(elastic / scale, full, rtol=1e-6, atol=1e-7)
             expected += J.T @ springs.wrench[s]
         expected -= r * bias.stiffness * (state.position - bias.rest)
         expected -= bias.damping @ (state.velocity + rate)
@@ -97,9 +96,8 @@ def _full_wrench(controller: Controller, s: int) -> np.ndarray:
     """The wrench of one spring, not relaxed, at the last state."""
     spring = [spring for arm in controller.modules.arms for spring in arm.springs][s]
     now = controller.cycle.modules.springs
-    pose = controller.kinematics.pose(spring.frame)
     target = Pose(now.target_rotation[s], now.target_translation[s])
-    offset = displacement_of(pose, target)
+    offset = displacement_of(controller.kinematics.pose(spring.frame), target)
     gradient = now.stiffness[s] @ offset
     turn_moment(offset, gradient)
     return -gradient
@@ -107,8 +105,8 @@ def _full_wrench(controller: Controller, s: int) -> np.ndarray:
 
 def test_what_leaves_is_the_filters_optimum_within_the_budget(assembly) -> None:
     controller, motion = started(assembly, 3, 0.25)
-    cycle, limited = controller.cycle, 0
-    previous = cycle.previous.copy()
+    cycle, limits, limited = controller.cycle, assembly.limits, 0
+    horizon, previous = limits.period + limits.delay, cycle.previous.copy()
     for k, state in enumerate(states(motion, 60)):
         if k >= 40:
             controller.tank.level = assembly.tank.floor + 0.02
@@ -116,24 +114,21 @@ def test_what_leaves_is_the_filters_optimum_within_the_budget(assembly) -> None:
         inverse = controller.kinematics.inverse_inertia
         weights = np.linalg.eigvals(np.linalg.solve(inverse, cycle.problem.metric)).real
         assert weights.min() >= 0.1 - 1e-9 and weights.max() <= 1.1 + 1e-9
-        rows = controller.layout
-        step = assembly.limits.effort_rate_max * assembly.period
-        centre = np.clip(previous, -assembly.limits.effort_max, assembly.limits.effort_max)
-        np.testing.assert_allclose(cycle.problem.lower[rows.rate], centre - step, atol=1e-9)
+        lowest = (
+            np.clip(previous, -limits.effort_max, limits.effort_max)
+            - limits.effort_rate_max * assembly.period
+        )
+        np.testing.assert_allclose(cycle.problem.lower[controller.layout.rate], lowest, atol=1e-9)
         spare = max(0.0, controller.tank.level - assembly.tank.floor)
         speed = float(np.linalg.norm(cycle.motor.velocity))
         if speed > 0.0:
-            horizon = assembly.limits.period + assembly.limits.delay
             assert cycle.problem.upper[0] * speed * horizon == pytest.approx(spare, rel=1e-9, abs=1e-12)
         if controller.changed and limited < 12:
             expected = filter_reference.solve(cycle.problem)
             np.testing.assert_allclose(controller.solution.effort, expected, rtol=1e-6, atol=1e-6)
             limited += 1
-        np.testing.assert_allclose(
-            controller.effort, cycle.effort_scale * controller.solution.effort, rtol=1e-12, atol=1e-12
-        )
-        horizon = assembly.limits.period + assembly.limits.delay
-        spare = max(0.0, controller.tank.level - assembly.tank.floor)
+        scaled = cycle.effort_scale * controller.solution.effort
+        np.testing.assert_allclose(controller.effort, scaled, rtol=1e-12, atol=1e-12)
         needed = float(np.abs(controller.effort) @ assembly.tank.speed_bound) * horizon
         assert needed <= spare + 1e-9
         previous = controller.effort.copy()
@@ -192,40 +187,30 @@ def test_a_recorded_row_says_what_the_cycle_was(assembly, tmp_path: Path) -> Non
 
 def test_forces_and_grip_come_in_by_minimum_jerk(assembly) -> None:
     controller, motion = started(assembly, 6, 0.0)
-    springs, loads, forces, grips = controller.cycle.modules.springs, controller.cycle.modules.loads, [], []
-    for state in states(motion, 260):
-        assert controller.tick(state) == 0
-        forces.append(float(springs.force[0, 2]))
-        grips.append(loads.grip)
+    springs, loads = controller.cycle.modules.springs, controller.cycle.modules.loads
+    found = [(springs.force[0, 2], loads.grip) for _ in run(controller, motion, 260)]
     x = np.minimum(np.arange(1, 260) * assembly.period * 1.0, 0.5) / 0.5
     expected = 10 * x**3 - 15 * x**4 + 6 * x**5
     assert controller.clock == pytest.approx(259 * assembly.period)
-    np.testing.assert_allclose(forces, -6.0 * expected, atol=1e-9)
-    np.testing.assert_allclose(grips, expected, atol=1e-9)
+    np.testing.assert_allclose(found, np.outer(expected, [-6.0, 1.0]), atol=1e-9)
 
 
 def test_one_entry_that_is_not_finite_is_enough(ways) -> None:
     for bad in (np.nan, np.inf, -np.inf):
-        for place in range(3):
-            values = np.ones(3)
-            values[place] = bad
-            assert not all_finite(values)
+        assert not any(all_finite(np.where(np.arange(3) == place, bad, 1.0)) for place in range(3))
     assert all_finite(np.ones(3))
 
 
 def test_a_grip_that_was_there_stays(assembly) -> None:
     controller, motion = started(assembly, 7, 0.0, acting=0.3)
-    for state in states(motion, 40):
-        assert controller.tick(state) == 0
-        assert controller.cycle.modules.loads.grip == 1.0
+    assert all(controller.cycle.modules.loads.grip == 1.0 for _ in run(controller, motion, 40))
 
 
 def test_an_empty_tank_admits_no_motion_that_costs(assembly) -> None:
     """What is admitted is paid: the level never falls below its floor by it, and U is that of what is in force."""
     controller, motion = started(assembly, 8, 0.1)
     cycle, tank, parts = controller.cycle, controller.tank, []
-    for state in states(motion, 100):
-        assert controller.tick(state) == 0
+    for state in run(controller, motion, 100):
         parts.append(cycle.admitted)
         expected = potential_energy(cycle.modules, cycle.arms, state.position)
         assert tank.potential == pytest.approx(expected, rel=1e-12, abs=1e-15)

@@ -19,7 +19,6 @@ from impedance_modules.runs.run_backends import sim_backend
 from tests.support.paths import TESTS
 
 RATE = 500.0
-DATA = TESTS / "data"
 
 TASK = """
 format: 1
@@ -50,7 +49,7 @@ def assembly(tmp_path_factory: pytest.TempPathFactory) -> Assembly:
     return assemble(str(path), effects=None, rate=RATE, scale=1.0, arm=None)
 
 
-def lived(assembly: Assembly, away: float, cycles: int) -> tuple[Supervisor, list[np.ndarray], list[float]]:
+def run(assembly: Assembly, away: float, cycles: int) -> tuple[Supervisor, list[np.ndarray], list[float]]:
     """Torques and the force axis's force, cycle by cycle, of a run that starts so far from its posture [rad]."""
     supervisor = Supervisor(assembly)
     start = assembly.modules.posture.copy()
@@ -61,17 +60,15 @@ def lived(assembly: Assembly, away: float, cycles: int) -> tuple[Supervisor, lis
     supervisor.start(first)
     state, efforts, forces = first.state, [], []
     for _ in range(cycles):
-        effort = supervisor.step(state, late=False, stop_request=None)
-        assert effort is not None
-        efforts.append(effort.copy())
+        efforts.append(supervisor.step(state, late=False, stop_request=None).copy())
         forces.append(float(supervisor.controller.cycle.modules.springs.force[0, 2]))
-        robot.write(effort)
+        robot.write(efforts[-1])
         state = robot.read()
     return supervisor, efforts, forces
 
 
 def test_springs_begin_relaxed_where_the_robot_stands_elsewhere(assembly: Assembly) -> None:
-    supervisor, efforts, forces = lived(assembly, 0.08, round(2.5 * RATE))
+    supervisor, efforts, forces = run(assembly, 0.08, round(2.5 * RATE))
     # At full springs it would be 19 N.m by then.
     assert np.abs(efforts[:10]).max() < 1.0
     tank = supervisor.controller.tank
@@ -79,8 +76,7 @@ def test_springs_begin_relaxed_where_the_robot_stands_elsewhere(assembly: Assemb
     # What the springs held at the start was never counted as given.
     assert tank.initial_energy == assembly.tank.initial
     # The force axis comes in by minimum jerk over half a second although the first phase is over after a tenth.
-    clock = np.arange(len(forces)) / RATE
-    s = np.clip(clock / BLENDING, 0.0, 1.0)
+    s = np.clip(np.arange(len(forces)) / RATE / BLENDING, 0.0, 1.0)
     expected = -10.0 * (10 * s**3 - 15 * s**4 + 6 * s**5)
     assert abs(forces[0]) < 0.1
     assert forces[-1] == pytest.approx(-10.0)
@@ -88,13 +84,14 @@ def test_springs_begin_relaxed_where_the_robot_stands_elsewhere(assembly: Assemb
 
 
 def test_springs_are_tight_at_once_where_the_task_begins(assembly: Assembly) -> None:
-    supervisor, _, _ = lived(assembly, 0.0, 3)
+    supervisor, _, _ = run(assembly, 0.0, 3)
     assert supervisor.controller.tank.spring_scale == 1.0
 
 
 def gripped(acting: float, cycles: int) -> list[np.ndarray]:
     """Torques of squeeze and carried weight, cycle by cycle, with this much acting on every joint before [N.m]."""
-    assembly = assemble(str(DATA / "pair-box.yaml"), effects=None, rate=RATE, scale=1.0, arm=None)
+    task = str(TESTS / "data" / "pair-box.yaml")
+    assembly = assemble(task, effects=None, rate=RATE, scale=1.0, arm=None)
     n = assembly.model.n
     controller = Controller(assembly)
     parts = assembly.modules.posture.copy(), np.zeros(n), np.zeros(n)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_modules.backends.protocol import FirstState
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import assemble
 from impedance_modules.control.controller import Controller
@@ -18,12 +17,12 @@ from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.safety.tank import Tank, measure
-from tests.control.test_passivity_on_the_plant import ROUNDING, Adversity, meet
+from tests.control.test_passivity_on_the_plant import ROUNDING, Books, check_books, run_in_world
 from tests.support.tank_worlds import Wire, filled_tank, limited, settings_of
 
 
-class Hiccups:
-    """A robot whose states come late, are overtaken, or are lost; a torque for a late one misses its period."""
+class UnreliableRobot:
+    """Its states come late, are overtaken, or are lost; a torque for a late one misses its period."""
 
     def __init__(self, robot: SimBackend, seed: int, **shares: float) -> None:
         self.robot, self.random, self.shares = robot, np.random.default_rng(seed), shares
@@ -31,15 +30,11 @@ class Hiccups:
         self.too_late = False
         self.seen = dict.fromkeys(shares, 0)
 
-    def start(self) -> FirstState:
-        return self.robot.start()
+        self.start, self.finish = robot.start, robot.finish
 
     def write(self, effort: np.ndarray) -> None:
         if not self.too_late:
             self.robot.write(effort)
-
-    def finish(self, how) -> None:
-        self.robot.finish(how)
 
     def read(self) -> RobotState | None:
         self.too_late = self.kept is not None
@@ -68,16 +63,15 @@ class Hiccups:
         """It never comes."""
 
 
-def lived_through(
-    folder: Path, seed: int, shares: dict[str, float], **world
-) -> tuple[Adversity, dict[str, int]]:
-    robots: list[Hiccups] = []
+def run_unreliably(folder: Path, seed: int, shares: dict, **world) -> tuple[Books, dict[str, int]]:
+    """The books, and how many states were late, overtaken and lost."""
+    robots: list[UnreliableRobot] = []
 
-    def between(robot: SimBackend) -> Hiccups:
-        robots.append(Hiccups(robot, seed, **shares))
+    def between(robot: SimBackend) -> UnreliableRobot:
+        robots.append(UnreliableRobot(robot, seed, **shares))
         return robots[0]
 
-    return meet(folder, seed, **world, between=between), robots[0].seen
+    return run_in_world(folder, seed, **world, between=between), robots[0].seen
 
 
 WORLDS = [
@@ -89,23 +83,20 @@ WORLDS = [
 
 
 @pytest.mark.parametrize("world", WORLDS, ids=lambda world: f"seed{world['seed']}")
-def test_the_claim_holds_whatever_befalls_the_states(tmp_path: Path, world: dict) -> None:
+def test_the_claim_holds_for_late_overtaken_and_lost_states(tmp_path: Path, world: dict) -> None:
     shares = {"late": 0.1, "overtaken": 0.05, "lost": 0.05}
-    found, hiccups = lived_through(tmp_path, shares=shares, **world)
+    found, counts = run_unreliably(tmp_path, shares=shares, **world)
     assert found.cycles > 100
-    assert min(hiccups.values()) > 5
-    assert found.least_margin >= -ROUNDING
-    assert found.largest_error <= ROUNDING
+    assert min(counts.values()) > 5
+    check_books(found)
 
 
-def test_without_the_robots_clock_the_books_are_wrong(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_robots_clock_the_books_are_wrong(tmp_path: Path, monkeypatch) -> None:
     world = {"noise": False, "rate": 500.0, "tank": 4.0, "shares": {"overtaken": 0.2}}
-    right, _ = lived_through(tmp_path, 43, **world)
+    right, _ = run_unreliably(tmp_path, 43, **world)
     assert right.largest_error <= ROUNDING
     monkeypatch.setattr(Controller, "reckon", lambda *arguments, **options: None)
-    wrong, _ = lived_through(tmp_path, 43, **world)
+    wrong, _ = run_unreliably(tmp_path, 43, **world)
     assert wrong.largest_error > 1e-2
 
 
@@ -135,7 +126,7 @@ def test_a_late_torque_that_is_sent_steals_and_a_repeated_one_does_not(delay: in
 def tank_after(task: str, late: float, seconds: float) -> Tank:
     """The tank after so much of a shipped task, a share of whose states come late."""
     assembly = assemble(task, effects=None, rate=200.0, scale=1.0, arm=None)
-    supervisor, robot = Supervisor(assembly), Hiccups(sim_backend(assembly, 1), 1, late=late)
+    supervisor, robot = Supervisor(assembly), UnreliableRobot(sim_backend(assembly, 1), 1, late=late)
     first = robot.start()
     supervisor.start(first)
     tanks: list[Tank] = []
@@ -145,16 +136,8 @@ def tank_after(task: str, late: float, seconds: float) -> Tank:
             assert supervisor.controller.cycle.admitted == 1.0
             tanks.append(deepcopy(supervisor.controller.tank))
 
-    run_loop(
-        supervisor,
-        robot,
-        first.state,
-        watch,
-        Interrupt(),
-        duration=seconds,
-        paced=False,
-        read_only=False,
-    )
+    options = {"duration": seconds, "paced": False, "read_only": False}
+    run_loop(supervisor, robot, first.state, watch, Interrupt(), **options)
     assert supervisor.ending is Ending.INTERRUPTED
     assert robot.seen["late"] >= 0.8 * late * seconds * 200.0
     return tanks[-1]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly, assemble
@@ -24,12 +25,11 @@ from impedance_modules.superposition.operational_inertia import ellipsoid, opera
 from tests.support.arm_samples import Array, random_psd, random_rotation
 from tests.support.paths import TESTS
 
-TASK = TESTS / "data" / "press-box.yaml"
-
 
 @pytest.fixture(scope="module")
 def assembly() -> Assembly:
-    return assemble(str(TASK), effects=None, rate=None, scale=1.0, arm=None)
+    task = str(TESTS / "data" / "press-box.yaml")
+    return assemble(task, effects=None, rate=None, scale=1.0, arm=None)
 
 
 def near(random: np.random.Generator, assembly: Assembly) -> Array:
@@ -59,11 +59,10 @@ def test_each_hand_feels_the_wrench_that_loads_its_own_joints(assembly: Assembly
 def test_a_tally_is_what_all_rows_come_to(assembly: Assembly, count: int) -> None:
     random, names = np.random.default_rng(count), assembly.model.joint_names
     hands = [arm.limb.hand for arm in assembly.modules.arms]
-    columns = ["time", *joint_columns("effort_command", names), *SCALARS]
-    for hand in hands:
-        columns += [*pose_columns(hand), *wrench_columns(hand)]
+    felt = [name for hand in hands for name in (*pose_columns(hand), *wrench_columns(hand))]
     # The first hand alone has a target.
-    columns += [*target_columns(hands[0]), "phase"]
+    targets = [*target_columns(hands[0]), "phase"]
+    columns = ["time", *joint_columns("effort_command", names), *SCALARS, *felt, *targets]
     rows = random.normal(size=(count, len(columns) - 1))
     rows[:, 0] = 0.5 + 0.001 * np.arange(count)
     at = {name: rows[:, index] for index, name in enumerate(columns[:-1])}
@@ -131,9 +130,8 @@ def test_the_picture_of_a_state_shows_where_everything_is(assembly: Assembly, tm
         mobility = controller.kinematics.inverse_inertia[np.ix_(joints, joints)]
         felt = operational_inertia(controller.kinematics.jacobian[row][:, joints], mobility).inertia
         axes = rotation_of(sample.ellipsoid_poses[2 * row, 3:])
-        np.testing.assert_allclose(
-            axes * sample.half_axes[2 * row] @ axes.T, felt[:3, :3], rtol=1e-6, atol=1e-9
-        )
+        drawn = axes * sample.half_axes[2 * row] @ axes.T
+        np.testing.assert_allclose(drawn, felt[:3, :3], rtol=1e-6, atol=1e-9)
         assert view.scene.ellipsoids[2 * row].scale == INERTIA_SCALE
     background.stop()
     view.close()
@@ -141,6 +139,4 @@ def test_the_picture_of_a_state_shows_where_everything_is(assembly: Assembly, tm
 
 def rotation_of(quaternion: Array) -> Array:
     """Rotation matrix of a unit quaternion (x, y, z, w)."""
-    x, y, z, w = quaternion
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
+    return Rotation.from_quat(quaternion).as_matrix()
