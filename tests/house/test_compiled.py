@@ -1,12 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Laws and records run as Python and as machine code alike; kept machine code is never older than its sources."""
 
-from __future__ import annotations
-
 import copy
-import os
 import pickle
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +14,7 @@ import pytest
 from impedance_modules.compiled import Law, use_machine_code
 from impedance_modules.records import Record, Scalar, Table, Vector
 from tests.support import example_laws as laws
+from tests.support.commands import python
 from tests.support.paths import CHECKOUT
 
 
@@ -225,14 +222,8 @@ for law in (a.top, a.alone):
 
 
 def run(program: str, path: Path, **environment: str) -> list[str]:
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": f"{path}:{CHECKOUT}", "PYTHONDONTWRITEBYTECODE": "1", **environment},
-        cwd=path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    found = {"PYTHONPATH": f"{path}:{CHECKOUT}", "PYTHONDONTWRITEBYTECODE": "1", **environment}
+    done = python("-c", program, cwd=path, **found)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
 
@@ -252,29 +243,22 @@ def edit(package: Path, name: str, old: str, new: str) -> None:
 
 
 def test_kept_code_is_used_again_only_while_all_it_depends_on_is_unchanged(package: Path) -> None:
-    def again() -> list[str]:
-        return run(PROGRAM, package, NUMBA_CACHE_DIR=str(package / "cache"))
-
-    assert again() == ["106.0", "1.0", "0", "0"]
-    assert again() == ["106.0", "1.0", "1", "1"]
-    edit(package, "b", "x * 2.0", "x * 4.0")
-    assert again() == ["108.0", "1.0", "0", "1"]
-    edit(package, "c", "LIMIT = 3.0", "LIMIT = 5.0")
-    assert again() == ["110.0", "1.0", "0", "1"]
-    edit(package, "d", "BASE = 0.0", "BASE = 1.0")
-    assert again() == ["120.0", "1.0", "0", "1"]
-    assert again() == ["120.0", "1.0", "1", "1"]
-    edit(package, "r", "    level: Scalar\n    other: Scalar", "    other: Scalar\n    level: Scalar")
-    assert again() == ["120.0", "1.0", "0", "1"]
-    edit(
-        package,
-        "r",
-        '("height", np.float64), ("width", np.float64)',
-        '("width", np.float64), ("height", np.float64)',
-    )
-    assert again() == ["120.0", "1.0", "0", "1"]
-    edit(package, "b", "from pkg.c import", "# a comment\nfrom pkg.c import")
-    assert again() == ["120.0", "1.0", "1", "1"]
+    first = "    level: Scalar\n", "    other: Scalar\n"
+    height, width = '("height", np.float64)', '("width", np.float64)'
+    for edited, expected in (
+        (None, "106.0 1.0 0 0"),
+        (None, "106.0 1.0 1 1"),
+        (("b", "x * 2.0", "x * 4.0"), "108.0 1.0 0 1"),
+        (("c", "LIMIT = 3.0", "LIMIT = 5.0"), "110.0 1.0 0 1"),
+        (("d", "BASE = 0.0", "BASE = 1.0"), "120.0 1.0 0 1"),
+        (None, "120.0 1.0 1 1"),
+        (("r", "".join(first), "".join(reversed(first))), "120.0 1.0 0 1"),
+        (("r", f"{height}, {width}", f"{width}, {height}"), "120.0 1.0 0 1"),
+        (("b", "from pkg.c import", "# a comment\nfrom pkg.c import"), "120.0 1.0 1 1"),
+    ):
+        if edited is not None:
+            edit(package, *edited)
+        assert run(PROGRAM, package, NUMBA_CACHE_DIR=str(package / "cache")) == expected.split(), edited
 
 
 def test_unreadable_kept_code_is_ignored(package: Path) -> None:
@@ -286,11 +270,8 @@ def test_unreadable_kept_code_is_ignored(package: Path) -> None:
 
 
 def test_without_a_place_to_keep_code(package: Path) -> None:
-    nowhere = {
-        "HOME": "/proc/nowhere",
-        "NUMBA_CACHE_DIR": "/proc/nowhere",
-        "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator",
-    }
+    nowhere = dict.fromkeys(("HOME", "NUMBA_CACHE_DIR"), "/proc/nowhere")
+    nowhere["NUMBA_CACHE_LOCATOR_CLASSES"] = "UserProvidedCacheLocator"
     for _ in range(2):
         assert run(PROGRAM, package, **nowhere) == ["106.0", "1.0", "0", "0"]
 

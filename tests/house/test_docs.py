@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What docs say of the tree is true: links, cited files and modules, pictures; and their lines are short enough."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from itertools import pairwise
@@ -101,22 +99,5 @@ def test_a_picture_leaves_out_what_a_longer_way_says() -> None:
 
 
 def test_prose_is_told_from_code_and_tables() -> None:
-    text = "\n".join(
-        [
-            "A",
-            "",
-            "    code",
-            "",
-            "- item",
-            "",
-            "  | of it",
-            "",
-            "    more of it",
-            "",
-            "B",
-            "",
-            "    code",
-            "| t |",
-        ]
-    )
+    text = "A\n\n    code\n\n- item\n\n  | of it\n\n    more of it\n\nB\n\n    code\n| t |"
     assert [line for _, line in prose(text) if line] == ["A", "- item", "    more of it", "B"]

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Imports point one way, and third-party names stay in their rooms (docs/architecture.md)."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,27 +12,11 @@ from tests.support.paths import CHECKOUT
 
 PACKAGE = CHECKOUT / "impedance_modules"
 
-RANK = {
-    "errors": 0,
-    "compiled": 0,
-    "records": 0,
-    "machine_code": 0,
-    "spec": 1,
-    "robot": 2,
-    "effects": 3,
-    "modules": 3,
-    "superposition": 4,
-    "safety": 5,
-    "plant": 5,
-    "episode": 5,
-    "backends": 6,
-    "control": 7,
-    "prediction": 8,
-    "runs": 9,
-    "tools": 10,
-    "diagnosis": 10,
-    "cli": 11,
-}
+ORDER = (
+    "errors compiled records machine_code", "spec", "robot", "effects modules", "superposition", "safety plant episode",
+    "backends", "control", "prediction", "runs", "tools diagnosis", "cli",
+)  # fmt: skip
+RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 
 COMPILATION = {"compiled", "records", "machine_code"}
 """One concept in three files, two of which can be imported without the compiler: they may know each other."""
@@ -42,32 +24,17 @@ COMPILATION = {"compiled", "records", "machine_code"}
 NOT_FOR_DIAGNOSIS = ("backends", "control", "prediction", "runs")
 """Diagnosis works from episodes alone."""
 
-STAGES = {
-    "data": 0,
-    "result": 1,
-    "residuals": 2,
-    "regression": 3,
-    "model_selection": 4,
-    "rollout": 5,
-    "report": 6,
-    "experiment_design": 6,
-    "diagnose": 7,
-}
+STEPS = (
+    "data", "result", "residuals", "regression", "model_selection", "rollout", "report experiment_design", "diagnose",
+)  # fmt: skip
+STAGES = {name: step for step, names in enumerate(STEPS) for name in names.split()}
 """Folders and files of diagnosis/ in the order in which a recording goes through them."""
 
 ROOMS = {
-    "pinocchio": {"robot", "plant", "effects"},
-    "coal": {"robot", "plant"},
-    "daqp": {"safety"},
-    "proxsuite": {"safety"},
-    "qpsolvers": {"safety"},
-    "rerun": {"episode"},
-    "pyarrow": {"episode"},
-    "jsonschema": {"spec"},
-    "yaml": {"spec"},
-    "click": {"cli"},
-    "rospy": {"backends"},
-}
+    "pinocchio": {"robot", "plant", "effects"}, "coal": {"robot", "plant"}, "rospy": {"backends"},
+    "daqp": {"safety"}, "proxsuite": {"safety"}, "qpsolvers": {"safety"}, "click": {"cli"},
+    "rerun": {"episode"}, "pyarrow": {"episode"}, "jsonschema": {"spec"}, "yaml": {"spec"},
+}  # fmt: skip
 
 ADAPTER = PACKAGE / "backends" / "baxter"
 
@@ -89,48 +56,47 @@ def imported_names(path: Path) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def package_of(path: Path) -> str:
-    """Returns the first folder (or file stem) below the package."""
-    if EXPERIMENTS in path.parents:
-        return "impedance_experiments"
-    relative = path.relative_to(PACKAGE)
+def imported_below(path: Path, *top: str) -> Iterator[tuple[str, str]]:
+    """Yields what a file imports from a package: the whole name, and its first part below the package."""
+    for name in imported_names(path):
+        parts = tuple(name.split("."))
+        if parts[: len(top)] == top and len(parts) > len(top):
+            yield name, parts[len(top)]
+
+
+def part_of(path: Path, folder: Path) -> str:
+    """Returns the first folder (or file stem) of a path below a folder."""
+    relative = path.relative_to(folder)
     return relative.parts[0] if len(relative.parts) > 1 else relative.stem
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(CHECKOUT)))
+def package_of(path: Path) -> str:
+    return "impedance_experiments" if EXPERIMENTS in path.parents else part_of(path, PACKAGE)
+
+
+def each(files: list[Path]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("path", files, ids=lambda path: str(path.relative_to(CHECKOUT)))
+
+
+@each(FILES)
 def test_imports_point_downwards(path: Path) -> None:
     own = package_of(path)
-    for name in imported_names(path):
-        parts = name.split(".")
-        if parts[0] != "impedance_modules" or len(parts) < 2 or parts[1] not in RANK:
-            continue
-        other = parts[1]
-        if (
-            own in ("__init__", "__main__", "impedance_experiments")
-            or other == own
-            or {own, other} <= COMPILATION
-        ):
-            continue
-        assert RANK[other] < RANK[own], f"{path}: {own} must not import {name}"
-        assert (own, other) not in {("diagnosis", upper) for upper in NOT_FOR_DIAGNOSIS}, f"{path}: {name}"
+    for name, other in imported_below(path, "impedance_modules"):
+        free = own in ("__init__", "__main__", "impedance_experiments") or {own, other} <= COMPILATION
+        if other in RANK and other != own and not free:
+            assert RANK[other] < RANK[own], f"{path}: {own} must not import {name}"
+            assert own != "diagnosis" or other not in NOT_FOR_DIAGNOSIS, f"{path}: {name}"
 
 
-@pytest.mark.parametrize(
-    "path", sorted((PACKAGE / "diagnosis").rglob("*.py")), ids=lambda path: str(path.relative_to(CHECKOUT))
-)
+@each(sorted((PACKAGE / "diagnosis").rglob("*.py")))
 def test_a_diagnosis_flows_one_way(path: Path) -> None:
-    relative = path.relative_to(PACKAGE / "diagnosis")
-    own = relative.parts[0] if len(relative.parts) > 1 else relative.stem
-    if own == "__init__":
-        return
-    for name in imported_names(path):
-        parts = name.split(".")
-        if parts[:2] != ["impedance_modules", "diagnosis"] or len(parts) < 3 or parts[2] == own:
-            continue
-        assert STAGES[parts[2]] < STAGES[own], f"{path}: {own} must not import {name}"
+    own = part_of(path, PACKAGE / "diagnosis")
+    for name, other in imported_below(path, "impedance_modules", "diagnosis"):
+        if own not in ("__init__", other):
+            assert STAGES[other] < STAGES[own], f"{path}: {own} must not import {name}"
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(CHECKOUT)))
+@each(FILES)
 def test_third_party_names_stay_in_their_rooms(path: Path) -> None:
     own = package_of(path)
     for name in imported_names(path):
@@ -142,10 +108,8 @@ def test_third_party_names_stay_in_their_rooms(path: Path) -> None:
 
 
 def test_every_package_has_a_rank() -> None:
-    folders = {
-        path.name for path in PACKAGE.iterdir() if path.is_dir() and path.name not in {"__pycache__", "data"}
-    }
-    assert folders <= set(RANK)
+    folders = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
+    assert folders - {"__pycache__", "data"} <= set(RANK)
 
 
 def test_no_assert_outside_tests() -> None:
@@ -154,16 +118,13 @@ def test_no_assert_outside_tests() -> None:
         assert not found, f"{path}: assert at lines {found}"
 
 
-def _docstrings(tree: ast.AST) -> set[int]:
-    """Returns the ids of the string nodes that are documentation."""
-    found = set()
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            for statement in body:
-                if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
-                    found.add(id(statement.value))
-    return found
+def literals(path: Path) -> Iterator[tuple[int, str]]:
+    """Yields lines and values of all strings of a file that are no documentation."""
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    documentation = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documentation:
+            yield node.lineno, node.value
 
 
 def _robot_words() -> set[str]:
@@ -182,19 +143,10 @@ def test_the_package_knows_no_robot() -> None:
     for path in FILES:
         if ADAPTER in path.parents:
             continue  # one robot's topics, and what is known of it
-        tree = ast.parse(path.read_text())
-        documentation = _docstrings(tree)
         # Tables and plots align things left and right; an effect's symbols are the field's, not a robot's.
         alignment, symbols = {"cli", "episode", "diagnosis"}, {"effects", "diagnosis"}
         allowed = {"left", "right"} if package_of(path) in alignment | symbols else set()
         allowed |= {"baxter"} if package_of(path) == "cli" else set()
         allowed |= {"s0"} if package_of(path) in symbols else set()
-        for node in ast.walk(tree):
-            if (
-                isinstance(node, ast.Constant)
-                and isinstance(node.value, str)
-                and id(node) not in documentation
-            ):
-                assert node.value not in words - allowed, (
-                    f"{path}:{node.lineno}: names '{node.value}' of a robot"
-                )
+        for line, value in literals(path):
+            assert value not in words - allowed, f"{path}:{line}: names '{value}' of a robot"

@@ -1,18 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An effect has one place: its class and its line in the catalogue. No other file knows it by its id."""
 
-from __future__ import annotations
-
-import ast
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from docs import effects_tables
-from impedance_modules.cli import effects_verb
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.effects.catalogue import CATALOGUE, not_searched
 from impedance_modules.effects.effect import JointLaw
@@ -23,10 +17,10 @@ from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.document import parse_document
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec
+from tests.house.test_imports import PACKAGE, literals
+from tests.support.commands import invoke
 from tests.support.effect_recordings import nominal, start
 from tests.support.paths import CHECKOUT
-
-PACKAGE = CHECKOUT / "impedance_modules"
 
 SAME_WORD = {
     "reflected_inertia": {"spec", "robot", "plant", "prediction"},  # a joint's number in robot.yaml
@@ -36,22 +30,6 @@ SAME_WORD = {
     "crosstalk": {"backends"},  # likewise
 }
 """Words that are an effect's id and something else too: where they mean the other thing."""
-
-
-def literals(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines and values of all strings of a file that are no docstrings."""
-    tree = ast.parse(path.read_text())
-    holders = (ast.Module, ast.ClassDef, ast.FunctionDef)
-    bodies = [node.body for node in ast.walk(tree) if isinstance(node, holders)]
-    remarks = {
-        id(line.value)
-        for body in bodies
-        for line in body
-        if isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant)
-    }
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in remarks:
-            yield node.lineno, node.value
 
 
 def test_no_other_package_knows_an_effect_by_its_id() -> None:
@@ -105,9 +83,8 @@ def test_a_new_effect_is_checked_applied_and_searched_for(cubic: CubicFriction) 
     joint, robot = "port_lift", nominal(0.0)
     patch = patch_with(cubic.id, joint, "N.m.s^3/rad^3")
     model = RobotModel(apply_patch(robot, patch))
-    plant = Plant(
-        model, [], None, PlantOptions(1000.0, 0, noise=False, step=0.5e-3), apply_to_plant(model, patch)
-    )
+    options = PlantOptions(1000.0, 0, noise=False, step=0.5e-3)
+    plant = Plant(model, [], None, options, apply_to_plant(model, patch))
     plant.reset(start(model))
     plant.advance(plant.start_command)
     assert cubic.id not in not_searched(under_water=False)
@@ -119,8 +96,7 @@ def test_a_new_effect_is_refused_in_a_wrong_unit(cubic: CubicFriction) -> None:
 
 
 def test_a_new_effect_is_shown_and_documented(cubic: CubicFriction) -> None:
-    shown = CliRunner().invoke(effects_verb.effects_command, [cubic.id], standalone_mode=False)
-    assert cubic.description.sentence[:30] in shown.output
+    assert cubic.description.sentence[:30] in invoke("effects", cubic.id).output
     texts = effects_tables.texts()
     assert "`cubic_friction`" in texts[CHECKOUT / "docs" / "effects.md"]
     assert '"cubic_friction"' in texts[CHECKOUT / "schemas" / "patch.schema.json"]

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Nothing in the package is there for tests alone: every module and every name is reached from what people call."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import Counter
 from functools import cache
 from pathlib import Path
 
-from tests.house.test_imports import EXPERIMENTS, FILES, PACKAGE, imported_names
+from tests.house.test_imports import EXPERIMENTS, FILES, PACKAGE, imported_names, literals
 from tests.support.paths import CHECKOUT
 
 ENTRIES = ("impedance_modules.cli.main", "impedance_modules.__main__")
@@ -32,6 +30,7 @@ REASONS = {
 """Names that no command reaches, each with its reason."""
 
 BY_NAME = re.compile(r"^[a-z_]+(\.[a-z_]+)*$")
+"""A string that could be the name of a module."""
 
 
 def module_of(path: Path) -> str:
@@ -45,18 +44,12 @@ def modules() -> dict[str, Path]:
     return {module_of(path): path for path in FILES}
 
 
-def strings_of(path: Path) -> set[str]:
-    """Strings of a file that could be the name of a module."""
-    found = (node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant))
-    return {text for text in found if isinstance(text, str) and BY_NAME.match(text)}
-
-
 def next_of(module: str) -> set[str]:
     """Modules that one imports, at any depth, or names in a string, as tables of verbs and experiments do."""
     path = modules()[module]
     named = set(imported_names(path))
     parent = module if path.name == "__init__.py" else module.rsplit(".", 1)[0]
-    for text in strings_of(path):
+    for text in (text for _, text in literals(path) if BY_NAME.match(text)):
         named |= {text, f"{parent}.{text}", f"impedance_modules.{text}"}
     packages = {name.rsplit(".", k)[0] for name in named for k in range(1, name.count(".") + 1)}
     return {name for name in named | packages if name in modules()}
@@ -89,15 +82,9 @@ CALLED_BY_OTHERS = re.compile(r"^(__\w+__|visit_\w+|do_\w+|rpc_\w+|publisherUpda
 
 
 def test_every_function_is_named_somewhere_else_in_the_package() -> None:
-    words: Counter[str] = Counter()
-    for path in FILES:
-        words.update(re.findall(r"\w+", path.read_text()))
-    own: Counter[str] = Counter()
-    where: dict[str, Path] = {}
-    for path in FILES:
-        for name in definitions(path):
-            own[name] += 1
-            where[name] = path
+    words = Counter(word for path in FILES for word in re.findall(r"\w+", path.read_text()))
+    own = Counter(name for path in FILES for name in definitions(path))
+    where = {name: path for path in FILES for name in definitions(path)}
     unnamed = [
         f"{where[name].relative_to(CHECKOUT)}: {name}"
         for name, count in own.items()
@@ -110,12 +97,9 @@ def test_every_function_is_named_somewhere_else_in_the_package() -> None:
 def test_file_stems_and_class_names_have_one_meaning() -> None:
     stems = Counter(path.stem for path in FILES if path.stem not in ("__init__", "__main__"))
     assert not [stem for stem, count in stems.items() if count > 1]
-    classes: Counter[str] = Counter()
-    for path in FILES:
-        tree = ast.parse(path.read_text())
-        names = [node.name for node in tree.body if isinstance(node, ast.ClassDef)]
-        classes.update(name for name in names if not name.startswith("_"))
-    assert not [name for name, count in classes.items() if count > 1]
+    bodies = [ast.parse(path.read_text()).body for path in FILES]
+    classes = Counter(node.name for body in bodies for node in body if isinstance(node, ast.ClassDef))
+    assert not [name for name, count in classes.items() if count > 1 and not name.startswith("_")]
 
 
 def test_the_entries_are_files() -> None:

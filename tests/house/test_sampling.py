@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``--sample`` leaves out tests marked long, never all of a kind, and the same ones for the same seed."""
 
-from __future__ import annotations
-
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-from tests.support.paths import CHECKOUT
+from tests.support.commands import python
 from tests.support.sampling import sample_of
 
 NODES = [
@@ -35,12 +31,11 @@ def test_the_seed_chooses() -> None:
 
 
 def run(*options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--collect-only", *options]
-    return subprocess.run(command, cwd=CHECKOUT, capture_output=True, text=True, check=False, timeout=300)
+    return python("-m", "pytest", "-p", "no:cacheprovider", "--collect-only", *options)
 
 
 def test_pytest_runs_the_sample_and_says_which() -> None:
-    fuzz = str(Path("tests/spec/test_task_fuzz.py"))
+    fuzz = "tests/spec/test_task_fuzz.py"
     whole, part = run(fuzz), run(fuzz, "--sample", "0.1", "--sample-seed", "7", "--fail-on-skip")
     assert part.returncode == 0 and "--sample 0.1 --sample-seed 7" in part.stdout
     assert "deselected" in part.stdout and "deselected" not in whole.stdout

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``make verify`` goes on where it was stopped, and begins anew on another tree."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -23,11 +21,8 @@ def test_what_passed_is_not_run_again_and_what_failed_is(tmp_path: Path) -> None
     jobs = [job("alone", bad, 1, alone=True), job("a/good.py", good, 0), job("empty", empty, 5)]
     for tries in (1, 2):
         outcomes = run_all(jobs, tmp_path / "results", 2, lambda _: None)
-        assert [(o.name, o.passed) for o in outcomes] == [
-            ("a/good.py", True),
-            ("empty", True),
-            ("alone", False),
-        ]
+        passed = [(outcome.name, outcome.passed) for outcome in outcomes]
+        assert passed == [("a/good.py", True), ("empty", True), ("alone", False)]
         assert outcomes[-1].tries == tries
     assert (good.read_text(), empty.read_text(), bad.read_text()) == ("x", "x", "xx")
 
