@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """From a task file to modules at the start posture, and everything the geometry refuses, all at once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +16,7 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task_reader import read_task
+from tests.support.forecast_tasks import write_task
 from tests.support.module_samples import module_sum
 from tests.support.paths import TESTS
 
@@ -33,13 +32,7 @@ MORE_SPRINGS = (
 
 
 def build(tmp_path: Path, *changes: tuple[str, str]) -> TaskModules:
-    text = PRESS_BOX.read_text()
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    path = tmp_path / "task.yaml"
-    path.write_text(text)
-    task, robot = read_task(path)
+    task, robot = read_task(write_task(tmp_path, PRESS_BOX.read_text(), *changes))
     return build_modules(task, RobotModel(robot))
 
 
@@ -53,14 +46,9 @@ def test_modules_start_relaxed_between_the_hands(tmp_path: Path) -> None:
     np.testing.assert_allclose(modules.held.start.translation, 0.5 * (right + left))
     kinematics = Kinematics(model, modules.frames)
     kinematics.update(modules.posture, np.zeros(model.n))
-    found, energy = module_sum(
-        modules,
-        kinematics,
-        start_equilibrium(modules),
-        modules.posture,
-        np.zeros(model.n),
-        phase_damping(modules, kinematics),
-    )
+    still, start = np.zeros(model.n), start_equilibrium(modules)
+    damping = phase_damping(modules, kinematics)
+    found, energy = module_sum(modules, kinematics, start, modules.posture, still, damping)
     assert energy == pytest.approx(0.0, abs=1e-20)
     np.testing.assert_allclose(found.loads.squeeze[:, :3].sum(axis=0), 0.0, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(found.loads.squeeze[:, :3], axis=1), 15.0)
@@ -70,22 +58,16 @@ def test_modules_start_relaxed_between_the_hands(tmp_path: Path) -> None:
 
 def test_a_carried_weight_is_on_the_hands(tmp_path: Path) -> None:
     modules = build(tmp_path, ("grasp: weld", "grasp: weld, carry_weight: true"))
-    model = RobotModel(read_task(PRESS_BOX)[1])
-    kinematics = Kinematics(model, modules.frames)
-    kinematics.update(modules.posture, np.zeros(model.n))
-    loads = lay_out(modules, model.n).loads
+    loads = lay_out(modules, modules.posture.size).loads
     # With the object's axes along the world's, each hand's part of the lift, up to the object's weight.
     assert loads.lift * loads.weight[:, 2, 2].sum() == pytest.approx(1.2 * 9.81)
 
 
 def test_every_geometric_problem_is_told_at_once_with_its_place(tmp_path: Path) -> None:
+    smaller = ("size: [0.3, 0.2, 0.2]", "size: [0.3, 0.1, 0.2]")
+    moved = ("{object: {z: -0.05}}", "{object: {z: -0.05}, right.wrist: {x: 0.8}}")
     with pytest.raises(BadFile) as caught:
-        build(
-            tmp_path,
-            ("size: [0.3, 0.2, 0.2]", "size: [0.3, 0.1, 0.2]"),
-            MORE_SPRINGS,
-            ("{object: {z: -0.05}}", "{object: {z: -0.05}, right.wrist: {x: 0.8}}"),
-        )
+        build(tmp_path, smaller, MORE_SPRINGS, moved)
     text = str(caught.value)
     assert len(caught.value.problems) == 3
     assert "'left' is 50 mm away from the object's surface" in text
@@ -132,9 +114,8 @@ def test_shapes_agree_with_points_thrown_into_them(shape: str, size: tuple[float
     points = random.uniform(-0.25, 0.25, size=(60000, 3))
     inside = np.array([point for point in points if distance_to_surface(shape, size, point) < 0.0])
     squares = np.mean(inside**2, axis=0)
-    np.testing.assert_allclose(
-        moments_of_inertia(shape, 2.0, size), 2.0 * (squares.sum() - squares), rtol=0.03
-    )
+    moments = moments_of_inertia(shape, 2.0, size)
+    np.testing.assert_allclose(moments, 2.0 * (squares.sum() - squares), rtol=0.03)
     top = {"box": 0.05, "cylinder": 0.2, "sphere": 0.15}[shape]
     for height in (top - 0.01, top + 0.02):
         assert distance_to_surface(shape, size, np.array([0.0, 0.0, height])) == pytest.approx(height - top)

@@ -1,24 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Damping from the inertia: positive, textbook in one dimension, the declared ratio in every mode."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from impedance_modules.modules.arms import ArmModule, TaskModules
+from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import endpoint_damping, joint_damping, phase_damping
-from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.mobility import mobility
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.robot.pose import Pose, carry
-from impedance_modules.spec.task import HybridAxis, ObjectSpec
+from impedance_modules.robot.pose import carry
+from impedance_modules.spec.task import HybridAxis
 from impedance_modules.superposition.modes import JointSpace, natural_modes
 from tests.support.arm_samples import (
+    ROBOTS,
     TYPICAL_STIFFNESS,
     Array,
     baxter,
@@ -26,11 +23,9 @@ from tests.support.arm_samples import (
     random_position,
     random_psd,
     relative,
-    six_joint_pair,
     split_spring,
 )
-
-ROBOTS = pytest.mark.parametrize("robot", [baxter, six_joint_pair], ids=["baxter", "six_joint_pair"])
+from tests.support.module_samples import arm_module, hold
 
 
 def random_inertia(random: np.random.Generator, k: int) -> Array:
@@ -117,32 +112,13 @@ def test_free_and_immobile_directions_get_no_damping() -> None:
 
 def arms_of(model: RobotModel, random: np.random.Generator, ratio: float | None) -> TaskModules:
     q = random_position(random, model)
-    arms = []
-    for limb in model.limbs.values():
-        k = len(limb.joints)
-        spring = make_spring(
-            random_psd(random, TYPICAL_STIFFNESS),
-            limb.hand,
-            limb.name,
-            start=model.pose(q, limb.hand),
-            damping_ratio=ratio,
-        )
-        bias = JointBias(
-            limb.name, limb.joints, 20.0 * random.random(k), q[limb.joints], np.full(k, 0.1), ratio
-        )
-        arms.append(ArmModule(limb, (spring,), bias))
-    return TaskModules(tuple(arms), None, q)
 
+    def arm(limb):
+        stiffness, start = random_psd(random, TYPICAL_STIFFNESS), model.pose(q, limb.hand)
+        spring = make_spring(stiffness, limb.hand, limb.name, start=start, damping_ratio=ratio)
+        return arm_module(limb, [spring], q, 20.0 * random.random(len(limb.joints)), 0.1, ratio)
 
-def holding(modules: TaskModules, model: RobotModel) -> TaskModules:
-    hands = [model.pose(modules.posture, arm.limb.hand) for arm in modules.arms]
-    origin = Pose(np.eye(3), np.mean([hand.translation for hand in hands], axis=0))
-    limbs = tuple(arm.limb.name for arm in modules.arms)
-    spec = ObjectSpec(limbs, "box", 1.2, (0.3, 0.2, 0.2), None, "weld", None, 0.0, False)
-    grasps = tuple(origin.inverse() @ hand for hand in hands)
-    springs = tuple(spring.name for arm in modules.arms for spring in arm.springs)
-    frames = tuple(arm.limb.hand for arm in modules.arms)
-    return replace(modules, held=HeldObject(spec, origin, limbs, frames, grasps, springs))
+    return TaskModules(tuple(arm(limb) for limb in model.limbs.values()), None, q)
 
 
 def at_posture(model: RobotModel, modules: TaskModules) -> Kinematics:
@@ -169,9 +145,8 @@ def test_a_limbs_modes_have_the_ratio_of_its_springs(robot, seed: int) -> None:
         modal = found.joint_modal[arm.limb.name]
         values = ratios(np.linalg.inv(block), np.diag(arm.bias.stiffness), modal)
         np.testing.assert_allclose(values, 0.6, rtol=1e-5)
-        np.testing.assert_allclose(
-            found.of_joints(arm.limb.name) - modal, 0.1 * np.eye(len(joints)), atol=1e-12
-        )
+        declared = found.of_joints(arm.limb.name) - modal
+        np.testing.assert_allclose(declared, 0.1 * np.eye(len(joints)), atol=1e-12)
 
 
 @ROBOTS
@@ -180,7 +155,7 @@ def test_a_held_object_has_the_ratio_of_its_hands_springs(robot, seed: int) -> N
     """The object's sums are damped; carried back to the hands, each damper stays positive."""
     random = np.random.default_rng(seed)
     model = robot()
-    modules = holding(arms_of(model, random, 0.8), model)
+    modules = hold(arms_of(model, random, 0.8), model)
     kinematics = at_posture(model, modules)
     found = phase_damping(modules, kinematics)
     origin = modules.held.start.translation
@@ -201,7 +176,7 @@ def test_a_held_object_has_the_ratio_of_its_hands_springs(robot, seed: int) -> N
 def test_splitting_a_spring_of_a_task_changes_neither_its_damping_nor_its_hands() -> None:
     random = np.random.default_rng(4)
     model = baxter()
-    for build in (lambda modules: modules, lambda modules: holding(modules, model)):
+    for build in (lambda modules: modules, lambda modules: hold(modules, model)):
         whole = build(arms_of(model, random, 0.5))
         arm = whole.arms[0]
         parts = split_spring(arm.springs[0], 0.3)
@@ -222,7 +197,5 @@ def test_explicit_damping_simply_adds() -> None:
     spring = replace(arm.springs[0], spec=spec)
     loaded = replace(modules, arms=(replace(arm, springs=(spring,)), *modules.arms[1:]))
     kinematics = at_posture(model, modules)
-    added = phase_damping(loaded, kinematics).of_spring(spring) - phase_damping(
-        modules, kinematics
-    ).of_spring(spring)
-    np.testing.assert_allclose(added, declared + np.diag([0, 0, 120.0, 0, 0, 0]), atol=1e-9)
+    with_it, without = (phase_damping(task, kinematics).of_spring(spring) for task in (loaded, modules))
+    np.testing.assert_allclose(with_it - without, declared + np.diag([0, 0, 120.0, 0, 0, 0]), atol=1e-9)

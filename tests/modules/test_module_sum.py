@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The sum of all modules: a gradient, passive dampers, an internal squeeze; the same as Python and as machine code."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +15,8 @@ from impedance_modules.modules.sum import module_names, potential_energy, sum_mo
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
-from tests.support.arm_samples import Array, baxter, random_rotation
+from tests.support.arm_samples import ROBOTS, Array, baxter, derivative, random_rotation
 from tests.support.module_samples import (
-    MODELS,
     module_sum,
     modules_in_force,
     random_damping,
@@ -41,14 +38,14 @@ def sampled(model, seed: int, *, held: bool = False, angle: float = 1.0):
     return modules, kinematics, targets, q, v, random_damping(random, modules)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@ROBOTS
 @pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize("angle", [1e-6, 1.0, np.pi])
-def test_python_and_machine_code_agree_to_the_last_bit(model, held: bool, angle: float) -> None:
+def test_python_and_machine_code_agree_to_the_last_bit(robot, held: bool, angle: float) -> None:
     found = {}
     for way in (False, True):
         use_machine_code(way)
-        sums = [module_sum(*sampled(model, seed, held=held, angle=angle), 0.7) for seed in range(4)]
+        sums = [module_sum(*sampled(robot, seed, held=held, angle=angle), 0.7) for seed in range(4)]
         found[way] = [
             (modules.efforts.copy(), modules.springs.wrench.copy(), energy) for modules, energy in sums
         ]
@@ -57,12 +54,12 @@ def test_python_and_machine_code_agree_to_the_last_bit(model, held: bool, angle:
             np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@ROBOTS
 @pytest.mark.parametrize("angle", [1e-6, 1.0, 3.1])
-def test_each_spring_pulls_with_the_wrench_that_matrices_give(ways, model, angle: float) -> None:
+def test_each_spring_pulls_with_the_wrench_that_matrices_give(ways, robot, angle: float) -> None:
     """J^T (s w + F - D J v) by numpy's matrices, w from pinocchio's logarithm, which shares no code with ours."""
     for seed in range(4):
-        modules, kinematics, targets, q, v, damping = sampled(model, seed, angle=angle)
+        modules, kinematics, targets, q, v, damping = sampled(robot, seed, angle=angle)
         found, energy = module_sum(modules, kinematics, targets, q, v, damping, 0.6)
         stored = 0.0
         for row, spring in enumerate(springs_of(modules)):
@@ -92,45 +89,43 @@ def test_each_spring_pulls_with_the_wrench_that_matrices_give(ways, model, angle
         assert len(module_names(modules)) == len(found.efforts)
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_torque_is_minus_the_gradient_of_the_energy_by_the_joints(ways, model) -> None:
+@ROBOTS
+def test_torque_is_minus_the_gradient_of_the_energy_by_the_joints(ways, robot) -> None:
     """tau = -dU/dq of everything together, springs on any frame, in any axes, with joint bias."""
     for seed in range(3):
-        modules, kinematics, targets, q, _, damping = sampled(model, seed)
+        modules, kinematics, targets, q, _, damping = sampled(robot, seed)
         found, still = modules_in_force(modules, targets, damping, q.size), np.zeros(q.size)
         found.springs.force[:] = 0.0
 
-        def energy(at: Array) -> float:
-            kinematics.update(at, still)  # noqa: B023 - called within the loop
-            return potential_energy(found, kinematics.arms, at)  # noqa: B023
+        def energy(step: Array) -> float:
+            kinematics.update(q + step, still)  # noqa: B023 - called within the loop
+            return potential_energy(found, kinematics.arms, q + step)  # noqa: B023
 
-        steps = 1e-3 * np.eye(q.size)
-        near = np.array([energy(q + h) - energy(q - h) for h in steps])
-        far = np.array([energy(q + 2 * h) - energy(q - 2 * h) for h in steps])
-        slope = (8 * near - far) / (12 * 1e-3)
+        slope = derivative(energy, q.size, 1e-3)
         kinematics.update(q, still)
         effort = module_sum(modules, kinematics, targets, q, still, damping)[0]
-        torque = effort.desired - sum(
+        forces = [
             kinematics.jacobian_of(spring.frame).T @ spring.axis_force() for spring in springs_of(modules)
-        )
+        ]
+        torque = effort.desired - sum(forces)
         np.testing.assert_allclose(torque, -slope, atol=2e-8 * np.abs(torque).max())
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_dampers_only_ever_take_energy(ways, model) -> None:
+@ROBOTS
+def test_dampers_only_ever_take_energy(ways, robot) -> None:
     for seed in range(4):
-        modules, kinematics, targets, q, v, damping = sampled(model, seed)
+        modules, kinematics, targets, q, v, damping = sampled(robot, seed)
         moving = module_sum(modules, kinematics, targets, q, v, damping)[0].desired
         still = module_sum(modules, kinematics, targets, q, np.zeros(q.size), damping)[0].desired
         assert float(v @ (moving - still)) <= 1e-9
 
 
-@pytest.mark.parametrize("model", MODELS)
+@ROBOTS
 @pytest.mark.parametrize("carried", [True, False])
-def test_squeeze_and_weight_turn_with_the_first_hand(ways, model, carried: bool) -> None:
+def test_squeeze_and_weight_turn_with_the_first_hand(ways, robot, carried: bool) -> None:
     """Both take the grasps as rigid: the object's axes are the first hand's, the places on it those of the start."""
     for seed in range(4):
-        modules, kinematics, targets, q, v, damping = sampled(model, seed, held=True)
+        modules, kinematics, targets, q, v, damping = sampled(robot, seed, held=True)
         held = replace(modules.held, spec=replace(modules.held.spec, carry_weight=carried))
         modules = replace(modules, held=held)
         found, _ = module_sum(modules, kinematics, targets, q, v, damping)
@@ -177,21 +172,20 @@ def test_displacement_is_the_logarithm_up_to_half_a_turn(ways) -> None:
             target = Pose(random_rotation(random), random.normal(size=3))
             pose = Pose(exp3(angle * axis) @ target.rotation, target.translation + 0.1 * axis)
             displacement(pose.rotation, pose.translation, target.rotation, target.translation, error)
-            np.testing.assert_allclose(
-                error, np.concatenate([0.1 * axis, angle * axis]), rtol=1e-7, atol=2e-9
-            )
+            expected = np.concatenate([0.1 * axis, angle * axis])
+            np.testing.assert_allclose(error, expected, rtol=1e-7, atol=2e-9)
             np.testing.assert_array_equal(displacement_of(pose, target), error)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@ROBOTS
 @pytest.mark.parametrize("held", [False, True])
 def test_a_phase_starts_where_the_last_one_stopped_and_carries_the_object_s_springs(
-    ways, model, held
+    ways, robot, held
 ) -> None:
-    robot, random = model(), np.random.default_rng(2)
+    model, random = robot(), np.random.default_rng(2)
     for _ in range(6):
-        modules = random_task(random, robot, held=held)
-        start = random_equilibrium(random, modules, robot, 1.0)
+        modules = random_task(random, model, held=held)
+        start = random_equilibrium(random, modules, model, 1.0)
         for _ in range(2):
             motion = phase_motion(modules, random_phase(random, modules), start)
             begin = motion.at(0.0)
@@ -206,7 +200,7 @@ def test_a_phase_starts_where_the_last_one_stopped_and_carries_the_object_s_spri
                 np.testing.assert_allclose(after.rotation, before.rotation, atol=1e-12)
                 np.testing.assert_allclose(after.translation, before.translation, atol=1e-12)
             for limb, rest in now.rests.items():
-                low = np.minimum(start.rests[limb], motion.goals.get(limb, start.rests[limb]))
-                high = np.maximum(start.rests[limb], motion.goals.get(limb, start.rests[limb]))
+                ends = [start.rests[limb], motion.goals.get(limb, start.rests[limb])]
+                low, high = np.min(ends, axis=0), np.max(ends, axis=0)
                 assert ((low - 1e-12 <= rest) & (rest <= high + 1e-12)).all()
             start = now

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Springs are exact gradients of their energy, for random stiffness, axes, frames and deflections."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from impedance_modules.superposition.net_stiffness import (
 )
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
-    Array,
+    derivative,
     displaced,
     make_spring,
     random_pose,
@@ -23,25 +21,13 @@ from tests.support.arm_samples import (
     split_spring,
 )
 
-STEPS = np.eye(6)
-
-
-def central(function, step: float) -> Array:
-    """Fourth-order central difference of ``function(h)`` at 0, h along the six unit motions."""
-    columns = []
-    for unit in STEPS:
-        near = function(step * unit) - function(-step * unit)
-        far = function(2 * step * unit) - function(-2 * step * unit)
-        columns.append((8.0 * near - far) / (12.0 * step))
-    return np.array(columns).T
-
 
 @pytest.mark.parametrize("seed", range(200))
 def test_wrench_is_minus_the_gradient_of_the_energy(seed: int) -> None:
     random = np.random.default_rng(seed)
     spring = make_spring(random_psd(random, TYPICAL_STIFFNESS), reference=random_pose(random))
     pose, target = random_pose(random, angle=1.5), random_pose(random, angle=1.5)
-    slope = central(lambda step: spring.energy(displaced(pose, step), target), 1e-3)
+    slope = derivative(lambda step: spring.energy(displaced(pose, step), target), step=1e-3)
     wrench = spring.wrench(pose, target)
     np.testing.assert_allclose(wrench, -slope, atol=1e-8 * max(1.0, np.abs(wrench).max()))
 
@@ -56,7 +42,7 @@ def test_stiffness_is_minus_the_derivative_of_the_wrench(angle: float) -> None:
         turned = exp3(angle * axis / np.linalg.norm(axis)) @ target.rotation
         pose = Pose(turned, target.translation + 0.3 * random.normal(size=3))
         step = 2e-4 if angle < 3.0 else 1e-6
-        slope = -central(lambda h, at=pose, to=target, k=spring: k.wrench(displaced(at, h), to), step)
+        slope = -derivative(lambda h, at=pose, to=target, k=spring: k.wrench(displaced(at, h), to), step=step)
         K = spring_stiffness(spring, pose, target)
         np.testing.assert_allclose(K, slope, atol=(1e-8 if angle < 3.0 else 1e-5) * np.abs(K).max())
 
@@ -66,10 +52,8 @@ def test_relaxed_spring_shows_its_declared_stiffness() -> None:
     spring = make_spring(random_psd(random, TYPICAL_STIFFNESS), reference=random_pose(random))
     pose = random_pose(random)
     declared = spring.in_world(spring.stiffness)
-    np.testing.assert_allclose(spring_stiffness(spring, pose, pose), declared, rtol=1e-12, atol=1e-10)
-    np.testing.assert_allclose(
-        spring_stiffness_without_preload(spring, pose, pose), declared, rtol=1e-12, atol=1e-10
-    )
+    for law in (spring_stiffness, spring_stiffness_without_preload):
+        np.testing.assert_allclose(law(spring, pose, pose), declared, rtol=1e-12, atol=1e-10)
 
 
 def test_wrench_is_continuous_up_to_the_cut() -> None:

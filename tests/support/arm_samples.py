@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Random arms, postures, springs and grasps for the law tests. Seeded: a failure comes back."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
-from impedance_modules.modules.spring import Spring
+from impedance_modules.modules.spring import Spring, displacement_of
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
@@ -29,8 +29,11 @@ def baxter() -> RobotModel:
 
 @cache
 def six_joint_pair() -> RobotModel:
-
     return RobotModel(read_robot(TESTS / "robots" / "six_joint_pair"))
+
+
+ROBOTS = pytest.mark.parametrize("robot", [baxter, six_joint_pair])
+"""Runs a test on both robots; ``robot()`` gives the model."""
 
 
 def random_position(random: Random, model: RobotModel) -> Array:
@@ -97,3 +100,19 @@ def displaced(pose: Pose, step: Array) -> Pose:
 def relative(actual: Array, expected: Array) -> float:
     """Largest difference, relative to the largest entry."""
     return float(np.max(np.abs(actual - expected)) / np.max(np.abs(expected)))
+
+
+def derivative(function: Callable[[Array], Array], size: int = 6, step: float = 1e-5) -> Array:
+    """Fourth-order central differences of a function at 0, one column per unit motion (..., size)."""
+
+    def slope(h: Array) -> Array:
+        near, far = function(h) - function(-h), function(2.0 * h) - function(-2.0 * h)
+        return (8.0 * near - far) / (12.0 * step)
+
+    return np.array([slope(h) for h in step * np.eye(size)]).T
+
+
+def measured_compliance(pose_under: Callable[[Array], Pose], push: float = 1e-3) -> Array:
+    """Displacement and rotation of a frame per unit wrench (6, 6), by small pushes both ways, world axes."""
+    pushes = push * np.eye(6)
+    return np.array([displacement_of(pose_under(w), pose_under(-w)) for w in pushes]).T / (2.0 * push)

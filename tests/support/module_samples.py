@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Random tasks of two arms, with or without an object, and the sum of their modules. Seeded."""
 
-from __future__ import annotations
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,23 +13,19 @@ from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.spring import Spring
 from impedance_modules.modules.sum import Modules, lay_out, sum_modules, write_equilibrium, write_gains
 from impedance_modules.robot.kinematics import Kinematics
-from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task import AXES, HybridAxis, ObjectSpec, PhaseSpec, Sine
 from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
     Array,
     Random,
-    baxter,
     make_spring,
     random_pose,
     random_position,
     random_psd,
     random_rotation,
-    six_joint_pair,
 )
-
-MODELS = [baxter, six_joint_pair]
 
 
 def random_spring(random: Random, model: RobotModel, limb: str, frame: str, q: Array, name: str) -> Spring:
@@ -37,16 +33,37 @@ def random_spring(random: Random, model: RobotModel, limb: str, frame: str, q: A
         axis: HybridAxis(float(random.normal() * 10), float(random.uniform(0.05, 1.0)))
         for axis in random.choice(AXES, 2, replace=False)
     }
-    spring = make_spring(
-        random_psd(random, TYPICAL_STIFFNESS),
-        frame,
-        limb,
-        name,
-        random_pose(random),
-        model.pose(q, frame),
-        axes=axes,
-    )
-    return spring
+    stiffness, reference = random_psd(random, TYPICAL_STIFFNESS), random_pose(random)
+    return make_spring(stiffness, frame, limb, name, reference, model.pose(q, frame), axes=axes)
+
+
+def arm_module(
+    limb: Limb, springs: list[Spring], q: Array, stiffness: Array, damping: float = 0.0, ratio=None
+) -> ArmModule:
+    """An arm with springs, and with joint springs that are at rest in a posture."""
+    dampers = np.full(len(limb.joints), damping)
+    bias = JointBias(limb.name, limb.joints, stiffness, q[limb.joints], dampers, ratio)
+    return ArmModule(limb, tuple(springs), bias)
+
+
+def hold(
+    modules: TaskModules,
+    model: RobotModel,
+    *,
+    mass: float = 1.2,
+    squeeze: float = 0.0,
+    carry_weight: bool = False,
+    beside: Array | float = 0.0,
+) -> TaskModules:
+    """The same modules with a box welded between the hands; it moves with the springs on the hands."""
+    hands = tuple(arm.limb.hand for arm in modules.arms)
+    poses = [model.pose(modules.posture, hand) for hand in hands]
+    start = Pose(np.eye(3), np.mean([pose.translation for pose in poses], axis=0) + beside)
+    limbs = tuple(arm.limb.name for arm in modules.arms)
+    spec = ObjectSpec(limbs, "box", mass, (0.3, 0.2, 0.2), None, "weld", None, squeeze, carry_weight)
+    grasps = tuple(start.inverse() @ pose for pose in poses)
+    springs = tuple(spring.name for spring in springs_of(modules) if spring.frame in hands)
+    return replace(modules, held=HeldObject(spec, start, limbs, hands, grasps, springs))
 
 
 def random_task(random: Random, model: RobotModel, *, held: bool) -> TaskModules:
@@ -61,34 +78,16 @@ def random_task(random: Random, model: RobotModel, *, held: bool) -> TaskModules
             and frame.name in model.frames
         )
         frames = (limb.hand, limb.hand, middle)
-        springs = tuple(
+        springs = [
             random_spring(random, model, limb.name, frame, q, f"{limb.name}.s{k}")
             for k, frame in enumerate(frames)
-        )
-        k = len(limb.joints)
-        bias = JointBias(limb.name, limb.joints, random.uniform(0, 30, k), q[limb.joints], np.zeros(k), None)
-        arms.append(ArmModule(limb, springs, bias))
-    return TaskModules(tuple(arms), _held(random, model, arms, q) if held else None, q)
-
-
-def _held(random: Random, model: RobotModel, arms: list[ArmModule], q: Array) -> HeldObject:
-    hands = tuple(arm.limb.hand for arm in arms)
-    poses = [model.pose(q, hand) for hand in hands]
-    start = Pose(np.eye(3), np.mean([pose.translation for pose in poses], axis=0))
-    limbs = tuple(arm.limb.name for arm in arms)
-    spec = ObjectSpec(
-        limbs,
-        "sphere",
-        float(random.uniform(0.5, 3)),
-        (0.3,),
-        None,
-        "weld",
-        None,
-        float(random.uniform(0, 30)),
-        True,
-    )
-    springs = tuple(spring.name for arm in arms for spring in arm.springs[:2])
-    return HeldObject(spec, start, limbs, hands, tuple(start.inverse() @ pose for pose in poses), springs)
+        ]
+        arms.append(arm_module(limb, springs, q, random.uniform(0, 30, len(limb.joints))))
+    modules = TaskModules(tuple(arms), None, q)
+    if not held:
+        return modules
+    mass, squeeze = (float(random.uniform(*ends)) for ends in ((0.5, 3), (0, 30)))
+    return hold(modules, model, mass=mass, squeeze=squeeze, carry_weight=True)
 
 
 def springs_of(modules: TaskModules) -> list[Spring]:
