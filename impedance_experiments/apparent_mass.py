@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_experiments.task_run import watch_task
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import BadInput
@@ -25,8 +25,6 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task_reader import read_task
-
-Array = NDArray[np.float64]
 
 TASK = "impact"
 """The thesis's planar arm comes down on a table at 0.1 m/s."""

@@ -23,10 +23,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from impedance_experiments.task_run import TaskRun, patch_of, record_task, task_with
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
@@ -39,8 +39,6 @@ from impedance_modules.effects.springs import BenchSpring
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task_reader import read_task
-
-Array = NDArray[np.float64]
 
 SETTLED = 0.12
 """From the end of the blow until the joint's own spring has stopped oscillating [s]."""

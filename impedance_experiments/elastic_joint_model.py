@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from impedance_modules.arrays import Array
+
 Complex = NDArray[np.complex128]
 
 

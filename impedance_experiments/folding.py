@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impedance_experiments.task_run import only_arm, watch_task
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant
@@ -26,8 +26,6 @@ from impedance_modules.tools.spring_tuning import (
     unloading,
 )
 from impedance_modules.tools.tuned_task import RAMP_TIME, trial_task
-
-Array = NDArray[np.float64]
 
 TASK = "net-stiffness"
 """The posture of eq. 5.1, with the thesis's springs at joints and hand."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impedance_experiments.loaded_hand import (
     LARGE_TANK,
@@ -35,12 +34,11 @@ from impedance_experiments.thesis_page import (
     ThesisValue,
     table_of,
 )
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.analysis import analyse_task
 from impedance_modules.superposition.examples import thesis_net_stiffness
 from impedance_modules.superposition.operational_inertia import linear_ellipsoid
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 PRINTED = {"x": (329.59, 371.68), "y": (301.5, 292.82), "z": (79.8, 81.54)}

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from impedance_experiments.task_run import PushTrace, first_pushes, only_arm, trace_pushed
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.prediction.analysis import analyse_task
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import analyse_state
-
-Array = NDArray[np.float64]
 
 TASK = "net-stiffness"
 SHARE = (0.15, 0.98)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impedance_experiments.drive_fit import DriveFit, fit_drive, swinging_joint
 from impedance_experiments.task_run import TaskRun, patch_of, record_task, task_with
@@ -23,11 +22,10 @@ from impedance_experiments.thesis_page import (
     ThesisValue,
     table_of,
 )
+from impedance_modules.arrays import Array
 from impedance_modules.effects.joint_motion import sign
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.spec.task_text import task_document
-
-Array = NDArray[np.float64]
 
 PATCH = "nonlinear-damping"
 FORWARD, INTERACTIVE = "forward-path", "interactive"

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from impedance_experiments.task_run import PushTrace, only_arm, trace_pushed
 from impedance_experiments.thesis_page import Page, Plot, Settings, ThesisValue
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.plant.pushes import push_wrench
-
-Array = NDArray[np.float64]
 
 TASK = "one-joint"
 TURN = 5

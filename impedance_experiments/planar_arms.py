@@ -6,12 +6,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_modules.arrays import Array
 from impedance_modules.superposition.examples import FIRST_ARM, LINK_LENGTH, MIRRORED_ARM, planar_inertia
-
-Array = NDArray[np.float64]
 
 NAMES = ("x", "y", "theta")
 PRINTED = {

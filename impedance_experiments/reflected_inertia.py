@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impedance_experiments.drive_fit import DriveFit, FreeSwing, fit_drive, fixture_of, links_inertia, strike
 from impedance_experiments.task_run import TaskRun, patch_of, patch_with, record_task, task_with
@@ -26,14 +25,13 @@ from impedance_experiments.thesis_page import (
     ThesisValue,
     table_of,
 )
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.diagnose import diagnose
 from impedance_modules.diagnosis.result import Diagnosis
 from impedance_modules.effects.joint_motion import sign
 from impedance_modules.spec.task_reader import read_task
 from impedance_modules.spec.task_text import task_document
-
-Array = NDArray[np.float64]
 
 WRIST, ELBOW = "W1", "E1"
 """As the thesis calls the joints."""

@@ -28,13 +28,11 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.roughness_detection import Window
 from impedance_modules.spec.task import RoughnessSpec, SplintersSpec, SurfaceSpec, WoodSpec
-
-Array = NDArray[np.float64]
 
 LEAST = 0.1
 """A rough piece whose score is below that of smooth ones on average counts as so far from them [deviations]."""

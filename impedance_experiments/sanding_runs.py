@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from impedance_experiments.sanding_rule import KINDS, WoodKind
 from impedance_experiments.task_run import watch_task
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.roughness_detection import (
     SAMPLE_RATE,
@@ -30,8 +31,6 @@ from impedance_modules.plant.wood import WoodState
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import SurfaceSpec
 from impedance_modules.tools.recorded_roughness import Touched
-
-Array = NDArray[np.float64]
 
 TOWARDS = Directions(np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
 """Strokes towards the robot on a level board: the ones that the thesis judges."""

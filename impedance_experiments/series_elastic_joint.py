@@ -12,11 +12,10 @@ from scipy.integrate import solve_ivp
 
 from impedance_experiments.elastic_joint_model import SeriesElasticJoint, rigid_up_to
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_modules.arrays import Array
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.task_reader import read_task
-
-Array = NDArray[np.float64]
 
 TASK = "soft-hold"
 """Its posture is where the joints are studied: a palm in front of the chest."""

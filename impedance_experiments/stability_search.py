@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_experiments.task_run import watch_task
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.errors import BadInput
@@ -22,8 +22,6 @@ from impedance_modules.prediction.statics import Loads, analyse_state, find_rest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import ArmSpec, PushSpec
-
-Array = NDArray[np.float64]
 
 BRACKET = 1.2
 """The limit is first searched within this factor of the prediction."""

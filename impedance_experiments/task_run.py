@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
@@ -34,8 +35,6 @@ from impedance_modules.spec.locate import data_folder
 from impedance_modules.spec.task import PushSpec
 from impedance_modules.spec.task_reader import read_task
 from impedance_modules.spec.task_text import changed, find_steps, task_document
-
-Array = NDArray[np.float64]
 
 Observer = Callable[[RobotState, Plant, Supervisor], None]
 EVERY = 5

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from impedance_experiments.parallel_runs import carry_out_all
 from impedance_experiments.task_run import watch_task
 from impedance_experiments.thesis_page import Settings
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.plant.plant import Plant
@@ -21,8 +22,6 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.playback_run import make_playback
 from impedance_modules.spec.robot_spec import PlaybackSpec
 from impedance_modules.spec.task import SurfaceSpec
-
-Array = NDArray[np.float64]
 
 LEANT = 6.0
 """The hand leans on the surface from here on: phases lower and lean are over [s]."""

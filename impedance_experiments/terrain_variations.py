@@ -13,17 +13,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_experiments.terrain_slides import Slide, SlideJob, deviation_along_y, slide_all
 from impedance_experiments.thesis_page import Cell, ResultTable, Settings, table_of
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot_spec import PlaybackSpec
 from impedance_modules.spec.task import SurfaceSpec
-
-Array = NDArray[np.float64]
 
 HEIGHT, TILT = 0.03, np.radians(6.0)
 """Errors of the map are drawn evenly up to this, either way: height under the slide's middle [m], about x and y."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from impedance_experiments.task_run import EVERY, PushTrace, first_pushes, full_strength, trace_pushed
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
@@ -26,8 +27,6 @@ from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import Analysed, analyse_state
 from impedance_modules.superposition.object_impedance import HeldImpedance
 from impedance_modules.superposition.operational_inertia import carry_inertia
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 AT_REST, STEADY = 0.5, 0.3

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impedance_experiments.task_run import PushTrace, first_pushes, only_arm, patch_of, trace_pushed
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.effects.water import BuoyancyTorque
@@ -20,8 +20,6 @@ from impedance_modules.plant.links import link_model, link_table, water_inertia
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import analyse_state
 from impedance_modules.spec.task import PushSpec
-
-Array = NDArray[np.float64]
 
 TASK, PATCH = "under-water", "under-water"
 PERIOD = 0.85

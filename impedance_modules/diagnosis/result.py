@@ -7,11 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import DataReport
-
-Array = NDArray[np.float64]
 
 EXIT_CODES: Mapping[str, int] = {
     "no_gap": 0,

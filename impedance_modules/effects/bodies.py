@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import Shape
@@ -16,8 +16,6 @@ from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot_spec import BodyChange, RobotSpec
-
-Array = NDArray[np.float64]
 
 CENTRE = ("cx", "cy", "cz")
 

@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
@@ -22,8 +22,6 @@ from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual, Stage
 from impedance_modules.spec.robot_spec import RobotSpec
-
-Array = NDArray[np.float64]
 
 
 class DriveLaw(Stepped):

@@ -21,16 +21,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
 from impedance_modules.spec.robot_spec import RobotSpec
-
-Array = NDArray[np.float64]
 
 Values = Mapping[str, float]
 """An effect's parameters by symbol, in the units of its description."""

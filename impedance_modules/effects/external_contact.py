@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
@@ -18,8 +18,6 @@ from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.rigid_model import WORLD_AXES
 from impedance_modules.robot.model import RobotModel
-
-Array = NDArray[np.float64]
 
 FORCE = ("fx", "fy", "fz")
 WINDOWS = 10

@@ -15,14 +15,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, bent, follow
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
-
-Array = NDArray[np.float64]
 
 STRETCH = "stretch"
 """Shape: displacement fc / s0 over which the bristles bend, a presliding displacement [rad]."""

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import JointLaw, Site, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import (
@@ -14,8 +14,6 @@ from impedance_modules.effects.joint_motion import (
     Shape,
     regularisation_velocity,
 )
-
-Array = NDArray[np.float64]
 
 BOTH_SIDES: tuple[Port, ...] = ("actuator", "link")
 

@@ -19,7 +19,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from impedance_modules.arrays import Array
+
 Shape = Mapping[str, Array | float]
 """Values of the parameters that enter a law nonlinearly, by symbol; numbers or one per joint."""
 

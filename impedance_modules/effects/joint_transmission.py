@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, ends, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, sign
@@ -24,8 +24,6 @@ from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.model import with_reflected_inertia
 from impedance_modules.spec.robot_spec import RobotSpec
-
-Array = NDArray[np.float64]
 
 READ = "read"
 """Shape of play: 1 where the flanks' sides are taken from the load as it was read."""

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.joint_motion import (
     EffectTorque,
@@ -26,7 +27,6 @@ from impedance_modules.effects.rigid_model import sliding_joints
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.rotation import exp3
 
-Array = NDArray[np.float64]
 Side = Literal["motor", "link"]
 
 FAST = 5.0

@@ -12,15 +12,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.joint_motion import JointSample, follow, regularisation_velocity
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.task import SurfaceSpec
-
-Array = NDArray[np.float64]
-
 
 STENCIL = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
 """Weights of the differences over two, four, six and eight steps (Fornberg 1988)."""

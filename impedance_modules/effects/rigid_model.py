@@ -16,10 +16,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.robot.model import RobotModel
-
-Array = NDArray[np.float64]
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

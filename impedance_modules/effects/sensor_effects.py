@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.drive_effects import LAGS, lagged
 from impedance_modules.effects.effect import (
     Effect,
@@ -26,8 +26,6 @@ from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, Residual, Stage, uses_motion
 from impedance_modules.errors import BadInput
-
-Array = NDArray[np.float64]
 
 APART = "apart"
 """Shape: 1 where the readings' clock runs away from the commands'."""

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import JointLaw, Regressor, Site, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
@@ -16,8 +16,6 @@ from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import COVERS, Residual
 from impedance_modules.spec.robot_spec import ParallelSpringSpec, RobotSpec
-
-Array = NDArray[np.float64]
 
 CARRIED = "carried"
 """Shape: the robot knows the spring and adds the torque that deflects it to what carries its weight; else missing."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import SLIDING_REGULARISATION_VELOCITY, Shape
@@ -26,8 +26,6 @@ from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
-
-Array = NDArray[np.float64]
 
 NAME = re.compile(r"surface(\d+)")
 """How a patch names a surface."""

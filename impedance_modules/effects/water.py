@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.effects.bodies import CENTRE, MassAtPoint, by_axis, centre_of, place_on_link
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
@@ -22,8 +22,6 @@ from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.rotation import skew
-
-Array = NDArray[np.float64]
 
 MASSES = ("mx", "my", "mz")
 

@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Indices
 from impedance_modules.episode.columns import (
     FRAME_KINDS,
     JOINT_KINDS,
@@ -31,7 +32,6 @@ from impedance_modules.episode.metadata import decode_metadata
 from impedance_modules.episode.run_folder import EPISODE, RunLock, part_paths
 from impedance_modules.errors import BadInput
 
-Indices = NDArray[np.intp]
 KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, "extra")
 ReadColumn = Callable[[str], pa.ChunkedArray]
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from impedance_modules.arrays import Array
 from impedance_modules.episode import view_layout
 from impedance_modules.episode.view_layout import run_layout
 from impedance_modules.episode.view_scene import (
@@ -19,7 +20,6 @@ from impedance_modules.episode.view_scene import (
     LIMIT,
     SPRING,
     TORQUE,
-    Array,
     BodyShape,
     Scene,
     SceneBody,

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.episode import view_layout
 from impedance_modules.episode.rerun_writer import open_stream, send_curves, time_index
-
-Array = NDArray[np.float64]
 
 MEASURED, BEFORE, AFTER = (90, 90, 90, 255), (213, 94, 0, 255), (0, 114, 178, 255)
 """Colours of what was recorded, of the nominal model, and of the model with the causes."""

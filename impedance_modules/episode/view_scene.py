@@ -11,12 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
 
-Array = NDArray[np.float64]
 Pose7 = tuple[float, float, float, float, float, float, float]
 AT_ORIGIN: Pose7 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 Colour = tuple[int, int, int, int]

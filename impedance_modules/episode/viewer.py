@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from impedance_modules.arrays import Array
 from impedance_modules.episode import view_layout
 from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, POSE_COMPONENTS, WRENCH_COMPONENTS
 from impedance_modules.episode.data import Episode
@@ -19,7 +20,7 @@ from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.rerun_writer import new_stream, open_stream, send_curves, time_index
 from impedance_modules.episode.run_folder import EPISODE, RECORDING
 from impedance_modules.episode.view_layout import columns_layout
-from impedance_modules.episode.view_scene import Array, series_colour
+from impedance_modules.episode.view_scene import series_colour
 from impedance_modules.errors import BadInput
 
 UNITS = {

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.modules.held_object import OBJECT, HeldObject, distance_to_surface
 from impedance_modules.modules.joint_bias import JointBias
@@ -19,8 +19,6 @@ from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task import ArmSpec, JointBiasSpec, ObjectSpec, PhaseSpec, TaskSpec
-
-Array = NDArray[np.float64]
 
 WORLD = "world"
 GRASP_REACH = 0.01

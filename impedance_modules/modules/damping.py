@@ -18,13 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.modules.arms import ArmModule, TaskModules
 from impedance_modules.modules.mobility import RANK_TOLERANCE, carry_mobility, mobility, parallel_sum
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.pose import carry
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

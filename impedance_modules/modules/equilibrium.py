@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.arms import TaskModules
@@ -33,7 +34,6 @@ from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import compose, skew
 from impedance_modules.spec.task import PhaseSpec
 
-Array = NDArray[np.float64]
 IntegerArray = NDArray[np.int64]
 
 

@@ -10,16 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.records import Array3, Indices, Matrix, Record, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import compose, skew
 from impedance_modules.spec.task import ObjectSpec
-
-Array = NDArray[np.float64]
 
 OBJECT = "object"
 """Name by which a target refers to the held object."""

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.records import Indices, Matrix, Record, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
-
-Array = NDArray[np.float64]
 
 
 class JointSprings(Record):

@@ -8,11 +8,9 @@ All matrices are (6, 6), linear then angular, world axes, [1/kg, 1/(kg.m), 1/(kg
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.robot.pose import carry
-
-Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-12
 """Share of the largest eigenvalue below which a direction counts as immobile."""

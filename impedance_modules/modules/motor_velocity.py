@@ -12,12 +12,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.records import Record, Vector
-
-Array = NDArray[np.float64]
 
 
 class MotorVelocity(Record):

@@ -18,15 +18,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.records import Array3, Indices, Matrix, Record
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import compose, exp3, exponential, log3, log_jacobian
 from impedance_modules.spec.task import AXES, Coordinate, Sine
-
-Array = NDArray[np.float64]
 
 
 @compiled

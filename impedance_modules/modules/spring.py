@@ -21,16 +21,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.records import Array3, Indices, Matrix, Record
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.robot.pose import Pose, rotate_six
 from impedance_modules.robot.rotation import log_curvature, logarithm
 from impedance_modules.spec.task import AXES, HybridAxis, SpringSpec
-
-Array = NDArray[np.float64]
 
 
 class Springs(Record):

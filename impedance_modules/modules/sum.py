@@ -9,8 +9,8 @@ Nothing is inverted and nothing is projected: impedances add (thesis eq. 4.28).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
@@ -20,8 +20,6 @@ from impedance_modules.modules.joint_bias import JointSprings, bias_efforts, bia
 from impedance_modules.modules.spring import Springs, spring_efforts, spring_energies
 from impedance_modules.records import Matrix, Record, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
-
-Array = NDArray[np.float64]
 
 
 class Modules(Record):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.damping import phase_damping
@@ -35,8 +36,6 @@ from impedance_modules.superposition.object_impedance import (
     superpose,
 )
 from impedance_modules.superposition.operational_inertia import OperationalInertia
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

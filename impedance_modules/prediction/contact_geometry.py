@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.plant.point_contact import Point
 from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
-
-Array = NDArray[np.float64]
 
 TOO_DEEP = 0.05
 """A point further below a sheet at rest did not come from above it: a forecast sees single states [m]."""

@@ -27,14 +27,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.safety.tank import DEVIATIONS
 from impedance_modules.superposition.elastic_joints import sampling_of
-
-Array = NDArray[np.float64]
 
 NOISIEST_CYCLE = 3.0
 """Standard deviations by which the noisiest of a run's cycles stands out."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
@@ -16,8 +16,6 @@ from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase, predict_motion
 from impedance_modules.prediction.statics import Rest, find_rest
 from impedance_modules.spec.task import Sine
-
-Array = NDArray[np.float64]
 
 NAMED_SHARE = 0.05
 """Share of the tank's need from which a cost is named."""

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import OBJECT
@@ -24,8 +24,6 @@ from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
 from impedance_modules.prediction.statics import Rest, analyse_state
 from impedance_modules.robot.model import Limb, RobotModel
-
-Array = NDArray[np.float64]
 
 GRAVITY_SAMPLES = 40
 """Moments of a phase at which the arms' own weight is taken into account."""

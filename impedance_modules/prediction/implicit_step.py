@@ -14,12 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.prediction.contact_geometry import Contact
 from impedance_modules.prediction.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 NEAR = 0.02
 """Distance at which a point is watched [m]."""

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.superposition.arm_impedance import ArmImpedance
@@ -31,8 +31,6 @@ from impedance_modules.superposition.sampled_loop import (
     sampled_modes,
     spectral_radius,
 )
-
-Array = NDArray[np.float64]
 
 STIFFEST = 30.0
 """Times the task's own endpoint stiffness; beyond it nobody asks."""

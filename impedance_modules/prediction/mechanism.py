@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
@@ -27,8 +27,6 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import log3
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ same formula is applied to the predicted motion, so a predicted contact is as la
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.contact_detection import REGULARISATION
 from impedance_modules.modules.arms import ArmModule
 from impedance_modules.modules.equilibrium import PhaseMotion
@@ -18,8 +18,6 @@ from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition
-
-Array = NDArray[np.float64]
 
 
 class ExternalForce:

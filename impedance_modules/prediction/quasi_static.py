@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.set_points import BLENDING
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
@@ -30,8 +30,6 @@ from impedance_modules.prediction.implicit_step import EquationOfMotion, Implici
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.phase_end import ExternalForce, PhaseEnd
 from impedance_modules.spec.task import PhaseSpec, SmoothCondition
-
-Array = NDArray[np.float64]
 
 MIDDLE = 0.55
 """Part of a step at which forces balance; 1 in steps in which a point meets or leaves a surface."""

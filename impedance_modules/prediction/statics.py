@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.contact_geometry import Contact
 from impedance_modules.prediction.mechanism import Mechanism, Setting
@@ -25,8 +25,6 @@ from impedance_modules.superposition.object_impedance import (
     held_impedance,
     lever_arm_stiffness,
 )
-
-Array = NDArray[np.float64]
 
 BALANCED = 1e-9
 """Largest joint torque left over at rest [N.m]."""

@@ -22,14 +22,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput
 from impedance_modules.records import Indices, Matrix, Record, Vector
 from impedance_modules.robot.kinematics import Kinematics
-
-Array = NDArray[np.float64]
 
 QUICKEST = 20.0
 """Bound of the growth of a pair's closing speed [m/s^2]: a hand of Baxter's pushed by all its torque."""

@@ -14,12 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
-
-Array = NDArray[np.float64]
 
 
 class ExternalTorque:

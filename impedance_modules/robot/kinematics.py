@@ -18,11 +18,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.records import Array3, IndexMatrix, Matrix, Record, Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

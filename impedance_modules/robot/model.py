@@ -16,11 +16,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.robot_spec import BodyChange, JointOrigin, JointSpec, RobotSpec
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.robot.rotation import exp3, skew
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
-
-Array = NDArray[np.float64]
 
 SMALL_ANGLE = 1e-4
 """Below this angle [rad] series replace quotients; their error is then below 1e-18."""

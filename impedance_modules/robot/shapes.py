@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

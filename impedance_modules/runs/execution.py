@@ -8,9 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from impedance_modules.arrays import Array
 from impedance_modules.backends.protocol import Backend, RealRobot
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.controller import WarmUp
@@ -24,9 +22,6 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.recorder import Recorder
 from impedance_modules.runs.run_summary import Summary
 from impedance_modules.runs.scene_view import SceneView
-
-Array = NDArray[np.float64]
-
 
 PICTURE_SAMPLES = 20_000
 """More would not be seen in the picture, and ten minutes of them would fill 400 MB."""

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.control.adjust import as_taught
 from impedance_modules.control.assembly import Assembly
@@ -38,8 +37,6 @@ from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.recorder import write_poses
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.spec.task import TaskPlayback
-
-Array = NDArray[np.float64]
 
 TAUGHT = "taught"
 """Folder of the episode in which the path was taught, inside the run's."""

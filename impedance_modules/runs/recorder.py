@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.protocol import RealRobot
 from impedance_modules.compiled import compiled
 from impedance_modules.control.assembly import Assembly
@@ -25,8 +25,6 @@ from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.records import IndexMatrix, Indices, Matrix, Record, Vector
 from impedance_modules.robot.rotation import write_quaternion
 from impedance_modules.robot.state import RobotState
-
-Array = NDArray[np.float64]
 
 SCALARS = (
     "tank",

@@ -6,8 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
 from impedance_modules.backends.baxter.preflight_checks import PreflightResult
 from impedance_modules.backends.baxter.robot_link import RobotLink
@@ -21,10 +21,8 @@ from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.grasp import ObjectBody
 from impedance_modules.plant.plant import Plant, PlantOptions
-
-Array = NDArray[np.float64]
+from impedance_modules.plant.rigid_object import ObjectBody
 
 
 def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend:

@@ -14,19 +14,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array, Indices
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.columns import joint_columns, pose_columns, target_columns, wrench_columns
 from impedance_modules.episode.run_folder import write_summary
 from impedance_modules.safety.attribute import attribute
 
-Array = NDArray[np.float64]
-
 ATTRIBUTED = 5
 """One in so many of the cycles that the filter changed is attributed to rows and modules."""
-Indices = NDArray[np.intp]
 BLOCK = 128
 """Rows that are gathered before they are summed."""
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.background import Background
@@ -30,8 +30,6 @@ from impedance_modules.runs.recorder import write_poses
 from impedance_modules.safety.filter_problem import RowKind
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
 from impedance_modules.superposition.operational_inertia import ellipsoid, from_mobility
-
-Array = NDArray[np.float64]
 
 INERTIA_SCALE = 0.02
 """Metres drawn per kg: a hand of 5 kg is a 10 cm half axis."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.replay_backend import ReplayBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
@@ -21,8 +21,6 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.recorder import MISSED
 from impedance_modules.runs.run_backends import acting_in
 from impedance_modules.spec.robot_spec import JointOrigin
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

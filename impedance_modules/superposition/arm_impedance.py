@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.modules.arms import ArmModule
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
@@ -37,8 +37,6 @@ from impedance_modules.superposition.operational_inertia import (
     without_reflected_inertia,
 )
 from impedance_modules.superposition.sampled_loop import Gains
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec
-
-Array = NDArray[np.float64]
 
 ROBOT_RATE = 1000.0
 """Slowest rate of a robot's own estimator [Hz]; a slower controller leaves it whole loops per period."""

@@ -13,11 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.superposition.net_stiffness import NetStiffness, net_stiffness
-
-Array = NDArray[np.float64]
 
 LINK_MASS, LINK_LENGTH, LINK_RADIUS = 5.0, 1.0, 0.1
 """Of each link, a solid cylinder [kg], [m], [m]; not printed in the thesis, recovered from its results."""

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.robot.pose import carry
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -24,13 +24,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.modules.spring import Spring, displacement_of
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log_jacobian, skew
-
-Array = NDArray[np.float64]
 
 SINGULAR = 1e-10
 """Ratio of the smallest to the largest singular value below which a matrix counts as singular."""

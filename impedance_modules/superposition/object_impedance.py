@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.modules.held_object import HeldObject, carry_weight, share_wrench, squeeze_forces
 from impedance_modules.modules.mobility import parallel_sum
 from impedance_modules.robot.pose import Pose, carry
@@ -32,8 +32,6 @@ from impedance_modules.superposition.operational_inertia import (
     carry_inertia,
     from_mobility,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

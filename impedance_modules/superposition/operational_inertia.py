@@ -12,12 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.modules.mobility import carry_mobility, mobility
 from impedance_modules.robot.pose import carry
-
-Array = NDArray[np.float64]
 
 LARGEST_CONDITION = 1e9
 """Condition number of the mobility (SI units) beyond which an inertia is said not to exist."""

@@ -13,12 +13,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.superposition.elastic_joints import SampledArm
 from impedance_modules.superposition.modes import VibrationMode, modes_of
-
-Array = NDArray[np.float64]
 
 MARGIN = 1e-7
 """A free motion has a double eigenvalue one, which rounding moves by about 1e-8; this is above that."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.roughness_detection import (
     LEAST_FORCE,
     LENGTH,
@@ -22,8 +23,6 @@ from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot
-
-Array = NDArray[np.float64]
 
 CONTACT_FORCE = 1.0
 """A hand whose normal force is never this large touched nothing [N]."""

@@ -23,9 +23,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import build_modules
@@ -38,8 +38,6 @@ from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
 from impedance_modules.superposition.net_stiffness import gamma
-
-Array = NDArray[np.float64]
 
 MARGIN = 1.02
 """Times the stiffness at which the arm just folds: what is handed out."""

@@ -18,10 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput, nearest
-
-Array = NDArray[np.float64]
 
 FORCE_RANGE = 3.0
 """A cell whose force varied by less has no stiffness [N]."""

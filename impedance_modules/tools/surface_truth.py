@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
 from impedance_modules.prediction.contact_geometry import PlacedSurface, place_surface
 from impedance_modules.spec.task import SurfaceSpec
 from impedance_modules.tools.surface_fit import SurfaceMap
-
-Array = NDArray[np.float64]
 
 STEPS = 20
 """Repetitions after which a point of a tilted sheet is found to the last digit."""

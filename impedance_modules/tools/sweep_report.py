@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.tools.sweep_runs import SweepRow
-
-Array = NDArray[np.float64]
 
 
 class TableFile:

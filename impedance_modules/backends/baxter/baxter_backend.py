@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.driver import BaxterDriver
 from impedance_modules.backends.baxter.joint_states import StateSample
@@ -29,8 +29,6 @@ from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.errors import NotConnected, RobotRefused
 from impedance_modules.robot.model import Limb
 from impedance_modules.robot.state import RobotState
-
-Array = NDArray[np.float64]
 
 PATIENCE = 1.5
 """Longest wait for a state, in periods; after a miss the next wait is one period longer each time."""

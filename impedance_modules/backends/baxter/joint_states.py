@@ -13,10 +13,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter.ros.messages import JointState
 from impedance_modules.robot.state import RobotState
-
-Array = NDArray[np.float64]
 
 LEAP = 0.25
 """A stamp that advances this much more than our own clock is a step of the robot's clock [s]."""

@@ -17,8 +17,8 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.joint_states import JointStateMerger, StateSample
 from impedance_modules.backends.baxter.ros.messages import (
@@ -37,8 +37,6 @@ M = TypeVar("M", bound=Message)
 
 RATE_WINDOW = 1.0
 """Time over which the rate of the states is measured [s]."""
-
-Array = NDArray[np.float64]
 
 FIELDS: Mapping[str, str] = {
     "gravity": "gravity_model_effort",

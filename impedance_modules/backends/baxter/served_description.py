@@ -16,14 +16,12 @@ from itertools import pairwise
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.robot_spec import JointOrigin, LimbSpec, RobotSpec
-
-Array = NDArray[np.float64]
 
 MOUNT_SHIFT, MOUNT_TURN = 0.03, 0.03
 """Largest calibration offset of a mount that is accepted [m], [rad]; 0.0096 m and 0.004 rad are known."""

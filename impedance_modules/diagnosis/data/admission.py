@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.channel_checks import refuse_faulty_channels, unwrapped
 from impedance_modules.diagnosis.data.dataset_consistency import (
     group_repeats,
@@ -32,7 +33,6 @@ from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.task_text import contact_phases
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 RATE_MIN = 25.0

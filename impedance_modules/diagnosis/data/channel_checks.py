@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_tree import Body
@@ -21,8 +21,6 @@ from impedance_modules.diagnosis.data.torque_sign import (
     residual_of_fit,
 )
 from impedance_modules.errors import BadInput
-
-Array = NDArray[np.float64]
 
 STEP_MAX = 1.0
 """Largest step between two samples that a real joint makes at any admitted rate [rad]."""

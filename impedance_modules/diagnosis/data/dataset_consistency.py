@@ -12,13 +12,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput, nearest
 
 Rows = NDArray[np.float64]
-Array = NDArray[np.float64]
-
 COPIED_SHARE = 0.5
 """Recordings that share this part of their samples to the last digit are copies: noise never repeats."""
 

@@ -10,12 +10,10 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import InsufficientData, Log
 from impedance_modules.errors import BadInput
-
-Array = NDArray[np.float64]
 
 FOLDS_MIN = 2
 """Fewest folds for cross-validation, the hold-out not counted."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import ImpedanceError
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

@@ -14,12 +14,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
-
-Array = NDArray[np.float64]
 
 KINDS = ("position", "velocity", "effort", "effort_command", "position_command", "phase")
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
 from impedance_modules.effects.catalogue import CATALOGUE
@@ -22,8 +22,6 @@ from impedance_modules.errors import BadInput
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,12 +15,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree
 from impedance_modules.effects.rigid_model import RigidModel
-
-Array = NDArray[np.float64]
 
 GRAVITY = (0.0, 0.0, -9.81)
 """In the axes of the URDF's root [m/s^2]."""

@@ -17,13 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.spec.urdf import UrdfLimits, parse_xml, read_urdf
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6
 """Negative eigenvalue that round-off in a robot description explains, as a part of the largest one."""

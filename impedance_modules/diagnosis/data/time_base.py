@@ -12,16 +12,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.errors import BadInput
-
-Array = NDArray[np.float64]
 
 JITTER_WARNING = 0.1
 """Rms deviation of the steps, as a part of the step, from which on a warning is given."""

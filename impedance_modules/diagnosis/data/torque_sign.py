@@ -12,15 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
 from impedance_modules.errors import BadInput
-
-Array = NDArray[np.float64]
 
 OPPOSITE = -0.8
 """A correlation with the links' torque below this value means a wrong sign."""

@@ -21,11 +21,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.experiment_design.motion_limits import MotionLimits
 
-Array = NDArray[np.float64]
 Weight = Callable[[Array], Array]
 """Postures (N, n) [rad] -> torque of the links' weight, (N, n) [N.m]."""
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.distances import Distances
@@ -16,7 +16,6 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec
 
-Array = NDArray[np.float64]
 Weight = Callable[[Array], Array]
 """Postures (N, n) [rad] -> torque of the links' weight, (N, n) [N.m]."""
 

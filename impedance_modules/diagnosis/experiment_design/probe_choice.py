@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
@@ -40,8 +39,6 @@ from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.robot_spec import RobotSpec
-
-Array = NDArray[np.float64]
 
 CHI_SQUARE = 200.0
 """Expected chi-square difference that answers a question."""

@@ -7,14 +7,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.experiment_design.probe_choice import CHI_SQUARE, SHARE, Probe, Proposal
 from impedance_modules.diagnosis.experiment_design.separation import RATIO, MotionPredictor
 from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
-
-Array = NDArray[np.float64]
 
 TANK_SHARE = 1.4
 """Energy in the tank over the need that the quasi-static prediction states."""

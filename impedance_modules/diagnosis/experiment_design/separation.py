@@ -26,10 +26,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.signal import bilinear, lfilter
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_dynamics import inertial_regressor, mass_matrix
 from impedance_modules.diagnosis.experiment_design.motion_library import ProbeMotion
@@ -46,8 +46,6 @@ from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.rigid_model import RigidModel
-
-Array = NDArray[np.float64]
 
 CUTOFF = 8.0
 """Assumed end of the band in which recordings are compared [Hz]."""

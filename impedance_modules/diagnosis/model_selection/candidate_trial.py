@@ -18,12 +18,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.model_fit import FLAT, Fit, ModelFit, ModelTerm
 from impedance_modules.effects.residual_kinds import uses_motion
-
-Array = NDArray[np.float64]
 
 BLOCK = 1.0
 """Length of the blocks over which a gain is averaged and its error judged [s]."""

@@ -17,6 +17,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.folds import DataSplit
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
@@ -58,7 +59,6 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.effects.recorded_signals import Signals
 
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 """Called with a sentence for each step."""
 

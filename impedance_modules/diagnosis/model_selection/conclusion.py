@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.data.log import DataReport
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
@@ -25,8 +24,6 @@ from impedance_modules.diagnosis.regression.parameter_estimates import estimates
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder, no_rollout
 from impedance_modules.effects.catalogue import CATALOGUE
-
-Array = NDArray[np.float64]
 
 AMBIGUOUS_WEIGHT = 0.05
 """Part of the gap that a cause must explain for its rivals to make the verdict ambiguous."""

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush
 from impedance_modules.diagnosis.model_selection.forward_selection import Refusal, Selector
 from impedance_modules.diagnosis.regression.candidates import Group
@@ -26,7 +27,6 @@ from impedance_modules.diagnosis.regression.parameter_estimates import Unwhitene
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 
-Array = NDArray[np.float64]
 NEGLIGIBLE = 1e-3
 """Negligible part of a joint's own load, or speed."""
 

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.model_fit import ModelFit
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Estimate, Rival
 from impedance_modules.effects.external_contact import FORCE, ExternalContact
 from impedance_modules.effects.residual_kinds import uses_motion
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SIGNIFICANT = 16.3

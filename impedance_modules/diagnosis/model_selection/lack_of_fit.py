@@ -25,13 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.acceptance import bic_penalty
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.cleaned_signals import stationary_joints
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
-
-Array = NDArray[np.float64]
 
 ALPHA = 0.002
 """Probability that a correct model fails, all groups together."""

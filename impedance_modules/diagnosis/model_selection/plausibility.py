@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_tree import can_exist
 from impedance_modules.diagnosis.model_selection.acceptance import joints_disagree
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
@@ -26,8 +26,6 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.effect import JointLaw
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN
-
-Array = NDArray[np.float64]
 
 CONTRAST_MIN = 12.0
 """Least chi-square of what makes an effect this effect: three and a half standard deviations of one number."""

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, Indices
+from impedance_modules.arrays import Array, Indices
+from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
 from impedance_modules.diagnosis.regression.model_fit import ModelFit
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 COLLINEAR = 1e-4

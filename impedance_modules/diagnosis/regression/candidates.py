@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.effect import PAIR, Effect, Site
 from impedance_modules.effects.effect_description import KeyKind, Port
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
 
-Array = NDArray[np.float64]
 Thin = NDArray[np.float32]
 
 Group = tuple[Residual, int]

@@ -15,11 +15,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.joint_motion import regularisation_velocity
 from impedance_modules.effects.recorded_signals import Signals
-
-Array = NDArray[np.float64]
 
 ALONE = 1.5
 """Times a command's noise that motion and model may leave of it, for the rest to count as noise."""

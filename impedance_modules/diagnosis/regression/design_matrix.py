@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
     Group,
@@ -26,9 +27,7 @@ from impedance_modules.diagnosis.regression.candidates import (
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.whitening import ORDER, Whitening
 
-Array = NDArray[np.float64]
 Thin = NDArray[np.float32]
-Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 Real = TypeVar("Real", Array, Thin)

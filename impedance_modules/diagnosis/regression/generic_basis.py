@@ -14,15 +14,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import BatchFilter, CandidateRegressor
 from impedance_modules.diagnosis.regression.cleaned_signals import with_stationary_joints
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
-
-Array = NDArray[np.float64]
 
 DRAWS: Mapping[int, int] = {1: 10, 2: 6, 4: 4}
 """Number of coefficients -> number of random regressors per joint and residual."""

@@ -16,10 +16,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array, Indices
 from impedance_modules.diagnosis.regression.candidates import Candidate, ShapedCandidate
-from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, Indices
-
-Array = NDArray[np.float64]
+from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
 
 FLAT = 1e-9
 """Precision that keeps a direction the data do not see finite, in scaled coefficients."""

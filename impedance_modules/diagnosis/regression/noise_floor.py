@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Group
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.sensor_noise import (
@@ -26,7 +27,6 @@ from impedance_modules.diagnosis.regression.sensor_noise import (
 from impedance_modules.diagnosis.regression.whitening import Whitening, whitening_of
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 RIDGE = 1e-4

@@ -14,15 +14,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array, Indices
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.cleaned_signals import stationary_joints
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 INERTIA_PRIOR = 0.03
 """Standard deviation of a link's inertial parameters over their size."""

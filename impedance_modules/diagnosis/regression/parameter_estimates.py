@@ -15,8 +15,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import (
     Candidate,
     CandidateRegressor,
@@ -27,8 +27,6 @@ from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Estimate
 from impedance_modules.effects.recorded_signals import Signals
-
-Array = NDArray[np.float64]
 
 ROUNDS = 5
 """Steps at most."""

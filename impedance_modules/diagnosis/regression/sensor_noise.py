@@ -23,15 +23,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_dynamics import mass_matrix
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import differentiate
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, uses_motion
-
-Array = NDArray[np.float64]
 
 LACKING = 0.5
 """Repeats that show less than this part of a grid's noise are taken to have repeated its rounding."""

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import welch
 
-Array = NDArray[np.float64]
+from impedance_modules.arrays import Array
+
 Mask = NDArray[np.bool_]
 
 ORDER = 4

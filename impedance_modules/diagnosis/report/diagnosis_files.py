@@ -14,9 +14,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import impedance_modules
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.result import (
     Cause,
     CauseRollout,
@@ -27,8 +27,6 @@ from impedance_modules.diagnosis.result import (
     Rollout,
     RolloutError,
 )
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 

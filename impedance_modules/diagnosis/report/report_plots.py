@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.report.html_elements import (
     AFTER,
     BEFORE,
@@ -27,8 +27,6 @@ from impedance_modules.diagnosis.report.html_elements import (
     table,
 )
 from impedance_modules.diagnosis.result import ResidualSeries, RolloutTrace
-
-Array = NDArray[np.float64]
 
 MOST_POINTS = 700
 """A curve is drawn by the lowest and highest value in as many intervals as a screen can show."""

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, firwin, sosfiltfilt, upfirdn
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 
-Array = NDArray[np.float64]
 Real = TypeVar("Real", np.float32, np.float64)
 
 NOISE_SHARE = 0.05

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MaskKey = TypeVar("MaskKey", bound=Hashable)
 

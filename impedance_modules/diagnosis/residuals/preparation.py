@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_dynamics import (
@@ -33,8 +33,6 @@ from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.spec.patch_file import EffectSpec
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

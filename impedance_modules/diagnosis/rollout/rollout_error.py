@@ -19,8 +19,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import (
@@ -33,7 +33,6 @@ from impedance_modules.diagnosis.result import (
 )
 from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, RolloutWindow, WindowErrors
 
-Array = NDArray[np.float64]
 Mobility = Callable[[Array], Array] | None
 
 STANDARD_ERRORS = 3.0

@@ -11,9 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.result import Cause, CauseRollout, Diagnosis, LeftOut, Rollout, no_rollout
@@ -48,8 +46,6 @@ from impedance_modules.diagnosis.rollout.simulated_windows import (
 from impedance_modules.errors import BadFile, ImpedanceError
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.spec.robot_spec import RobotSpec
-
-Array = NDArray[np.float64]
 
 LEAVE_OUT_STEP_MAX = 4
 """To test several causes, each is left out on every second to fourth window only."""

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree, pseudo_inertia
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
@@ -51,8 +51,6 @@ from impedance_modules.spec.robot_spec import (
     TimingSpec,
 )
 from impedance_modules.spec.urdf import read_urdf
-
-Array = NDArray[np.float64]
 
 DOWNSTREAM: dict[str, tuple[Residual, ...]] = {
     "command": ("actuator", "link", "motor", "whole", "drive"),

@@ -17,14 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_robot import PerturbedPlant
 from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.rollout_plant import RolloutStart
-
-Array = NDArray[np.float64]
 
 COMPARISONS = 20
 """Number of times in a window at which recording and rollout are compared."""

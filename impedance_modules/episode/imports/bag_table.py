@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.episode.columns import TIME
 from impedance_modules.episode.imports.bag_file import BagFile, JointMessage, open_bag
 from impedance_modules.episode.imports.import_map import COMMANDS, TableMap
@@ -29,8 +30,6 @@ WIDEST_GAP = 10.0
 
 STEP_SAMPLE = 10_000
 """Messages from which a stream's typical step is taken."""
-
-Array = NDArray[np.float64]
 
 ColumnPlace = tuple[str, str, str]
 """Topic, field, joint."""

@@ -20,8 +20,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter.simulator.parameters import (
     FORCE_FIELD_DAMPING,
     FORCE_FIELD_STIFFNESS,
@@ -38,8 +38,6 @@ from impedance_modules.plant.joint_servos import CollisionDetector, CollisionLim
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
-
-Array = NDArray[np.float64]
 
 SUPPRESSIBLE = (
     "suppress_collision_avoidance",

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter.simulator.parameters import (
     BRAKE_SPEED,
     DEFAULT_TIME_OUT,
@@ -40,8 +40,6 @@ from impedance_modules.plant.joint_servos import (
 )
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.state import RobotState
-
-Array = NDArray[np.float64]
 
 INERTIA_TICKS = 100
 """The servos are adapted to the arms' inertia every so many ticks."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.ros.messages import Message
@@ -28,8 +29,6 @@ from impedance_modules.backends.baxter.simulator.simulated_baxter import Simulat
 from impedance_modules.robot.model import Limb
 from impedance_modules.robot.pose import carry
 from impedance_modules.robot.rotation import log3
-
-Array = NDArray[np.float64]
 
 HEAD_NOD = "head_nod"
 GRIPPER_TIP = 0.025

@@ -12,8 +12,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter.simulator.assembly_state import PowerMachine
 from impedance_modules.backends.baxter.simulator.collision_safety import (
     ForceField,
@@ -43,7 +43,6 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.robot_spec import ParallelSpringSpec
 
-Array = NDArray[np.float64]
 Request = Callable[[], None]
 
 FIELD_TICKS = 10
