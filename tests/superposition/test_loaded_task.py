@@ -1,40 +1,35 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whole modules under load: what the analysis prints equals what the summed torque does when pushed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from impedance_modules.modules.arms import ArmModule, TaskModules
+from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import Equilibrium
-from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.joint_bias import JointBias
-from impedance_modules.modules.sum import lay_out, sum_modules, write_equilibrium, write_gains
+from impedance_modules.modules.spring import displacement_of
+from impedance_modules.modules.sum import sum_modules
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
-from impedance_modules.robot.rotation import log3
-from impedance_modules.spec.task import HybridAxis, ObjectSpec
+from impedance_modules.spec.task import HybridAxis
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
 from impedance_modules.superposition.modes import hold_together
 from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance, squeeze_force
 from tests.support.arm_samples import (
+    ROBOTS,
     TYPICAL_STIFFNESS,
     Array,
-    baxter,
     make_spring,
+    measured_compliance,
     random_pose,
     random_position,
     random_psd,
     relative,
-    six_joint_pair,
 )
-
-ROBOTS = pytest.mark.parametrize("robot", [baxter, six_joint_pair], ids=["baxter", "six_joint_pair"])
+from tests.support.module_samples import arm_module, hold, modules_in_force
 
 
 class LoadedTask:
@@ -43,27 +38,26 @@ class LoadedTask:
     def __init__(self, model: RobotModel, random: np.random.Generator) -> None:
         self.model = model
         q = random_position(random, model)
-        arms = []
-        for limb in model.limbs.values():
-            k, inner = len(limb.joints), self._inner_frame(limb.name, limb.hand)
-            springs = tuple(
-                make_spring(
-                    random_psd(random, share * TYPICAL_STIFFNESS) + 0.3 * np.diag(share * TYPICAL_STIFFNESS),
-                    frame,
-                    limb.name,
-                    name,
+
+        def arm(limb):
+            inner, springs = self._inner_frame(limb.name, limb.hand), []
+            for name, frame, share in (("hand", limb.hand, 1.0), ("inner", inner, 0.2)):
+                typical = share * TYPICAL_STIFFNESS
+                stiffness, reference = (
+                    random_psd(random, typical) + 0.3 * np.diag(typical),
                     random_pose(random),
-                    model.pose(q, frame),
-                    damping=0.02 * share * np.diag(TYPICAL_STIFFNESS),
-                    damping_ratio=0.7,
-                    axes={"z": HybridAxis(4.0, None)},
                 )
-                for name, frame, share in (("hand", limb.hand, 1.0), ("inner", inner, 0.2))
-            )
-            bias = JointBias(
-                limb.name, limb.joints, 30.0 + 20.0 * random.random(k), q[limb.joints], np.ones(k), 0.7
-            )
-            arms.append(ArmModule(limb, springs, bias))
+                more = {
+                    "damping": 0.02 * np.diag(typical),
+                    "damping_ratio": 0.7,
+                    "axes": {"z": HybridAxis(4.0, None)},
+                }
+                springs.append(
+                    make_spring(stiffness, frame, limb.name, name, reference, model.pose(q, frame), **more)
+                )
+            return arm_module(limb, springs, q, 30.0 + 20.0 * random.random(len(limb.joints)), 1.0, 0.7)
+
+        arms = [arm(limb) for limb in model.limbs.values()]
         self.modules = TaskModules(tuple(arms), None, q)
         self.kinematics = Kinematics(model, self.modules.frames)
         self.targets = Equilibrium(
@@ -80,9 +74,8 @@ class LoadedTask:
         joints = self.model.limbs[limb].joints
         self.kinematics = Kinematics(self.model, frames)
         self.place(np.zeros(self.model.n))
-        moved = [
-            int(np.count_nonzero(np.any(self.kinematics.jacobian_of(f)[:, joints], axis=0))) for f in frames
-        ]
+        jacobians = [self.kinematics.jacobian_of(frame)[:, joints] for frame in frames]
+        moved = [int(np.count_nonzero(np.any(J, axis=0))) for J in jacobians]
         return frames[moved.index(len(joints) - 2)]
 
     def place(self, q: Array) -> None:
@@ -90,9 +83,7 @@ class LoadedTask:
 
     def effort(self, q: Array, v: Array | None = None) -> Array:
         self.place(q)
-        found = lay_out(self.modules, self.model.n)
-        write_gains(found, self.modules, self.damping)
-        write_equilibrium(found, self.modules, self.targets)
+        found = modules_in_force(self.modules, self.targets, self.damping, self.model.n)
         sum_modules(found, self.kinematics.arms, q, np.zeros(self.model.n) if v is None else v, 1.0)
         return found.desired
 
@@ -123,25 +114,22 @@ class LoadedTask:
 def test_a_loaded_arm_moves_as_its_printed_compliance_says(robot, seed: int) -> None:
     random = np.random.default_rng(seed)
     task = LoadedTask(robot(), random)
-    load = {
-        limb: np.append(5.0 * random.normal(size=3), 0.3 * random.normal(size=3)) for limb in task.model.limbs
-    }
+    sizes = np.array([5.0] * 3 + [0.3] * 3)
+    load = {limb: sizes * random.normal(size=6) for limb in task.model.limbs}
     q = task.settle(task.modules.posture, load)
     found = task.arms(q)
     for limb, arm in found.items():
         assert not arm.stiffness.folds
         assert np.max(np.abs(arm.preload)) > 1.0
         np.testing.assert_allclose(arm.preload, arm.wrench + load[limb], atol=1e-7)
-        columns = []
-        for unit in np.eye(6):
-            poses = []
-            for sign in (1.0, -1.0):
-                task.place(task.settle(q, {**load, limb: load[limb] + sign * 1e-3 * unit}))
-                poses.append(task.kinematics.pose(task.model.limbs[limb].hand))
-            turn = log3(poses[0].rotation @ poses[1].rotation.T)
-            columns.append(np.append(poses[0].translation - poses[1].translation, turn) / 2e-3)
-        assert relative(arm.stiffness.compliance, np.array(columns).T) < 1e-5
-        assert relative(arm.stiffness.stiffness, np.linalg.inv(np.array(columns).T)) < 1e-4
+
+        def pushed(wrench: Array, limb=limb) -> Pose:
+            task.place(task.settle(q, {**load, limb: load[limb] + wrench}))
+            return task.kinematics.pose(task.model.limbs[limb].hand)
+
+        compliance = measured_compliance(pushed)
+        assert relative(arm.stiffness.compliance, compliance) < 1e-5
+        assert relative(arm.stiffness.stiffness, np.linalg.inv(compliance)) < 1e-4
         assert relative(arm.stiffness_without_preload.stiffness, arm.stiffness.stiffness) > 1e-4
 
 
@@ -150,10 +138,9 @@ def test_scaled_and_fixed_gains_make_up_the_arm(robot) -> None:
     random = np.random.default_rng(0)
     task = LoadedTask(robot(), random)
     for arm in task.arms(task.modules.posture).values():
-        np.testing.assert_allclose(
-            arm.fixed.stiffness + arm.scaled.stiffness, arm.system.stiffness, atol=1e-10
-        )
-        np.testing.assert_allclose(arm.fixed.damping + arm.scaled.damping, arm.system.damping, atol=1e-10)
+        for part in ("stiffness", "damping"):
+            fixed, scaled, whole = (getattr(gains, part) for gains in (arm.fixed, arm.scaled, arm.system))
+            np.testing.assert_allclose(fixed + scaled, whole, atol=1e-10)
         assert np.linalg.eigvalsh(arm.system.damping)[0] > 0.0
         difference = arm.inertia.inertia - arm.inertia_without_reflected.inertia
         assert np.linalg.eigvalsh(0.5 * (difference + difference.T))[0] > 0.0
@@ -165,9 +152,8 @@ def test_joint_space_damping_is_minus_the_derivative_of_the_torque_by_velocity(r
     q = task.modules.posture
     for limb, arm in task.arms(q).items():
         joints = task.model.limbs[limb].joints
-        still, columns = task.effort(q), []
-        for joint in joints:
-            columns.append(still - task.effort(q, np.eye(task.model.n)[joint]))
+        still, units = task.effort(q), np.eye(task.model.n)
+        columns = [still - task.effort(q, units[joint]) for joint in joints]
         assert relative(arm.system.damping, np.array(columns).T[joints]) < 1e-9
 
 
@@ -176,17 +162,9 @@ class HeldTask(LoadedTask):
 
     def __init__(self, model: RobotModel, random: np.random.Generator) -> None:
         super().__init__(model, random)
-        q = self.modules.posture
-        limbs = tuple(model.limbs)
-        hands = tuple(model.limbs[limb].hand for limb in limbs)
-        poses = [model.pose(q, hand) for hand in hands]
-        middle = np.mean([pose.translation for pose in poses], axis=0)
-        start = Pose(np.eye(3), middle + 0.05 * random.normal(size=3))
-        spec = ObjectSpec(limbs, "box", 1.2, (0.3, 0.2, 0.2), None, "weld", None, 12.0, True)
-        springs = tuple(f"{limb}.hand" for limb in limbs)
-        grasps = tuple(start.inverse() @ pose for pose in poses)
-        self.modules = replace(self.modules, held=HeldObject(spec, start, limbs, hands, grasps, springs))
-        self.place(q)
+        beside = 0.05 * random.normal(size=3)
+        self.modules = hold(self.modules, model, squeeze=12.0, carry_weight=True, beside=beside)
+        self.place(self.modules.posture)
         self.damping = phase_damping(self.modules, self.kinematics)
 
     def held(self, q: Array) -> HeldImpedance:
@@ -199,14 +177,11 @@ class HeldTask(LoadedTask):
             effort = self.effort(q)
             poses = [self.kinematics.pose(hand) for hand in held.hands]
             where = [pose @ grasp.inverse() for pose, grasp in zip(poses, held.grasps, strict=True)]
-            gap = np.append(
-                where[0].translation - where[1].translation, log3(where[0].rotation @ where[1].rotation.T)
-            )
+            gap = displacement_of(*where)
             origin = 0.5 * (where[0].translation + where[1].translation)
             joints = [self.model.limbs[limb].joints for limb in held.limbs]
-            jacobians = [
-                self.kinematics.jacobian_of(hand)[:, j] for hand, j in zip(held.hands, joints, strict=True)
-            ]
+            pairs = zip(held.hands, joints, strict=True)
+            jacobians = [self.kinematics.jacobian_of(hand)[:, j] for hand, j in pairs]
             offsets = [pose.translation - origin for pose in poses]
             chain = hold_together(jacobians, offsets)
             pull = chain.motion.T @ np.concatenate([effort[j] for j in joints]) + chain.twist.T @ push
@@ -232,21 +207,15 @@ def test_a_held_loaded_object_moves_as_the_sum_says(robot, seed: int) -> None:
     found = task.held(q)
     assert not found.folds and not found.joints_singular
     np.testing.assert_allclose(found.impedance.wrench, -load, atol=1e-6)
-    columns = []
-    for unit in np.eye(6):
-        ahead, behind = (task.settle_held(q, load + sign * 1e-3 * unit)[1] for sign in (1.0, -1.0))
-        turn = log3(ahead.rotation @ behind.rotation.T)
-        columns.append(np.append(ahead.translation - behind.translation, turn) / 2e-3)
-    assert relative(np.linalg.inv(found.impedance.stiffness), np.array(columns).T) < 1e-5
+    compliance = measured_compliance(lambda push: task.settle_held(q, load + push)[1])
+    assert relative(np.linalg.inv(found.impedance.stiffness), compliance) < 1e-5
     slow = found.motion.twist @ np.linalg.solve(found.system.stiffness, found.motion.twist.T)
-    assert relative(slow, np.array(columns).T) < 1e-5
+    assert relative(slow, compliance) < 1e-5
     held = task.modules.held
     loose = held_impedance(replace(held, spec=replace(held.spec, squeeze=0.0)), task.arms(q))
     pressed, unpressed = (squeeze_force(one.hands, one.impedance.internal) for one in (found, loose))
     # The hands press along the line between them, which passes near the object's origin.
     assert 0.8 * held.spec.squeeze < pressed - unpressed <= held.spec.squeeze + 1e-9
-    summed = sum(
-        carry(hand.offset).T @ wrench
-        for hand, wrench in zip(found.hands, found.impedance.internal, strict=True)
-    )
+    pairs = zip(found.hands, found.impedance.internal, strict=True)
+    summed = sum(carry(hand.offset).T @ wrench for hand, wrench in pairs)
     np.testing.assert_allclose(summed, 0.0, atol=1e-8)

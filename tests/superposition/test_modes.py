@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Joint-space modes, two arms on one object, and the sampled loop around elastic joints."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -44,6 +42,7 @@ from impedance_modules.superposition.sampled_loop import (
     spectral_radius,
 )
 from tests.support.arm_samples import (
+    ROBOTS,
     TYPICAL_STIFFNESS,
     Array,
     baxter,
@@ -54,8 +53,6 @@ from tests.support.arm_samples import (
     six_joint_pair,
 )
 
-ROBOTS = pytest.mark.parametrize("robot", [baxter, six_joint_pair], ids=["baxter", "six_joint_pair"])
-
 
 @ROBOTS
 def test_an_arm_has_a_mode_per_joint_and_the_textbook_frequencies(robot) -> None:
@@ -64,9 +61,8 @@ def test_an_arm_has_a_mode_per_joint_and_the_textbook_frequencies(robot) -> None
     limb = next(iter(model.limbs.values()))
     _, J, inverse = hand_of(model, limb, random_position(random, model))
     inertia, k = np.linalg.inv(inverse), len(limb.joints)
-    springs = joint_space_stiffness(
-        J, 5.0 + 20.0 * random.random(k), random_psd(random, TYPICAL_STIFFNESS), np.zeros((k, k))
-    )
+    joint_springs, end = 5.0 + 20.0 * random.random(k), random_psd(random, TYPICAL_STIFFNESS)
+    springs = joint_space_stiffness(J, joint_springs, end, np.zeros((k, k)))
     modes = natural_modes(JointSpace(inertia, springs, np.zeros((k, k))))
     assert len(modes) == k
     expected = np.sqrt(eigh(springs, inertia, eigvals_only=True))
@@ -110,11 +106,8 @@ def test_arms_held_together_have_the_sums_as_their_limits(robot, seed: int) -> N
     held = hold_together(jacobians, offsets)
     joints = sum(J.shape[1] for J in jacobians)
     assert held.motion.shape == (joints, joints - 6)
-    stacked = JointSpace(
-        block_diag(*[arm[0] for arm in arms]),
-        block_diag(*[arm[1] for arm in arms]),
-        np.zeros((joints, joints)),
-    )
+    inertia, springs = (block_diag(*parts) for parts in zip(*arms, strict=True))
+    stacked = JointSpace(inertia, springs, np.zeros((joints, joints)))
     system = held.system(stacked, own, turning)
     fast = held.twist @ np.linalg.solve(system.inertia, held.twist.T)
     assert relative(fast, superpose_inertia(inertias, own).mobility) < 1e-9
@@ -189,16 +182,11 @@ def test_a_period_is_integrated_exactly(motor_side: bool) -> None:
     arm = sampled_arm(inertia, drives, Sampling(1000.0, 0, 1, 0.01, motor_side), None, J.T @ own @ J)
     stiffness, rotors = np.diag(drives.spring_stiffness), np.diag(drives.reflected_inertia)
     mass = block_diag(inertia - rotors + J.T @ own @ J, rotors)
-    springs = np.block([[stiffness, -stiffness], [-stiffness, stiffness]])
-    spring_damping = np.diag(drives.spring_damping)
-    dampers = np.block([[spring_damping, -spring_damping], [-spring_damping, spring_damping]])
+    between = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    springs, dampers = np.kron(between, stiffness), np.kron(between, np.diag(drives.spring_damping))
     dampers[k:, k:] += np.diag(drives.motor_damping)
-    system = np.block(
-        [
-            [np.zeros((2 * k, 2 * k)), np.eye(2 * k)],
-            [-np.linalg.solve(mass, springs), -np.linalg.solve(mass, dampers)],
-        ]
-    )
+    own_motion = [-np.linalg.solve(mass, springs), -np.linalg.solve(mass, dampers)]
+    system = np.block([[np.zeros((2 * k, 2 * k)), np.eye(2 * k)], own_motion])
     assert np.all(drives.elastic)
     np.testing.assert_allclose(arm.A[: 4 * k, : 4 * k], expm(system * period), atol=1e-11)
 
@@ -212,10 +200,8 @@ def test_whole_delays_are_not_rounded_up_further() -> None:
     assert sampling_of(robot, 100.0, True).robot_loops == 10
 
 
-def baxter_loop(
-    random: np.random.Generator, ratio: float, motor_side: bool
-) -> tuple[SampledArm, Gains, Gains]:
-    model = baxter()
+def baxter_loop(seed: int, ratio: float, motor_side: bool) -> tuple[SampledArm, Gains, Gains]:
+    model, random = baxter(), np.random.default_rng(seed)
     limb = next(iter(model.limbs.values()))
     _, J, inverse = hand_of(model, limb, random_position(random, model))
     inertia = np.linalg.inv(inverse)
@@ -230,14 +216,12 @@ def baxter_loop(
 
 @pytest.mark.parametrize("seed", range(4))
 def test_highest_stable_stiffness_is_where_stability_ends(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    arm, fixed, scaled = baxter_loop(random, 0.7, motor_side=True)
+    arm, fixed, scaled = baxter_loop(seed, 0.7, motor_side=True)
     limit = highest_stable_stiffness(arm, fixed, scaled, 1e3)
     assert limit is not None and 1.0 < limit < 100.0
     for scale, stable in ((0.99 * limit, True), (1.01 * limit, False)):
-        gains = Gains(
-            fixed.stiffness + scale * scaled.stiffness, fixed.damping + np.sqrt(scale) * scaled.damping
-        )
+        damping = fixed.damping + np.sqrt(scale) * scaled.damping
+        gains = Gains(fixed.stiffness + scale * scaled.stiffness, damping)
         assert (spectral_radius(arm, gains) < 1.0) == stable
         worst = least_damped(sampled_modes(arm, gains))
         assert (worst.damping_ratio > 0.0) == stable
@@ -248,8 +232,7 @@ def test_highest_stable_stiffness_is_where_stability_ends(seed: int) -> None:
 def test_damping_the_links_through_their_springs_loses_stability_where_the_motors_do_not(seed: int) -> None:
     """Thesis 3.1.1: collocated damping is passive, non-collocated is not. Same gains, other velocity."""
     links, motors = (
-        highest_stable_stiffness(*baxter_loop(np.random.default_rng(seed), 0.7, motor_side), 1e3)
-        for motor_side in (False, True)
+        highest_stable_stiffness(*baxter_loop(seed, 0.7, motor_side), 1e3) for motor_side in (False, True)
     )
     assert links < 1e-3 and motors > 1.0
 
@@ -283,10 +266,8 @@ def test_the_loop_model_and_the_estimator_are_the_same_filter() -> None:
 def test_ellipsoids_give_back_their_matrix() -> None:
     random = np.random.default_rng(3)
     matrix = random_psd(random, TYPICAL_STIFFNESS)
-    for found, block in (
-        (linear_ellipsoid(matrix), matrix[:3, :3]),
-        (angular_ellipsoid(matrix), matrix[3:, 3:]),
-    ):
+    blocks = ((linear_ellipsoid(matrix), matrix[:3, :3]), (angular_ellipsoid(matrix), matrix[3:, 3:]))
+    for found, block in blocks:
         rebuilt = (found.directions * found.half_axes) @ found.directions.T
         np.testing.assert_allclose(rebuilt, block, atol=1e-9)
         assert np.linalg.det(found.directions) == pytest.approx(1.0)

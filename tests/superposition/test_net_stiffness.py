@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Net stiffness equals what finite static displacements of the loaded arm show, and says when it folds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
-from impedance_modules.robot.rotation import log3
 from impedance_modules.superposition.net_stiffness import (
     as_joint_stiffness,
     carried_wrench,
@@ -20,19 +17,20 @@ from impedance_modules.superposition.net_stiffness import (
     through_arm,
 )
 from tests.support.arm_samples import (
+    ROBOTS,
     TYPICAL_STIFFNESS,
     Array,
     baxter,
+    derivative,
     hand_of,
     make_spring,
+    measured_compliance,
     random_pose,
     random_position,
     random_psd,
     relative,
     six_joint_pair,
 )
-
-ROBOTS = pytest.mark.parametrize("robot", [baxter, six_joint_pair], ids=["baxter", "six_joint_pair"])
 
 
 class LoadedArm:
@@ -68,18 +66,12 @@ def test_gamma_is_the_derivative_of_the_joint_torques(robot, seed: int) -> None:
     random = np.random.default_rng(seed)
     model = robot()
     limb = list(model.limbs.values())[seed % 2]
-    q, wrench = (
-        random_position(random, model),
-        np.append(30 * random.normal(size=3), 5 * random.normal(size=3)),
-    )
-    columns = []
-    for joint in limb.joints:
-        step = np.zeros(model.n)
-        step[joint] = 1e-5
-        ahead, behind = hand_of(model, limb, q + step)[1], hand_of(model, limb, q - step)[1]
-        columns.append((ahead - behind).T @ wrench / 2e-5)
+    q = random_position(random, model)
+    wrench = np.array([30.0] * 3 + [5.0] * 3) * random.normal(size=6)
+    motion = np.eye(model.n)[limb.joints]
     found = gamma(hand_of(model, limb, q)[1], wrench)
-    np.testing.assert_allclose(found, np.array(columns).T, atol=1e-8)
+    expected = derivative(lambda h: hand_of(model, limb, q + h @ motion)[1].T @ wrench, len(motion))
+    np.testing.assert_allclose(found, expected, atol=1e-8)
     force_only = gamma(hand_of(model, limb, q)[1], np.append(wrench[:3], np.zeros(3)))
     np.testing.assert_allclose(force_only, force_only.T, atol=1e-12)
 
@@ -97,7 +89,7 @@ def test_net_stiffness_equals_finite_static_displacements(robot, seed: int) -> N
     spring = make_spring(random_psd(random, TYPICAL_STIFFNESS))
     start, _ = arm.hand(rest)
     target = start @ random_pose(random, 0.02, 0.2)
-    preload = np.append(8.0 * random.normal(size=3), 0.5 * random.normal(size=3))
+    preload = np.array([8.0] * 3 + [0.5] * 3) * random.normal(size=6)
     q = arm.settle(rest, spring, target, preload)
     pose, J = arm.hand(q)
     carried = spring.wrench(pose, target) + preload
@@ -106,13 +98,9 @@ def test_net_stiffness_equals_finite_static_displacements(robot, seed: int) -> N
     assert relative(carried_wrench(J, arm.joint_stiffness * (q - rest)), carried) < 1e-8
     assert np.max(np.abs(found.gamma)) > 0.1
 
-    moved = []
-    for unit in np.eye(6):
-        poses = [arm.hand(arm.settle(q, spring, target, preload + sign * 1e-3 * unit))[0] for sign in (1, -1)]
-        turn = log3(poses[0].rotation @ poses[1].rotation.T)
-        moved.append(np.append(poses[0].translation - poses[1].translation, turn) / 2e-3)
-    assert relative(found.compliance, np.array(moved).T) < 1e-6
-    assert relative(found.stiffness, np.linalg.inv(np.array(moved).T)) < 1e-5
+    moved = measured_compliance(lambda push: arm.hand(arm.settle(q, spring, target, preload + push))[0])
+    assert relative(found.compliance, moved) < 1e-6
+    assert relative(found.stiffness, np.linalg.inv(moved)) < 1e-5
 
 
 @ROBOTS
@@ -215,15 +203,12 @@ def test_a_spring_on_another_frame_counts_as_joint_stiffness(robot) -> None:
         return (kinematics.jacobian[0].T @ spring.wrench(kinematics.pose(frame), target))[limb.joints]
 
     target = model.pose(q, frame) @ random_pose(random, 0.05, 0.4)
-    slope = []
-    for joint in limb.joints:
-        step = np.zeros(model.n)
-        step[joint] = 1e-5
-        slope.append(-(effort(q + step) - effort(q - step)) / 2e-5)
+    motion = np.eye(model.n)[limb.joints]
+    slope = -derivative(lambda h: effort(q + h @ motion), len(motion))
     effort(q)
     J, pose = kinematics.jacobian[0][:, limb.joints], kinematics.pose(frame)
     found = as_joint_stiffness(J, spring_stiffness(spring, pose, target), spring.wrench(pose, target))
-    assert relative(found, np.array(slope).T) < 1e-7
+    assert relative(found, slope) < 1e-7
 
 
 def test_through_arm_is_the_inverse_of_what_the_joints_give() -> None:

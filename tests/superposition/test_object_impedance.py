@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Impedances add at the object: equal to the closed chain, in any order, in any frame, zero is zero."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -33,6 +31,7 @@ from tests.support.arm_samples import (
     TYPICAL_STIFFNESS,
     Array,
     baxter,
+    derivative,
     displaced,
     hand_of,
     make_spring,
@@ -61,10 +60,19 @@ def random_hand(random: np.random.Generator) -> HandImpedance:
 
 def zero_hand() -> HandImpedance:
     """A hand that is there but offers nothing: infinitely mobile, no springs."""
-    zero = np.zeros((6, 6))
-    return HandImpedance(
-        np.array([0.1, 0.2, -0.3]), OperationalInertia(zero, zero), zero, zero, np.zeros(6), np.zeros(6)
-    )
+    zero, nothing = np.zeros((6, 6)), np.zeros(6)
+    mobile = OperationalInertia(zero, zero)
+    return HandImpedance(np.array([0.1, 0.2, -0.3]), mobile, zero, zero, nothing, nothing)
+
+
+def posed(model: RobotModel, q: Array) -> tuple[list, Array]:
+    """Pose, Jacobian and inverse inertia of each hand; the point between the hands."""
+    hands = [hand_of(model, limb, q) for limb in model.limbs.values()]
+    return hands, np.mean([hand[0].translation for hand in hands], axis=0)
+
+
+def carried_inertias(hands: list, origin: Array) -> list[OperationalInertia]:
+    return [operational_inertia(J, Mi).carried(pose.translation - origin) for pose, J, Mi in hands]
 
 
 def object_inertia(random: np.random.Generator, rotation: Array) -> tuple[Array, float, Array]:
@@ -87,12 +95,11 @@ def test_sum_of_arms_equals_the_closed_chain() -> None:
     while checked < 200:
         random = np.random.default_rng(next(seeds))
         q = random_position(random, model)
-        hands = [hand_of(model, limb, q) for limb in model.limbs.values()]
-        origin = 0.3 * random.normal(size=3) + np.mean([hand[0].translation for hand in hands], axis=0)
+        hands, between = posed(model, q)
+        origin = between + 0.3 * random.normal(size=3)
         rotation = random_rotation(random)
         own, mass, moments = object_inertia(random, rotation)
-        arms = [operational_inertia(J, Mi).carried(pose.translation - origin) for pose, J, Mi in hands]
-        summed = superpose_inertia(arms, own)
+        summed = superpose_inertia(carried_inertias(hands, origin), own)
         if summed.inertia is None or np.linalg.cond(summed.inertia) >= 1e6:
             continue
         chained = chain.acceleration_per_wrench(q, origin, rotation, (mass, moments))
@@ -110,10 +117,9 @@ def test_parallel_sum_joins_a_singular_arm_like_the_closed_chain() -> None:
         random = np.random.default_rng(seed)
         q = random_position(random, model)
         q[limbs[0].joints[limbs[0].short_names.index("tilt")]] = 0.0
-        hands = [hand_of(model, limb, q) for limb in limbs]
-        origin = np.mean([hand[0].translation for hand in hands], axis=0)
+        hands, origin = posed(model, q)
         own, mass, moments = object_inertia(random, np.eye(3))
-        arms = [operational_inertia(J, Mi).carried(pose.translation - origin) for pose, J, Mi in hands]
+        arms = carried_inertias(hands, origin)
         assert arms[0].inertia is None and arms[1].inertia is not None
         summed = superpose_inertia(arms, own)
         assert summed.inertia is None
@@ -151,9 +157,10 @@ def test_a_zero_module_changes_nothing() -> None:
     random = np.random.default_rng(3)
     for _ in range(20):
         hands = [random_hand(random) for _ in range(2)]
-        for one, other in zip(
-            matrices(superpose([*hands, zero_hand()], None)), matrices(superpose(hands, None)), strict=True
-        ):
+        with_zero, without = (
+            matrices(superpose(all_hands, None)) for all_hands in ([*hands, zero_hand()], hands)
+        )
+        for one, other in zip(with_zero, without, strict=True):
             np.testing.assert_array_equal(one, other)
 
 
@@ -161,11 +168,8 @@ def test_the_sum_does_not_depend_on_where_or_how_it_is_looked_at() -> None:
     """Moved to another point of the object, or seen from turned axes, it is the same impedance."""
     random = np.random.default_rng(4)
     for _ in range(50):
-        hands, shift, turn = (
-            [random_hand(random) for _ in range(2)],
-            random.normal(size=3),
-            random_rotation(random),
-        )
+        hands = [random_hand(random) for _ in range(2)]
+        shift, turn = random.normal(size=3), random_rotation(random)
         here = superpose(hands, None)
         there = superpose([_seen(hand, shift, np.eye(3)) for hand in hands], None)
         assert relative(there.inertia.inertia, carry_inertia(here.inertia.inertia, shift)) < 1e-11
@@ -220,15 +224,12 @@ def test_stiffness_is_minus_the_derivative_of_the_modules_wrench() -> None:
             hands.append(HandImpedance(offset, nothing, None, K, spring.wrench(hand, target), np.zeros(6)))
         found = superpose(hands, None)
         assert found.damping is None
-        h, slope = 1e-5, []
-        for unit in np.eye(6):
-            ahead, behind = (displaced(pose, sign * h * unit) for sign in (1, -1))
-            change = _net_wrench(ahead, grasps, springs, targets) - _net_wrench(
-                behind, grasps, springs, targets
-            )
-            slope.append(-change / (2 * h))
-        assert relative(found.stiffness, np.array(slope).T) < 1e-7
-        np.testing.assert_allclose(found.wrench, _net_wrench(pose, grasps, springs, targets), atol=1e-9)
+
+        def wrench(step: Array, pose=pose, parts=(grasps, springs, targets)) -> Array:
+            return _net_wrench(displaced(pose, step), *parts)
+
+        assert relative(found.stiffness, -derivative(wrench)) < 1e-7
+        np.testing.assert_allclose(found.wrench, wrench(np.zeros(6)), atol=1e-9)
 
 
 def test_stiffness_is_symmetric_exactly_without_a_net_moment() -> None:
@@ -248,9 +249,7 @@ def _mirrored_sum(model: RobotModel, q_half: Array) -> tuple[Array, Array]:
     signs = np.array([model.spec.mirror.joint_sign[name] for name in first.short_names])
     q = np.zeros(model.n)
     q[first.joints], q[second.joints] = q_half, signs * q_half
-    hands = [hand_of(model, limb, q) for limb in (first, second)]
-    origin = 0.5 * (hands[0][0].translation + hands[1][0].translation)
-    arms = [operational_inertia(J, Mi).carried(pose.translation - origin) for pose, J, Mi in hands]
+    arms = carried_inertias(*posed(model, q))
     return superpose_inertia(arms, None).inertia, arms[0].inertia
 
 
@@ -315,9 +314,8 @@ def test_squeeze_and_weight_leave_exactly_what_they_should(count: int) -> None:
         np.testing.assert_allclose(total, [0, 0, 1.2 * STANDARD_GRAVITY, 0, 0, 0], atol=1e-10)
         wanted = random.normal(size=6)
         shared = share_wrench(offsets, wanted)
-        np.testing.assert_allclose(
-            sum(carry(r).T @ w for r, w in zip(offsets, shared, strict=True)), wanted, atol=1e-10
-        )
+        total = sum(carry(r).T @ w for r, w in zip(offsets, shared, strict=True))
+        np.testing.assert_allclose(total, wanted, atol=1e-10)
 
 
 def test_two_hands_squeeze_along_the_line_between_them() -> None:

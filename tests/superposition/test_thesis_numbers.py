@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The thesis's printed matrices, to the printed digits, and what the law gives at the same posture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
