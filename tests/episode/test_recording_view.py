@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -18,29 +19,24 @@ from rerun.chunk import RrdReader
 
 from impedance_modules.episode import live_view as view_module
 from impedance_modules.episode import view_layout, viewer
-from impedance_modules.episode import viewer as display
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.columns import joint_columns, pose_columns, target_columns, wrench_columns
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.live_view import RATE, RecordingView, write_recording
-from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.rerun_writer import METRES_PER_NEWTON, METRES_PER_NEWTON_METRE, new_stream
 from impedance_modules.episode.run_picture import write_picture
 from impedance_modules.episode.view_scene import BodyShape, EllipsoidStyle, Scene, SceneBody, ViewSample
 from impedance_modules.errors import BadInput
-from tests.support.paths import CHECKOUT, TESTS
+from tests.support.log_metadata import log_metadata
+from tests.support.paths import CHECKOUT
 
+ARM = (BodyShape("shell", "capsule", (0.05, 0.2)), BodyShape("cap", "sphere", (0.06,)))
+CRATE = (BodyShape("crate", "box", (0.3, 0.2, 0.2)),)
+TABLE = (BodyShape("top", "cylinder", (0.5, 0.04)),)
 SCENE = Scene(
-    bodies=(
-        SceneBody(
-            "upper arm",
-            (BodyShape("shell", "capsule", (0.05, 0.2)), BodyShape("cap", "sphere", (0.06,))),
-            "robot",
-        ),
-        SceneBody("crate", (BodyShape("crate", "box", (0.3, 0.2, 0.2)),), "object"),
-    ),
-    surfaces=(SceneBody("table", (BodyShape("top", "cylinder", (0.5, 0.04)),), "surface"),),
+    bodies=(SceneBody("upper arm", ARM, "robot"), SceneBody("crate", CRATE, "object")),
+    surfaces=(SceneBody("table", TABLE, "surface"),),
     springs=("left/hand",),
     wrenches=("left", "right"),
     ellipsoids=(EllipsoidStyle("left/inertia", 0.1), EllipsoidStyle("left/stiffness", 1e-4)),
@@ -58,14 +54,25 @@ def sample(index, rng):
     if index == 3:
         arrays["half_axes"][1] = np.nan
     messages = ("contact lost",) if index == 5 else ()
-    return ViewSample(
-        index * 0.02, tank=5.0, phase="lower" if index < 4 else "slide", messages=messages, **arrays
-    )
+    phase = "lower" if index < 4 else "slide"
+    return ViewSample(index * 0.02, tank=5.0, phase=phase, messages=messages, **arrays)
 
 
 def samples(count, seed=0):
     rng = np.random.default_rng(seed)
     return [sample(index, rng) for index in range(count)]
+
+
+@contextmanager
+def recording(folder, period=0.05, **options):
+    """A recording that is written meanwhile, every ``period`` [s]."""
+    background = Background(period)
+    view = RecordingView(folder, SCENE, background, **{"name": "press", "live": False, **options})
+    try:
+        yield view
+    finally:
+        background.stop()
+        view.close()
 
 
 def column(path, entity, component):
@@ -78,6 +85,10 @@ def column(path, entity, component):
                 times += (batch["time"].cast(pa.int64()).to_numpy() * 1e-9).tolist()
                 values += batch[component].to_pylist()
     return np.array(times), values
+
+
+def recorded_times(folder):
+    return column(folder / "recording.rrd", view_layout.TANK, "Scalars:scalars")[0]
 
 
 def paths_in(path):
@@ -106,39 +117,34 @@ def test_the_file_holds_every_thing_of_the_scene(tmp_path):
     assert expected <= found
     (blueprint,) = RrdReader(str(path)).blueprints()
     assert blueprint.application_id == view_layout.APPLICATION
-    verified = subprocess.run(
-        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, check=False
-    )
+    verify = [sys.executable, "-m", "rerun", "rrd", "verify", str(path)]
+    verified = subprocess.run(verify, capture_output=True, check=False)
     assert verified.returncode == 0, verified.stderr
+
+
+SCALE = np.repeat([METRES_PER_NEWTON, METRES_PER_NEWTON_METRE], 3)
+DRAWN = [
+    # entity, component, what a sample says of it
+    (view_layout.wrench_path("right"), "Arrows3D:vectors", lambda s: s.wrenches[1] * SCALE),
+    (view_layout.spring_path("left/hand"), "LineStrips3D:strips", lambda s: s.springs[0]),
+    (view_layout.body_path("object", "crate"), "Transform3D:translation", lambda s: s.poses[1, :3]),
+    # What does not exist, is not drawn.
+    (view_layout.ellipsoid_path("left/stiffness"), "Ellipsoids3D:half_sizes",
+     lambda s: np.nan_to_num(s.half_axes[1]) * 1e-4),
+    (view_layout.torque_path("right"), "Scalars:scalars", lambda s: s.torque_ratio[2]),
+    (view_layout.ANGLE_ERROR, "Scalars:scalars", lambda s: np.degrees(s.tracking_error[0, 1])),
+    (view_layout.TANK, "Scalars:scalars", lambda s: [5.0, 0.5, 10.0]),
+]  # fmt: skip
 
 
 def test_the_numbers_in_the_file_are_the_sample_s(tmp_path):
     given = samples(8, seed=1)
     path = write_recording(tmp_path / "run.rrd", SCENE, given, "press")
-
-    times, vectors = column(path, view_layout.wrench_path("right"), "Arrows3D:vectors")
-    assert np.allclose(times, [one.time for one in given], atol=1e-9)
-    scale = np.repeat([METRES_PER_NEWTON, METRES_PER_NEWTON_METRE], 3)
-    assert np.allclose(np.reshape(vectors, (8, 6)), [one.wrenches[1] * scale for one in given], rtol=1e-6)
-
-    _, strips = column(path, view_layout.spring_path("left/hand"), "LineStrips3D:strips")
-    assert np.allclose(np.reshape(strips, (8, 2, 3)), [one.springs[0] for one in given], rtol=1e-6)
-
-    _, moved = column(path, view_layout.body_path("object", "crate"), "Transform3D:translation")
-    assert np.allclose(np.reshape(moved, (8, 3)), [one.poses[1, :3] for one in given], rtol=1e-6)
-
-    _, sizes = column(path, view_layout.ellipsoid_path("left/stiffness"), "Ellipsoids3D:half_sizes")
-    drawn = np.reshape(sizes, (8, 3))
-    assert (drawn[3] == 0).all()  # what does not exist is not drawn
-    assert np.allclose(drawn[4], given[4].half_axes[1] * 1e-4, rtol=1e-6)
-
-    _, ratio = column(path, view_layout.torque_path("right"), "Scalars:scalars")
-    assert np.array_equal(np.ravel(ratio), [one.torque_ratio[2] for one in given])
-    _, angle = column(path, view_layout.ANGLE_ERROR, "Scalars:scalars")
-    assert np.allclose(np.ravel(angle), [np.degrees(one.tracking_error[0, 1]) for one in given])
-    _, tank = column(path, view_layout.TANK, "Scalars:scalars")
-    assert np.array_equal(tank, [[5.0, 0.5, 10.0]] * 8)
-
+    for entity, component, said in DRAWN:
+        times, found = column(path, entity, component)
+        assert np.allclose(times, [one.time for one in given], atol=1e-9)
+        expected = np.array([said(one) for one in given])
+        assert np.allclose(np.reshape(found, expected.shape), expected, rtol=1e-6), entity
     starts, names = column(path, view_layout.PHASE, "StateChange:state")
     assert np.allclose(starts, [0.0, 0.08])
     assert names == [["lower"], ["slide"]]
@@ -148,48 +154,36 @@ def test_the_numbers_in_the_file_are_the_sample_s(tmp_path):
 
 def test_a_sample_that_does_not_fit_is_refused(tmp_path):
     wrong = replace(samples(1)[0], wrenches=np.zeros((1, 6)))
-    background = Background(0.1)
-    view = RecordingView(tmp_path, SCENE, background, name="press", live=False)
-    with pytest.raises(BadInput, match=r"'wrenches' has shape \(1, 6\) \(valid: \(2, 6\)"):
+    refusal = pytest.raises(BadInput, match=r"'wrenches' has shape \(1, 6\) \(valid: \(2, 6\)")
+    with recording(tmp_path) as view, refusal:
         view.add(wrong)
-    background.stop()
-    view.close()
 
 
 @pytest.mark.parametrize("period", [0.001, 0.0025, 0.01])
 def test_the_view_takes_25_samples_a_second_and_loses_none(tmp_path, period):
-    background = Background(0.05)
-    view = RecordingView(tmp_path, SCENE, background, name="press", live=False)
     base, wanted = samples(1)[0], []
-    for index in range(round(4.0 / period)):
-        now = index * period
-        if view.due(now):
-            view.add(replace(base, time=now))
-            wanted.append(now)
-    background.stop()
-    view.close()
+    with recording(tmp_path) as view:
+        for now in period * np.arange(round(4.0 / period)):
+            if view.due(now):
+                view.add(replace(base, time=now))
+                wanted.append(now)
     assert len(wanted) == pytest.approx(4.0 * RATE, abs=3)
-    times, _ = column(tmp_path / "recording.rrd", view_layout.TANK, "Scalars:scalars")
-    assert np.allclose(np.sort(times), wanted, atol=1e-6)
+    assert np.allclose(np.sort(recorded_times(tmp_path)), wanted, atol=1e-6)
     assert view.dropped == 0
     assert view.failure is None
 
 
 def test_adding_a_sample_never_waits_for_rerun(tmp_path, monkeypatch):
-    background = Background(0.01)
-    view = RecordingView(tmp_path, SCENE, background, name="press", live=False)
-    write = view._file.write
-    monkeypatch.setattr(view._file, "write", lambda batch: (time.sleep(0.3), write(batch)))
     base = samples(1)[0]
-    start = time.perf_counter()
-    for index in range(3000):
-        view.add(replace(base, time=index * 0.02))
-    assert time.perf_counter() - start < 0.5
-    assert view.dropped > 0  # memory is bounded, and what was thrown away is counted
-    background.stop()
-    view.close()
-    times, _ = column(tmp_path / "recording.rrd", view_layout.TANK, "Scalars:scalars")
-    assert len(times) + view.dropped == 3000
+    with recording(tmp_path, period=0.01) as view:
+        write = view._file.write
+        monkeypatch.setattr(view._file, "write", lambda batch: (time.sleep(0.3), write(batch)))
+        start = time.perf_counter()
+        for index in range(3000):
+            view.add(replace(base, time=index * 0.02))
+        assert time.perf_counter() - start < 0.5
+        assert view.dropped > 0  # memory is bounded, and what was thrown away is counted
+    assert len(recorded_times(tmp_path)) + view.dropped == 3000
 
 
 def start_server(home):
@@ -219,76 +213,52 @@ def test_a_window_that_is_closed_harms_neither_run_nor_file(tmp_path, monkeypatc
         return stream
 
     monkeypatch.setattr(view_module, "open_live_stream", stream_to_server)
-    background = Background(0.02)
-    view = RecordingView(tmp_path, SCENE, background, name="press", live=True)
-    for one in samples(120):
-        view.add(one)
-        if one.time == 1.0:
-            os.killpg(server.pid, signal.SIGKILL)  # rerun's command starts another process
-            server.wait()
-    start = time.perf_counter()
-    background.stop()
-    view.close()
+    with recording(tmp_path, period=0.02, live=True) as view:
+        for one in samples(120):
+            view.add(one)
+            if one.time == 1.0:
+                os.killpg(server.pid, signal.SIGKILL)  # rerun's command starts another process
+                server.wait()
+        start = time.perf_counter()
     assert server.poll() is not None
     assert time.perf_counter() - start < 5.0
     assert view.failure is None
-    times, _ = column(tmp_path / "recording.rrd", view_layout.TANK, "Scalars:scalars")
-    assert len(times) == 120
+    assert len(recorded_times(tmp_path)) == 120
 
 
 KILLED = """
 import sys, time
-import numpy as np
-sys.path[:0] = sys.argv[2:]
-from tests.episode.test_recording_view import SCENE, samples
 from dataclasses import replace
 from pathlib import Path
-from impedance_modules.episode.background import Background
-from impedance_modules.episode.live_view import RecordingView
-background = Background(0.05)
-view = RecordingView(Path(sys.argv[1]), SCENE, background, name="press", live=False)
+from tests.episode.test_recording_view import recording, samples
 base = samples(1)[0]
-for index in range(500):
-    view.add(replace(base, time=index * 0.02))
-time.sleep(1.0)
-print("ready", flush=True)
-time.sleep(60)
+with recording(Path(sys.argv[1])) as view:
+    for index in range(500):
+        view.add(replace(base, time=index * 0.02))
+    time.sleep(1.0)
+    print("ready", flush=True)
+    time.sleep(60)
 """
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_a_killed_run_leaves_a_recording_that_opens(tmp_path):
-    here = TESTS
-    command = [sys.executable, "-c", KILLED, str(tmp_path), str(here), str(here.parent)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": ""})
+    command = [sys.executable, "-c", KILLED, str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": str(CHECKOUT)}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, env=environment)
     assert process.stdout.readline() == b"ready\n"
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    times, _ = column(tmp_path / "recording.rrd", view_layout.TANK, "Scalars:scalars")
-    assert len(times) >= 400
+    assert len(recorded_times(tmp_path)) >= 400
 
 
 def log_columns(count=500):
     time_axis = np.arange(count) * 0.01
     wave = np.sin(time_axis)
-    columns = {"time": time_axis, "phase": ["a"] * 200 + ["b"] * (count - 200), "tank": 5 + wave}
-    for name in (*joint_columns("position", "xyz"), *joint_columns("effort", "xyz"), "odd"):
-        columns[name] = wave
-    for name in (*pose_columns("tip"), *target_columns("tip"), *wrench_columns("tip")):
-        columns[name] = wave
-    return columns
-
-
-def log_metadata(**more):
-    return episode_metadata(
-        robot="planar",
-        episode="log",
-        effort_source="motor",
-        gravity_compensation="none",
-        repeat_of=None,
-        task=None,
-        **more,
-    )
+    joints = (*joint_columns("position", "xyz"), *joint_columns("effort", "xyz"), "odd")
+    frames = (*pose_columns("tip"), *target_columns("tip"), *wrench_columns("tip"))
+    phases = ["a"] * 200 + ["b"] * (count - 200)
+    return {"time": time_axis, "phase": phases, "tank": 5 + wave} | dict.fromkeys((*joints, *frames), wave)
 
 
 def test_a_foreign_log_becomes_curves(tmp_path):
@@ -321,12 +291,12 @@ def test_what_is_opened(tmp_path, monkeypatch):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="how a missing display shows itself differs")
 def test_without_a_display_the_viewer_says_so(tmp_path, monkeypatch):
-    for name in display.DISPLAYS:
+    for name in viewer.DISPLAYS:
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(BadInput, match="no display"):
-        display.open_viewer(tmp_path / "any.rrd")
+        viewer.open_viewer(tmp_path / "any.rrd")
     with pytest.raises(BadInput, match="no display"):
-        display.open_live_stream("press")
+        viewer.open_live_stream("press")
 
 
 @pytest.mark.parametrize("keep", ["time position", "time position effort phase", "all", "known limits"])
@@ -334,11 +304,8 @@ def test_every_episode_has_a_picture(tmp_path, keep):
     columns = log_columns()
     more = {}
     if keep == "known limits":
-        more = {
-            "limbs": {"arm": list("xyz")},
-            "effort_max": dict.fromkeys("xyz", 2.0),
-            "tank": {"floor": 1, "max": 8},
-        }
+        limits = {"effort_max": dict.fromkeys("xyz", 2.0), "tank": {"floor": 1, "max": 8}}
+        more = {"limbs": {"arm": list("xyz")}, **limits}
     elif keep != "all":
         columns = {name: values for name, values in columns.items() if name.partition(".")[0] in keep.split()}
     episode = read_episode(write_episode(tmp_path / "log.parquet", columns, log_metadata(**more)))
@@ -357,17 +324,13 @@ def test_reading_an_episode_imports_neither_rerun_nor_matplotlib():
 
 
 def test_a_long_recording_is_written_in_larger_pieces(tmp_path, monkeypatch):
-    background = Background(100.0)
-    view = RecordingView(tmp_path, SCENE, background, name="press", live=False, rate=5.0)
-    written = []
-    monkeypatch.setattr(view._file, "write", lambda batch: written.append(batch[-1].time - batch[0].time))
-    base = samples(1)[0]
-    for index in range(round(400.0 * 5.0)):
-        view.add(replace(base, time=index / 5.0))
-        view._drain(False)
-    assert written[0] == pytest.approx(1.0)
-    assert np.diff(written).min() > -0.25
-    assert written[-1] == pytest.approx(5.0, abs=0.25)
-    assert len(written) < 200  # 400 pieces of one second would be
-    background.stop()
-    view.close()
+    written, base = [], samples(1)[0]
+    with recording(tmp_path, period=100.0, rate=5.0) as view:
+        monkeypatch.setattr(view._file, "write", lambda batch: written.append(batch[-1].time - batch[0].time))
+        for index in range(round(400.0 * 5.0)):
+            view.add(replace(base, time=index / 5.0))
+            view._drain(False)
+        assert written[0] == pytest.approx(1.0)
+        assert np.diff(written).min() > -0.25
+        assert written[-1] == pytest.approx(5.0, abs=0.25)
+        assert len(written) < 200  # 400 pieces of one second would be
