@@ -17,21 +17,14 @@ import pytest
 
 from impedance_modules.episode import background as ring
 from impedance_modules.episode import writer
-from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_folder import RunLock, part_paths
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput, SafetyStop
+from tests.support.log_metadata import log_metadata
 from tests.support.paths import CHECKOUT
 
-METADATA = episode_metadata(
-    robot="planar",
-    episode="crash",
-    effort_source="motor",
-    gravity_compensation="none",
-    repeat_of=None,
-    task=None,
-)
+METADATA = log_metadata()
 ATTEMPTS = 4
 """A run in real time does not wait for the disk, which other tests may hold up for longer than it lives."""
 
@@ -97,21 +90,29 @@ def test_kill_minus_nine_loses_at_most_the_last_second(tmp_path, pace, after):
     assert np.array_equal(again.time, times)
 
 
-def crashed_copy(tmp_path):
-    """Returns a directory as a kill leaves it, and the rows in it."""
+def new_writer(directory, wait_for_disk=True):
+    return EpisodeWriter(directory, ["time", "position.a"], METADATA, wait_for_disk=wait_for_disk)
+
+
+def fill(out, rows, period=1e-3):
+    for index in range(rows):
+        out.append(np.array([index * period, index]))
+
+
+@pytest.fixture
+def crashed(tmp_path):
+    """A directory as a kill leaves it, and the rows in it."""
     live, dead = tmp_path / "live", tmp_path / "dead"
-    with EpisodeWriter(live, ["time", "position.a"], METADATA, wait_for_disk=True) as out:
-        for index in range(3000):
-            out.append(np.array([index * 1e-3, index]))
+    with new_writer(live) as out:
+        fill(out, 3000)
         shutil.copytree(live, dead, ignore=shutil.ignore_patterns(".*"))
     assert len(part_paths(dead)) >= 2
     return dead, sum(pq.read_metadata(path).num_rows for path in part_paths(dead))
 
 
 def test_a_run_that_is_going_on_is_read_but_not_merged(tmp_path):
-    with EpisodeWriter(tmp_path, ["time", "position.a"], METADATA, wait_for_disk=True) as out:
-        for index in range(2500):
-            out.append(np.array([index * 1e-3, index]))
+    with new_writer(tmp_path) as out:
+        fill(out, 2500)
         before = part_paths(tmp_path)
         rows = read_episode(tmp_path).position["a"]
         assert len(rows) >= 1500
@@ -120,31 +121,31 @@ def test_a_run_that_is_going_on_is_read_but_not_merged(tmp_path):
     assert len(read_episode(tmp_path)) == 2500
 
 
-def test_a_new_run_does_not_mix_with_what_a_crash_left(tmp_path):
-    dead, rows = crashed_copy(tmp_path)
+def test_a_new_run_does_not_mix_with_what_a_crash_left(crashed):
+    dead, rows = crashed
     with pytest.raises(BadInput, match="already holds"):
-        EpisodeWriter(dead, ["time", "position.a"], METADATA, wait_for_disk=True)
+        new_writer(dead)
     assert len(read_episode(dead)) == rows
 
 
-def test_a_half_written_part_is_ignored(tmp_path):
-    dead, rows = crashed_copy(tmp_path)
+def test_a_half_written_part_is_ignored(crashed):
+    dead, rows = crashed
     (dead / ".episode.part-00099.parquet.tmp").write_bytes(b"PAR1 half")
     assert len(read_episode(dead)) == rows
 
 
-def test_a_kill_while_the_merged_parts_are_removed_loses_and_doubles_nothing(tmp_path):
-    dead, rows = crashed_copy(tmp_path)
-    spare = part_paths(dead)[-1].read_bytes()
-    name = part_paths(dead)[-1]
+def test_a_kill_while_the_merged_parts_are_removed_loses_and_doubles_nothing(crashed):
+    dead, rows = crashed
+    newest = part_paths(dead)[-1]
+    content = newest.read_bytes()
     read_episode(dead)
-    name.write_bytes(spare)
+    newest.write_bytes(content)
     assert len(read_episode(dead)) == rows
     assert part_paths(dead) == ()
 
 
-def test_a_damaged_part_is_named(tmp_path):
-    dead, _ = crashed_copy(tmp_path)
+def test_a_damaged_part_is_named(crashed):
+    dead, _ = crashed
     bad = part_paths(dead)[1]
     bad.write_bytes(bad.read_bytes()[:-20])
     with pytest.raises(BadInput, match=f"{bad.name}: damaged part"):
@@ -153,7 +154,7 @@ def test_a_damaged_part_is_named(tmp_path):
 
 
 def test_the_lock_is_free_once_the_run_is_over(tmp_path):
-    with EpisodeWriter(tmp_path, ["time", "position.a"], METADATA, wait_for_disk=True) as out:
+    with new_writer(tmp_path) as out:
         assert RunLock.try_acquire(tmp_path) is None
         out.append(np.zeros(2))
     lock = RunLock.try_acquire(tmp_path)
@@ -168,7 +169,7 @@ def test_a_simulation_waits_for_a_slow_disk(tmp_path, monkeypatch):
 
     monkeypatch.setattr(writer, "write_part", slow_write)
     lag = 0.0
-    with EpisodeWriter(tmp_path, ["time", "position.a"], METADATA, wait_for_disk=True) as out:
+    with new_writer(tmp_path) as out:
         for index in range(6000):
             out.append(np.array([index * 1e-3, 0.0]))
             lag = max(lag, (index - out._ring.released) * 1e-3)
@@ -177,15 +178,12 @@ def test_a_simulation_waits_for_a_slow_disk(tmp_path, monkeypatch):
 
 
 def test_a_robot_never_waits_for_a_stuck_disk_and_stops_when_its_memory_is_full(tmp_path, monkeypatch):
-    stuck = threading.Event()
+    stuck, write = threading.Event(), writer.write_part
     monkeypatch.setattr(ring, "RING_BYTES", 0)
-    monkeypatch.setattr(
-        writer, "write_part", lambda path, table, write=writer.write_part: (stuck.wait(), write(path, table))
-    )
-    out = EpisodeWriter(tmp_path, ["time", "position.a"], METADATA, wait_for_disk=False)
+    monkeypatch.setattr(writer, "write_part", lambda *part: (stuck.wait(), write(*part)))
+    out = new_writer(tmp_path, wait_for_disk=False)
     with pytest.raises(SafetyStop, match="the disk has not taken a row"):
-        for index in range(5000):
-            out.append(np.array([index * 0.1, 0.0]))
+        fill(out, 5000, period=0.1)
     assert 1000 < out.rows < 2000
     stuck.set()
     assert len(read_episode(out.close())) == out.rows

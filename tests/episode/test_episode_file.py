@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -23,34 +22,33 @@ from impedance_modules.episode.columns import (
     wrench_columns,
 )
 from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.metadata import METADATA_KEY, episode_metadata
+from impedance_modules.episode.metadata import METADATA_KEY
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_folder import part_path, part_paths, write_summary
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput, SafetyStop
+from tests.support.log_metadata import log_metadata
 
 JOINTS = ("shoulder", "elbow.flex")
 FRAME = "left.hand"
 
 
+TWO = ["time", "position.a"]
+THREE = [*TWO, "phase"]
+
+
 def metadata(**more):
-    given = {
-        "robot": "planar",
-        "episode": "press",
-        "effort_source": "joint_sensor",
-        "gravity_compensation": "robot",
-        "repeat_of": None,
-        "task": "format: 1\nname: press\n",
-    }
-    return episode_metadata(**{**given, **more})
+    return log_metadata(**{"task": "format: 1\nname: press\n", **more})
+
+
+def new_writer(directory, names=TWO, wait_for_disk=True, **more):
+    return EpisodeWriter(directory, names, metadata(**more), wait_for_disk=wait_for_disk)
 
 
 def column_names():
-    names = ["time"]
-    for kind in JOINT_KINDS:
-        names += joint_columns(kind, JOINTS)
-    names += [*wrench_columns(FRAME), *pose_columns(FRAME), *target_columns("object")]
-    return [*names, "phase", *module_columns("left", JOINTS), "tank"]
+    joints = [name for kind in JOINT_KINDS for name in joint_columns(kind, JOINTS)]
+    frames = [*wrench_columns(FRAME), *pose_columns(FRAME), *target_columns("object")]
+    return ["time", *joints, *frames, "phase", *module_columns("left", JOINTS), "tank"]
 
 
 def random_rows(seed, count, width):
@@ -60,8 +58,7 @@ def random_rows(seed, count, width):
 
 
 def record(directory, rows, phases, names=None, **final):
-    names = names or column_names()
-    with EpisodeWriter(directory, names, metadata(), wait_for_disk=True) as writer:
+    with new_writer(directory, names or column_names()) as writer:
         for row, phase in zip(rows, phases, strict=True):
             writer.append(row, phase)
         return writer.close(**final)
@@ -119,9 +116,8 @@ def test_stock_reader_sees_the_contract(tmp_path):
 
 
 def test_a_long_run_is_one_file_in_order(tmp_path):
-    names = ["time", "position.a", "phase"]
     rows = random_rows(4, 30_000, 2)
-    path = record(tmp_path, rows, ["x"] * 30_000, names=names)
+    path = record(tmp_path, rows, ["x"] * 30_000, names=THREE)
     assert part_paths(tmp_path) == ()
     assert pq.ParquetFile(path).num_row_groups > 1
     assert np.array_equal(read_episode(path).position["a"], rows[:, 1])
@@ -141,9 +137,8 @@ def test_names_that_were_built_are_parsed_back(joints, frames):
     assert tuple(layout.joints["position"]) == tuple(layout.joints["effort"]) == tuple(joints)
     assert not layout.joints["velocity"]
     for kind, build in (("wrench", wrench_columns), ("pose", pose_columns), ("target", target_columns)):
-        assert {frame: tuple(found) for frame, found in layout.frames[kind].items()} == {
-            frame: build(frame) for frame in frames
-        }
+        found = {frame: tuple(columns) for frame, columns in layout.frames[kind].items()}
+        assert found == {frame: build(frame) for frame in frames}
     assert layout.extra == module_columns("spring", joints)
 
 
@@ -152,9 +147,7 @@ def test_absent_stays_absent(tmp_path):
     path = write_episode(tmp_path / "log.parquet", columns, metadata(effort_source=None, task=None))
     episode = read_episode(path)
     assert episode.velocity == episode.effort == episode.effort_command == episode.pose == {}
-    assert episode.phase is None
-    assert episode.tank is None
-    assert episode.task is None
+    assert episode.phase is episode.tank is episode.task is None
     assert episode.phase_intervals() == ()
     assert np.isnan(episode.wrench["tip"][:, :2]).all()
     assert (episode.wrench["tip"][:, 2] == 1).all()
@@ -166,16 +159,14 @@ def test_only_what_is_asked_for_is_read(tmp_path):
     path = record(tmp_path, random_rows(5, 20, len(column_names()) - 1), ["x"] * 20)
     episode = read_episode(path, kinds={"position", "effort"})
     assert tuple(episode.position) == tuple(episode.effort) == JOINTS
-    assert not episode.velocity
-    assert not episode.extra
-    assert episode.tank is None
+    assert not episode.velocity and not episode.extra and episode.tank is None
     with pytest.raises(BadInput, match="'torque' is no kind"):
         read_episode(path, kinds={"torque"})
 
 
 def test_phase_intervals_cover_the_phases(tmp_path):
     phases = ["a"] * 3 + [None] * 2 + ["b"] + ["a"] * 4
-    path = record(tmp_path, random_rows(6, 10, 2), phases, names=["time", "position.a", "phase"])
+    path = record(tmp_path, random_rows(6, 10, 2), phases, names=THREE)
     assert read_episode(path).phase_intervals() == (("a", 0, 3), ("b", 5, 6), ("a", 6, 10))
 
 
@@ -189,18 +180,19 @@ def with_metadata(table, **changes):
     return table.replace_schema_metadata({METADATA_KEY: json.dumps(stored)})
 
 
+def with_columns(**changes):
+    return with_metadata(raw_table(**changes))
+
+
 BAD_TABLES = {
-    "no time": (with_metadata(raw_table(time=None)), "no column 'time'"),
-    "no position": (with_metadata(raw_table(**{"position.a": None})), r"no column 'position\.<joint>'"),
-    "time as text": (with_metadata(raw_table(time=["0", "1", "2", "3"])), "column 'time' holds string"),
-    "NaN": (
-        with_metadata(raw_table(**{"effort.a": [0, 1, np.nan, 3]})),
-        r"'effort\.a' is missing or NaN in row 2",
-    ),
-    "null": (with_metadata(raw_table(**{"position.a": [0.0, None, 2, 3]})), "missing or NaN in row 1"),
-    "infinite": (with_metadata(raw_table(tank=[0, 1, 2, np.inf])), "'tank' is inf in row 3"),
-    "no rows": (with_metadata(raw_table().slice(0, 0)), "no samples"),
-    "list column": (with_metadata(raw_table(odd=[[1.0]] * 4)), "column 'odd' holds list"),
+    "no time": (with_columns(time=None), "no column 'time'"),
+    "no position": (with_columns(**{"position.a": None}), r"no column 'position\.<joint>'"),
+    "time as text": (with_columns(time=["0", "1", "2", "3"]), "column 'time' holds string"),
+    "NaN": (with_columns(**{"effort.a": [0, 1, np.nan, 3]}), r"'effort\.a' is missing or NaN in row 2"),
+    "null": (with_columns(**{"position.a": [0.0, None, 2, 3]}), "missing or NaN in row 1"),
+    "infinite": (with_columns(tank=[0, 1, 2, np.inf]), "'tank' is inf in row 3"),
+    "no rows": (with_columns().slice(0, 0), "no samples"),
+    "list column": (with_columns(odd=[[1.0]] * 4), "column 'odd' holds list"),
     "no metadata": (raw_table(), "no schema metadata"),
     "not JSON": (raw_table().replace_schema_metadata({METADATA_KEY: "{"}), "is not JSON"),
     "not an object": (raw_table().replace_schema_metadata({METADATA_KEY: "[1]"}), "is a list"),
@@ -243,29 +235,25 @@ def test_bad_files_are_refused_with_the_reason(tmp_path):
         read_episode(tmp_path)
 
 
-def test_a_recording_is_never_overwritten(tmp_path):
-    path = record(tmp_path, random_rows(8, 10, 2), ["x"] * 10, names=["time", "position.a", "phase"])
+def test_a_recording_is_never_overwritten_unless_it_is_empty(tmp_path):
+    pq.write_table(with_columns().slice(0, 0), tmp_path / "episode.parquet")
+    path = record(tmp_path, random_rows(8, 10, 2), ["x"] * 10, names=THREE)
+    assert len(read_episode(tmp_path)) == 10
     before = path.read_bytes()
     with pytest.raises(BadInput, match="already holds 10 recorded rows"):
-        EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True)
+        new_writer(tmp_path)
     assert path.read_bytes() == before
 
 
-def test_an_empty_episode_may_be_replaced(tmp_path):
-    pq.write_table(with_metadata(raw_table().slice(0, 0)), tmp_path / "episode.parquet")
-    record(tmp_path, random_rows(8, 10, 2), ["x"] * 10, names=["time", "position.a", "phase"])
-    assert len(read_episode(tmp_path)) == 10
-
-
 def test_two_runs_cannot_share_a_directory(tmp_path):
-    with EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True) as writer:
+    with new_writer(tmp_path) as writer:
         writer.append(np.zeros(2))
         with pytest.raises(BadInput, match="another run is writing"):
-            EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True)
+            new_writer(tmp_path)
 
 
 def test_a_row_that_does_not_fit_is_refused(tmp_path):
-    with EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True) as writer:
+    with new_writer(tmp_path) as writer:
         with pytest.raises(BadInput, match=r"row of shape \(1,\)"):
             writer.append(np.zeros(1))
         with pytest.raises(BadInput, match="without a 'phase' column"):
@@ -274,9 +262,9 @@ def test_a_row_that_does_not_fit_is_refused(tmp_path):
 
 
 def test_an_abandoned_run_gives_its_directory_back(tmp_path):
-    EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True).abandon()
+    new_writer(tmp_path).abandon()
     assert list(tmp_path.iterdir()) == []
-    writer = EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True)
+    writer = new_writer(tmp_path)
     writer.append(np.ones(2))
     writer.abandon()
     writer.abandon()
@@ -284,10 +272,7 @@ def test_an_abandoned_run_gives_its_directory_back(tmp_path):
 
 
 def test_an_exception_in_a_run_keeps_what_was_recorded(tmp_path):
-    with (
-        pytest.raises(ZeroDivisionError),
-        EpisodeWriter(tmp_path, ["time", "position.a"], metadata(), wait_for_disk=True) as writer,
-    ):
+    with pytest.raises(ZeroDivisionError), new_writer(tmp_path) as writer:
         writer.append(np.ones(2))
         raise ZeroDivisionError
     episode = read_episode(tmp_path)
@@ -297,9 +282,8 @@ def test_an_exception_in_a_run_keeps_what_was_recorded(tmp_path):
 
 @pytest.mark.parametrize("wait_for_disk", [True, False])
 def test_a_disk_that_refuses_stops_the_run(tmp_path, wait_for_disk):
-    directory = tmp_path / "run"
-    writer = EpisodeWriter(directory, ["time", "position.a"], metadata(), wait_for_disk=wait_for_disk)
-    part_path(directory, 0).mkdir()  # no file can take this name
+    writer = new_writer(tmp_path, wait_for_disk=wait_for_disk)
+    part_path(tmp_path, 0).mkdir()  # no file can take this name
     with pytest.raises(SafetyStop, match="cannot be written"):
         for index in range(200_000):
             writer.append(np.array([index * 1e-3, 0.0]))
@@ -309,46 +293,34 @@ def test_a_disk_that_refuses_stops_the_run(tmp_path, wait_for_disk):
         writer.close()
 
 
-def test_wrong_columns_or_metadata_are_refused_before_anything_moves(tmp_path):
-    with pytest.raises(BadInput, match="'time' first"):
-        EpisodeWriter(tmp_path / "a", ["position.a", "time"], metadata(), wait_for_disk=True)
-    with pytest.raises(BadInput, match="occurs more than once"):
-        EpisodeWriter(tmp_path / "a", ["time", "position.a", "time"], metadata(), wait_for_disk=True)
-    with pytest.raises(BadInput, match="not JSON"):
-        EpisodeWriter(tmp_path / "a", ["time", "position.a"], metadata(rate=np.nan), wait_for_disk=True)
-    with pytest.raises(BadInput, match="effort_source"):
-        EpisodeWriter(tmp_path / "a", ["time", "position.a"], metadata(effort_source="x"), wait_for_disk=True)
-    assert not Path(tmp_path / "a").exists()
+@pytest.mark.parametrize(
+    ("names", "more", "reason"),
+    [
+        (["position.a", "time"], {}, "'time' first"),
+        ([*TWO, "time"], {}, "occurs more than once"),
+        (TWO, {"rate": np.nan}, "not JSON"),
+        (TWO, {"effort_source": "x"}, "effort_source"),
+    ],
+)
+def test_wrong_columns_or_metadata_are_refused_before_anything_moves(tmp_path, names, more, reason):
+    with pytest.raises(BadInput, match=reason):
+        new_writer(tmp_path / "a", names, **more)
+    assert not (tmp_path / "a").exists()
 
 
 def test_summary_is_whole_and_plain(tmp_path):
-    path = write_summary(
-        tmp_path, {"tau": np.eye(2), "worst": np.float64(np.inf), "n": 3, "deep": {"a": (1, None)}}
-    )
-    assert json.loads(path.read_text()) == {
-        "tau": [[1, 0], [0, 1]],
-        "worst": None,
-        "n": 3,
-        "deep": {"a": [1, None]},
-    }
+    given = {"tau": np.eye(2), "worst": np.float64(np.inf), "n": 3, "deep": {"a": (1, None)}}
+    path = write_summary(tmp_path, given)
+    plain = {"tau": [[1, 0], [0, 1]], "worst": None, "n": 3, "deep": {"a": [1, None]}}
+    assert json.loads(path.read_text()) == plain
     with pytest.raises(TypeError):
         write_summary(tmp_path, {"odd": object()})
     assert json.loads(path.read_text())["n"] == 3
 
 
-def test_a_long_recording_can_be_read_decimated(tmp_path: Path) -> None:
+def test_a_long_recording_can_be_read_decimated(tmp_path):
     rows = {"time": np.arange(1001) / 1000.0, "position.j": np.arange(1001.0), "phase": ["a"] * 1001}
-    metadata = episode_metadata(
-        robot="r",
-        episode="e",
-        effort_source=None,
-        gravity_compensation="robot",
-        repeat_of=None,
-        task=None,
-    )
-    write_episode(tmp_path / "e.parquet", rows, metadata)
+    write_episode(tmp_path / "e.parquet", rows, metadata(effort_source=None))
     thin = read_episode(tmp_path / "e.parquet", most_samples=100)
-    assert len(thin) == 91
     np.testing.assert_array_equal(thin.position["j"], np.arange(0.0, 1001.0, 11.0))
-    assert thin.phase is not None
-    assert len(thin.phase) == 91
+    assert len(thin) == len(thin.phase) == 91
