@@ -8,11 +8,23 @@ import sys
 
 import numpy as np
 import pytest
-import yaml
 
 from impedance_modules.episode.imports.pipeline import import_sources
 from impedance_modules.errors import BadFile, BadInput
-from tests.support.import_logs import base_map, imported, motion, table_log, write_map, write_table
+from tests.support.import_logs import (
+    COMMA,
+    POSITION,
+    TIME,
+    VELOCITY,
+    base_map,
+    imported,
+    map_of,
+    motion,
+    position_map,
+    table_log,
+    write_map,
+    write_table,
+)
 
 
 def refused(folder, source, data=None, rate=None):
@@ -24,34 +36,44 @@ def refused(folder, source, data=None, rate=None):
     return str(caught.value)
 
 
-def lines_of(path):
-    return path.read_text().split("\n")
+@pytest.fixture
+def log(tmp_path):
+    return table_log(tmp_path / "log.csv")
 
 
 def change_line(path, number, change):
-    """Changes one line, counted from 1; None removes all after it."""
-    lines = lines_of(path)
+    """Changes one line, counted from 1."""
+    lines = path.read_text().split("\n")
     lines[number - 1] = change(lines[number - 1])
     path.write_text("\n".join(lines))
-    return path
+
+
+def with_table(**more):
+    data = base_map()
+    data["tables"][0] |= more
+    return data
 
 
 # --- files -----------------------------------------------------------------------------------------------
 
 
-def test_missing_empty_and_foreign_files(tmp_path):
-    table_log(tmp_path / "log.csv")
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "the file is empty"),
+        (b"t,q1,q2,v1,v2\n", "a header and no rows"),
+        (b"t,q1,q2,v1,v2\n0,1,2,3,4\n", "a single sample"),
+        (b"\x80\x81\x00\xff" * 100, "no text file"),
+        (b"\0" * 100, "binary data"),
+    ],
+)
+def test_files_without_a_table(tmp_path, content, words):
+    (tmp_path / "log.csv").write_bytes(content)
+    assert words in refused(tmp_path, tmp_path / "log.csv")
+
+
+def test_missing_and_foreign_files(tmp_path, log):
     assert "no such file (beside it: log.csv)" in refused(tmp_path, tmp_path / "lag.csv")
-    (tmp_path / "empty.csv").write_text("")
-    assert "the file is empty" in refused(tmp_path, tmp_path / "empty.csv")
-    (tmp_path / "header.csv").write_text("t,q1,q2,v1,v2\n")
-    assert "a header and no rows" in refused(tmp_path, tmp_path / "header.csv")
-    (tmp_path / "one.csv").write_text("t,q1,q2,v1,v2\n0,1,2,3,4\n")
-    assert "a single sample" in refused(tmp_path, tmp_path / "one.csv")
-    (tmp_path / "binary.csv").write_bytes(b"\x80\x81\x00\xff" * 100)
-    assert "no text file" in refused(tmp_path, tmp_path / "binary.csv")
-    (tmp_path / "zeros.csv").write_bytes(b"\0" * 100)
-    assert "binary data" in refused(tmp_path, tmp_path / "zeros.csv")
     (tmp_path / "folder").mkdir()
     assert "a folder without any file that the map describes" in refused(tmp_path, tmp_path / "folder")
 
@@ -59,89 +81,77 @@ def test_missing_empty_and_foreign_files(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda line: line[: len(line) // 2], ":200: 3 values in a table of 5 columns"),
-        (lambda line: line.replace(",", ";"), ":200: 1 values in a table of 5 columns"),
-        (lambda line: "nan," + line.split(",", 1)[1], ":200: column 't' is nan"),
-        (lambda line: line.rsplit(",", 1)[0] + ",inf", ":200: column 'v2' is inf"),
-        (lambda line: line.rsplit(",", 1)[0] + ",", ":200: column 'v2' is empty"),
-        (lambda line: line.rsplit(",", 1)[0] + ",fast", ":200: column 'v2' is 'fast', not a number"),
+        (lambda line: line[: len(line) // 2], "log.csv:200: 3 values in a table of 5 columns"),
+        (lambda line: line.replace(",", ";"), "log.csv:200: 1 values in a table of 5 columns"),
+        (lambda line: "nan," + line.split(",", 1)[1], "log.csv:200: column 't' is nan"),
+        (lambda line: line.rsplit(",", 1)[0] + ",inf", "log.csv:200: column 'v2' is inf"),
+        (lambda line: line.rsplit(",", 1)[0] + ",", "log.csv:200: column 'v2' is empty"),
+        (lambda line: line.rsplit(",", 1)[0] + ",fast", "log.csv:200: column 'v2' is 'fast', not a number"),
         (lambda line: "t,q1,q2,v1,v2", "a second header?"),
     ],
 )
-def test_bad_rows_are_named_by_their_line(tmp_path, change, words):
-    log = change_line(table_log(tmp_path / "log.csv"), 200, change)
-    assert f"log.csv{words}" in refused(tmp_path, log) or words in refused(tmp_path, log)
+def test_bad_rows_are_named_by_their_line(tmp_path, log, change, words):
+    change_line(log, 200, change)
+    assert words in refused(tmp_path, log)
 
 
 def test_decimal_commas_are_recognised(tmp_path):
     time, q, v = motion()
     log = write_table(tmp_path / "log.csv", ["t", "q1", "q2", "v1", "v2"], time, q, v, separator=";")
     log.write_text(log.read_text().replace(".", ","))
-    data = base_map()
-    data["tables"][0]["separator"] = "semicolon"
-    assert "(valid: a decimal point)" in refused(tmp_path, log, data)
+    assert "(valid: a decimal point)" in refused(tmp_path, log, with_table(separator="semicolon"))
 
 
 @pytest.mark.parametrize(
     ("time", "words"),
     [
-        (
-            np.r_[np.arange(200), 150, np.arange(201, 400)] / 100,
-            "log.csv:202: time runs backwards: 1.5 s after 1.99",
-        ),
-        (np.r_[np.arange(200), 199, np.arange(201, 400)] / 100, "log.csv:202: time repeats 1.99 s"),
-        (np.r_[np.arange(200) / 100, 2.0 + np.arange(200) / 50], "Hz from this line on, and "),
-        (np.r_[np.arange(150) / 50, 3.0 + np.arange(250) / 100], "about 50 Hz from this line on, and 100 Hz"),
+        (np.r_[0:200, 150, 201:400] / 100, "log.csv:202: time runs backwards: 1.5 s after 1.99"),
+        (np.r_[0:200, 199, 201:400] / 100, "log.csv:202: time repeats 1.99 s"),
+        (np.r_[0:200, 200:600:2] / 100, "Hz from this line on, and "),
+        (np.r_[0:300:2, 300:550] / 100, "about 50 Hz from this line on, and 100 Hz"),
     ],
 )
 def test_time_that_does_not_run_evenly_forwards(tmp_path, time, words):
-    _, q, _ = motion()
-    log = write_table(tmp_path / "log.csv", ["t", "q1", "q2"], time, q)
-    data = base_map()
-    del data["tables"][0]["velocity"]
-    assert words in refused(tmp_path, log, data)
+    log = write_table(tmp_path / "log.csv", ["t", "q1", "q2"], time, motion()[1])
+    assert words in refused(tmp_path, log, position_map())
 
 
 def test_jitter_and_a_late_sample_are_no_other_rate(tmp_path):
-    dice = np.random.default_rng(1)
-    steps = 0.01 * dice.uniform(0.4, 1.6, 2000)
+    steps = 0.01 * np.random.default_rng(1).uniform(0.4, 1.6, 2000)
     steps[900:930] = 0.03
     time = np.cumsum(steps)
     log = write_table(tmp_path / "log.csv", ["t", "q1", "q2"], time, 0.3 * np.sin(time), 0.3 * np.cos(time))
-    data = base_map()
-    del data["tables"][0]["velocity"]
-    ((episode,), _) = imported(tmp_path, [log], data)
+    ((episode,), _) = imported(tmp_path, [log], position_map())
     assert len(episode) == 2000
 
 
 # --- time base -------------------------------------------------------------------------------------------
 
 
-def timeless():
-    data = base_map()
-    del data["tables"][0]["time"]
-    return data
+TIMELESS = map_of({**COMMA, "position": POSITION, "velocity": VELOCITY})
 
 
-def test_a_missing_time_base_is_asked_for_and_estimated(tmp_path):
-    message = refused(tmp_path, table_log(tmp_path / "log.csv"), timeless())
+def test_a_missing_time_base_is_asked_for_and_estimated(tmp_path, log):
+    message = refused(tmp_path, log, TIMELESS)
     assert "'rate: HZ' in the map, or --rate HZ" in message
     assert "velocities agree with its positions at about 100 Hz" in message
-    ((episode,), (done,)) = imported(tmp_path, [tmp_path / "log.csv"], timeless(), rate=100.0)
+    ((episode,), (done,)) = imported(tmp_path, [log], TIMELESS, rate=100.0)
     assert done.rate_stated and episode.metadata["imported"]["rate"] == 100.0
 
 
-def test_a_wrong_rate_is_noticed(tmp_path):
-    message = refused(tmp_path, table_log(tmp_path / "log.csv"), timeless(), rate=50.0)
-    assert "the stated rate is 50 Hz, and they would agree at 99.99 Hz" in message and "--rate 100" in message
-
-
-def test_rates_that_contradict_each_other(tmp_path):
-    log = table_log(tmp_path / "log.csv")
-    assert "says 'rate: 100'" in refused(tmp_path, log, {**timeless(), "rate": 100}, rate=200.0)
-    assert "--rate 200 has no effect" in refused(tmp_path, log, rate=200.0)
-    assert "every table has its own time" in refused(tmp_path, log, base_map(rate=100))
-    assert "no sampling rate" in refused(tmp_path, log, timeless(), rate=float("nan"))
+@pytest.mark.parametrize(
+    ("data", "rate", "words"),
+    [
+        (TIMELESS, 50.0, "the stated rate is 50 Hz, and they would agree at 99.99 Hz"),
+        (TIMELESS, 50.0, "--rate 100"),
+        ({**TIMELESS, "rate": 100}, 200.0, "says 'rate: 100'"),
+        (base_map(), 200.0, "--rate 200 has no effect"),
+        (base_map(rate=100), None, "every table has its own time"),
+        (TIMELESS, float("nan"), "no sampling rate"),
+    ],
+)
+def test_rates_that_are_wrong_or_contradict_each_other(tmp_path, log, data, rate, words):
+    assert words in refused(tmp_path, log, data, rate)
 
 
 # --- numbers that cannot be meant ------------------------------------------------------------------------
@@ -152,7 +162,10 @@ DEGREES = 180.0 / np.pi
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda q, v: (50 * DEGREES * q, v), "these look like deg, so say 'unit: deg' for position"),
+        (
+            lambda q, v: (DEGREES * (q - q.min()) + 0.1, v),
+            "these look like deg, so say 'unit: deg' for position",
+        ),
         (
             lambda q, v: (DEGREES * q / 2, v / 2),
             "the position looks like deg (valid: 'unit: deg' for position)",
@@ -164,21 +177,16 @@ DEGREES = 180.0 / np.pi
     ],
 )
 def test_units_signs_and_gears_that_were_forgotten(tmp_path, change, words):
-    _, q, v = motion()
-    q, v = change(q, v)
-    if words.startswith("these"):
-        q = q / 50
-        q = q - q.min() + 0.1
-    log = table_log(tmp_path / "log.csv", q=q, v=v)
-    assert words in refused(tmp_path, log)
+    q, v = change(*motion()[1:])
+    assert words in refused(tmp_path, table_log(tmp_path / "log.csv", q=q, v=v))
 
 
 def test_positions_beyond_the_robots_limits(tmp_path):
     time, q, _ = motion(joints=7)
     header = ["t", *(f"q{i}" for i in range(1, 8))]
     log = write_table(tmp_path / "log.csv", header, time, q + 3.0)
-    data = base_map(robot="baxter", joints=[f"left_{j}" for j in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")])
-    del data["tables"][0]["velocity"]
+    joints = [f"left_{short}" for short in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
+    data = position_map(robot="baxter", joints=joints)
     message = refused(tmp_path, log, data)
     assert "position.left_s0 is 2.6 rad, and its range is -1.7017 to 1.7017" in message
     assert "deg" not in message and "'beyond_limits: [left_s0]'" in message
@@ -189,28 +197,19 @@ def test_positions_beyond_the_robots_limits(tmp_path):
     assert "these look like deg" in message
 
 
-def test_a_command_logged_twice(tmp_path):
-    log = table_log(tmp_path / "log.csv")
-    data = base_map()
-    data["tables"][0]["position_command"] = {"columns": {"b": "q2"}, "unit": "rad"}
+def test_a_command_logged_twice(tmp_path, log):
+    data = with_table(position_command={"columns": {"b": "q2"}, "unit": "rad"})
     assert "position.b equals position_command.b in every sample" in refused(tmp_path, log, data)
 
 
 def test_an_effort_that_was_not_measured(tmp_path):
     time, q, v = motion()
     log = write_table(tmp_path / "log.csv", ["t", "q1", "q2", "v1", "v2", "e1", "e2"], time, q, v, 0 * q)
-    data = base_map(effort_source="motor")
-    data["tables"][0]["effort"] = {"columns": "e{index}", "unit": "N.m"}
+    data = with_table(effort={"columns": "e{index}", "unit": "N.m"}) | {"effort_source": "motor"}
     assert "leave 'effort' out of the map" in refused(tmp_path, log, data)
 
 
 # --- maps ------------------------------------------------------------------------------------------------
-
-
-def with_table(**more):
-    data = base_map()
-    data["tables"][0] |= more
-    return data
 
 
 def without(*path):
@@ -222,7 +221,6 @@ def without(*path):
     return data
 
 
-POSITION = {"columns": "q{index}", "unit": "rad"}
 EFFORT = {"columns": "q{index}", "unit": "A"}
 MOTOR = {"ratio": [1, 2]}
 
@@ -267,21 +265,17 @@ MOTOR = {"ratio": [1, 2]}
         (base_map(decimate={"keep_every": 100, "low_pass": 0.4}), "the filter needs"),
     ],
 )  # fmt: skip
-def test_maps_that_contradict_themselves(tmp_path, data, words):
-    log = table_log(tmp_path / "log.csv")
+def test_maps_that_contradict_themselves(tmp_path, log, data, words):
     message = refused(tmp_path, log, data)
     assert words in message and "map.yaml" in message
 
 
-def test_a_problem_of_a_map_has_its_line(tmp_path):
-    table_log(tmp_path / "log.csv")
-    (tmp_path / "map.yaml").write_text(
-        yaml.safe_dump(base_map(), sort_keys=False).replace("unit: rad/s", "unit: rads")
-    )
+def test_a_problem_of_a_map_has_its_line(tmp_path, log):
+    map_path = write_map(tmp_path / "map.yaml", with_table(velocity={**VELOCITY, "unit": "rads"}))
     with pytest.raises(BadFile) as caught:
-        import_sources([tmp_path / "log.csv"], tmp_path / "map.yaml", None, tmp_path / "out")
+        import_sources([log], map_path, None, tmp_path / "out")
     (problem,) = caught.value.problems
-    line = lines_of(tmp_path / "map.yaml")[problem.line - 1]
+    line = map_path.read_text().split("\n")[problem.line - 1]
     assert "rads" in line[problem.column - 1 :] and problem.path == "tables[0].velocity.unit"
 
 
@@ -289,13 +283,11 @@ def test_uneven_samples_are_not_decimated(tmp_path):
     time = motion()[0].copy()
     time[250:] += 0.05
     log = table_log(tmp_path / "log.csv", time=time)
-    assert "the samples are not even" in refused(
-        tmp_path, log, base_map(decimate={"keep_every": 2, "low_pass": 15})
-    )
+    decimated = base_map(decimate={"keep_every": 2, "low_pass": 15})
+    assert "the samples are not even" in refused(tmp_path, log, decimated)
 
 
-def test_no_map_where_one_is_needed(tmp_path):
-    log = table_log(tmp_path / "log.csv")
+def test_no_map_where_one_is_needed(tmp_path, log):
     with pytest.raises(BadInput, match="whose columns no map describes") as caught:
         import_sources([log], None, None, tmp_path / "out")
     assert "docs/import.md" in str(caught.value) and "'t,q1,q2,v1,v2'" in str(caught.value)
@@ -307,14 +299,11 @@ def test_no_map_where_one_is_needed(tmp_path):
 # --- several files ---------------------------------------------------------------------------------------
 
 
-def two_tables():
-    text = {"separator": "comma", "header": True}
-    first = {"file": "{episode}-q.csv", **text, "position": POSITION}
-    return base_map(
-        rate=100,
-        effort_source="motor",
-        tables=[first, {"file": "{episode}-e.csv", **text, "effort": {**POSITION, "unit": "N.m"}}],
-    )
+def two_tables(*, time=(), **more):
+    """A table of positions and one of efforts, each in a file of its own."""
+    first = {"file": "{episode}-q.csv", **COMMA, **dict(time), "position": POSITION}
+    second = {"file": "{episode}-e.csv", **COMMA, **dict(time), "effort": {**POSITION, "unit": "N.m"}}
+    return map_of(first, second, effort_source="motor", **more)
 
 
 def test_files_that_do_not_go_together(tmp_path):
@@ -322,7 +311,8 @@ def test_files_that_do_not_go_together(tmp_path):
     for name, rows in (("x-q", 400), ("x-e", 400), ("y-q", 400), ("y-e", 399), ("z-q", 400)):
         write_table(tmp_path / f"{name}.csv", ["q1", "q2"], q[:rows])
     paths = [tmp_path / f"{name}.csv" for name in ("x-q", "x-e")]
-    ((episode,), _) = imported(tmp_path, paths, two_tables())
+    data = two_tables(rate=100)
+    ((episode,), _) = imported(tmp_path, paths, data)
     assert episode.name == "x" and tuple(episode.effort) == ("a", "b")
     (tmp_path / "other").mkdir()
     for names, words in (
@@ -331,22 +321,18 @@ def test_files_that_do_not_go_together(tmp_path):
         (("x-q", "x-q"), "given twice"),
     ):
         with pytest.raises(BadInput) as caught:
-            imported(tmp_path / "other", [tmp_path / f"{name}.csv" for name in names], two_tables())
+            imported(tmp_path / "other", [tmp_path / f"{name}.csv" for name in names], data)
         assert words in str(caught.value)
     table_log(tmp_path / "stranger.csv")
     with pytest.raises(BadInput, match=r"no table of .* describes it"):
-        imported(tmp_path / "other", [tmp_path / "stranger.csv"], two_tables())
+        imported(tmp_path / "other", [tmp_path / "stranger.csv"], data)
 
 
 def test_times_of_two_files_that_differ(tmp_path):
     time, q, _ = motion()
-    data = two_tables()
-    del data["rate"]
-    for entry in data["tables"]:
-        entry["time"] = {"column": "t", "unit": "s"}
     write_table(tmp_path / "x-q.csv", ["t", "q1", "q2"], time, q)
     write_table(tmp_path / "x-e.csv", ["t", "q1", "q2"], 2 * time, q)
-    assert "in the same row of" in refused(tmp_path, tmp_path, data)
+    assert "in the same row of" in refused(tmp_path, tmp_path, two_tables(time={"time": TIME}))
 
 
 # --- nothing half-written --------------------------------------------------------------------------------
@@ -360,8 +346,7 @@ def test_with_one_bad_source_nothing_is_written(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.csv", "good.csv", "map.yaml"]
 
 
-def test_an_episode_is_never_overwritten(tmp_path):
-    log = table_log(tmp_path / "log.csv")
+def test_an_episode_is_never_overwritten(tmp_path, log):
     (_, (done,)) = imported(tmp_path, [log], base_map())
     before = done.path.read_bytes()
     with pytest.raises(BadInput, match="already there"):
@@ -371,22 +356,14 @@ def test_an_episode_is_never_overwritten(tmp_path):
         import_sources([log], tmp_path / "map.yaml", None, log)
 
 
-def test_a_directory_that_cannot_be_made(tmp_path):
-    log = table_log(tmp_path / "log.csv")
+def test_a_directory_that_cannot_be_made(tmp_path, log):
     with pytest.raises(BadInput, match=r"log.csv is a file"):
         import_sources([log], write_map(tmp_path / "map.yaml", base_map()), None, log / "out")
 
 
 def test_the_verb_ends_with_two_and_one_sentence(tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "impedance_modules",
-        "import",
-        "nowhere.csv",
-        "--out",
-        str(tmp_path / "out"),
-    ]
+    words = ["import", "nowhere.csv", "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "impedance_modules", *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2 and not done.stdout and not (tmp_path / "out").exists()
     assert done.stderr.startswith("nowhere.csv: no such file") and done.stderr.count("\n") == 1

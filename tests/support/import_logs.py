@@ -42,24 +42,26 @@ def write_table(path, header, *columns, separator=",", form="%.9g"):
     return path
 
 
+COMMA = {"separator": "comma", "header": True}
+TIME = {"column": "t", "unit": "s"}
+POSITION = {"columns": "q{index}", "unit": "rad"}
+VELOCITY = {"columns": "v{index}", "unit": "rad/s"}
+
+
+def map_of(*tables, **more):
+    """A map of two joints."""
+    about = {"format": 1, "robot": "nobody", "joints": ["a", "b"], "gravity_compensation": "none"}
+    return {**about, "tables": list(tables), **more}
+
+
 def base_map(**more):
     """A map of two joints in a comma table: t, q1, q2, v1, v2."""
-    return {
-        "format": 1,
-        "robot": "nobody",
-        "joints": ["a", "b"],
-        "gravity_compensation": "none",
-        "tables": [
-            {
-                "separator": "comma",
-                "header": True,
-                "time": {"column": "t", "unit": "s"},
-                "position": {"columns": "q{index}", "unit": "rad"},
-                "velocity": {"columns": "v{index}", "unit": "rad/s"},
-            }
-        ],
-        **more,
-    }
+    return map_of({**COMMA, "time": TIME, "position": POSITION, "velocity": VELOCITY}, **more)
+
+
+def position_map(**more):
+    """A map of two joints in a comma table: t, q1, q2."""
+    return map_of({**COMMA, "time": TIME, "position": POSITION}, **more)
 
 
 def table_log(path, **change):
@@ -102,7 +104,8 @@ class Bag:
         store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
         store.register(get_types_from_msg(SEA_DEFINITION, SEA))
         path = path.with_suffix(".bag") if ros1 else path
-        writer = Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=_plugin(kind))
+        plugin = StoragePlugin.SQLITE3 if kind == "db3" else StoragePlugin.MCAP
+        writer = Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=plugin)
         if kind == "bag-lz4":
             writer.set_compression(Writer1.CompressionFormat.LZ4)
         if kind == "mcap-zstd":
@@ -117,18 +120,10 @@ class Bag:
         return path
 
 
-def _plugin(kind):
-    return StoragePlugin.SQLITE3 if kind == "db3" else StoragePlugin.MCAP
-
-
 def _message(store, msgtype, stamp, names, fields, ros1):
     moment = 0 if stamp is None else EPOCH + round(1e9 * stamp)
     time = store.types["builtin_interfaces/msg/Time"](sec=moment // 10**9, nanosec=moment % 10**9)
-    header = {"stamp": time, "frame_id": "", **({"seq": 0} if ros1 else {})}
+    header = store.types["std_msgs/msg/Header"](stamp=time, frame_id="", **({"seq": 0} if ros1 else {}))
     empty = ("position", "velocity", "effort") if msgtype == STATE else ()
-    numbers = {key: np.zeros(0) for key in empty} | {
-        key: np.array(value, dtype=float) for key, value in fields.items()
-    }
-    return store.types[msgtype](
-        header=store.types["std_msgs/msg/Header"](**header), name=list(names), **numbers
-    )
+    numbers = {key: np.array(fields.get(key, ()), dtype=float) for key in (*empty, *fields)}
+    return store.types[msgtype](header=header, name=list(names), **numbers)
