@@ -68,13 +68,20 @@ class RobotRefused(ImpedanceError):
 
 
 class RobotStopped(ImpedanceError):
-    """A real robot, or what watches it, has ended torque control by itself; ``event`` is of ``safety.stop_levels``."""
+    """A robot, or what watches it, has ended torque control by itself; ``event`` is of ``safety.stop_levels``."""
 
     exit_code = 3
 
     def __init__(self, event: str, detail: str) -> None:
         self.event, self.detail = event, detail
         super().__init__(detail)
+
+
+class PlantNotFinite(RobotStopped):
+    """A number of the simulated robot's state has become infinite or NaN: nothing after it would be true."""
+
+    def __init__(self, detail: str) -> None:
+        super().__init__("plant_not_finite", detail)
 
 
 class ReplayMismatch(ImpedanceError):

@@ -19,8 +19,8 @@ import pinocchio as pin
 
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
-from impedance_modules.plant.grasp import ObjectBody
 from impedance_modules.plant.plant import Plant, PlantOptions
+from impedance_modules.plant.rigid_object import ObjectBody
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec

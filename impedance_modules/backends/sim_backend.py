@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.protocol import Finish, FirstState
-from impedance_modules.errors import NotConnected
+from impedance_modules.errors import NotConnected, PlantNotFinite
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
 
@@ -40,9 +40,17 @@ class SimBackend:
         return FirstState(self.plant.sense(), self.plant.start_command.copy())
 
     def read(self) -> RobotState | None:
-        """Simulates one control period and reports the state at its end."""
+        """Simulates one control period and reports the state at its end.
+
+        Raises:
+            PlantNotFinite: A number of the simulated state is not finite; there is no robot any more that could hold.
+        """
         self._check()
-        self.plant.advance(self._command)
+        try:
+            self.plant.advance(self._command)
+        except PlantNotFinite:
+            self._running = False
+            raise
         self._command = None
         return self.plant.sense()
 

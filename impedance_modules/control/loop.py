@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from impedance_modules.backends.protocol import Backend
 from impedance_modules.control.signals import handled_by
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.errors import EndOfRecording, RobotStopped
+from impedance_modules.errors import EndOfRecording, PlantNotFinite, RobotStopped
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.stop_levels import Event
 
@@ -108,7 +108,10 @@ def run_loop(
     except RobotStopped as stop:
         supervisor.halt(Event(stop.event), stop.detail)
     finally:
-        backend.finish("release" if supervisor.released else "hold")
+        try:
+            backend.finish("release" if supervisor.released else "hold")
+        except PlantNotFinite as stop:
+            supervisor.halt(Event(stop.event), stop.detail)
 
 
 def _fresh(state: RobotState | None, newest: float) -> RobotState | None:

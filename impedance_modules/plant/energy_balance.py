@@ -14,7 +14,6 @@ import numpy as np
 
 from impedance_modules.plant.joints import spring_deflections
 from impedance_modules.plant.plant_state import WORK, PlantState
-from impedance_modules.records import Table, Vector
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,8 @@ def potential_energies(plant: PlantState) -> dict[str, float]:
     deflection = np.empty(plant.n)
     spring_deflections(plant, deflection)
     held = hands[hands["holds"] == 1]
-    grasp = held["linear_stiffness"] * _squared_deflection(held)
+    squared = np.sum(held["deflection"] ** 2, axis=1) + np.maximum(held["depth"], 0.0) ** 2
+    grasp = held["linear_stiffness"] * squared
     grasp = grasp + held["angular_stiffness"] * np.sum(held["angular_deflection"] ** 2, axis=1)
     near = contacts[contacts["near"] == 1]
     depth = np.maximum(-near["distance"], 0.0)
@@ -101,12 +101,6 @@ def potential_energies(plant: PlantState) -> dict[str, float]:
         "grasp": 0.5 * float(np.sum(grasp)),
         "contact": 0.5 * float(np.sum(touch)),
     }
-
-
-def _squared_deflection(held: Table) -> Vector:
-    """Gives |e|^2 (h,) of each coupling [m^2]; a palm that has let go stores nothing."""
-    gripping = (held["slips"] == 0) | (held["normal_force"] > 0.0)
-    return np.where(gripping, np.sum(held["deflection"] ** 2, axis=1), 0.0)
 
 
 def works(plant: PlantState) -> dict[str, float]:

@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from impedance_modules.effects.plant_builder import DrivePath, PlantEffects
-from impedance_modules.plant.grasp import HAND, ObjectBody, load_couplings, object_state, set_up_couplings
+from impedance_modules.plant.grasp import HAND
+from impedance_modules.plant.grasp_start import load_couplings, set_up_couplings
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import IDEAL, joint_table
 from impedance_modules.plant.links import link_table
@@ -22,6 +23,7 @@ from impedance_modules.plant.point_contact import (
     object_points,
     surface_table,
 )
+from impedance_modules.plant.rigid_object import ObjectBody, object_state
 from impedance_modules.plant.wood import renew_wood, wood_tables
 from impedance_modules.records import Array3, Matrix, Vector, new_table
 from impedance_modules.robot.model import RobotModel

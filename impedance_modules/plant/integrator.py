@@ -18,14 +18,10 @@ import pinocchio as pin
 from impedance_modules.compiled import compiled, want_machine_code
 from impedance_modules.effects.joint_motion import JointMotion, JointTorque
 from impedance_modules.plant.equations_of_motion import evaluate_forces, evaluate_rate, hand_motion
-from impedance_modules.plant.grasp import (
-    object_motion,
-    place_couplings,
-    update_object_rotation,
-    update_slipping_palms,
-)
+from impedance_modules.plant.grasp import place_couplings
 from impedance_modules.plant.joints import ELASTIC, update_loads
 from impedance_modules.plant.links import accelerate, mobility_under_water, place_hands, place_links
+from impedance_modules.plant.palm import update_slipping_palms
 from impedance_modules.plant.plant_state import PlantState, StateVector
 from impedance_modules.plant.point_contact import (
     CLEARANCE,
@@ -34,6 +30,7 @@ from impedance_modules.plant.point_contact import (
     place_contacts,
     update_friction_springs,
 )
+from impedance_modules.plant.rigid_object import object_motion, update_object_rotation
 from impedance_modules.plant.wood import apply_wood_texture, update_wood
 from impedance_modules.records import Matrix, Vector
 

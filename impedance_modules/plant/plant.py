@@ -13,7 +13,7 @@ from impedance_modules.effects.joint_motion import JointTorque
 from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.plant.energy_balance import EnergyBook
-from impedance_modules.plant.grasp import ObjectBody
+from impedance_modules.plant.finite_state import refuse_non_finite
 from impedance_modules.plant.ground_truth import OBJECT, GroundTruth
 from impedance_modules.plant.initial_state import StartAtRest, build_plant_state
 from impedance_modules.plant.integrator import Integrator
@@ -26,11 +26,12 @@ from impedance_modules.plant.motor_commands import (
     WeightCompensation,
     checked_effort,
 )
-from impedance_modules.plant.plant_state import WORK_SIZE
+from impedance_modules.plant.plant_state import WORK_SIZE, StateVector
 from impedance_modules.plant.point_contact import SurfaceDistances
 from impedance_modules.plant.pushes import Pushes
+from impedance_modules.plant.rigid_object import ObjectBody
 from impedance_modules.plant.sensors import Sensors
-from impedance_modules.plant.step_stability import check_step
+from impedance_modules.plant.step_stability import stable_step
 from impedance_modules.records import Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
@@ -49,6 +50,8 @@ class PlantOptions:
         seed: Of the sensor noise; the same seed gives the same run, bit by bit.
         noise: Sensor noise as the robot file declares it; False switches it off.
         step: Longest integration step [s]; whole steps fill the robot's own loop.
+        shortest_step: Down to which it is divided where parts of the plant are too light or too stiff for it [s];
+            None takes ``step`` or refuses.
         gravity: Acceleration in world axes [m/s^2].
     """
 
@@ -56,6 +59,7 @@ class PlantOptions:
     seed: int
     noise: bool = True
     step: float = 0.25e-3
+    shortest_step: float | None = None
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
     def __post_init__(self) -> None:
@@ -63,6 +67,10 @@ class PlantOptions:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise BadInput(f"plant option {name} is {value}; valid: a finite number above 0")
+        if self.shortest_step is not None and not 0.0 < self.shortest_step <= self.step:
+            raise BadInput(
+                f"plant option shortest_step is {self.shortest_step}; valid: above 0, up to step, {self.step}"
+            )
 
 
 @dataclass(frozen=True)
@@ -150,6 +158,7 @@ class Plant(GroundTruth):
         self._queue: CommandQueue | None = None
         self._standing: Order | None = None
         self._periods = 0
+        self._before = self.state.start.whole.copy()
         self.start_command: Vector = np.zeros(model.n)
 
     @property
@@ -178,10 +187,21 @@ class Plant(GroundTruth):
         """
         position = checked_effort(q, self.model.n)
         self.aim(position, np.zeros(self.model.n))
-        self.start_command = self._start.rest(position)
-        check_step(self._integrator)
+        self._rest(position)
         self.state.start.whole[-WORK_SIZE:] = 0.0
         self._start_robot(position)
+
+    def _rest(self, position: Vector) -> None:
+        """Puts everything at rest, with a step that is short enough for all of it."""
+        self.division = divide(self._options)
+        self._integrator.step = self.division.step
+        self.start_command = self._start.rest(position)
+        shortest = self._options.shortest_step
+        step = stable_step(self._integrator, self.division.step if shortest is None else shortest)
+        if step < self.division.step:
+            self.division = divide(replace(self._options, step=step, shortest_step=None))
+            self._integrator.step = self.division.step
+            self.start_command = self._start.rest(position)
 
     def _start_robot(self, position: Vector) -> None:
         """Starts sensors, command queue and clock."""
@@ -211,6 +231,9 @@ class Plant(GroundTruth):
         Args:
             command: (n,) torque [N.m] that acts, delayed, on top of what the robot adds by itself;
                 None sends nothing: the last torque stays until the time-out, hold and release stay.
+
+        Raises:
+            PlantNotFinite: A number of the state is not finite; the plant must be reset.
         """
         queue = self._running()
         if command is not None:
@@ -220,7 +243,12 @@ class Plant(GroundTruth):
             issued = self._standing
         self._obey(queue.acting, queue.exchange(issued))
         for _ in range(self.division.loops):
+            np.copyto(self._before, self.state.start.whole)
             self._robot_loop()
+            # A sum of squares is finite only if every number is; beyond 1e154 the numbers are looked at one by one.
+            if not math.isfinite(self.state.start.whole.dot(self.state.start.whole)):
+                before = StateVector.over(self._before)
+                refuse_non_finite(self.state.start, before, self.time, self.model.joint_names)
         self._periods += 1
         self._integrator.time = self._periods / self._options.rate
 

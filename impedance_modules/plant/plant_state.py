@@ -11,10 +11,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from impedance_modules.plant.grasp import HAND, ObjectState
+from impedance_modules.plant.grasp import HAND
 from impedance_modules.plant.joints import JOINT
 from impedance_modules.plant.links import LINK
 from impedance_modules.plant.point_contact import CONTACT_POINT, SURFACE
+from impedance_modules.plant.rigid_object import ObjectState
 from impedance_modules.plant.wood import SPLINTER, WOOD
 from impedance_modules.records import Array3, Matrix, Record, Table, Vector
 

@@ -27,7 +27,7 @@ from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_folder import write_summary
 from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.writer import EpisodeWriter
-from impedance_modules.errors import BadInput
+from impedance_modules.errors import BadInput, PlantNotFinite
 from impedance_modules.plant.joint_servos import DrivenPlant
 from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.plant.playback import TICK, JointPath, Playback, PlaybackMode
@@ -130,7 +130,11 @@ def play_back(
     with interrupt.listening():
         recorder.add(state)
         while not (playback.done or interrupt.asked or playback.now >= end - 0.5 * TICK):
-            state = playback.tick()
+            try:
+                state = playback.tick()
+            except PlantNotFinite as stop:
+                playback.stopped = str(stop)
+                break
             ticks += 1
             if ticks % every == 0:
                 recorder.add(state)

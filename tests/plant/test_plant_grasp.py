@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.grasp import GRASP_ANGULAR_STIFFNESS, GRASP_LINEAR_STIFFNESS, principal_inertia
+from impedance_modules.plant.grasp import GRASP_ANGULAR_STIFFNESS, GRASP_LINEAR_STIFFNESS
 from impedance_modules.plant.plant import Plant
+from impedance_modules.plant.rigid_object import principal_inertia
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import exp3, log3
 from tests.support.plant_parts import (

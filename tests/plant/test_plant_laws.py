@@ -12,17 +12,14 @@ import pytest
 
 from impedance_modules.compiled import use_machine_code
 from impedance_modules.plant.equations_of_motion import evaluate_rate, hand_motion
-from impedance_modules.plant.grasp import (
-    grasp_forces,
-    object_motion,
-    update_object_rotation,
-    update_slipping_palms,
-)
+from impedance_modules.plant.grasp import grasp_forces
 from impedance_modules.plant.integrator import begin_step, next_stage, place
 from impedance_modules.plant.joints import RIGID, measurable_torques, motor_positions, spring_deflections
 from impedance_modules.plant.links import accelerate, link_table, place_links, water_inertia
+from impedance_modules.plant.palm import update_slipping_palms
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.point_contact import CLEARANCE, contact_forces, update_friction_springs
+from impedance_modules.plant.rigid_object import object_motion, update_object_rotation
 from impedance_modules.plant.sensors import Readings, read_encoders, report
 from impedance_modules.plant.sheet import Sheet
 from impedance_modules.plant.wood import CELL, update_wood
@@ -163,7 +160,7 @@ def test_grasp_forces_cancel_and_stay_in_their_cone(ways) -> None:  # noqa: F811
         force, moment = state.grasp_wrench[h, :3], state.grasp_wrench[h, 3:]
         N = -float(force @ normal)
         assert pytest.approx(hand["normal_force"]) == N and N > 1.0
-        assert np.linalg.norm(force + N * normal) == pytest.approx(0.5 * N)
+        assert np.linalg.norm(force + N * normal) <= 0.5 * N * (1.0 + 1e-9)
         assert np.linalg.norm(moment) <= 0.5 * N * hand["palm_radius"] * (1.0 + 1e-9)
 
 

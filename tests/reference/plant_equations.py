@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from impedance_modules.plant.joints import ELASTIC, IDEAL, RIGID
 from impedance_modules.plant.plant_state import PlantState
+from impedance_modules.plant.rigid_object import BOX, SPHERE, ObjectState
 from impedance_modules.records import Matrix, Row, Table, Vector
 from tests.reference.bent_sheet import bent_sheet_force
 
@@ -33,7 +34,7 @@ def plain_rate(plant: PlantState, links: pin.Model) -> Vector:
     motor, drive = joint_torques(plant)
     moved = stage.position - plant.start.position
     bodies: list[Motion] = [(J @ moved, J @ stage.velocity) for J in plant.jacobian]
-    rotation, turning = _object_motion(plant)
+    _, turning = _object_motion(plant)
     bodies.append(turning)
     wrench = plant.push_wrench.copy()
     for contact in plant.contacts[plant.contacts["near"] == 1]:
@@ -42,7 +43,7 @@ def plain_rate(plant: PlantState, links: pin.Model) -> Vector:
         )
     for h, hand in enumerate(plant.hands):
         if hand["holds"]:
-            wrench[h] += _pair(hand, bodies[h], turning, rotation, wrench[-1])
+            wrench[h] += _pair(hand, bodies[h], turning, plant, wrench[-1])
     torque = drive + sum(J.T @ F for J, F in zip(plant.jacobian, wrench[:-1], strict=True))
     acceleration = pin.aba(links, links.createData(), stage.position, stage.velocity, torque)
     elastic, rotor = joints["kind"] == ELASTIC, joints["reflected_inertia"]
@@ -127,20 +128,56 @@ def _object_motion(plant: PlantState) -> tuple[Matrix, Motion]:
     return rotation, (displacement, np.concatenate([stage.object_velocity, spin]))
 
 
-def _pair(hand: Row, own: Motion, other: Motion, rotation: Matrix, reaction: Vector) -> Vector:
+def _pair(hand: Row, own: Motion, other: Motion, plant: PlantState, reaction: Vector) -> Vector:
     """Computes the coupling's wrench on its hand and adds the opposite one to ``reaction``."""
-    now = rotation @ hand["rest_point"]
-    stretch = hand["deflection"] + other[0][:3] + now - hand["lever"] - own[0][:3]
+    rotation, _ = _object_motion(plant)
     twist = hand["angular_deflection"] + other[0][3:] - own[0][3:]
-    rate = other[1][:3] + np.cross(other[1][3:], now) - own[1][:3]
-    force = hand["linear_stiffness"] * stretch + hand["linear_damping"] * rate
-    moment = hand["angular_stiffness"] * twist + hand["angular_damping"] * (other[1][3:] - own[1][3:])
     if hand["slips"]:
-        normal = rotation @ hand["normal"]
-        pressure = max(0.0, -float(force @ normal))
-        bound = float(hand["friction"]) * pressure
-        force = _limited(force - (force @ normal) * normal, bound) - pressure * normal
-        moment = _limited(moment, bound * float(hand["palm_radius"]))
+        offset = hand["translation"] + own[0][:3] - plant.start.object_position - other[0][:3]
+        force, moment = palm_wrench(hand, plant.body, rotation, offset, twist, own[1], other[1])
+    else:
+        now = rotation @ hand["rest_point"]
+        stretch = hand["deflection"] + other[0][:3] + now - hand["lever"] - own[0][:3]
+        rate = other[1][:3] + np.cross(other[1][3:], now) - own[1][:3]
+        force = hand["linear_stiffness"] * stretch + hand["linear_damping"] * rate
+        moment = hand["angular_stiffness"] * twist + hand["angular_damping"] * (other[1][3:] - own[1][3:])
+        offset = now - stretch
     reaction[:3] -= force
-    reaction[3:] -= moment + np.cross(now - stretch, force)
+    reaction[3:] -= moment + np.cross(offset, force)
     return np.concatenate([force, moment])
+
+
+def depth_and_direction(body: ObjectState, margin: float, point: Vector) -> tuple[float, Vector]:
+    """Gives how deep a point lies beneath the nearest face, and the direction into the object, its own axes."""
+    if body.shape == BOX:
+        gaps = body.half + margin - np.abs(point)
+        axis = int(np.argmin(gaps))
+        return float(gaps[axis]), -np.eye(3)[axis] * (1.0 if point[axis] >= 0.0 else -1.0)
+    if body.shape == SPHERE:
+        return float(body.half[0] + margin - np.linalg.norm(point)), -point / np.linalg.norm(point)
+    across = np.array([point[0], point[1], 0.0])
+    cap, side = body.half[2] + margin - abs(point[2]), body.half[0] + margin - np.linalg.norm(across)
+    if cap < side:
+        return float(cap), np.array([0.0, 0.0, -1.0 if point[2] >= 0.0 else 1.0])
+    return float(side), -across / np.linalg.norm(across)
+
+
+def palm_wrench(
+    hand: Row, body: ObjectState, rotation: Matrix, offset: Vector, angle: Vector, own: Vector, other: Vector
+) -> tuple[Vector, Vector]:
+    """Computes force and moment on a palm that friction keeps; ``offset`` from the object's origin, twists (6,)."""
+    point = rotation.T @ offset
+    depth, inward = depth_and_direction(body, float(hand["palm_offset"]), point)
+    if depth <= 0.0:
+        return np.zeros(3), np.zeros(3)
+    normal, k, c = rotation @ inward, hand["linear_stiffness"], hand["linear_damping"]
+    along_face = np.eye(3) - np.outer(normal, normal)
+    velocity = own[:3] - other[:3] - np.cross(other[3:], offset)
+    pressed = k * depth + np.clip(c * (velocity @ normal), -k * depth, k * depth)
+    bound = float(hand["friction"] * pressed)
+    held = _limited(k * (along_face @ (rotation @ (hand["rest_point"] - point))), bound)
+    rub = _limited(held - c * (along_face @ velocity), bound)
+    bound *= float(hand["palm_radius"])
+    moment = _limited(hand["angular_stiffness"] * angle, bound)
+    moment = _limited(moment + hand["angular_damping"] * (other[3:] - own[3:]), bound)
+    return rub - pressed * normal, moment

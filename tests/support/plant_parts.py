@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_modules.plant.grasp import ObjectBody
 from impedance_modules.plant.plant import Plant, PlantOptions
+from impedance_modules.plant.rigid_object import ObjectBody
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec, SensorSpec
