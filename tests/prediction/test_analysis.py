@@ -1,26 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``analyze``: its JSON by the contract, and its matrices against displacements measured by the statics."""
 
-from __future__ import annotations
-
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from impedance_modules.cli.main import impedance
-from impedance_modules.control.assembly import assemble
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.analysis import FrameImpedance, analyse_task
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.prediction.statics import Loads, find_rest
-from impedance_modules.robot.pose import carry
-from impedance_modules.robot.rotation import log3
-from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, wipe, write_task
+from impedance_modules.robot.pose import Pose, carry
+from tests.support import arm_samples
+from tests.support.commands import invoke, refusal
+from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, assembled, wipe, write_task
 from tests.support.paths import CHECKOUT
 
 PATCH = CHECKOUT / "robots" / "baxter" / "patches" / "without-reflected-inertia.yaml"
@@ -33,9 +30,8 @@ KEYS = {
 
 def analyse(path: Path, folder: Path, *options: str) -> tuple[dict, str]:
     file = folder / "analysis.json"
-    result = CliRunner().invoke(impedance, ["analyze", str(path), "--json", str(file), *options])
-    assert result.exception is None, result.exception
-    return json.loads(file.read_text()), result.stdout
+    printed = invoke("analyze", path, "--json", file, *options).stdout
+    return json.loads(file.read_text()), printed
 
 
 def matrix(found: dict, name: str) -> np.ndarray:
@@ -55,24 +51,15 @@ def test_the_json_keeps_the_contract(tmp_path: Path) -> None:
     ):
         assert set(at_frame) == KEYS
         assert at_frame["frame"] == frame and at_frame["phase"] is None and at_frame["folds"] is False
-        assert (
-            len(at_frame["position"]) == 3 and len(at_frame["preload"]) == 6 and len(at_frame["q"]) == joints
-        )
+        sizes = [len(at_frame[name]) for name in ("position", "preload", "q")]
+        assert sizes == [3, 6, joints]
         for name in ("inertia", "inertia_without_reflected", "mobility", "damping", "stiffness"):
             matrix(at_frame, name)
         assert at_frame["compliance"] is None
-        np.testing.assert_allclose(
-            matrix(at_frame, "inertia") @ matrix(at_frame, "mobility"), np.eye(6), atol=1e-8
-        )
-    for word in (
-        "inertia of 'left', at the object",
-        "mirror plane",
-        "squeeze",
-        "ellipsoids",
-        "modes",
-        "damping",
-    ):
-        assert word in printed
+        unit = matrix(at_frame, "inertia") @ matrix(at_frame, "mobility")
+        np.testing.assert_allclose(unit, np.eye(6), atol=1e-8)
+    words = "inertia of 'left', at the object; mirror plane; squeeze; ellipsoids; modes; damping"
+    assert all(word in printed for word in words.split("; "))
     free, _ = analyse(write_task(tmp_path, HOLD_AND_LIFT), tmp_path, "--phase", "lift")
     assert free["object"] is None and free["arms"]["right"]["phase"] == "lift"
 
@@ -94,24 +81,21 @@ def test_the_object_is_the_sum_of_the_arms_carried_to_it(tmp_path: Path) -> None
 
 
 def test_the_patch_takes_the_reflected_inertia_away(tmp_path: Path) -> None:
+    same = partial(np.testing.assert_allclose, rtol=1e-6, atol=1e-9)
     path = write_task(tmp_path, BOX)
     (nominal, _), (bare, _) = analyse(path, tmp_path), analyse(path, tmp_path, "--effects", str(PATCH))
     for name in ("right", "left"):
         with_rotors, without = nominal["arms"][name], bare["arms"][name]
-        np.testing.assert_allclose(
-            without["inertia"], with_rotors["inertia_without_reflected"], rtol=1e-6, atol=1e-9
-        )
+        same(without["inertia"], with_rotors["inertia_without_reflected"])
         heavier = matrix(with_rotors, "inertia") - matrix(without, "inertia")
         assert np.linalg.eigvalsh(0.5 * (heavier + heavier.T))[0] > 0.0
         np.testing.assert_allclose(with_rotors["stiffness"], without["stiffness"], atol=1e-9)
-    np.testing.assert_allclose(
-        bare["object"]["inertia"], nominal["object"]["inertia_without_reflected"], rtol=1e-6, atol=1e-9
-    )
+    same(bare["object"]["inertia"], nominal["object"]["inertia_without_reflected"])
 
 
 def measured_compliance(path: Path, phase: str, frame: str) -> tuple[np.ndarray, FrameImpedance]:
     """Pushes a frame at rest in contact, the surfaces' force kept as it was, and watches it move."""
-    assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
+    assembly = assembled(path)
     found = analyse_task(assembly, phase)
     at_frame = found.object if frame == OBJECT else next(f for f in found.arms.values() if f.frame == frame)
     names = [spec.name for spec in assembly.task.phases]
@@ -119,18 +103,15 @@ def measured_compliance(path: Path, phase: str, frame: str) -> tuple[np.ndarray,
     mechanism = Mechanism(assembly)
     pressed = {name: wrench for name, wrench in found.pressure.items() if np.any(wrench)}
     assert pressed and max(np.linalg.norm(wrench[:3]) for wrench in pressed.values()) > 1.0
-    columns = []
-    for unit in np.eye(6):
-        poses = []
-        for sign in (1.0, -1.0):
-            pushes = {**pressed, frame: pressed.get(frame, np.zeros(6)) + sign * 1e-3 * unit}
-            rest = find_rest(mechanism, phase_end.setting, phase_end.q, Loads(pushes, surfaces=False))
-            assert rest is not None
-            mechanism.update(rest.q, np.zeros_like(rest.q))
-            poses.append(mechanism.object_pose() if frame == OBJECT else mechanism.kinematics.pose(frame))
-        turn = log3(poses[0].rotation @ poses[1].rotation.T)
-        columns.append(np.append(poses[0].translation - poses[1].translation, turn) / 2e-3)
-    return np.array(columns).T, at_frame
+
+    def pushed(push: np.ndarray) -> Pose:
+        pushes = {**pressed, frame: pressed.get(frame, np.zeros(6)) + push}
+        rest = find_rest(mechanism, phase_end.setting, phase_end.q, Loads(pushes, surfaces=False))
+        assert rest is not None
+        mechanism.update(rest.q, np.zeros_like(rest.q))
+        return mechanism.object_pose() if frame == OBJECT else mechanism.kinematics.pose(frame)
+
+    return arm_samples.measured_compliance(pushed), at_frame
 
 
 def test_a_hand_on_a_table_yields_as_printed(tmp_path: Path) -> None:
@@ -144,12 +125,8 @@ def test_a_box_on_a_table_yields_as_the_sum_says(tmp_path: Path) -> None:
     compliance, at_frame = measured_compliance(write_task(tmp_path, BOX), "lower", OBJECT)
     np.testing.assert_allclose(at_frame.stiffness @ compliance, np.eye(6), atol=2e-4)
     # At rest the modules carry what the table and the weight put on the box.
-    assert at_frame.preload[2] == pytest.approx(9.81 - pressure_on_box(tmp_path), abs=1e-6)
-
-
-def pressure_on_box(folder: Path) -> float:
-    assembly = assemble(str(folder / "task.yaml"), effects=None, rate=None, scale=1.0, arm=None)
-    return float(analyse_task(assembly, "lower").pressure[OBJECT][2])
+    pressure = analyse_task(assembled(tmp_path / "task.yaml"), "lower").pressure[OBJECT][2]
+    assert at_frame.preload[2] == pytest.approx(9.81 - float(pressure), abs=1e-6)
 
 
 def test_singular_joint_springs_give_the_compliance_instead(tmp_path: Path) -> None:
@@ -181,10 +158,7 @@ def test_a_singular_posture_has_a_mobility_and_no_inertia(tmp_path: Path) -> Non
 
 def test_bad_requests_teach(tmp_path: Path) -> None:
     path = write_task(tmp_path, HOLD_AND_LIFT)
-    assembly = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
     with pytest.raises(BadInput, match=r"no such phase; did you mean 'lift'\? \(valid: hold, lift\)"):
-        analyse_task(assembly, "lifft")
-    result = CliRunner().invoke(
-        impedance, ["analyze", str(path), "--json", str(tmp_path / "no" / "where.json")]
-    )
-    assert isinstance(result.exception, BadInput) and "cannot be written" in str(result.exception)
+        analyse_task(assembled(path), "lifft")
+    where = tmp_path / "no" / "where.json"
+    assert "cannot be written" in refusal("analyze", path, "--json", where)

@@ -1,40 +1,28 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What ``check`` predicts and what it refuses."""
 
-from __future__ import annotations
-
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from impedance_modules.cli.main import impedance
-from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.prediction.feasibility import TaskPrediction, refuse_infeasible
+from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.prediction.forecast import Forecast, forecast_task
 from impedance_modules.prediction.mechanism import Mechanism
-from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, wipe, write_task
-from tests.support.paths import CHECKOUT
+from impedance_modules.robot.rotation import exp3
+from impedance_modules.spec.task import SurfaceSpec
+from tests.support.commands import python, refusal
+from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, predicted, wipe, write_task
 
-ROOT = CHECKOUT
 SLOW = ("numba", "rerun", "pyarrow", "matplotlib", "scipy.signal", "daqp", "proxsuite")
 
 
-def prepared(
-    path: Path, rate: float | None = None, arm: str | None = None
-) -> tuple[Assembly, TaskPrediction]:
-    assembly = assemble(str(path), effects=None, rate=rate, scale=1.0, arm=arm)
-    return assembly, refuse_infeasible(assembly)
-
-
 def forecast(path: Path) -> tuple[Assembly, Forecast]:
-    assembly, prediction = prepared(path)
+    assembly, prediction = predicted(path)
     return assembly, forecast_task(assembly, prediction)
 
 
@@ -43,12 +31,8 @@ def test_rest_is_where_the_potential_energy_is_stationary(tmp_path: Path, seed: 
     """Sum of springs, biases, forces, weight and surfaces, differentiated along motions that keep the grasps."""
     random = np.random.default_rng(seed)
     height, turn = -0.02 - 0.04 * random.random(), 0.1 * random.normal()
-    path = write_task(
-        tmp_path,
-        BOX,
-        ("{z: -0.05}", f"{{z: {height:.4f}, ry: {turn:.4f}, x: {0.62 + 0.05 * random.random():.4f}}}"),
-    )
-    assembly, prediction = prepared(path)
+    place = f"{{z: {height:.4f}, ry: {turn:.4f}, x: {0.62 + 0.05 * random.random():.4f}}}"
+    assembly, prediction = predicted(write_task(tmp_path, BOX, ("{z: -0.05}", place)))
     phase, rest = prediction.motion.phases[1], prediction.rests[1]
     assert rest is not None
     mechanism = Mechanism(assembly)
@@ -61,9 +45,8 @@ def test_rest_is_where_the_potential_energy_is_stationary(tmp_path: Path, seed: 
             turned = q[arm.bias.joints] - phase.equilibrium.rests[arm.limb.name]
             total += 0.5 * float(turned @ (arm.bias.stiffness * turned))
             for spring in arm.springs:
-                total += spring.energy(
-                    mechanism.kinematics.pose(spring.frame), phase.equilibrium.springs[spring.name]
-                )
+                target = phase.equilibrium.springs[spring.name]
+                total += spring.energy(mechanism.kinematics.pose(spring.frame), target)
         for contact, _ in mechanism.contacts(0.0):
             total += 0.5 * contact.surface.stiffness * contact.depth**2
         return total
@@ -104,70 +87,39 @@ def test_a_condition_that_will_not_come_is_announced(tmp_path: Path) -> None:
     assert any("has not come" in note for note in forecast(path)[1].notes)
 
 
-def refusal(path: Path, *options: str) -> str:
-    result = CliRunner().invoke(impedance, ["check", str(path), *options])
-    assert isinstance(result.exception, BadFile) and result.exception.exit_code == 2
-    assert not result.stdout
-    return str(result.exception)
-
-
 def test_a_tank_below_the_need_is_refused_with_need_and_costs(tmp_path: Path) -> None:
     path = write_task(tmp_path, HOLD_AND_LIFT, ("initial: 5", "initial: 0.8"))
-    text = refusal(path)
+    text = refusal("check", path)
     line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "tank" in text)
-    assert re.match(
-        rf"{re.escape(str(path))}:{line}:\d+: safety\.tank\.initial: the task needs \d\.\d\d J", text
-    )
+    told = rf"{re.escape(str(path))}:{line}:\d+: safety\.tank\.initial: the task needs \d\.\d\d J"
+    assert re.match(told, text)
     assert "springs deflected" in text and "phase 'lift'" in text
     with pytest.raises(BadFile):
-        prepared(path)
+        predicted(path)
 
 
 def test_a_torque_beyond_a_limit_is_refused_with_joint_and_phase(tmp_path: Path) -> None:
     changes = ("z: 200", "z: 5000"), ("initial: 8, max: 12", "initial: 900, max: 1000")
-    text = refusal(wipe(tmp_path, *changes))
-    assert re.search(
-        r"phases\[1\]: phase 'press' asks \d+\.\d N\.m of \w+, whose limit is (15|50) N\.m", text
-    )
+    told = r"phases\[1\]: phase 'press' asks \d+\.\d N\.m of \w+, whose limit is (15|50) N\.m"
+    assert re.search(told, refusal("check", wipe(tmp_path, *changes)))
 
 
 def test_a_sine_beyond_half_the_used_rate_is_refused(tmp_path: Path) -> None:
-    path = write_task(
-        tmp_path,
-        HOLD_AND_LIFT,
-        ("right.hand: {z: 0.15}", "right.hand: {z: {sine: {amplitude: 0.001, frequency: 60}}}"),
-    )
-    text = refusal(path, "--rate", "100")
-    assert (
-        "phases[1].equilibrium.right.hand.z.sine.frequency: 60 Hz is not below half the control rate, 50 Hz"
-        in text
-    )
+    sine = "right.hand: {z: {sine: {amplitude: 0.001, frequency: 60}}}"
+    path = write_task(tmp_path, HOLD_AND_LIFT, ("right.hand: {z: 0.15}", sine))
+    text = refusal("check", path, "--rate", 100)
+    where = "phases[1].equilibrium.right.hand.z.sine.frequency"
+    assert f"{where}: 60 Hz is not below half the control rate, 50 Hz" in text
     assert re.match(rf"{re.escape(str(path))}:\d+:\d+: ", text)
 
 
-def run_command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "impedance_modules", *arguments],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        check=False,
-    )
-
-
 def test_the_command_prints_and_exits(tmp_path: Path) -> None:
-    good = run_command("check", str(write_task(tmp_path, HOLD_AND_LIFT)))
+    verb = ("-m", "impedance_modules", "check")
+    good = python(*verb, str(write_task(tmp_path, HOLD_AND_LIFT)))
     assert good.returncode == 0 and not good.stderr
-    for word in (
-        "torque",
-        "yields at rest",
-        "least damped",
-        "highest stable",
-        "energy the tank must cover",
-        "sensing",
-    ):
-        assert word in good.stdout
-    bad = run_command("check", str(write_task(tmp_path, HOLD_AND_LIFT, ("initial: 5", "initial: 0.8"))))
+    words = "torque, yields at rest, least damped, highest stable, energy the tank must cover, sensing"
+    assert all(word in good.stdout for word in words.split(", "))
+    bad = python(*verb, str(write_task(tmp_path, HOLD_AND_LIFT, ("initial: 5", "initial: 0.8"))))
     assert bad.returncode == 2 and not bad.stdout
     assert bad.stderr.startswith(f"{tmp_path / 'task.yaml'}:")
 
@@ -181,16 +133,12 @@ def test_nothing_slow_is_imported(tmp_path: Path, verb: str) -> None:
         "try:\n    main()\nexcept SystemExit as end:\n    print('exit', end.code)\n"
         f"print('slow', [m for m in {SLOW} if m in sys.modules])"
     )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    found = python("-c", code)
     assert found.stdout.rstrip().endswith("exit 0\nslow []")
 
 
 def test_distances_from_a_box_turn_with_it() -> None:
     """A tilted box, seen from its own axes, is at the same distance; the normal is the distance's gradient."""
-    from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
-    from impedance_modules.robot.rotation import exp3
-    from impedance_modules.spec.task import SurfaceSpec
-
     random = np.random.default_rng(0)
     for _ in range(200):
         size, turn, centre = 0.1 + random.random(3), random.normal(size=3), random.normal(size=3)
@@ -201,7 +149,5 @@ def test_distances_from_a_box_turn_with_it() -> None:
         moved, turned = surface_distance(place_surface(tilted), exp3(turn) @ point + centre)
         assert moved == pytest.approx(distance, abs=1e-12)
         np.testing.assert_allclose(turned, exp3(turn) @ normal, atol=1e-12)
-        nudge = 1e-6 * normal
-        assert surface_distance(place_surface(straight), point + nudge)[0] == pytest.approx(
-            distance + 1e-6, abs=1e-9
-        )
+        beyond = surface_distance(place_surface(straight), point + 1e-6 * normal)[0]
+        assert beyond == pytest.approx(distance + 1e-6, abs=1e-9)

@@ -1,26 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The linear loop model against the plant: where it says that an arm goes unstable, the arm does."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from impedance_modules.modules.damping import endpoint_damping, joint_damping
 from impedance_modules.modules.mobility import mobility
 from impedance_modules.modules.motor_velocity import begin_at, estimate_motor_velocity, motor_velocity
 from impedance_modules.plant.plant import Plant, PlantOptions
-from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.superposition.elastic_joints import drives_of, sampled_arm, sampling_of
 from impedance_modules.superposition.sampled_loop import Gains, highest_stable_stiffness, spectral_radius
-
-Array = NDArray[np.float64]
+from tests.support.arm_samples import hand_of
 
 RATE = 1000.0
 POSTURE = np.array([0.6, -0.5, 0.1, 1.4, 0.2, 0.7, 0.0])
@@ -32,10 +27,8 @@ END_STIFFNESS = np.diag([300.0, 300, 300, 10, 10, 10])
 def quiet_baxter() -> RobotModel:
     """Without quantisation and noise, which would hide a slow growth; delay and velocity lag stay."""
     robot = read_robot("baxter")
-    sensors = replace(
-        robot.sensors, position_resolution=0.0, effort_resolution=0.0, position_noise=0.0, effort_noise=0.0
-    )
-    return RobotModel(replace(robot, sensors=sensors))
+    names = ("position_resolution", "effort_resolution", "position_noise", "effort_noise")
+    return RobotModel(replace(robot, sensors=replace(robot.sensors, **dict.fromkeys(names, 0.0))))
 
 
 class Loop:
@@ -43,14 +36,11 @@ class Loop:
 
     def __init__(self, ratio: float, motor_side: bool) -> None:
         self.model, self.motor_side = quiet_baxter(), motor_side
-        self.joints = next(iter(self.model.limbs.values())).joints
-        self.q = np.zeros(self.model.n)
+        limb = next(iter(self.model.limbs.values()))
+        self.joints, self.q = limb.joints, np.zeros(self.model.n)
         self.q[self.joints] = POSTURE
-        hand = next(iter(self.model.limbs.values())).hand
-        kinematics = Kinematics(self.model, (hand,))
-        kinematics.update(self.q, np.zeros(self.model.n))
-        inverse = kinematics.inverse_inertia[np.ix_(self.joints, self.joints)]
-        J, inertia = kinematics.jacobian[0][:, self.joints], np.linalg.inv(inverse)
+        _, J, inverse = hand_of(self.model, limb, self.q)
+        inertia = np.linalg.inv(inverse)
         (D,) = endpoint_damping([END_STIFFNESS], [ratio], mobility(J, inverse))
         self.fixed = Gains(np.diag(JOINT_STIFFNESS), joint_damping(JOINT_STIFFNESS, inertia, ratio))
         self.scaled = Gains(J.T @ END_STIFFNESS @ J, J.T @ D @ J)

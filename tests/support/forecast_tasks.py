@@ -5,6 +5,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.prediction.feasibility import TaskPrediction, refuse_infeasible
+
 SOFT_HANDS = """\
 arms:
   right:
@@ -90,16 +93,20 @@ def write_task(folder: Path, text: str, *changes: tuple[str, str]) -> Path:
     return path
 
 
+def assembled(task: str | Path, **changes: object) -> Assembly:
+    """A task as ``run`` assembles it without any option."""
+    return assemble(str(task), **{"effects": None, "rate": None, "scale": 1.0, "arm": None, **changes})
+
+
+def predicted(task: str | Path, **changes: object) -> tuple[Assembly, TaskPrediction]:
+    """A task and what ``check`` predicts of it, unless it refuses."""
+    assembly = assembled(task, **changes)
+    return assembly, refuse_infeasible(assembly)
+
+
 def wipe(folder: Path, *changes: tuple[str, str]) -> Path:
     """A hand that leans on a table 4 cm below its start and wipes; heights from the posture."""
-    from impedance_modules.control.assembly import assemble
-
-    free = write_task(folder, WIPE, ("HEIGHT", "-1.0"), ("DEEP", "-0.9"))
-    height = float(
-        next(iter(assemble(str(free), effects=None, rate=None, scale=1.0, arm=None).modules.arms))
-        .springs[0]
-        .start.translation[2]
-    )
-    return write_task(
-        folder, WIPE, ("HEIGHT", f"{height - 0.04:.5f}"), ("DEEP", f"{height - 0.08:.5f}"), *changes
-    )
+    free = assembled(write_task(folder, WIPE, ("HEIGHT", "-1.0"), ("DEEP", "-0.9")))
+    height = float(free.modules.arms[0].springs[0].start.translation[2])
+    heights = ("HEIGHT", f"{height - 0.04:.5f}"), ("DEEP", f"{height - 0.08:.5f}")
+    return write_task(folder, WIPE, *heights, *changes)
