@@ -1,20 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Roughness from position and force: what a window says, what is refused, and the command."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from impedance_modules.cli.surface_verbs import roughness_command as command
 from impedance_modules.control.roughness_detection import Directions, Window, WindowFinder
-from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.errors import BadInput
+from tests.support.commands import invoke, refusal
+from tests.support.recordings import save
 
 TOWARDS = Directions(np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
 RATE, STROKES = 100.0, 9
@@ -69,29 +64,17 @@ def recorded(folder: Path, **kept: bool) -> Path:
     time, place, force = rubbing(0.5, 0.4)
     columns = {"time": time, "position.elbow": np.zeros(time.size)}
     columns |= {f"pose.palm.{axis}": place[:, k] for k, axis in enumerate("xyz")}
-    columns |= {
-        f"pose.palm.{axis}": np.full(time.size, float(axis == "qw")) for axis in ("qx", "qy", "qz", "qw")
-    }
+    columns |= {f"pose.palm.{axis}": np.zeros(time.size) for axis in ("qx", "qy", "qz")}
+    columns["pose.palm.qw"] = np.ones(time.size)
     if kept.get("wrench", True):
         pressed = force * (1.0 if kept.get("contact", True) else 0.01)
         columns |= {f"wrench.palm.{axis}": pressed[:, k] for k, axis in enumerate(("fx", "fy", "fz"))}
-    metadata = episode_metadata(
-        robot="somebody",
-        episode="rub",
-        effort_source=None,
-        gravity_compensation="none",
-        repeat_of=None,
-        task=None,
-    )
-    return write_episode(folder / "rub.parquet", columns, metadata)
+    return save(folder, "rub", columns, robot="somebody", effort_source=None)
 
 
 def test_the_command_prints_and_writes_what_the_windows_say(tmp_path: Path) -> None:
     path = tmp_path / "out" / "found.json"
-    result = CliRunner().invoke(
-        command, [str(recorded(tmp_path)), "--json", str(path)], catch_exceptions=False
-    )
-    assert result.exit_code == 0 and "palm" in result.output
+    assert "palm" in invoke("roughness", recorded(tmp_path), "--json", path).output
     found = json.loads(path.read_text())
     assert found["along"] == pytest.approx([-1.0, 0.0, 0.0]) and found["force_from"] == "wrench"
     assert len(found["windows"]) == STROKES
@@ -112,6 +95,4 @@ def test_the_command_prints_and_writes_what_the_windows_say(tmp_path: Path) -> N
     ],
 )
 def test_a_request_that_cannot_be_met_says_what_is_missing(tmp_path, options, kept, missing) -> None:
-    result = CliRunner().invoke(command, [str(recorded(tmp_path, **kept)), *options])
-    assert isinstance(result.exception, BadInput) and missing in str(result.exception)
-    assert result.exception.exit_code == 2
+    assert missing in refusal("roughness", recorded(tmp_path, **kept), *options)

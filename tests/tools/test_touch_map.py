@@ -1,24 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A map of what a hand touched: what was put in comes out, friction or not; what is missing is said."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from impedance_modules.cli.surface_verbs import map_command as command
 from impedance_modules.episode.columns import pose_columns, wrench_columns
-from impedance_modules.episode.metadata import episode_metadata
-from impedance_modules.episode.writer import EpisodeWriter
-from impedance_modules.errors import BadInput
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
 from impedance_modules.tools.surface_fit import Touches, map_surface
 from impedance_modules.tools.surface_truth import map_errors, true_surface
+from tests.support.commands import invoke, refusal
+from tests.support.recordings import save
 
 HAND = "right_hand"
 
@@ -31,6 +26,19 @@ def give(s: np.ndarray) -> np.ndarray:
     return 1e-4 * (1.2 + np.cos(20.0 * s))
 
 
+def direction_of(way: float) -> np.ndarray:
+    return np.array([np.cos(way), np.sin(way), 0.0])
+
+
+MIDDLE = np.array([0.6, -0.2, 0.0])
+
+
+def along(found, way: float) -> np.ndarray:
+    """How far along the strokes the cells of a map lie."""
+    place = np.column_stack([found.place, np.zeros(found.along.size)])
+    return (place - MIDDLE) @ direction_of(way)
+
+
 def strokes(
     random: np.random.Generator,
     forces: tuple[float, ...],
@@ -39,8 +47,7 @@ def strokes(
     way: float = 0.4,
 ) -> Touches:
     """Strokes to and fro over the hill, each at its upward force; friction against the motion, along the path."""
-    step, time, place, force = 0.004, 0.0, [], []
-    direction = np.array([np.cos(way), np.sin(way), 0.0])
+    step, direction, place, force = 0.004, direction_of(way), [], []
     for number, lift in enumerate(forces):
         heading = 1.0 if number % 2 == 0 else -1.0
         for s in heading * np.arange(-0.15, 0.15, step):
@@ -54,11 +61,11 @@ def strokes(
             tangent = direction * normal[2] + np.array([0.0, 0.0, slope * normal[2]])
             pressed = lift / normal[2]
             force.append(pressed * normal - friction * pressed * heading * tangent)
-            place.append(np.array([0.6, -0.2, 0.0]) + s * direction + np.array([0.0, 0.0, z(float(s))]))
+            place.append(MIDDLE + s * direction + np.array([0.0, 0.0, z(float(s))]))
     points, pushes = np.array(place), np.array(force)
     points += noise * 1e-4 * random.normal(size=points.shape)
     pushes += noise * 0.2 * random.normal(size=pushes.shape)
-    return Touches(HAND, time + 0.05 * np.arange(len(points)), points, pushes, 2.0)
+    return Touches(HAND, 0.05 * np.arange(len(points)), points, pushes, 2.0)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.4])
@@ -69,8 +76,7 @@ def test_shape_and_compliance_come_out_as_they_went_in_whatever_the_friction(fri
         forces = tuple(random.uniform(5.0, 30.0, 5) + np.array([0.0, 8.0, 0.0, 8.0, 0.0]))
         touches = strokes(random, forces, friction, way=way)
         found = map_surface(touches, 0.01)
-        place = np.column_stack([found.place, np.zeros(found.along.size)])
-        s = (place - np.array([0.6, -0.2, 0.0])) @ np.array([np.cos(way), np.sin(way), 0.0])
+        s = along(found, way)
         inner = np.isfinite(found.rest) & (np.abs(s) < 0.14)
         assert np.count_nonzero(inner) > 20
         assert np.abs(found.rest - hill(s))[inner].max() < 4e-4
@@ -82,9 +88,11 @@ def test_standard_errors_tell_the_scatter() -> None:
     away = []
     for _ in range(10):
         found = map_surface(strokes(random, (8.0, 16.0, 24.0, 30.0), 0.2, noise=3.0), 0.01)
-        place = np.column_stack([found.place, np.zeros(found.along.size)])
-        s = (place - np.array([0.6, -0.2, 0.0])) @ np.array([np.cos(0.4), np.sin(0.4), 0.0])
-        away.append(((found.compliance - give(s)) / found.compliance_error)[np.isfinite(found.compliance)])
+        away.append(
+            ((found.compliance - give(along(found, 0.4))) / found.compliance_error)[
+                np.isfinite(found.compliance)
+            ]
+        )
     spread = np.sqrt(np.mean(np.concatenate(away) ** 2))
     assert 0.6 < spread < 2.0
 
@@ -117,31 +125,19 @@ def test_the_truth_of_a_tilted_sheet_over_a_table() -> None:
 
 def recording(folder: Path, touches: Touches, *, force: bool = True, pose: bool = True) -> Path:
     """An episode of another program's: a hand's pose and force at 20 Hz, and a joint that is of no use."""
-    columns = ["time", "position.joint", *(pose_columns(HAND) if pose else ())]
-    columns += wrench_columns(HAND) if force else ()
-    metadata = episode_metadata(
-        robot="some",
-        episode="touched",
-        effort_source=None,
-        gravity_compensation="none",
-        repeat_of=None,
-        task=None,
-    )
-    writer = EpisodeWriter(folder, columns, metadata, wait_for_disk=True)
-    for time, place, push in zip(touches.time, touches.place, touches.force, strict=True):
-        row = [time, 0.0, *([*place, 0.0, 0.0, 0.0, 1.0] if pose else ())]
-        writer.append(np.array([*row, *([*push, 0.0, 0.0, 0.0] if force else ())]))
-    writer.close()
-    return folder
+    zero = np.zeros(len(touches.time))
+    columns = {"time": touches.time, "position.joint": zero}
+    if pose:
+        columns |= zip(pose_columns(HAND), [*touches.place.T, zero, zero, zero, zero + 1.0], strict=True)
+    if force:
+        columns |= zip(wrench_columns(HAND), [*touches.force.T, zero, zero, zero], strict=True)
+    return save(folder, "touched", columns, robot="some", effort_source=None)
 
 
 def test_a_recording_becomes_a_map(tmp_path: Path) -> None:
-    episode = recording(
-        tmp_path / "run", strokes(np.random.default_rng(0), (8.0, 16.0, 24.0), 0.2, noise=1.0)
-    )
-    out = tmp_path / "map"
-    result = CliRunner().invoke(command, [str(episode), "--out", str(out)], catch_exceptions=False)
-    assert result.exit_code == 0 and "with a stiffness" in result.output
+    touches = strokes(np.random.default_rng(0), (8.0, 16.0, 24.0), 0.2, noise=1.0)
+    episode, out = recording(tmp_path, touches), tmp_path / "map"
+    assert "with a stiffness" in invoke("map", episode, "--out", out).output
     with (out / "map.csv").open() as file:
         rows = list(csv.DictReader(file))
     said = json.loads((out / "map.json").read_text())
@@ -149,8 +145,7 @@ def test_a_recording_becomes_a_map(tmp_path: Path) -> None:
     assert (out / "map.png").stat().st_size > 5000
     soft = max(rows, key=lambda row: float(row["compliance"] or 0.0))
     assert 1.0 / float(soft["stiffness"]) == pytest.approx(2.2e-4, rel=0.1)
-    again = CliRunner().invoke(command, [str(episode), "--out", str(out)])
-    assert isinstance(again.exception, BadInput) and "already" in str(again.exception)
+    assert "already" in refusal("map", episode, "--out", out)
 
 
 @pytest.mark.parametrize(
@@ -166,8 +161,6 @@ def test_a_recording_becomes_a_map(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path, made, options, words) -> None:
-    episode = recording(tmp_path / "run", strokes(np.random.default_rng(0), (8.0, 16.0), 0.0), **made)
-    out = tmp_path / "map"
-    result = CliRunner().invoke(command, [str(episode), "--out", str(out), *options])
-    assert isinstance(result.exception, BadInput) and words in str(result.exception)
+    touches, out = strokes(np.random.default_rng(0), (8.0, 16.0), 0.0), tmp_path / "map"
+    assert words in refusal("map", recording(tmp_path, touches, **made), "--out", out, *options)
     assert not out.exists()

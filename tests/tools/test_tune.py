@@ -1,36 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`impedance tune`: the least joint springs hold, a little less folds, by the formula and on the plant."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
-from click.testing import CliRunner, Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_experiments.task_run import watch_task
-from impedance_modules.cli.main import impedance
-from impedance_modules.control.assembly import assemble
-from impedance_modules.errors import BadInput
 from impedance_modules.superposition.net_stiffness import net_stiffness
 from impedance_modules.tools.spring_tuning import MARGIN, TuningRequest, folding_share, least_stiffness, tune
+from tests.support.commands import invoke, refusal
+from tests.support.forecast_tasks import assembled
 
 DOWN = np.array([0.0, 0.0, -1.0])
 PRESS = TuningRequest("right", DOWN, 0.0, 25.0, postures=1, reach=2.0, softest=0.5, alone=True)
-
-
-def task(name: str = "wipe-table"):
-    return assemble(name, effects=None, rate=None, scale=1.0, arm=None)
-
-
-def called(*words: str) -> Result:
-    return CliRunner().invoke(impedance, ["tune", *words], standalone_mode=False)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -52,7 +41,7 @@ def test_no_joint_springs_of_a_smaller_sum_hold_any_load(seed: int) -> None:
 
 
 def test_more_force_needs_stiffer_joints_and_no_force_none() -> None:
-    assembly = task()
+    assembly = assembled("wipe-table")
     sums = [tune(assembly, replace(PRESS, high=high)).best.total for high in (1.0, 10.0, 20.0, 30.0)]
     assert sums == sorted(sums) and sums[-1] > 10.0 * sums[0]
     with_springs = tune(assembly, replace(PRESS, alone=False)).best
@@ -61,19 +50,12 @@ def test_more_force_needs_stiffer_joints_and_no_force_none() -> None:
 
 def test_what_is_handed_out_does_not_fold_and_five_per_cent_less_does() -> None:
     """Judged by the net stiffness of design 4, which shares nothing but Gamma with the search."""
-    assembly = task()
+    assembly = assembled("wipe-table")
     tuned = tune(assembly, PRESS).best
-    limb = assembly.model.limbs["right"]
-    data = assembly.model.pin_model.createData()
-    import pinocchio as pin
-
-    J = pin.computeFrameJacobian(
-        assembly.model.pin_model,
-        data,
-        tuned.posture.q,
-        assembly.model.frame_id(limb.hand),
-        pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-    )[:, limb.joints]
+    model, limb = assembly.model, assembly.model.limbs["right"]
+    data, hand = model.pin_model.createData(), model.frame_id(limb.hand)
+    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    J = pin.computeFrameJacobian(model.pin_model, data, tuned.posture.q, hand, axes)[:, limb.joints]
     for force in (0.0, 10.0, 25.0):
         load = np.append(-force * DOWN, np.zeros(3))
         for share, folds in ((1.0, False), (0.95, force == 25.0)):
@@ -82,7 +64,7 @@ def test_what_is_handed_out_does_not_fold_and_five_per_cent_less_does() -> None:
 
 
 def test_another_elbow_needs_less() -> None:
-    assembly = task()
+    assembly = assembled("wipe-table")
     tuning = tune(assembly, replace(PRESS, postures=4))
     limb = assembly.model.limbs["right"]
     hand = assembly.model.pose(assembly.modules.posture, limb.hand)
@@ -100,14 +82,13 @@ def test_the_arm_holds_and_five_per_cent_softer_it_folds_on_the_plant(tmp_path: 
     away = {}
     for share in ("1", "0.95"):
         trial = tmp_path / f"{share}.yaml"
-        words = ("wipe-table", "--force", "0:25", "--direction=-z", "--alone", "--reach", "2")
-        found = called(*words, "--postures", "4", "--share", share, "--trial", str(trial))
-        assert found.exception is None and "5 % less does" in found.output
+        words = ("wipe-table", "--force", "0:25", "--direction=-z", "--alone", "--reach", 2, "--postures", 4)
+        assert "5 % less does" in invoke("tune", *words, "--share", share, "--trial", trial).output
         text = trial.read_text()
         for long, short in (("duration: 3.0", "duration: 1.5"), ("rise: 3.0", "rise: 1.5"), ("12.0", "3.0")):
             text = text.replace(long, short)
         trial.write_text(text)
-        assembly, path = task(str(trial)), []
+        assembly, path = assembled(trial), []
         start = assembly.modules.posture.copy()
 
         def look(_state, plant, _supervisor, path=path, start=start) -> None:
@@ -122,48 +103,42 @@ def test_the_arm_holds_and_five_per_cent_softer_it_folds_on_the_plant(tmp_path: 
 
 def test_what_is_written_is_a_task_that_check_accepts(tmp_path: Path) -> None:
     out, answer = tmp_path / "tuned.yaml", tmp_path / "tuned.json"
-    words = ("wipe-table", "--force", "0:15", "--direction", "0,0,-2", "--postures", "3")
-    assert called(*words, "--out", str(out), "--json", str(answer)).exception is None
-    checked = CliRunner().invoke(impedance, ["check", str(out)], standalone_mode=False)
-    assert checked.exception is None and "valid" in checked.output
+    words = ("wipe-table", "--force", "0:15", "--direction", "0,0,-2", "--postures", 3)
+    invoke("tune", *words, "--out", out, "--json", answer)
+    assert "valid" in invoke("check", out).output
     best = json.loads(answer.read_text())["best"]
     arm = yaml.safe_load(out.read_text())["arms"]["right"]
     for name, joint in best["joints"].items():
         short = name.removeprefix("right_")
         assert arm["posture"][short] == pytest.approx(joint["posture"], abs=1e-6)
         assert arm["joint_bias"]["stiffness"][short] == pytest.approx(joint["stiffness"], abs=1e-5)
-    assert (
-        arm["springs"]
-        == yaml.safe_load(Path("tasks/wipe-table.yaml").read_text())["arms"]["right"]["springs"]
-    )
+    shipped = yaml.safe_load(Path("tasks/wipe-table.yaml").read_text())
+    assert arm["springs"] == shipped["arms"]["right"]["springs"]
 
 
+WIPE, DOWNWARDS, ALONG = "wipe-table", "--direction=-z", ("--force", "0:5", "--direction", "x")
 REFUSED = {
-    "force": (("wipe-table", "--force", "25", "--direction=-z"), "LO:HI in N"),
-    "range": (("wipe-table", "--force", "9:3", "--direction=-z"), "LO not above HI"),
-    "direction": (("wipe-table", "--force", "0:5", "--direction", "down"), "x, -z"),
-    "no length": (("wipe-table", "--force", "0:5", "--direction", "0,0,0"), "no length"),
-    "arm": (("soft-hold", "--force", "0:5", "--direction", "x"), "--arm is missing"),
-    "no arm": (
-        ("soft-hold", "--arm", "rigth", "--force", "0:5", "--direction", "x"),
-        "did you mean 'right'?",
-    ),
+    "force": ((WIPE, "--force", "25", DOWNWARDS), "LO:HI in N"),
+    "range": ((WIPE, "--force", "9:3", DOWNWARDS), "LO not above HI"),
+    "direction": ((WIPE, "--force", "0:5", "--direction", "down"), "x, -z"),
+    "no length": ((WIPE, "--force", "0:5", "--direction", "0,0,0"), "no length"),
+    "arm": (("soft-hold", *ALONG), "--arm is missing"),
+    "no arm": (("soft-hold", "--arm", "rigth", *ALONG), "did you mean 'right'?"),
     "mirror": (
-        ("mirrored-arms", "--arm", "left", "--force", "0:5", "--direction", "x", "--out", "never.yaml"),
+        ("mirrored-arms", "--arm", "left", *ALONG, "--out", "never.yaml"),
         "the mirror image of 'right'",
     ),
-    "object": (("box-hold", "--arm", "right", "--force", "0:5", "--direction", "x"), "holds an object"),
-    "too much": (("wipe-table", "--force", "0:900", "--direction=-z", "--postures", "1"), "valid: up to"),
-    "reach": (("wipe-table", "--force", "0:5", "--direction=-z", "--reach", "0"), "above 0"),
-    "softest": (("wipe-table", "--force", "0:5", "--direction=-z", "--softest", "0"), "above 0"),
-    "postures": (("wipe-table", "--force", "0:5", "--direction=-z", "--postures", "0"), "1 to 200"),
-    "share": (("wipe-table", "--force", "0:5", "--direction=-z", "--share", "0"), "above 0"),
+    "object": (("box-hold", "--arm", "right", *ALONG), "holds an object"),
+    "too much": ((WIPE, "--force", "0:900", DOWNWARDS, "--postures", "1"), "valid: up to"),
+    "reach": ((WIPE, "--force", "0:5", DOWNWARDS, "--reach", "0"), "above 0"),
+    "softest": ((WIPE, "--force", "0:5", DOWNWARDS, "--softest", "0"), "above 0"),
+    "postures": ((WIPE, "--force", "0:5", DOWNWARDS, "--postures", "0"), "1 to 200"),
+    "share": ((WIPE, "--force", "0:5", DOWNWARDS, "--share", "0"), "above 0"),
 }
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_wrong_question_is_told_what_would_be_valid(name: str) -> None:
     words, says = REFUSED[name]
-    found = called(*words)
-    assert isinstance(found.exception, BadInput) and says in str(found.exception)
+    assert says in refusal("tune", *words)
     assert not Path("never.yaml").exists()
