@@ -78,13 +78,12 @@ class LinkPoses:
         self._data = self._model.createData()
         # Views of pinocchio's own memory, taken once.
         placements = [self._data.oMf[model.frame_id(link)] for link in links]
-        self._rotations = [X_WL.rotation for X_WL in placements]
-        self._translations = [X_WL.translation for X_WL in placements]
+        self._placements = [(X_WL.rotation, X_WL.translation) for X_WL in placements]
         self.rotation: Array = np.zeros((len(links), 3, 3))
         self.translation: Array = np.zeros((len(links), 3))
 
     def update(self, q: Array) -> None:
         """Moves to q (n,) [rad]; overwrites the arrays."""
         pin.framesForwardKinematics(self._model, self._data, q)
-        np.stack(self._rotations, out=self.rotation)
-        np.stack(self._translations, out=self.translation)
+        for link, (rotation, translation) in enumerate(self._placements):
+            self.rotation[link], self.translation[link] = rotation, translation

@@ -156,6 +156,13 @@ def test_the_time_given_to_a_run_ends_it_safely(folder: Path) -> None:
     assert read_episode(folder / "timed").time[-1] < 0.5
 
 
+def test_a_robot_whose_links_have_no_shapes_is_recorded_as_well(folder: Path) -> None:
+    found = impedance("run", "one-joint", "--duration", "0.2", "--out", "wheel", cwd=folder)
+    assert found.returncode == 0, found.stderr
+    assert set(read_episode(folder / "wheel").pose) == {"hub"}
+    assert (folder / "wheel" / "recording.rrd").stat().st_size > 1000
+
+
 def test_read_only_computes_and_sends_nothing(folder: Path) -> None:
     found = impedance("run", "short.yaml", "--read-only", "--duration", "0.3", "--out", "quiet", cwd=folder)
     assert found.returncode == 0, found.stderr
