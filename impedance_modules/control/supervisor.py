@@ -128,6 +128,8 @@ class Supervisor:
             detail: Numbers and names for the reason.
         """
         self._escalate(None, [Occurrence(event, None, detail)], entering=False)
+        # Also where somebody had asked for the end: the robot was not braked by this run.
+        self.ending = Ending.STOPPED
 
     def start(self, first: FirstState) -> None:
         """Takes over the robot as it stands.
