@@ -6,10 +6,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from impedance_experiments.task_run import only_arm, watch_task
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
@@ -50,7 +49,6 @@ def reproduce(settings: Settings) -> Page:
     for step, share in enumerate(shares):
         settings.on_progress(0.2 + 0.8 * step / len(shares), f"{share:g} of the springs")
         runs[share] = trial(settings, assembly, request, own, share)
-    settings.on_progress(1.0, "done")
     growth = {share: _growth(time, away) for share, (time, away) in runs.items()}
     return Page(
         summary=(
@@ -172,7 +170,7 @@ def _joints(assembly: Assembly, request: TuningRequest, own: TunedPosture) -> Re
         "torque at 25 N [N.m]",
         "rest of the spring [rad]",
     )
-    return table_of("Joint springs at the thesis's posture", columns, rows)
+    return ResultTable("Joint springs at the thesis's posture", columns, rows)
 
 
 def _elbows(elbows: TuningResult) -> ResultTable:
@@ -186,12 +184,11 @@ def _elbows(elbows: TuningResult) -> ResultTable:
         "torque of limit [%]",
         "hand at 25 N [N/m]",
     )
-    return table_of("Elbows with the hand in its place", columns, rows)
+    return ResultTable("Elbows with the hand in its place", columns, rows)
 
 
 def _picture(elbows: TuningResult, runs: dict[float, tuple[Array, Array]]) -> Plot:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = panels((9.0, 3.4), 1, 2)
     left.plot([f.posture.along for f in elbows.found], [f.total for f in elbows.found], "o-")
     left.set(
         xlabel="elbow, along the self-motion [rad]", ylabel="sum of joint springs [N.m/rad]", ylim=(0, None)

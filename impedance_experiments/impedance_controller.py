@@ -24,16 +24,7 @@ from impedance_experiments.loaded_hand import (
     press_and_lose,
 )
 from impedance_experiments.task_run import only_arm, patch_of
-from impedance_experiments.thesis_page import (
-    Cell,
-    Page,
-    Plot,
-    ResultTable,
-    Settings,
-    Size,
-    ThesisValue,
-    table_of,
-)
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.analysis import analyse_task
@@ -64,7 +55,7 @@ NAMES = "xyz"
 
 def reproduce(settings: Settings) -> Page:
     """Displaces a hand, compares postures, and takes a support away."""
-    quick = settings.size is Size.SHORT
+    quick = settings.short
     patches = (None,) if quick else (None, patch_of(TASK, FRICTION))
     runs = []
     for index, patch in enumerate(patches):
@@ -75,7 +66,6 @@ def reproduce(settings: Settings) -> Page:
     if not quick:
         lost += [press_and_lose(name, None, settings.seed) for name in PRESSES]
     hands = {name: hand_inertia(name) for name in POSTURES}
-    settings.on_progress(1.0, "done")
     first = runs[0].found[0]
     return Page(
         summary=_SUMMARY,
@@ -165,7 +155,7 @@ def _slopes(runs: list[Displaced]) -> ResultTable:
         "intercept [N]",
         "turned [deg]",
     )
-    return table_of("Force over way: slope and intercept, out and back", columns, rows)
+    return ResultTable("Force over way: slope and intercept, out and back", columns, rows)
 
 
 def _presses(lost: list[LostSupport]) -> ResultTable:
@@ -184,7 +174,7 @@ def _presses(lost: list[LostSupport]) -> ResultTable:
         "eq. 4.8 [m/s]",
         "ending",
     )
-    return table_of("Pressing, and the largest speed after the support is gone", columns, rows)
+    return ResultTable("Pressing, and the largest speed after the support is gone", columns, rows)
 
 
 def _drawn_lines(runs: list[Displaced]) -> Plot:
@@ -209,8 +199,7 @@ def _drawn_lines(runs: list[Displaced]) -> Plot:
 
 
 def _drawn_losses(lost: list[LostSupport]) -> Plot:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    force, energy, speed = figure.subplots(1, 3)
+    figure, (force, energy, speed) = panels((9.0, 3.4), 1, 3)
     for index, run in enumerate(lost):
         way = np.linspace(0.0, 1.2 * run.stretch, 50)
         stiffness = run.force / run.stretch
@@ -276,13 +265,12 @@ def mass_table(found: Mapping[str, HandInertia]) -> ResultTable:
         "posture", "along x [kg]", "along y [kg]", "along z [kg]", "heaviest [kg]", "middle [kg]", "lightest [kg]",
         "heaviest over lightest", "least mobility [1/kg]", "most mobility [1/kg]",
     )  # fmt: skip
-    return table_of("Apparent mass of the hand, free to turn, reflected inertia included", columns, rows)
+    return ResultTable("Apparent mass of the hand, free to turn, reflected inertia included", columns, rows)
 
 
 def ellipsoid_plot(found: Mapping[str, HandInertia]) -> Plot:
     """Draws the arms from above and from the side, with the outlines of both ellipsoids around the hand."""
-    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    rows = figure.subplots(len(VIEWS), len(found), squeeze=False)
+    figure, rows = panels((10.0, 7.0), len(VIEWS), len(found), squeeze=False)
     for column, (name, hand) in enumerate(found.items()):
         for axes, (view, plane) in zip(rows[:, column], VIEWS.items(), strict=True):
             _draw_ellipsoids(axes, hand, plane, POSTURES[name])

@@ -12,16 +12,7 @@ from matplotlib.figure import Figure
 
 from impedance_experiments.drive_fit import DriveFit, fit_drive, swinging_joint
 from impedance_experiments.task_run import TaskRun, patch_of, record_task, task_with
-from impedance_experiments.thesis_page import (
-    Cell,
-    Page,
-    Plot,
-    ResultTable,
-    Settings,
-    Size,
-    ThesisValue,
-    table_of,
-)
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue
 from impedance_modules.arrays import Array
 from impedance_modules.effects.joint_motion import sign
 from impedance_modules.spec.patch_file import EffectSpec
@@ -62,7 +53,7 @@ def reproduce(settings: Settings) -> Page:
     for number, task in enumerate((FORWARD, INTERACTIVE)):
         settings.on_progress(0.45 * number, f"excitation {task}")
         out = settings.work / task
-        name = _shortened(task, settings.work) if settings.size is Size.SHORT else task
+        name = _shortened(task, settings.work) if settings.short else task
         runs[task] = record_task(name, out, effects=patch_of(task, PATCH), seed=settings.seed + number)
     settings.on_progress(0.9, "fits")
     joint = swinging_joint(FORWARD)
@@ -72,7 +63,6 @@ def reproduce(settings: Settings) -> Page:
     swapped = {name: _accounts(loaded[name], loaded[other]) for name, other in _PAIRS}
     swapped_plain = {name: _accounts(plain[name], plain[other]) for name, other in _PAIRS}
     truth = _truth(runs[FORWARD], joint)
-    settings.on_progress(1.0, "done")
     ratio = (
         plain[INTERACTIVE].values["coulomb_friction"]["fc"] / plain[FORWARD].values["coulomb_friction"]["fc"]
     )
@@ -189,7 +179,7 @@ def _table(
         "and load: both",
         "the plant's own",
     )
-    return table_of("Friction of one drive, identified by two excitations", columns, rows)
+    return ResultTable("Friction of one drive, identified by two excitations", columns, rows)
 
 
 def _drawn(plain: Mapping[str, DriveFit], loaded: Mapping[str, DriveFit]) -> Plot:

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from impedance_experiments.task_run import PushTrace, only_arm, trace_pushed
-from impedance_experiments.thesis_page import Page, Plot, Settings, ThesisValue
+from impedance_experiments.thesis_page import Page, Plot, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.plant.pushes import push_wrench
@@ -52,7 +51,6 @@ def reproduce(settings: Settings) -> Page:
     trace = trace_pushed(assembly, only_arm(assembly), seed=settings.seed, noise=True)
     numbers = numbers_of(assembly)
     predicted = equation(assembly, numbers, trace.time)
-    settings.on_progress(1.0, "done")
     angle = trace.place[:, TURN]
     push = assembly.task.pushes[0]
     end = push.start + push.rise + push.hold
@@ -122,8 +120,7 @@ def _rest(assembly: Assembly) -> float:
 
 
 def _drawn(trace: PushTrace, predicted: Array, angle: Array) -> Plot:
-    figure = Figure(figsize=(7.0, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = panels((7.0, 3.4))
     axes.plot(trace.time, angle, color="C3", label="plant")
     axes.plot(trace.time, predicted, "k--", linewidth=1.0, label="eq. 4.8")
     axes.plot(trace.time, 0.1 * trace.push[:, TURN], color="C0", linewidth=1.0, label="push [10 N.m]")

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue
 from impedance_modules.arrays import Array
 from impedance_modules.superposition.examples import FIRST_ARM, LINK_LENGTH, MIRRORED_ARM, planar_inertia
 
@@ -20,11 +20,10 @@ PRINTED = {
 """As the thesis prints them, in kg, kg.m and kg.m^2."""
 
 
-def reproduce(settings: Settings) -> Page:
+def reproduce(settings: Settings) -> Page:  # noqa: ARG001 - all experiments are called alike
     """Adds the two arms' inertias and lays the sums beside the printed matrices."""
     right, left = (planar_inertia(np.radians(arm)) for arm in (FIRST_ARM, MIRRORED_ARM))
     found = dict(zip(PRINTED, (right, left, right + left), strict=True))
-    settings.on_progress(1.0, "done")
     worst = max(float(np.max(np.abs(found[name] - np.array(PRINTED[name])))) for name in PRINTED)
     return Page(
         summary="Three equal links per arm, the left arm the mirror image of the right one, both hands on one "
@@ -53,7 +52,7 @@ def _matrix(name: str, matrix: Array) -> ResultTable:
     rows: list[list[Cell]] = [
         [NAMES[i], *(round(float(value), 3) + 0.0 for value in row)] for i, row in enumerate(matrix)
     ]
-    return table_of(f"{name} [kg, kg.m, kg.m^2]", ("", *NAMES), rows)
+    return ResultTable(f"{name} [kg, kg.m, kg.m^2]", ("", *NAMES), rows)
 
 
 def _picture(found: dict[str, Array]) -> Plot:

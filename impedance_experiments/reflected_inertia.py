@@ -15,16 +15,7 @@ from matplotlib.figure import Figure
 
 from impedance_experiments.drive_fit import DriveFit, FreeSwing, fit_drive, fixture_of, links_inertia, strike
 from impedance_experiments.task_run import TaskRun, patch_of, patch_with, record_task, task_with
-from impedance_experiments.thesis_page import (
-    Cell,
-    Page,
-    Plot,
-    ResultTable,
-    Settings,
-    Size,
-    ThesisValue,
-    table_of,
-)
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.diagnose import diagnose
@@ -52,7 +43,7 @@ SPRING = "effects.1.parameters.{}.k.value"
 
 def reproduce(settings: Settings) -> Page:
     """Runs both methods on w1, the second on e1, and diagnoses the first spring's recordings."""
-    quick = settings.size is Size.SHORT
+    quick = settings.short
     work = settings.work
     springs = SPRINGS[: settings.choose(1, 3, 3)]
     joint = stepped_joint()
@@ -77,7 +68,6 @@ def reproduce(settings: Settings) -> Page:
         again = step_against(springs[0], joint, work, seed=settings.seed + 100)
         other = step_down(springs[0], joint, work, seed=settings.seed + 200)
         answer = diagnose_steps([runs[0], again, other], joint)
-    settings.on_progress(1.0, "done")
     return _page(steps, struck, fits, answer, truth)
 
 
@@ -222,7 +212,7 @@ def _step_table(steps: Sequence[StepsFit]) -> ResultTable:
         "spring [N.m/rad]", "I_r [kg.m^2]", "D [N.m.s/rad]", "dry friction + [N.m]", "dry friction - [N.m]",
         "torque accounted for [%]", "angle accounted for [%]",
     )  # fmt: skip
-    return table_of("Torque steps on W1; the plant's own: 0.044, 0.7, 0.19, 0.11", columns, rows)
+    return ResultTable("Torque steps on W1; the plant's own: 0.044, 0.7, 0.19, 0.11", columns, rows)
 
 
 def _blow_table(struck: dict[str, list[FreeSwing]]) -> ResultTable:
@@ -235,12 +225,11 @@ def _blow_table(struck: dict[str, list[FreeSwing]]) -> ResultTable:
         "joint", "virtual spring [N.m/rad]", "frequency [rad/s]", "decay [1/s]", "links [kg.m^2]",
         "I_r, second order [kg.m^2]", "I_r, fourth order [kg.m^2]", "D, fourth order [N.m.s/rad]",
     )  # fmt: skip
-    return table_of("Free swings after a blow; the plant's own: 0.044 and 0.6, D 0.7", columns, rows)
+    return ResultTable("Free swings after a blow; the plant's own: 0.044 and 0.6, D 0.7", columns, rows)
 
 
 def _drawn_steps(steps: Sequence[StepsFit]) -> Plot:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    angle, torque = figure.subplots(1, 2)
+    figure, (angle, torque) = panels((9.0, 3.4), 1, 2)
     one = steps[0]
     angle.plot(one.time, one.angle, color="C3", label="measured")
     angle.plot(one.time, one.fitted, color="C0", linestyle="--", label="second-order model")

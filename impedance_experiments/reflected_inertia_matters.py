@@ -20,7 +20,7 @@ from impedance_experiments.apparent_mass import (
     first_contact,
     planar_masses,
 )
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue
 
 PRINTED = {"with": (2.574, 1.31), "without": (1.628, 0.7683)}
 """Table 3.1: largest and smallest apparent mass [kg]."""
@@ -37,7 +37,6 @@ MASS = "all seven joints, another posture, and masses, not their square roots"
 def reproduce(settings: Settings) -> Page:
     """Computes the masses in all readings, and lets both robots first_contact the same surfaces."""
     masses, strikes = _masses(), _strikes(settings)
-    settings.on_progress(1.0, "done")
     return Page(
         summary=_summary(strikes),
         comparisons=(*_mass_rows(masses), *_impact_rows(strikes)),
@@ -150,7 +149,7 @@ def _step_table(strikes: dict[float, Pair]) -> ResultTable:
         f"From masses to mean forces, with rotors on {WITH_70_MS / 1000:g} kN/m over without on "
         f"{WITHOUT_70_MS / 1000:g} kN/m: the last is the product of the three before it"
     )
-    return table_of(caption, ("with / without", "ratio"), rows)
+    return ResultTable(caption, ("with / without", "ratio"), rows)
 
 
 def _mean(impact: Impact) -> float:
@@ -221,7 +220,7 @@ def _mass_table(masses: dict[str, Masses]) -> ResultTable:
         "max ratio",
         "min ratio",
     )
-    return table_of("Apparent mass of the planar arm at 3 pi/4, 3 pi/4, pi/2 [kg]", columns, rows)
+    return ResultTable("Apparent mass of the planar arm at 3 pi/4, 3 pi/4, pi/2 [kg]", columns, rows)
 
 
 def _impact_table(strikes: dict[float, Pair]) -> ResultTable:
@@ -234,7 +233,7 @@ def _impact_table(strikes: dict[float, Pair]) -> ResultTable:
         "surface [N/m]", "I_r", "arrives [mm/s]", "leaves [mm/s]", "stays [ms]", "peak [N]", "impulse [N.s]",
         "mass felt [kg]", "mass predicted [kg]",
     )  # fmt: skip
-    return table_of("The first touch on the plant", columns, rows)
+    return ResultTable("The first touch on the plant", columns, rows)
 
 
 def _ellipses(masses: dict[str, Masses]) -> Plot:

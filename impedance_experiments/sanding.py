@@ -42,7 +42,7 @@ from impedance_experiments.sanding_runs import (
     smooth_board,
     spectrum,
 )
-from impedance_experiments.thesis_page import Cell, Page, ResultTable, Settings, Size, ThesisValue, table_of
+from impedance_experiments.thesis_page import Cell, Page, ResultTable, Settings, ThesisValue
 from impedance_modules.control.assembly import Assembly
 
 SET_ON, JUDGED_ON = 1000, 6000
@@ -76,7 +76,6 @@ def reproduce(settings: Settings) -> Page:
     slanted = sand(sanding_task(SLANTED, seconds=slant), settings.seed)
     finished = sand(_until_smooth(settings), settings.seed)
     judged = _judge(settings)
-    settings.on_progress(1.0, "done")
     shallow, deep = schemes.values()
     return Page(
         summary=summary_of(shallow, judged, finished),
@@ -96,7 +95,7 @@ def reproduce(settings: Settings) -> Page:
 
 def _until_smooth(settings: Settings) -> Assembly:
     """Assembles the task that ends by itself; at the shortest size on wood that is smooth from the start."""
-    if settings.size is not Size.SHORT:
+    if not settings.short:
         return sanding_task(UNTIL_SMOOTH)
     return sanding_task(UNTIL_SMOOTH, board=smooth_board(board_of(sanding_task(UNTIL_SMOOTH))))
 
@@ -296,13 +295,13 @@ def case_table(schemes: dict[str, DepthRuns]) -> ResultTable:
         for case, windows in scheme.cases.items()
     ]
     columns = ("depth", "case", "windows", "15-25 Hz [N rms]", "friction", "normal force [N]")
-    return table_of("Windows of 0.8 s, mean and standard deviation", columns, rows)
+    return ResultTable("Windows of 0.8 s, mean and standard deviation", columns, rows)
 
 
 def rule_table(judged: RuleEvaluation) -> ResultTable:
     """Tabulates how well each measure separates smooth from rough."""
     rows = [(name, curve.area) for name, curve in judged.curves.items()]
-    return table_of(
+    return ResultTable(
         f"Separating smooth from rough wood, {judged.pieces[1]} pieces of each kind, shallow",
         ("by", "area"),
         rows,

@@ -12,7 +12,7 @@ from scipy.signal import detrend
 
 from impedance_experiments.sanding_rule import RocCurve
 from impedance_experiments.sanding_runs import DepthRuns, Sanding, numbers, spectrum
-from impedance_experiments.thesis_page import Plot
+from impedance_experiments.thesis_page import Plot, panels
 from impedance_modules.control.roughness_detection import LENGTH, SAMPLE_RATE, Window
 
 CASE_COLOURS = ("C3", "C0", "C2")
@@ -20,8 +20,7 @@ CASE_COLOURS = ("C3", "C0", "C2")
 
 def stuck_plot(run: Sanding, until: float) -> Plot:
     """Draws position and tangential force around the time in which splinters held the hand (fig. 5-8)."""
-    figure = Figure(figsize=(8.5, 5.6), layout="constrained")
-    place, force, work = figure.subplots(3, 1, sharex=True)
+    figure, (place, force, work) = panels((8.5, 5.6), 3, 1, sharex=True)
     part = run.time <= until
     time = run.time[part]
     place.plot(time, 1e3 * run.target[part, 0], color="0.6", label="equilibrium")
@@ -47,8 +46,7 @@ def stuck_plot(run: Sanding, until: float) -> Plot:
 
 def stroke_plot(schemes: Mapping[str, DepthRuns], seconds: float = 7.0) -> Plot:
     """Draws place, velocity and force of some strokes at both depths, judged windows shaded (fig. 5-10, 5-12)."""
-    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
-    rows = figure.subplots(4, len(schemes), sharex="col", squeeze=False)
+    figure, rows = panels((10.0, 6.4), 4, len(schemes), sharex="col", squeeze=False)
     for column, (name, scheme) in zip(rows.T, schemes.items(), strict=True):
         run = scheme.rough
         first = scheme.start[0].start - 1.8
@@ -122,8 +120,7 @@ def spectrum_plot(schemes: Mapping[str, DepthRuns]) -> Plot:
 
 def orientation_plot(upright: Sanding, slanted: Sanding, last: float) -> Plot:
     """Draws height and normal force of both arms over the last seconds of their common time."""
-    figure = Figure(figsize=(8.5, 4.2), layout="constrained")
-    height, force = figure.subplots(2, 1, sharex=True)
+    figure, (height, force) = panels((8.5, 4.2), 2, 1, sharex=True)
     end = min(float(upright.time[-1]), float(slanted.time[-1]))
     for colour, name, run in (("C0", "forearm upright", upright), ("C1", "forearm slanting", slanted)):
         part = (run.time > end - last) & (run.time <= end)
@@ -139,8 +136,7 @@ def orientation_plot(upright: Sanding, slanted: Sanding, last: float) -> Plot:
 
 def rule_plot(curves: Mapping[str, RocCurve], chosen: tuple[float, float]) -> Plot:
     """Draws the rules' operating characteristics."""
-    figure = Figure(figsize=(4.6, 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = panels((4.6, 4.2))
     for name, curve in curves.items():
         axes.step(curve.false, curve.true, where="post", label=f"{name}, area {curve.area:.3f}")
     axes.plot(*chosen, "o", color="C3", label="bound set on other pieces")

@@ -6,12 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from impedance_experiments.elastic_joint_model import SeriesElasticJoint, rigid_up_to
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
@@ -37,7 +36,6 @@ def reproduce(settings: Settings) -> Page:
     blow = blow_response(joint, lever)
     omega = np.geomspace(1.0, 1000.0, settings.choose(300, 2000, 2000))
     limits = {name: rigid_up_to(joint, motor=True) for name, joint in joints.items()}
-    settings.on_progress(1.0, "done")
     return Page(
         summary=_summary(studied, joint, lever),
         comparisons=_comparisons(joint, limits, blow),
@@ -192,7 +190,7 @@ def _joint_table(joints: dict[str, SeriesElasticJoint], limits: dict[str, float]
         ]
         for name, joint in joints.items()
     ]
-    return table_of("Every joint of the arm, the others held", columns, rows)
+    return ResultTable("Every joint of the arm, the others held", columns, rows)
 
 
 def _facts(joint: SeriesElasticJoint, limits: dict[str, float], blow: Blow) -> dict[str, float]:
@@ -249,8 +247,7 @@ def blow_response(joint: SeriesElasticJoint, lever: float) -> Blow:
 
 def draw_bode(joint: SeriesElasticJoint, omega: Array) -> Plot:
     """Draws the link's velocity per torque, in magnitude and phase, for both inputs."""
-    figure = Figure(figsize=(9.0, 5.2), layout="constrained")
-    axes = figure.subplots(2, 2, sharex=True)
+    figure, axes = panels((9.0, 5.2), 2, 2, sharex=True)
     mobility, rigid = joint.mobility(omega)[:, 0, :], joint.rigid_mobility(omega)
     for column, title in enumerate(("external torque (collocated)", "motor torque (non-collocated)")):
         magnitude, phase = axes[0, column], axes[1, column]
@@ -274,8 +271,7 @@ def draw_bode(joint: SeriesElasticJoint, omega: Array) -> Plot:
 
 def draw_poles(joint: SeriesElasticJoint) -> Plot:
     """Draws the poles, the link's zeros, and where a damper that reads the link drives the poles."""
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = panels((6.4, 4.2))
     limit = joint.highest_damping_gain(sensed_at_link=True)
     for gain in np.linspace(0.0, 3.0 * limit, 40):
         loop = joint.system - gain * np.outer(joint.inputs[:, 1], [0.0, 0.0, 1.0, 0.0])
@@ -303,8 +299,7 @@ def _zeros_at_the_link(joint: SeriesElasticJoint) -> NDArray[np.complex128]:
 
 def draw_blow(blow: Blow) -> Plot:
     """Draws angle and velocity after the blow, and the blow."""
-    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = panels((9.0, 3.2), 1, 2)
     for axes, row, label in ((left, 0, "link angle [rad]"), (right, 1, "link velocity [rad/s]")):
         axes.plot(blow.time, blow.full[row], label="with its spring")
         axes.plot(blow.time, blow.reduced[row], "--", label="reduced")

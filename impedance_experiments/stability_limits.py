@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from impedance_experiments.stability_search import (
     Knock,
@@ -17,16 +16,7 @@ from impedance_experiments.stability_search import (
     stiffened,
 )
 from impedance_experiments.task_run import patch_of
-from impedance_experiments.thesis_page import (
-    Cell,
-    Page,
-    Plot,
-    ResultTable,
-    Settings,
-    Size,
-    ThesisValue,
-    table_of,
-)
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.control.assembly import Assembly, assemble
 
 TASK, SOFT_TASK = "stiff-hand", "drifting-hand"
@@ -78,15 +68,14 @@ class Limit:
 
 def reproduce(settings: Settings) -> Page:
     """Looks for both limits of the endpoint stiffness."""
-    loops = QUICK if settings.size is Size.SHORT else LOOPS
-    soft = STIFFNESSES[::2] if settings.size is Size.SHORT else STIFFNESSES
+    loops = QUICK if settings.short else LOOPS
+    soft = STIFFNESSES[::2] if settings.short else STIFFNESSES
     limits = []
     for index, loop in enumerate(loops):
         settings.on_progress(0.8 * index / len(loops), f"{loop.rate:g} Hz, ratio {loop.ratio:g}")
         limits.append(_limit(loop, settings.choose(1, 3, 5)))
     settings.on_progress(0.8, "gravity")
     drifts = [(k, *_drift(k, settings.seed)) for k in soft]
-    settings.on_progress(1.0, "done")
     return Page(
         summary=_summary(limits),
         comparisons=_comparisons(limits, drifts),
@@ -198,7 +187,7 @@ def _limit_table(limits: list[Limit]) -> ResultTable:
         "left just below",
         "left just above",
     )
-    return table_of(
+    return ResultTable(
         "The limit; what is left of the oscillation after one more second, just below and above it",
         columns,
         rows,
@@ -209,14 +198,13 @@ def _drift_table(drifts: list[tuple[float, float, float]]) -> ResultTable:
     rows: list[list[Cell]] = [
         [k, round(1e3 * found, 1), round(1e3 * predicted_drift, 1)] for k, found, predicted_drift in drifts
     ]
-    return table_of(
+    return ResultTable(
         "How far 0.2 kg let a soft hand sink", ("stiffness [N/m]", "plant [mm]", "statics [mm]"), rows
     )
 
 
 def _knocks(limit: Limit) -> Plot:
-    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = panels((8.0, 3.6))
     for knock, colour in ((limit.unstable, "C3"), (limit.stable, "C0")):
         axes.semilogy(
             knock.time,
@@ -231,8 +219,7 @@ def _knocks(limit: Limit) -> Plot:
 
 
 def _drifts(drifts: list[tuple[float, float, float]]) -> Plot:
-    figure = Figure(figsize=(5.5, 3.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = panels((5.5, 3.6))
     stiffness = [k for k, _, _ in drifts]
     axes.loglog(
         stiffness,

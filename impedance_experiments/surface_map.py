@@ -8,16 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impedance_experiments.thesis_page import (
-    Cell,
-    Page,
-    Plot,
-    ResultTable,
-    Settings,
-    Size,
-    ThesisValue,
-    table_of,
-)
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue
 from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.data import Episode
@@ -42,7 +33,7 @@ DURATION_SCALE = 0.6
 def reproduce(settings: Settings) -> Page:
     """Strokes the sheet, maps it, and compares the map with what the plant really had."""
     assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
-    if settings.size is Size.SHORT:
+    if settings.short:
         phases = [
             replace(phase, duration=DURATION_SCALE * phase.duration)
             for phase in assembly.task.phases[:TWO_STROKES]
@@ -55,9 +46,8 @@ def reproduce(settings: Settings) -> Page:
     maps = {cell: map_surface(touches, cell) for cell in (CELL, 2.0 * CELL)}
     truths = {cell: true_surface(assembly.task.environment, found) for cell, found in maps.items()}
     errors = {cell: map_errors(found, truths[cell]) for cell, found in maps.items()}
-    settings.on_progress(1.0, "done")
     # Fast strokes leave too little in a narrow cell.
-    wide = 2.0 * CELL if settings.size is Size.SHORT else CELL
+    wide = 2.0 * CELL if settings.short else CELL
     return Page(
         summary=SUMMARY,
         comparisons=_comparisons(errors[CELL], maps[CELL], truths[CELL]),
@@ -137,7 +127,7 @@ def _errors_table(errors: dict[float, MapErrors]) -> ResultTable:
         ]
         for cell, found in errors.items()
     ]
-    return table_of(
+    return ResultTable(
         "Errors against the plant, by width of the cells",
         (
             "cell [mm]",

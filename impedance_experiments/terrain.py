@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from impedance_experiments.terrain_slides import LEANT, Slide, SlideJob, deviation_along_y, slide, slide_all
 from impedance_experiments.terrain_variations import (
@@ -21,16 +20,7 @@ from impedance_experiments.terrain_variations import (
     robustness_table,
     threshold_tables,
 )
-from impedance_experiments.thesis_page import (
-    Cell,
-    Page,
-    Plot,
-    ResultTable,
-    Settings,
-    Size,
-    ThesisValue,
-    table_of,
-)
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.contact_geometry import place_surface
 
@@ -54,7 +44,7 @@ MILLIMETRES = 1000.0
 
 def reproduce(settings: Settings) -> Page:
     """Slides over the flat table and over bar and block, then over wrong maps at random."""
-    phases = TO_THE_LEFT if settings.size is Size.SHORT else ALL_PHASES
+    phases = TO_THE_LEFT if settings.short else ALL_PHASES
     settings.on_progress(0.0, "springs on the flat table")
     flat = slide(SlideJob(FLAT, phases=phases, seed=settings.seed))
     found = _slides(settings, flat, phases)
@@ -63,7 +53,7 @@ def reproduce(settings: Settings) -> Page:
     facts = _facts(found)
     robust: Robustness | None = None
     rubbed: dict[float, float] = {}
-    if settings.size is not Size.SHORT:
+    if not settings.short:
         table, rubbed = friction_table(settings)
         tables += [table]
         tables += threshold_tables(flat, settings)
@@ -71,7 +61,6 @@ def reproduce(settings: Settings) -> Page:
         tables.append(robustness_table(robust))
         plots.append(picture_of_errors(robust))
         facts |= {f"kept contact, {name}": robust.kept(name) for name in robust.slides}
-    settings.on_progress(1.0, "done")
     return Page(
         summary=SUMMARY,
         comparisons=_comparisons(found, robust, rubbed),
@@ -87,10 +76,10 @@ def _slides(settings: Settings, flat: Slide, phases: int) -> dict[tuple[str, str
     path = flat.joint_path()
     surfaces = assemble(FLAT, effects=None, rate=None, scale=1.0, arm=None).task.environment
     jobs = {("impedance", "over"): SlideJob(OVER, phases=phases, seed=settings.seed)}
-    for mode in MODES if settings.size is not Size.SHORT else ("position",):
+    for mode in MODES if not settings.short else ("position",):
         played = SlideJob(f"{OVER}-{mode}", path=path, seed=settings.seed)
         jobs[mode, "over"] = played
-        if settings.size is not Size.SHORT:
+        if not settings.short:
             jobs[mode, "flat"] = replace(played, surfaces=surfaces)
     done = slide_all(list(jobs.values()), settings, (0.0, 0.2), "three ways over bar and block")
     return {("impedance", "flat"): flat, **dict(zip(jobs, done, strict=True))}
@@ -125,7 +114,7 @@ def _table_of_slides(found: dict[tuple[str, str], Slide]) -> ResultTable:
     for (way, surface), run in sorted(found.items()):
         deviation = _deviation(found, way) if surface == "over" else None
         rows.append([way, surface, round(100.0 * run.contact, 1), deviation, run.peak, _outcome(run)])
-    return table_of(
+    return ResultTable(
         "The same slide, controlled in three ways, over the flat table and over bar and block under the sheet",
         ("controlled by", "surface", "in contact [%]", "RMS dev. of y [m]", "peak force [N]", "how it ends"),
         rows,
@@ -229,8 +218,7 @@ DIFFERENCES = """
 
 def picture_of_slides(found: Mapping[tuple[str, str], Slide]) -> Plot:
     """Draws the hands' paths over the surface, y and the force over time."""
-    figure = Figure(figsize=(8.0, 8.5), layout="constrained")
-    path, along, force = figure.subplots(3, 1)
+    figure, (path, along, force) = panels((8.0, 8.5), 3, 1)
     surface_y, surface_z = _surface()
     path.fill_between(surface_y, surface_z, -320.0, color="0.85", label="sheet at rest over bar and block")
     for (way, surface), run in found.items():
@@ -278,8 +266,7 @@ def _surface() -> tuple[list[float], list[float]]:
 
 def picture_of_errors(found: Robustness) -> Plot:
     """Draws contact against the errors of the map, and how deviations and forces are distributed."""
-    figure = Figure(figsize=(8.0, 5.6), layout="constrained")
-    (height, slope), (deviation, peak) = figure.subplots(2, 2)
+    figure, ((height, slope), (deviation, peak)) = panels((8.0, 5.6), 2, 2)
     for way, runs in found.slides.items():
         colour, errors = MODE_COLOURS[way], found.errors[: len(runs)]
         contact = [100.0 * run.contact for run in runs]

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_experiments.terrain_slides import Slide, SlideJob, deviation_along_y, slide_all
-from impedance_experiments.thesis_page import Cell, ResultTable, Settings, table_of
+from impedance_experiments.thesis_page import Cell, ResultTable, Settings
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
@@ -163,7 +163,7 @@ def robustness_table(found: Robustness) -> ResultTable:
                 _quantiles(peaks, "{:.0f}"),
             ]
         )
-    return table_of(
+    return ResultTable(
         f"Wrong maps: height up to {1000 * HEIGHT:.0f} mm, tilts up to {np.degrees(TILT):.0f} degrees about x "
         f"and y, stiffness {STIFFNESS[0]:g} to {STIFFNESS[1]:g} N/m; 32 cm to the left. {found.redrawn} tables stood "
         "over where the hand starts and were drawn again. Median (10 % to 90 %)",
@@ -211,7 +211,7 @@ def friction_table(settings: Settings) -> tuple[ResultTable, dict[float, float]]
         "peak force [N]",
     )
     caption = f"Controlled by the springs over bar and block: what friction does (tank of {LARGE_TANK:g} J)"
-    return table_of(caption, columns, rows), found
+    return ResultTable(caption, columns, rows), found
 
 
 def _friction_job(task: str, friction: float, patch: Path | None, seed: int) -> SlideJob:
@@ -276,7 +276,7 @@ def _position_table(runs: Mapping[tuple[str, float], Slide], spec: PlaybackSpec)
             )
         rows.append([*row, float(run.away.max()), run.peak])
     columns = (f"{tolerance:g} rad" for tolerance in TOLERANCES)
-    return table_of(
+    return ResultTable(
         f"Position playback: where it stops, by tolerance (fixed: {spec.position_tolerance:g} rad) and collision "
         "thresholds; - plays to the end",
         ("collision thresholds", *columns, "largest distance [rad]", "peak force [N]"),
@@ -296,7 +296,7 @@ def _velocity_table(runs: Mapping[tuple[str, float], Slide], flat: Slide) -> Res
         ]
         for factor in SENSITIVITIES
     ]
-    return table_of(
+    return ResultTable(
         "Velocity playback by collision thresholds; deviation from the taught slide",
         (
             "collision thresholds",

@@ -32,7 +32,9 @@ class Experiment:
         reproduce: Callable[[Settings], Page] = import_module(
             f"impedance_experiments.{self.module}"
         ).reproduce
-        return reproduce(settings)
+        page = reproduce(settings)
+        settings.on_progress(1.0, "done")
+        return page
 
 
 _ALL: tuple[Experiment, ...] = (

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -39,8 +40,8 @@ class ResultTable:
     """A table of results; cells that are numbers are printed to four digits."""
 
     caption: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,10 @@ class Page:
     facts: Mapping[str, float] = field(default_factory=dict)
 
 
-def table_of(caption: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> ResultTable:
-    """Builds a table from any sequences."""
-    return ResultTable(caption, tuple(columns), tuple(tuple(row) for row in rows))
+def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Begins a drawing of some size [inches]; returns it and its axes, as ``Figure.subplots`` gives them."""
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
 
 
 class Size(Enum):
@@ -103,6 +105,11 @@ class Settings:
     seed: int
     work: Path
     on_progress: Callable[[float, str], None]
+
+    @property
+    def short(self) -> bool:
+        """Whether a test runs it, in seconds."""
+        return self.size is Size.SHORT
 
     def choose(self, short: int, normal: int, full: int) -> int:
         """Returns the number of runs, samples or steps that belongs to the size."""

@@ -13,11 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impedance_experiments.task_run import EVERY, PushTrace, first_pushes, full_strength, trace_pushed
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.modules.damping import phase_damping
@@ -62,7 +61,6 @@ def reproduce(settings: Settings) -> Page:
     """Pushes a box in both hands and lays what it answers beside the arms' sum."""
     axes = settings.choose(1, 6, 6)
     found = _push_all(settings, axes)
-    settings.on_progress(1.0, "done")
     return Page(
         summary=_summary(found),
         comparisons=_comparisons(found),
@@ -185,13 +183,12 @@ def _matrix(name: str, matrix: Array) -> ResultTable:
     rows: list[list[Cell]] = [
         [AXES[i], *(round(float(value), 3) + 0.0 for value in row)] for i, row in enumerate(matrix)
     ]
-    return table_of(name, ("", *AXES), rows)
+    return ResultTable(name, ("", *AXES), rows)
 
 
 def _picture(found: _Found) -> Plot:
     """Draws what the box did under the pushes, and where the sums say it should have come."""
-    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
-    top, middle, bottom = figure.subplots(3, 1)
+    figure, (top, middle, bottom) = panels((9.0, 8.0), 3, 1)
     springs, dampers, free = found.traces
     expected = _expected(found, springs)
     for axis in range(3):

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impedance_experiments.task_run import PushTrace, first_pushes, only_arm, patch_of, trace_pushed
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, table_of
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.effects.apply import apply_to_plant
@@ -74,7 +74,6 @@ def reproduce(settings: Settings) -> Page:
         assembly = first_pushes(assembly, pushes, SWING + 0.3)
         traces[name] = trace_pushed(assembly, only_arm(assembly), seed=settings.seed, noise=True)
         measured[name] = [_measured(traces[name], push) for push in assembly.task.pushes]
-    settings.on_progress(1.0, "done")
     start = assembly.task.pushes[0].start
     shift = _rest(traces["water"], start) - _rest(traces["air"], start)
     return Page(
@@ -228,7 +227,7 @@ def _table(measured: dict[str, list[PushResponse]], linear: dict[str, LinearPred
         "back after, predicted [s]",
         "on the plant [s]",
     )
-    return table_of("What the hand feels like", columns, rows)
+    return ResultTable("What the hand feels like", columns, rows)
 
 
 def _facts(
