@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs on a robot in real time: lost states, calibrated mounts, extra columns; replayed bit for bit."""
 
-from __future__ import annotations
-
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -85,9 +82,7 @@ def test_the_model_has_the_mount_that_was_found(assembly: Assembly) -> None:
     assert np.array_equal(*left)
 
 
-def test_a_run_with_gaps_is_replayed_bit_for_bit_on_the_mounts_it_had(
-    assembly: Assembly, tmp_path: Path
-) -> None:
+def test_a_run_with_gaps_is_replayed_bit_for_bit_on_the_mounts_it_had(assembly, tmp_path) -> None:
     robot = LossyRobot(sim_backend(assembly, 0))
     out = tmp_path / "run"
     options = RunOptions(out=out, seed=0, duration=4.0, live=False, read_only=False, backend="sim")
@@ -111,9 +106,7 @@ def test_a_run_with_gaps_is_replayed_bit_for_bit_on_the_mounts_it_had(
             verify(other, lambda part: None)
 
 
-def test_a_robot_that_cannot_be_started_leaves_no_episode_and_is_released(
-    assembly: Assembly, tmp_path: Path
-) -> None:
+def test_a_robot_that_cannot_be_started_leaves_no_episode_and_is_released(assembly, tmp_path) -> None:
     robot = LossyRobot(sim_backend(assembly, 0))
 
     def broken() -> FirstState:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The user's path through the command line: check, run, look, replay; and every way to get it wrong."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

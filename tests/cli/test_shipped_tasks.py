@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Every shipped task does what its first lines say, on a plant with noise."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Contact judged from what the hands feel: made, lost, reported, and by how much it was missed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

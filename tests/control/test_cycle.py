@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The control cycle: the same as Python and as machine code, through phases, starvation and gaps; what it reports."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import replace
 from itertools import product
@@ -193,7 +191,7 @@ def test_a_cycle_that_filters_nothing_reports_no_change(pair, solver: str) -> No
     fast[1] = 1.2 * assembly.limits.velocity_max[1]
     too_fast = RobotState(0.001, at_rest.position, fast, still)
     lost = replace(too_fast, velocity=np.full_like(fast, np.nan))
-    for ends in (lambda c: c.tick(lost), lambda c: c.miss(), lambda c: c.brake(at_rest, still)):
+    for ends in (lambda c: c.tick(lost), lambda c: c.miss(), lambda c: c.brake(at_rest)):
         controller = Controller(assembly)
         controller.start(FirstState(at_rest, still), assembly.task.phases[0])
         assert controller.tick(too_fast) == 0

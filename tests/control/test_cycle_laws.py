@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Laws of a control cycle: energy booked in full, dampers on the motors, the filter's optimum, the recorded row."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How a run begins on a robot that stands beside the start: no torque, no push, nothing that the tank did not pay."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """States that come late, are overtaken by the next, or are lost: the books stay true, and lateness costs nothing."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from pathlib import Path
 

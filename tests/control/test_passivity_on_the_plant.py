@@ -7,8 +7,6 @@ The plant integrates the left side itself, in steps a quarter of a millisecond l
 ever saw; the right side is what the ledger in the loop claims. Run with ``-s`` to see the numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What watches a run works on blocks and stacks: each agrees with the same thing done one by one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@ when told to. After every run the same is checked: every torque finite and withi
 ``finish`` called once, a reason in the messages.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -184,8 +182,8 @@ def test_state_that_is_not_finite_stops(assembly: Assembly, name: str, bad: floa
     stopped(outcome, "state not finite")
     braking = [effort for at, effort in outcome.robot.sent if at >= 100]
     assert 1 <= len(braking) <= 30
-    calm = 0.5 * assembly.limits.effort_max / assembly.limits.velocity_max * 0.31
-    assert all((np.abs(effort) <= calm).all() for effort in braking)
+    # Nobody has seen the motion since the stop began: nothing pushes against what may not be there.
+    assert not np.any(braking)
 
 
 def test_one_bad_state_is_enough_and_the_arm_brakes_on_the_sound_ones_after_it(assembly: Assembly) -> None:
@@ -375,8 +373,8 @@ def test_stop_after_the_law_has_run_books_the_interval_once(assembly: Assembly) 
                 controller.solver = BrokenSolver(failed("on purpose", 1))
             return tick(state)
 
-        def braking(state: RobotState | None, effort: np.ndarray) -> int:
-            status = brake(state, effort)
+        def braking(state: RobotState | None) -> int:
+            status = brake(state)
             seen.append(controller.tank.pending.copy())
             return status
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A recording's background work pauses while a control loop computes, and never for ever."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

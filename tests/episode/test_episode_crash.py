@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whatever ends a run, at most its last second is lost, and a stock Parquet reader reads the rest."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An episode says what was recorded, no more and no less, and a bad file is refused with a reason."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

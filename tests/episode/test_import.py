@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Foreign logs become episodes: what was written comes back, in SI units, at the joints."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """ROS recordings become episodes: every container, joints by name, several publishers, one clock."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

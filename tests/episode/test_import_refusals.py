@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the import refuses: each time with the place, the reason and what would be valid, and nothing written."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

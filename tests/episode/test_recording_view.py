@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The rerun recording and the picture show what the run was, and never cost the run anything."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

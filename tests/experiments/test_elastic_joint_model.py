@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One series-elastic joint: ports, limits, and the same joint as the sampled model of whole arms sees it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm

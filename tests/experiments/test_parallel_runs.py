@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Many runs of an experiment: kept in a folder, and not done again by the same program."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

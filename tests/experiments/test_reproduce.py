@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``impedance reproduce``: the list, the pages it writes, and what it refuses."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

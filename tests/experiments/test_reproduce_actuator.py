@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The thesis's chapter 3 in short form: the numbers behind the pages."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Experiments on the arms: feel of one arm, limits of stiffness, two arms on a box, folding links, water."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

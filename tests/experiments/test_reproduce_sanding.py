@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sanding at its shortest: held by splinters and free again, roughness told apart, the rule, and the end of a task."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Task 1 of the thesis in short form: who keeps contact, and what the hand learns of the sheet."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Baxter's model agrees with two independent sources and with the numbers people have published."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import xml.etree.ElementTree as ET
 from functools import cache

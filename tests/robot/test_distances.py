@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Distance rows are true derivatives, and a pair that is left alone cannot matter meanwhile."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

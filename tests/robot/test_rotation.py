@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rotations against pinocchio and scipy, from nothing to half a turn, as Python and as machine code."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Arms of one, two or three joints are checked, analysed and run like any other."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A second robot reads the same way: six joints, other names, one rigid joint, exactly mirrored."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -104,9 +102,7 @@ def test_inertias_are_mirrored_not_equal_and_physical() -> None:
     ],
     ids=["hold", "wipe"],
 )
-def test_postures_of_the_comment(
-    posture: tuple[float, ...], position: tuple[float, ...], pointing: tuple[float, ...]
-) -> None:
+def test_postures_of_the_comment(posture, position, pointing) -> None:
     """The postures that robot.yaml recommends put the palm where it says, away from singularities."""
     data, q = MODEL.createData(), np.zeros(MODEL.nq)
     q[indices("port")] = posture

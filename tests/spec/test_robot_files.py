@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A wrong robot file is refused: everything wrong at once, each at its place, with what would be right."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -137,9 +135,7 @@ CASES = [
 @pytest.mark.parametrize(
     ("file", "old", "new", "fragments"), CASES, ids=[f"{c[0][:5]}-{c[2][:40]}" for c in CASES]
 )
-def test_refused_with_what_would_be_valid(
-    tmp_path: Path, file: str, old: str, new: str, fragments: tuple[str, ...]
-) -> None:
+def test_refused_with_what_would_be_valid(tmp_path, file, old, new, fragments) -> None:
     refusal = broken(tmp_path, file, old, new)
     for fragment in fragments:
         assert fragment in str(refusal)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Task files: the design's example, every broken fixture, finding tasks and robots."""
 
-from __future__ import annotations
-
 import functools
 import re
 import shutil

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ten thousand mutated task files: each is a TaskSpec or a located, readable complaint, never a traceback."""
 
-from __future__ import annotations
-
 import copy
 import functools
 import json

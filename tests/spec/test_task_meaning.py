@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The rules of meaning of a task file as laws: matrices, mirror images, undamped axes."""
 
-from __future__ import annotations
-
 import functools
 import json
 import pickle

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The task schema: every leaf explains itself, unknown keys are refused, editors find it."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 

@@ -4,8 +4,6 @@
 The simulated Baxter runs in a process of its own; its event log, on its own clock, is the evidence.
 """
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess
@@ -81,9 +79,7 @@ def kill(process: subprocess.Popen[str]) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("result", ["hold", "disable", "float"])
 @again_when_busy
-def test_the_robots_time_out_acts_when_the_controller_is_killed(
-    tmp_path: Path, master: str, result: str
-) -> None:
+def test_the_robots_time_out_acts_when_the_controller_is_killed(tmp_path, master, result) -> None:
     with running(tmp_path, master, "--time-out-result", result) as (robot, process):
         kill(process)
         reaction = robot.wait_for(f"no command for {TIME_OUT:g} s: {result}")
@@ -180,9 +176,7 @@ REFUSED = [
 
 @pytest.mark.long
 @pytest.mark.parametrize(("options", "reason"), REFUSED, ids=[reason for _, reason in REFUSED])
-def test_an_unfit_robot_is_refused_before_anything_is_sent(
-    tmp_path: Path, master: str, options: list[str], reason: str
-) -> None:
+def test_an_unfit_robot_is_refused_before_anything_is_sent(tmp_path, master, options, reason) -> None:
     with simulator(tmp_path, master, *options) as robot:
         run = impedance(
             *("run", "soft-hold", "--backend", "baxter", "--rate", str(RATE), "--out", str(tmp_path / "run"))
@@ -194,9 +188,7 @@ def test_an_unfit_robot_is_refused_before_anything_is_sent(
 
 @pytest.mark.long
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_limits_that_disagree_are_refused_before_anything_is_sent(
-    tmp_path: Path, master: str, transport: str
-) -> None:
+def test_limits_that_disagree_are_refused_before_anything_is_sent(tmp_path, master, transport) -> None:
     with simulator(tmp_path, master, "--posture", "soft-hold", "--enabled") as robot:
         client = MasterClient(master, "/somebody")
         served = str(client.get_parameter("/robot_description"))

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Messages: the checksums of real robots, the same bytes as ROS, every message back as it went."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import struct

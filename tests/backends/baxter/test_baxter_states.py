@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """States merged by name, the robot's clock, and what is kept of SEAJointState."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

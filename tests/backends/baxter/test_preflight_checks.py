@@ -4,8 +4,6 @@
 On a robot with parallel springs at its shoulders, a task that waits for contact is refused until the model has them.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The simulated Baxter against the facts about the real robot: modes, time-outs, power, collisions, topics, faults."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ The comparison runs the same YAML on the plant and, over ROS, on the simulated B
 The tanks are made ample: what lost samples cost is tested in tests/control.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -92,9 +90,7 @@ def with_an_ample_tank(task: str, folder: Path) -> str:
 
 @pytest.mark.long
 @pytest.mark.parametrize("task", without_surroundings() if os.environ.get("EVERY_TASK") else THREE)
-def test_a_task_moves_the_simulated_baxter_as_it_moves_the_plant(
-    task: str, master: str, tmp_path: Path
-) -> None:
+def test_a_task_moves_the_simulated_baxter_as_it_moves_the_plant(task, master, tmp_path) -> None:
     simulated, file = tmp_path / "sim", with_an_ample_tank(task, tmp_path)
     run = impedance("run", file, "--rate", str(RATE), "--out", str(simulated))
     assert run.returncode == 0, run.stdout + run.stderr

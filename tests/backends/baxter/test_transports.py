@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One contract for three transports (in process, sockets, rospy), and nodes that end, return or answer wrongly."""
 
-from __future__ import annotations
-
 import re
 import signal
 import socket
