@@ -16,6 +16,7 @@ from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules, build_modules
 from impedance_modules.robot.model import RobotModel
+from impedance_modules.safety.brake import BrakeGains, brake_gains, trusted_motor_damping
 from impedance_modules.safety.limits import FilterLimits, braking_deceleration, limits_of
 from impedance_modules.safety.motor_port import sensing_deviation, sensing_error, spring_compliances
 from impedance_modules.safety.tank import TankSettings
@@ -60,6 +61,7 @@ class Assembly:
     arm: str | None
     tank: TankSettings
     limits: FilterLimits
+    brake: BrakeGains
 
     @property
     def period(self) -> float:
@@ -102,6 +104,7 @@ def assemble(
     used_rate = _checked_rate(robot, rate)
     model = RobotModel(robot)
     modules = build_modules(task, model)
+    inertia = largest_inertia(model, modules.posture)
     return Assembly(
         task=task,
         robot=robot,
@@ -112,7 +115,8 @@ def assemble(
         scale=scale,
         arm=arm,
         tank=_tank_settings(task, model, used_rate),
-        limits=_filter_limits(model, modules, used_rate),
+        limits=_filter_limits(model, inertia, used_rate),
+        brake=_brake_gains(model, inertia, used_rate),
     )
 
 
@@ -149,16 +153,19 @@ def _tank_settings(task: TaskSpec, model: RobotModel, rate: float) -> TankSettin
     )
 
 
-def _filter_limits(model: RobotModel, modules: TaskModules, rate: float) -> FilterLimits:
-    effort = model.column("effort_max")
-    inertia = largest_inertia(model, modules.posture)
+def _filter_limits(model: RobotModel, inertia: Array, rate: float) -> FilterLimits:
     return limits_of(
         model.joints,
         model.spec.timing,
         rate=rate,
-        deceleration=braking_deceleration(effort, inertia),
+        deceleration=braking_deceleration(model.column("effort_max"), inertia),
         margin=model.spec.collision.margin,
     )
+
+
+def _brake_gains(model: RobotModel, inertia: Array, rate: float) -> BrakeGains:
+    damping = trusted_motor_damping(model.column("motor_damping"), model.reflected_inertia)
+    return brake_gains(damping, inertia, 1.0 / rate, delay_periods(model.spec, rate))
 
 
 def largest_inertia(model: RobotModel, posture: Array) -> Array:

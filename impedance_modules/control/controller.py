@@ -31,6 +31,7 @@ from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.active_set import CERTIFIED, INSIDE, UNDECIDED, make_active_set
+from impedance_modules.safety.brake import apply_brake, make_brake
 from impedance_modules.safety.filter_problem import FilterLayout, FilterState, make_problem
 from impedance_modules.safety.solvers import FilterSolution, make_solver
 from impedance_modules.safety.tank import Tank, fill, make_tank, measure, missed, release_springs
@@ -188,15 +189,15 @@ class Controller:
         return int(laws.limit_effort(self.cycle, False))
 
     def relax(self) -> None:
-        """Lets go of all springs, for a stop: what they hold goes back to the tank."""
+        """Begins a stop: lets go of all springs, what they hold goes back to the tank, and applies the brake."""
         release_springs(self.cycle.tank)
+        apply_brake(self.cycle.brake, self.cycle.tank.motor_position)
 
-    def brake(self, state: RobotState | None, effort: Array) -> int:
+    def brake(self, state: RobotState | None) -> int:
         """Books a stop's interval, unless that is done, and a braking torque; springs are relaxed by then.
 
         Args:
             state: Of this cycle; None where ``miss`` has booked a cycle without one.
-            effort: (n,) braking torque [N.m].
 
         Returns:
             0; the torque that may leave is ``effort``.
@@ -205,8 +206,7 @@ class Controller:
         if state is not None and state is not self._booked:
             measure(self.cycle.tank, state.position, state.effort, 0.0)
             self._booked = state
-        self.cycle.effort[:] = effort
-        return int(laws.limit_effort(self.cycle, True))
+        return int(laws.brake(self.cycle))
 
     def miss(self) -> None:
         """Books a cycle without a usable state."""
@@ -252,7 +252,7 @@ class Controller:
         twin.miss()
         twin.tick(first.state)
         twin.relax()
-        twin.brake(first.state, np.zeros(self.layout.n))
+        twin.brake(first.state)
 
     def _begin(self, phase: PhaseSpec, modules: TaskModules, last: PhaseMotion | None) -> None:
         start = start_equilibrium(modules) if last is None else last.at(self.clock)
@@ -343,6 +343,7 @@ def _make_cycle(
         motor=motor,
         modules=lay_out(assembly.modules, n),
         tank=make_tank(assembly.tank),
+        brake=make_brake(assembly.brake, assembly.period, assembly.limits.effort_max),
         limits=assembly.limits,
         state=state,
         problem=make_problem(layout, assembly.limits.effort_max, arms.coupled, arms.moved_by),

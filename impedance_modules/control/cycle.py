@@ -27,6 +27,7 @@ from impedance_modules.modules.sum import Modules, potential_energy, sum_modules
 from impedance_modules.records import Integer, Record, Scalar, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.safety.active_set import UNDECIDED, ActiveSet, solve
+from impedance_modules.safety.brake import Brake, brake_effort, slip_to
 from impedance_modules.safety.filter_problem import FilterProblem, FilterState
 from impedance_modules.safety.limits import FilterLimits
 from impedance_modules.safety.metric import write_metric
@@ -47,6 +48,7 @@ class Cycle(Record):
         motor: Velocity of the motors.
         modules: What is in force, and what it asks for.
         tank: The energy ledger.
+        brake: Of a stop.
         limits, state, problem, active: Of the torque filter; ``state`` holds the positions and velocities.
         effort: (n,) torque that may leave [N.m].
         previous: (n,) torque of the last cycle [N.m]; the filter's ``state`` looks at it.
@@ -63,6 +65,7 @@ class Cycle(Record):
     motor: MotorVelocity
     modules: Modules
     tank: Tank
+    brake: Brake
     limits: FilterLimits
     state: FilterState
     problem: FilterProblem
@@ -154,3 +157,12 @@ def limit_effort(cycle: Cycle, stopping: bool) -> int:
     cycle.previous[:] = cycle.effort
     cycle.status = FINE
     return FINE
+
+
+@compiled
+def brake(cycle: Cycle) -> int:
+    """The torque of a stop at the motors' last measured position, in ``cycle.effort``; returns the status."""
+    brake_effort(cycle.brake, cycle.tank.motor_position, cycle.effort)
+    status = limit_effort(cycle, True)
+    slip_to(cycle.brake, cycle.effort)
+    return status

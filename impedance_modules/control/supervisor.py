@@ -27,8 +27,8 @@ from impedance_modules.safety.stop_levels import (
     Occurrence,
     StopLevel,
     StopLimits,
-    damping_effort,
     escalate,
+    stop_reason,
     watch_time,
 )
 
@@ -39,9 +39,6 @@ LOOKS = 100.0
 
 BEYOND_LIMIT = 0.02
 """A joint this far outside its range in spite of the filter's rows stops the run [rad]."""
-
-BRAKING_SHARE = 0.5
-"""A stop brakes with this share of a joint's torque limit at its declared top speed."""
 
 
 class Ending(Enum):
@@ -90,7 +87,6 @@ class Supervisor:
         self._velocity: Array = np.zeros(assembly.model.n)
         self._time = 0.0
         limits = assembly.limits
-        self._braking = np.diag(BRAKING_SHARE * limits.effort_max / limits.velocity_max)
         self._low = limits.position_min - BEYOND_LIMIT
         self._high = limits.position_max + BEYOND_LIMIT
         self.stop_limits = stop_limits(assembly.period)
@@ -193,8 +189,11 @@ class Supervisor:
         """Stops for a joint outside its range, or leaves the state to be looked at further."""
         outside = (state.position < self._low) | (state.position > self._high)
         if outside.any():
-            names = np.array(self.assembly.model.joint_names)[outside]
-            return [Occurrence(Event.POSITION_LIMIT, None, f"{', '.join(names)} beyond the joint's range")]
+            names = self.assembly.model.joint_names
+            return [
+                Occurrence(Event.POSITION_LIMIT, self._arm_of(j), f"{names[j]} beyond the joint's range")
+                for j in np.flatnonzero(outside)
+            ]
         self._unseen = state
         return []
 
@@ -236,29 +235,29 @@ class Supervisor:
         self._speeds = self._arm_speeds(self._velocity)
         before = self.decisions
         self.decisions = escalate(before, events, self._speeds, self.assembly.period, self.stop_limits)
-        hardest = max(self.decisions.values(), key=lambda decision: decision.stop_level)
-        self._hardest = hardest.stop_level
-        if hardest.stop_level < StopLevel.DAMP:
+        self._hardest = max(decision.stop_level for decision in self.decisions.values())
+        if self._hardest < StopLevel.DAMP:
             return None
-        if hardest.reason != max(before.values(), key=lambda decision: decision.stop_level).reason:
-            self._say(self._time, hardest.reason)
-        self.reason = hardest.reason
-        if hardest.stop_level > StopLevel.DAMP:
+        self.reason = stop_reason(self.decisions)
+        if self.reason != stop_reason(before):
+            self._say(self._time, self.reason)
+        if self._hardest > StopLevel.DAMP:
             self.ending = Ending.INTERRUPTED if self._interrupted else Ending.STOPPED
             return None
         if entering:
             self.controller.relax()
-        return self._brake(state if sound else None)
-
-    def _brake(self, state: RobotState | None) -> Array | None:
-        """Damps every joint of every arm; without a sound state, on the last velocity seen."""
-        effort = damping_effort(self._braking, self._velocity, self.assembly.limits.effort_max)
-        return self.controller.effort if self.controller.brake(state, effort) == 0 else None
+        return self.controller.effort if self.controller.brake(state if sound else None) == 0 else None
 
     def _overspeed(self, joint: int) -> Occurrence:
         name = self.assembly.model.joint_names[joint]
         bound = self.assembly.limits.velocity_max[joint]
-        return Occurrence(Event.OVERSPEED, None, f"motor of {name} beyond its declared {bound:g} rad/s")
+        detail = f"motor of {name} beyond its declared {bound:g} rad/s"
+        return Occurrence(Event.OVERSPEED, self._arm_of(joint), detail)
+
+    def _arm_of(self, joint: int) -> str | None:
+        """Names the arm that a joint belongs to; None where that arm takes no part in the task."""
+        owners = (arm.limb.name for arm in self.assembly.modules.arms if joint in arm.limb.joints)
+        return next(owners, None)
 
     def _arm_speeds(self, velocity: Array) -> dict[str, float]:
         return {

@@ -6,7 +6,7 @@ in every stop and in a late cycle. SCALE is not a stop (the tank slows the task,
 ends with its cause. The three stops never go back: only a new run does, from the measured pose, when a
 person asks for it.
 
-DAMP is torque -D v (``damping_effort``), covered by the tank with its floor released; it becomes HOLD
+DAMP is the torque of ``safety.brake``, covered by the tank with its floor released; it becomes HOLD
 when the arm is at rest, when its time is up, or when the speed grows instead of decaying. HOLD is the robot's
 own position mode. RELEASE is zero torque; the robot's own gravity compensation remains.
 
@@ -15,7 +15,7 @@ own position mode. RELEASE is zero torque; the robot's own gravity compensation 
 | tank_low | scale | - | the tank covers part of the torque; the task slows down |
 | late_cycle | scale | - | this torque is dropped, no two commands catch up; the ledger books ``missed`` |
 | late_cycles | damp | full | too many in a second: the loop does not keep its rate |
-| stale_state | damp | brief | no state for some periods: the last velocity is only good for a moment |
+| stale_state | damp | brief | no state for some periods: the brake only relaxes |
 | state_not_finite | damp | brief | likewise |
 | effort_not_finite | damp | full | the law failed, the state is sound |
 | solver_failed | damp | full | unfiltered torque never leaves |
@@ -41,10 +41,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
-
-import numpy as np
-
-from impedance_modules.records import Matrix, Vector
 
 
 class StopLevel(IntEnum):
@@ -110,7 +106,7 @@ LEVEL_OF: Mapping[Event, StopLevel] = {
 }
 
 BLIND: frozenset[Event] = frozenset({Event.STALE_STATE, Event.STATE_NOT_FINITE})
-"""Events after which the velocity is not known: braking is brief."""
+"""Events after which the motion is not known: the brake relaxes, and soon a hold follows."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +114,8 @@ class StopLimits:
     """Thresholds of the stop levels.
 
     Attributes:
-        damping_time: Longest braking on a sound velocity [s].
-        blind_damping_time: Longest braking on the last velocity seen [s].
+        damping_time: Longest braking while states come [s].
+        blind_damping_time: Longest braking without a state [s].
         rest_speed: Every joint below this counts as at rest [rad/s].
         speed_growth: Braking ends in a hold when the speed exceeds this many times its value at the start.
         late_cycles: More late cycles than this in a second stop the arms.
@@ -163,6 +159,7 @@ class Decision:
         seconds: Time at this level [s].
         braking: Longest time in DAMP [s]; None at other levels.
         entry_speed: Largest joint speed when DAMP began [rad/s]; None at other levels.
+        event: What began the stop; None where there is none.
     """
 
     stop_level: StopLevel
@@ -171,6 +168,7 @@ class Decision:
     seconds: float
     braking: float | None
     entry_speed: float | None
+    event: Event | None = None
 
 
 RUNNING = Decision(StopLevel.RUN, "", discard=False, seconds=0.0, braking=None, entry_speed=None)
@@ -266,10 +264,11 @@ def _entered(last: Decision, cause: Occurrence, speed: float, limits: StopLimits
     """The first cycle of a stop; an earlier stop's reason stays in front."""
     target = LEVEL_OF[cause.event]
     reason = f"{last.reason}; {_reason(cause)}" if last.stop_level >= StopLevel.DAMP else _reason(cause)
+    event = cause.event if last.event is None else last.event
     if target > StopLevel.DAMP:
-        return Decision(target, reason, True, 0.0, None, None)
+        return Decision(target, reason, True, 0.0, None, None, event)
     braking = limits.blind_damping_time if cause.event in BLIND else limits.damping_time
-    return Decision(target, reason, True, 0.0, braking, speed)
+    return Decision(target, reason, True, 0.0, braking, speed, event)
 
 
 def _braked(now: Decision, going_blind: bool, speed: float, limits: StopLimits) -> Decision:
@@ -285,25 +284,16 @@ def _braked(now: Decision, going_blind: bool, speed: float, limits: StopLimits) 
         end = f"speed grew to {speed:.3f} rad/s"
     else:
         return replace(now, braking=braking)
-    return Decision(StopLevel.HOLD, f"{now.reason}; {end} -> hold", True, 0.0, None, None)
+    reason = f"{now.reason}; {end} -> hold"
+    return Decision(StopLevel.HOLD, reason, True, 0.0, None, None, now.event)
 
 
-def damping_effort(damping: Matrix, v: Vector, effort_max: Vector) -> Vector:
-    """Brakes all joints without pushing anywhere, so that a stop only ever takes energy.
+def stop_reason(decisions: Mapping[str, Decision]) -> str:
+    """Why the arms stop: the arm that caused it, what it did, and what followed.
 
-    ``tau = -s D v``, s in (0, 1] the largest that keeps every ``|tau_i| <= effort_max_i``. One s for all
-    joints keeps the direction, so ``tau . v = -s v^T D v <= 0``; clipping joint by joint would not
-    promise that.
-
-    Args:
-        damping: (n, n) symmetric positive semidefinite joint damping D_j [N.m.s/rad].
-        v: (n,) last measured joint velocity [rad/s].
-        effort_max: (n,) [N.m].
-
-    Returns:
-        (n,) [N.m].
+    An arm that stops because the other one did is named only where it went further than the cause.
     """
-    effort = -(damping @ v)
-    excess = float(np.max(np.abs(effort) / effort_max, initial=1.0))
-    scaled: Vector = effort / excess
-    return scaled
+    hardest = max(decisions.values(), key=lambda decision: decision.stop_level)
+    causes = [decision for decision in decisions.values() if decision.event not in (None, Event.OTHER_ARM)]
+    own = max(causes, key=lambda decision: decision.stop_level, default=hardest)
+    return own.reason if own.stop_level == hardest.stop_level else f"{own.reason}; {hardest.reason}"

@@ -6,6 +6,7 @@ SAFETY = "impedance_modules/safety/"
 TANK, PORT, LIMITS = SAFETY + "tank.py", SAFETY + "motor_port.py", SAFETY + "limits.py"
 ROWS, METRIC, ACTIVE = SAFETY + "rows.py", SAFETY + "metric.py", SAFETY + "active_set.py"
 PROBLEM, STOP, ATTRIBUTE = SAFETY + "filter_problem.py", SAFETY + "stop_levels.py", SAFETY + "attribute.py"
+BRAKE = SAFETY + "brake.py"
 NORMAL, DAQP = SAFETY + "solvers/normal_form.py", SAFETY + "solvers/daqp_solver.py"
 
 T = "tests/safety/test_"
@@ -21,7 +22,26 @@ TESTS = {
     ATTRIBUTE: (T + "filter_attribution.py",),
     NORMAL: (T + "filter.py",),
     DAQP: (T + "filter.py",),
+    BRAKE: (T + "brake.py",),
 }
+
+BRAKE_MUTANTS = (
+    (BRAKE, "(period * (delay + 1) + UNKNOWN_DELAY)", "(period + UNKNOWN_DELAY)"),
+    (BRAKE, "(period * (delay + 1) + UNKNOWN_DELAY)", "(period * (delay + 1))"),
+    (BRAKE, "motor_damping / (LARGEST_GAIN * (", "motor_damping / ((1.0) * ("),
+    (BRAKE, "motor_damping + 2.0 * np.sqrt(inertia * stiffness)", "motor_damping + np.sqrt(inertia * stiffness)"),
+    (BRAKE, "motor_damping + 2.0 * np.sqrt(inertia * stiffness)", "2.0 * np.sqrt(inertia * stiffness)"),
+    (BRAKE, "wanted = -brake.stiffness[i]", "wanted = brake.stiffness[i]"),
+    (BRAKE, "brake.kept[i] * brake.deflection[i] + moved", "brake.deflection[i] + moved"),
+    (BRAKE, "brake.kept[i] * brake.deflection[i] + moved", "brake.kept[i] * (brake.deflection[i] - moved)"),
+    (BRAKE, "        brake.motor_position[i] = motor_position[i]\n", ""),
+    (BRAKE, "    brake.deflection[:] = 0.0\n", ""),
+    (BRAKE, "    brake.motor_position[:] = motor_position\n", ""),
+    (BRAKE, "= -effort[i] / brake.stiffness[i]", "= effort[i] / brake.stiffness[i]"),
+    (BRAKE, "effort[i] = min(max(wanted, -brake.effort_max[i]), brake.effort_max[i])", "effort[i] = wanted"),
+    (BRAKE, "np.exp(-period / gains.relaxation)", "np.exp(-2.0 * period / gains.relaxation)"),
+    (BRAKE, "np.where(reflected_inertia > 0.0, motor_damping, 0.0)", "motor_damping"),
+)
 
 LEDGER_MUTANTS = (
     (TANK, "tank.level -= work + tank.spring_scale", "tank.level += work + tank.spring_scale"),
@@ -197,7 +217,7 @@ STOP_MUTANTS = (
     (STOP, "target >= StopLevel.DAMP and target > last.stop_level", "target >= StopLevel.DAMP"),
     (STOP, "    if last.stop_level >= StopLevel.DAMP:\n        going", "    if last.stop_level > StopLevel.DAMP:\n        going"),
     (STOP, "_reason(events[0]), late, seconds", "_reason(events[0]), False, seconds"),
-    (STOP, "return Decision(target, reason, True, 0.0, braking, speed)", "return Decision(target, reason, False, 0.0, braking, speed)"),
+    (STOP, "return Decision(target, reason, True, 0.0, braking, speed, event)", "return Decision(target, reason, False, 0.0, braking, speed, event)"),
     (STOP, "limits.blind_damping_time if cause.event in BLIND else", "limits.damping_time if cause.event in BLIND else"),
     (STOP, "min(now.braking, now.seconds + limits.blind_damping_time) if", "now.braking if"),
     (STOP, "elif now.seconds >= braking:", "elif now.seconds >= 2.0 * braking:"),
@@ -207,9 +227,9 @@ STOP_MUTANTS = (
     (STOP, "o.arm == arm or o.arm not in decisions]", "o.arm == arm]"),
     (STOP, "late_in_last_second > limits.late_cycles", "late_in_last_second >= limits.late_cycles"),
     (STOP, "state_age >= limits.lost_time", "state_age >= 2.0 * limits.lost_time"),
-    (STOP, "effort = -(damping @ v)", "effort = damping @ v"),
-    (STOP, "scaled: Vector = effort / excess", "scaled: Vector = np.clip(effort, -effort_max, effort_max)"),
-    (STOP, "scaled: Vector = effort / excess", "scaled: Vector = effort"),
+    (STOP, "decision.event not in (None, Event.OTHER_ARM)", "decision.event is not None"),
+    (STOP, "return own.reason if own.stop_level == hardest.stop_level else", "return own.reason if own.stop_level else"),
+    (STOP, "event = cause.event if last.event is None else last.event", "event = cause.event"),
 )  # fmt: skip
 
-MUTANTS = (*LEDGER_MUTANTS, *ROW_MUTANTS, *METRIC_MUTANTS, *ACTIVE_SET_MUTANTS, *STOP_MUTANTS)
+MUTANTS = (*LEDGER_MUTANTS, *ROW_MUTANTS, *METRIC_MUTANTS, *ACTIVE_SET_MUTANTS, *STOP_MUTANTS, *BRAKE_MUTANTS)

@@ -19,8 +19,8 @@ from impedance_modules.safety.stop_levels import (
     Occurrence,
     StopLevel,
     StopLimits,
-    damping_effort,
     escalate,
+    stop_reason,
     watch_time,
 )
 
@@ -196,15 +196,17 @@ def test_clocks_turn_into_events() -> None:
     assert names(False, 0, 0.0, 2.0) == [Event.TANK_STARVED]
 
 
-def test_braking_stays_within_limits_in_one_direction_and_never_drives() -> None:
-    rng = np.random.default_rng(2)
-    for _ in range(300):
-        n = int(rng.integers(1, 8))
-        A = rng.normal(size=(n, n))
-        D, top, v = A @ A.T * 10, rng.uniform(1, 50, n), rng.normal(size=n) * 3
-        tau, wanted = damping_effort(D, v, top), -D @ v
-        assert np.all(np.abs(tau) <= top * (1 + 1e-12))
-        assert tau @ v <= 0
-        scale = np.linalg.norm(tau) / np.linalg.norm(wanted)
-        assert np.allclose(tau, scale * wanted)
-        assert scale == pytest.approx(1.0) or np.max(np.abs(tau) / top) == pytest.approx(1.0)
+def test_the_reason_names_the_arm_that_caused_the_stop_and_what_followed() -> None:
+    running = dict.fromkeys(("left", "right"), RUNNING)
+    cause = Occurrence(Event.OVERSPEED, "right", "motor of right_w2 too fast")
+    stopped = escalate(running, [cause], {"left": 0.001, "right": 2.0}, PERIOD, LIMITS)
+    assert stop_reason(stopped) == "right: overspeed (motor of right_w2 too fast) -> damp"
+    rested = escalate(stopped, [], {"left": 0.001, "right": 2.0}, PERIOD, LIMITS)
+    assert rested["left"].stop_level > rested["right"].stop_level
+    assert stop_reason(rested).startswith("right: overspeed")
+    assert "left: other arm (right stopped)" in stop_reason(rested)
+    lost = escalate(
+        rested, [Occurrence(Event.BACKEND_LOST, None, "gone")], {"left": 0, "right": 0}, PERIOD, LIMITS
+    )
+    assert stop_reason(lost).startswith("right: overspeed")
+    assert stop_reason(running) == ""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Everything that is sent to a Baxter: each command passes ``Stops``, whichever thread asks for it.
 
-``BaxterDriver`` combines ``Stops`` with a ``Commander`` (the publishers) and a ``Watchdog`` (a thread that brakes or
-holds the arms when the control loop or the robot is silent).
+``BaxterDriver`` combines ``Stops`` with a ``Commander`` (the publishers) and a ``Watchdog`` (a thread that sends zero
+torque, then holds the arms, when the control loop or the robot is silent).
 """
 
 from __future__ import annotations
@@ -11,9 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.joint_states import StateSample
 from impedance_modules.backends.baxter.robot_link import RobotCallbacks, RobotLink
@@ -24,8 +22,6 @@ from impedance_modules.backends.baxter.stops import DriveMode, Outgoing, Stops
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
 from impedance_modules.safety.stop_levels import Event
-
-Array = NDArray[np.float64]
 
 ATTACH_TIME = 0.3
 """Wait before the first command: a robot needs about 0.24 s to connect to a new publisher [s]."""
@@ -178,7 +174,7 @@ class BaxterDriver:
 
     def _on_state(self, sample: StateSample) -> None:
         with self._lock:
-            self.stops.on_state(sample.taken, sample.state.position, sample.state.velocity)
+            self.stops.on_state(sample.taken, sample.state.position)
 
     def _on_robot(self, robot: AssemblyState, received: float) -> None:
         with self._lock:

@@ -13,14 +13,14 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.driver import Commander
 from impedance_modules.backends.baxter.joint_states import StateSample
 from impedance_modules.backends.baxter.robot_link import RobotCallbacks, RobotLink
 from impedance_modules.backends.baxter.ros.messages import AssemblyState, Empty
-from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_thresholds
+from impedance_modules.backends.baxter.stops import Stops, stop_thresholds
 from impedance_modules.errors import BadInput, RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
 from impedance_modules.safety.stop_levels import Event
@@ -29,8 +29,6 @@ from impedance_modules.spec.task_reader import read_task
 
 if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import Session
-
-Array = NDArray[np.float64]
 
 ATTACH_TIME = 0.3
 """A robot needs about 0.24 s to subscribe to a new publisher [s]."""
@@ -205,9 +203,7 @@ class PostureMover:
         """
         self._session, self._tucked, self._asked = session, tucked, asked_to_end
         model = session.model
-        thresholds = stop_thresholds(
-            STALE, model.column("effort_max"), model.column("velocity_max"), BRAKING_SHARE
-        )
+        thresholds = stop_thresholds(STALE, model.column("effort_max"))
         self._stops = Stops(thresholds, {name: limb.joints for name, limb in model.limbs.items()})
         self._suppressed_at = -np.inf
 

@@ -18,7 +18,7 @@ from impedance_modules.backends.baxter.preflight_checks import (
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.ros.transport import Transport
 from impedance_modules.backends.baxter.served_description import DescriptionComparison, compare_description
-from impedance_modules.backends.baxter.stops import BRAKING_SHARE, Stops, stop_thresholds
+from impedance_modules.backends.baxter.stops import Stops, stop_thresholds
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec
@@ -93,12 +93,7 @@ class Session:
             refuse_failed(results, commanding=not options.read_only)
 
         check()
-        thresholds = stop_thresholds(
-            1.0 / options.rate,
-            self.model.column("effort_max"),
-            self.model.column("velocity_max"),
-            BRAKING_SHARE,
-        )
+        thresholds = stop_thresholds(1.0 / options.rate, self.model.column("effort_max"))
         stops = Stops(thresholds, {name: limb.joints for name, limb in limbs.items()})
         return BaxterBackend(self.link, limbs, stops, options, check)
 

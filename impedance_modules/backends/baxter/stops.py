@@ -3,10 +3,10 @@
 
 | what happens | what follows |
 |---|---|
-| no state for `stale` | torque -D v on the last velocity for `blind`, then a hold |
+| no state for `stale` | zero torque for `blind`, then a hold |
 | no state for `lost` | hold; nothing else is sent |
-| the controller is silent though states come | likewise braked, then held |
-| a torque that is not finite or beyond a joint's limit | it is never sent; one braking torque, then a hold |
+| the controller is silent though states come | likewise |
+| a torque that is not finite or beyond a joint's limit | it is never sent; zero torque once, then a hold |
 | /robot/state silent for `silent` | hold |
 | disabled, stopped, e-stop | nothing is sent any more, not even a hold |
 | collision felt | hold, for at least `COLLISION_PAUSE` |
@@ -28,16 +28,12 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter.ros.messages import AssemblyState
-from impedance_modules.safety.stop_levels import Event, damping_effort
-
-Array = NDArray[np.float64]
+from impedance_modules.safety.stop_levels import Event
 
 COLLISION_PAUSE = 2.0
 """Time for which the robot itself pauses after a collision; a hold lasts at least as long [s]."""
-
-BRAKING_SHARE = 0.5
-"""The watchdog brakes with this share of a joint's torque limit at its declared top speed, as the supervisor does."""
 
 
 class DriveMode(Enum):
@@ -51,14 +47,13 @@ class DriveMode(Enum):
 
 @dataclass(frozen=True)
 class StopThresholds:
-    """Thresholds, and what braking needs.
+    """Thresholds.
 
     Attributes:
-        stale, blind, lost: Age of the last state from which the arms are braked; how long they are; age from
-            which they are held in any case [s].
+        stale, blind, lost: Age of the last state from which zero torque is sent; for how long; age from
+            which the arms are held in any case [s].
         silent: Age of the last /robot/state at which the robot counts as gone [s].
         effort_max: (n,) largest torque that is sent [N.m].
-        damping: (n, n) of the braking torque [N.m.s/rad].
     """
 
     stale: float
@@ -66,7 +61,6 @@ class StopThresholds:
     lost: float
     silent: float
     effort_max: Array
-    damping: Array
 
 
 @dataclass(frozen=True)
@@ -95,9 +89,7 @@ class StopReason:
     detail: str
 
 
-def stop_thresholds(
-    period: float, effort_max: Array, velocity_max: Array, braking_share: float
-) -> StopThresholds:
+def stop_thresholds(period: float, effort_max: Array) -> StopThresholds:
     """Makes the thresholds of a control period.
 
     A state is stale after three periods, but no less than 30 ms, which is three periods of the slowest rate: at 500 Hz
@@ -106,8 +98,6 @@ def stop_thresholds(
     Args:
         period: Of the control loop [s].
         effort_max: (n,) of the joints [N.m].
-        velocity_max: (n,) of the joints [rad/s].
-        braking_share: Part of its torque limit with which a joint at its top speed is braked.
     """
     return StopThresholds(
         stale=max(3.0 * period, 0.03),
@@ -115,7 +105,6 @@ def stop_thresholds(
         lost=max(0.1, 6.0 * period),
         silent=0.5,
         effort_max=effort_max,
-        damping=np.diag(braking_share * effort_max / velocity_max),
     )
 
 
@@ -148,7 +137,6 @@ class Stops:
         self._thresholds = thresholds
         self._limbs = limbs
         self._position: Array | None = None
-        self._velocity: Array | None = None
         self._taken = -np.inf
         self._robot_seen = -np.inf
         self._off: str | None = "/robot/state was never heard"
@@ -162,13 +150,11 @@ class Stops:
         """Until when a hold must last at least [s]."""
         return self._pause_end
 
-    def on_state(self, taken: float, position: Array, velocity: Array) -> None:
+    def on_state(self, taken: float, position: Array) -> None:
         """A state that was taken at ``taken`` [s]; angles that are not finite change nothing here."""
         if not np.isfinite(position).all():
             return
         self._taken, self._position = taken, position
-        if np.isfinite(velocity).all():
-            self._velocity = velocity
         if self._hold is not None:
             for limb in self._squeezed & set(self._limbs):
                 joints = self._limbs[limb]
@@ -211,7 +197,7 @@ class Stops:
         return None
 
     def torque(self, now: float, effort: Array) -> Outgoing:
-        """Returns what is sent for the controller's torque (n,) [N.m]: that, or braking, or nothing."""
+        """Returns what is sent for the controller's torque (n,) [N.m]: that, zero torque, or nothing."""
         if self.mode is not DriveMode.TORQUE:
             return NOTHING
         self._torque_at = now
@@ -220,11 +206,11 @@ class Stops:
         wrong = self._refused_torque(effort)
         if wrong is not None:
             self._hold_for(Event.TORQUE_REFUSED, wrong)
-            return self._braking()
+            return self._zero_torque()
         return Outgoing(effort, None, tuple(self._limbs))
 
     def watch(self, now: float) -> Outgoing:
-        """Returns what must be sent without a request: braking, a hold, or nothing. Call it every few milliseconds."""
+        """Returns what must be sent without a request: zero torque, a hold, or nothing; call it every few ms."""
         if self.mode is DriveMode.TORQUE:
             return self._watch_torque(now)
         if self.mode is DriveMode.HOLD and self._hold is not None:
@@ -266,7 +252,7 @@ class Stops:
         elif silence > thresholds.stale + thresholds.blind:
             self._hold_for(Event.CONTROLLER_SILENT, f"the controller was silent for {1e3 * silence:.0f} ms")
         elif max(age, silence) > thresholds.stale:
-            return self._braking()
+            return self._zero_torque()
         else:
             return NOTHING
         return self.watch(now)
@@ -281,11 +267,9 @@ class Stops:
             return f"torque {effort[joint]:.3f} N.m of joint {joint} is beyond its limit of {limit:g} N.m"
         return None
 
-    def _braking(self) -> Outgoing:
-        if self._velocity is None:
-            return NOTHING
-        effort = damping_effort(self._thresholds.damping, self._velocity, self._thresholds.effort_max)
-        return Outgoing(effort, None, tuple(self._limbs))
+    def _zero_torque(self) -> Outgoing:
+        """For a moment in which nobody knows the motion well enough to brake it."""
+        return Outgoing(np.zeros(self._thresholds.effort_max.size), None, tuple(self._limbs))
 
     def _hold_for(self, event: Event, detail: str) -> None:
         first = self.reason is None

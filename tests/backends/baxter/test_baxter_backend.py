@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Backend and control loop on a stub robot: how torque control begins, what every stop sends, how it ends."""
 
-from __future__ import annotations
-
 import time
 from types import SimpleNamespace
 from unittest import mock
@@ -111,7 +109,7 @@ def test_no_state_is_none_in_time_and_not_forever(robot, begun) -> None:
     assert stop.value.event in (Event.STATE_LOST, Event.CONTROLLER_SILENT)
 
 
-def test_a_frozen_robot_is_braked_then_held_and_no_torque_is_repeated(robot, drive) -> None:
+def test_a_frozen_robot_is_held_and_no_torque_is_repeated(robot, drive) -> None:
     robot.frozen = True
     frozen = time.monotonic()
     assert drive.until_stopped().event == Event.STATE_LOST
