@@ -1,7 +1,5 @@
 """Errors of a map: what the plant's surface does beyond the task's, the columns find in what the hand feels."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -15,7 +13,7 @@ from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import touches
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
-from tests.support.effect_recordings import applied, patch_of, start
+from tests.support.effect_recordings import applied, patch_of, signals_of, start
 from tests.support.plant_parts import SIX_JOINTS, exact, plane, spec_of
 
 HAND, SECONDS, C = "port_palm", 2.0, "contact"
@@ -27,42 +25,25 @@ def wiped(*entries):
     """A palm pressed into a tilted plane and rubbed along it; the map knows the plane without the entries."""
     model = RobotModel(exact(spec_of(SIX_JOINTS)))
     q0 = start(model)
-    known = plane(
-        float(model.pose(q0, HAND).translation[2]) - 0.004, stiffness=1500.0, damping=5.0, friction=0.3
-    )
+    height = float(model.pose(q0, HAND).translation[2]) - 0.004
+    known = plane(height, stiffness=1500.0, damping=5.0, friction=0.3)
     true = apply_to_surfaces((known,), patch_of(model.spec.name, entries)) if entries else (known,)
     subject = Plant(model, true, None, PlantOptions(rate=RATE, seed=0, noise=False))
     subject.reset(q0)
     J = RigidModel.of_robot(model).jacobian(HAND, q0[None])[0, :3]
     towards = np.linalg.pinv(J)
-    inertia, wound, rows = np.diag(model.mass_matrix(q0)), subject.motor_position - q0, []
+    inertia, deflection, rows = np.diag(model.mass_matrix(q0)), subject.motor_position - q0, []
     for k in range(round(SECONDS * RATE)):
         t = k / RATE
         subject.sense()
         wanted = np.array([0.03 * np.sin(4.0 * t), 0.02 * np.sin(3.0 * t), -0.015 * min(1.0, 2.0 * t)])
-        away = subject.motor_position - wound - q0
-        effort = subject.start_command + inertia * (
-            400.0 * (towards @ wanted - away) - 40.0 * subject.motor_velocity
-        )
+        away = subject.motor_position - deflection - q0
+        pull = 400.0 * (towards @ wanted - away) - 40.0 * subject.motor_velocity
         rows.append((subject.position, subject.velocity, subject.contact_wrench(HAND)[:3]))
-        subject.advance(effort)
+        subject.advance(subject.start_command + inertia * pull)
     q, v, force = (np.array(column) for column in zip(*rows, strict=True))
-    signals = Signals(
-        RigidModel.of_robot(model),
-        np.arange(len(q)) / RATE,
-        q,
-        v,
-        np.gradient(v, 1.0 / RATE, axis=0),
-        effort=None,
-        drive=None,
-        position_command=None,
-        reflected_inertia=model.reflected_inertia,
-        motor_damping=model.column("motor_damping"),
-        spring_compliance=model.spring_compliance(),
-        effort_source="joint_sensor",
-        surfaces=(known,),
-        hands=(HAND,),
-    )
+    motion = (q, v, np.gradient(v, 1.0 / RATE, axis=0), None, None, None)
+    signals = signals_of(model, np.arange(len(q)) / RATE, *motion, surfaces=(known,), hands=(HAND,))
     (touch,) = touches(signals, known)
     push = touch.pressure(known)
     speed = np.linalg.norm(touch.sliding, axis=1)

@@ -1,7 +1,5 @@
 """Laws of links under water: buoyancy is conservative, drag only takes energy, added mass is inertia without weight."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 
@@ -62,17 +60,15 @@ def test_buoyancy_lifts_by_the_weight_of_what_is_displaced() -> None:
     motion = subject._integrator.motion()
     motion.position[:] = q
     data = model.pin_model.createData()
-    J = pin.computeFrameJacobian(
-        model.pin_model, data, q, model.frame_id("port_palm"), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    )
+    palm, axes = model.frame_id("port_palm"), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    J = pin.computeFrameJacobian(model.pin_model, data, q, palm, axes)
     arm = model.pose(q, "port_palm").rotation @ centre
     force = np.array([0.0, 0.0, 1.1 * 9.81])
-    np.testing.assert_allclose(
-        lift.torque(motion), J.T @ np.concatenate([force, np.cross(arm, force)]), atol=1e-9
-    )
+    expected = J.T @ np.concatenate([force, np.cross(arm, force)])
+    np.testing.assert_allclose(lift.torque(motion), expected, atol=1e-9)
 
 
-def test_drag_takes_energy_in_every_motion_and_the_books_close() -> None:
+def test_drag_takes_energy_in_every_motion_and_the_balance_holds() -> None:
     model = RobotModel(spec_of(SIX_JOINTS))
     random = np.random.default_rng(3)
     links = {"port_palm": (random.uniform(0, 20, 3), random.normal(size=3) * 0.1)}

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Short recordings of a six-joint robot that wears effects, driven through its plant; sensors without noise."""
-
-from __future__ import annotations
+"""Short recordings of a six-joint robot with effects, driven through its plant; sensors without noise."""
 
 import tempfile
 from collections.abc import Sequence
@@ -21,7 +19,7 @@ from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import PatchSpec, read_patch
 from impedance_modules.spec.robot_spec import RobotSpec
-from tests.support.plant_parts import SIX_JOINTS, exact, spec_of
+from tests.support.plant_parts import SIX_JOINTS, exact, spec_of, with_every
 
 RATE = 1000.0
 SECONDS = 2.2
@@ -54,30 +52,29 @@ def applied(effect: str, port: str, key: str, **values: float) -> AppliedEffect:
     return AppliedEffect(effect, port, key, tuple(values.items()))
 
 
-def patch_of(robot: str, entries: Sequence[AppliedEffect]) -> PatchSpec:
-    text = yaml.safe_dump(
-        {
-            "format": 1,
-            "robot": robot,
-            "provenance": {"origin": "hand", "date": "2026-11-21"},
-            "effects": [entry.entry() for entry in entries],
-        },
-        sort_keys=False,
-    )
+def write_patch(folder: Path, *entries: dict[str, object], robot: str = "six_joint_pair") -> Path:
+    head = {"format": 1, "robot": robot, "provenance": {"origin": "hand", "date": "2026-11-21"}}
+    path = folder / "patch.yaml"
+    path.write_text(yaml.safe_dump({**head, "effects": list(entries)}, sort_keys=False))
+    return path
+
+
+def patch_with(*entries: dict[str, object], robot: str = "six_joint_pair") -> PatchSpec:
+    """A patch of some entries, written and read."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "patch.yaml"
-        path.write_text(text)
-        return read_patch(path)
+        return read_patch(write_patch(Path(folder), *entries, robot=robot))
+
+
+def patch_of(robot: str, entries: Sequence[AppliedEffect]) -> PatchSpec:
+    return patch_with(*(entry.entry() for entry in entries), robot=robot)
 
 
 def nominal(spring_damping: float) -> RobotSpec:
     """Perfect sensors, no delay, and springs whose damping the effort sensor does not miss."""
     spec = exact(spec_of(SIX_JOINTS))
-    joints = {
-        name: replace(j, spring_damping=spring_damping if j.spring_stiffness else 0.0)
-        for name, j in spec.joints.items()
-    }
-    return replace(spec, joints=joints)
+    damped = [name for name, joint in spec.joints.items() if joint.spring_stiffness]
+    changed = {name: replace(spec.joints[name], spring_damping=spring_damping) for name in damped}
+    return replace(spec, joints={**with_every(spec, spring_damping=0.0).joints, **changed})
 
 
 def start(model: RobotModel) -> np.ndarray:
@@ -104,6 +101,16 @@ class Recording:
         return s.drive - s.effort - rotor
 
 
+def signals_of(model: RobotModel, time: np.ndarray, *motion: np.ndarray | None, **more: object) -> Signals:
+    """What the diagnosis reads of a recording of a robot: its motion, and the numbers of its drives."""
+    drives = {
+        "reflected_inertia": model.reflected_inertia,
+        "motor_damping": model.column("motor_damping"),
+        "spring_compliance": model.spring_compliance(),
+    }
+    return Signals(RigidModel.of_robot(model), time, *motion, effort_source="joint_sensor", **drives, **more)
+
+
 @cache
 def record(
     entries: tuple[AppliedEffect, ...], spring_damping: float = 0.0, seconds: float = SECONDS
@@ -117,47 +124,32 @@ def record(
     tones, phase = random.uniform(0.3, 1.6, (3, n)), random.uniform(0.0, 2.0 * np.pi, (3, n))
     swing = random.uniform(0.25, 0.5, (3, n)) * np.array([0.25, 0.25, 0.3, 0.4, 0.3, 0.5] * 2)
     inertia = np.diag(plant.model.mass_matrix(q0))
-    wound = plant.motor_position - q0
-    known = RigidModel.of_robot(RobotModel(robot))
+    deflection = plant.motor_position - q0
     rows = []
     for k in range(round(seconds * RATE)):
         state = plant.sense()
         aim, speed = _aim(k / RATE, tones, phase, swing)
         plant.aim(q0 + aim, speed)
-        ahead = plant.motor_position - wound - q0
-        command = plant.start_command + inertia * (
-            64.0 * (aim - ahead) + 10.0 * (speed - plant.motor_velocity)
-        )
+        ahead = plant.motor_position - deflection - q0
+        pull = 64.0 * (aim - ahead) + 10.0 * (speed - plant.motor_velocity)
+        command = plant.start_command + inertia * pull
         rows.append((np.full(n, state.time), state.position, state.velocity, state.effort, command, q0 + aim))
         plant.advance(command)
     time, position, velocity, effort, command, aims = (np.array(column) for column in zip(*rows, strict=True))
     # A command acts from its sample to the next: what acts at a sample, on average, is the mean of two.
     command[1:] = 0.5 * (command[1:] + command[:-1])
-    assistance = known.weight(position)
-    for worn_spring, spring in _springs(entries, plant.model):
-        assistance[:, worn_spring] += spring["k"] * position[:, worn_spring] - spring["preload"]
     model = RobotModel(robot)
+    assistance = RigidModel.of_robot(model).weight(position)
+    for joint, spring in _springs(entries, plant.model):
+        assistance[:, joint] += spring["k"] * position[:, joint] - spring["preload"]
     moving = np.gradient(position, time[:, 0], axis=0)
-    signals = Signals(
-        model=known,
-        time=time[:, 0],
-        position=position,
-        velocity=moving,
-        acceleration=np.gradient(moving, time[:, 0], axis=0),
-        effort=effort,
-        drive=command + assistance,
-        position_command=aims,
-        reflected_inertia=model.reflected_inertia,
-        motor_damping=model.column("motor_damping"),
-        spring_compliance=model.spring_compliance(),
-        effort_source="joint_sensor",
-        assistance=assistance,
-    )
+    motion = (position, moving, np.gradient(moving, time[:, 0], axis=0), effort, command + assistance, aims)
+    signals = signals_of(model, time[:, 0], *motion, assistance=assistance)
     return Recording(robot, signals, velocity)
 
 
 def plant_with(robot: RobotSpec, entries: tuple[AppliedEffect, ...]) -> Plant:
-    """The plant of a robot that wears effects."""
+    """The plant of a robot with effects."""
     options = PlantOptions(rate=RATE, seed=0, noise=False, step=0.5e-3)
     if not entries:
         return Plant(RobotModel(robot), [], None, options)
