@@ -6,6 +6,11 @@ Sources: Rethink's SDK (baxter_interface, baxter_common 1.2.0), its wiki, and gr
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+LimbTopic = Callable[[str], str]
+"""Topic of a limb, by the limb's name."""
+
 ROBOT_STATE = "/robot/state"
 JOINT_STATES = "/robot/joint_states"
 STATE_RATE_REQUEST = "/robot/joint_state_publish_rate"
@@ -40,39 +45,26 @@ TIMEOUT_CYCLES = 5
 """At least so many control cycles fit into the time-out that a run sets."""
 
 
-def joint_command(limb: str) -> str:
-    """Topic on which a limb is commanded."""
-    return f"/robot/limb/{limb}/joint_command"
+joint_command: LimbTopic = "/robot/limb/{}/joint_command".format
+"""Topic on which a limb is commanded."""
 
+command_timeout: LimbTopic = "/robot/limb/{}/joint_command_timeout".format
+"""Topic that sets after how long without a command a limb leaves torque mode."""
 
-def command_timeout(limb: str) -> str:
-    """Topic that sets after how long without a command a limb leaves torque mode."""
-    return f"/robot/limb/{limb}/joint_command_timeout"
+speed_ratio: LimbTopic = "/robot/limb/{}/set_speed_ratio".format
+"""Topic that sets how fast a limb's position mode moves, 0 to 1."""
 
+sea_state: LimbTopic = "/robot/limb/{}/gravity_compensation_torques".format
+"""Topic of all states of a limb's series-elastic joints."""
 
-def speed_ratio(limb: str) -> str:
-    """Topic that sets how fast a limb's position mode moves, 0 to 1."""
-    return f"/robot/limb/{limb}/set_speed_ratio"
+endpoint_state: LimbTopic = "/robot/limb/{}/endpoint_state".format
+"""Topic of the robot's own forward kinematics of a limb."""
 
+collision_state: LimbTopic = "/robot/limb/{}/collision_detection_state".format
+"""Topic that says whether a limb has detected an impact or a squeeze."""
 
-def sea_state(limb: str) -> str:
-    """Topic of all states of a limb's series-elastic joints."""
-    return f"/robot/limb/{limb}/gravity_compensation_torques"
-
-
-def endpoint_state(limb: str) -> str:
-    """Topic of the robot's own forward kinematics of a limb."""
-    return f"/robot/limb/{limb}/endpoint_state"
-
-
-def collision_state(limb: str) -> str:
-    """Topic that says whether a limb has detected an impact or a squeeze."""
-    return f"/robot/limb/{limb}/collision_detection_state"
-
-
-def cuff(limb: str) -> str:
-    """Topic of the switch in a limb's cuff."""
-    return f"/robot/digital_io/{limb}_lower_cuff/state"
+cuff: LimbTopic = "/robot/digital_io/{}_lower_cuff/state".format
+"""Topic of the switch in a limb's cuff."""
 
 
 def suppression(limb: str, name: str) -> str:

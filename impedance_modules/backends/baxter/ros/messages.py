@@ -8,133 +8,114 @@ tuple of floats.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, dataclass_transform
 
 Floats = tuple[float, ...]
 Names = tuple[str, ...]
 
 
-class Message:
-    """What all messages have: the name of their ROS type."""
+MESSAGE_TYPES: dict[str, type[Message]] = {}
+"""ROS type -> plain type: every subclass of `Message` enters itself."""
 
-    __slots__ = ()
+
+@dataclass_transform(frozen_default=True)
+class Message:
+    """What all messages have: the name of their ROS type. A subclass is a frozen dataclass of its fields."""
+
     ros_type: ClassVar[str]
 
+    def __init_subclass__(cls, *, ros_type: str) -> None:
+        dataclass(frozen=True)(cls)
+        cls.ros_type = ros_type
+        MESSAGE_TYPES[ros_type] = cls
 
-@dataclass(frozen=True, slots=True)
-class Header(Message):
+
+class Header(Message, ros_type="std_msgs/Header"):
     """When and in which frame something was measured; ``stamp`` in ns on the sender's clock."""
 
-    ros_type: ClassVar[str] = "std_msgs/Header"
     seq: int
     stamp: int
     frame_id: str
 
 
-@dataclass(frozen=True, slots=True)
-class Bool(Message):
+class Bool(Message, ros_type="std_msgs/Bool"):
     """A truth value."""
 
-    ros_type: ClassVar[str] = "std_msgs/Bool"
     data: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Empty(Message):
+class Empty(Message, ros_type="std_msgs/Empty"):
     """A signal without content."""
 
-    ros_type: ClassVar[str] = "std_msgs/Empty"
 
-
-@dataclass(frozen=True, slots=True)
-class Float64(Message):
+class Float64(Message, ros_type="std_msgs/Float64"):
     """A number."""
 
-    ros_type: ClassVar[str] = "std_msgs/Float64"
     data: float
 
 
-@dataclass(frozen=True, slots=True)
-class String(Message):
+class String(Message, ros_type="std_msgs/String"):
     """A text."""
 
-    ros_type: ClassVar[str] = "std_msgs/String"
     data: str
 
 
-@dataclass(frozen=True, slots=True)
-class UInt16(Message):
+class UInt16(Message, ros_type="std_msgs/UInt16"):
     """A whole number from 0 to 65535."""
 
-    ros_type: ClassVar[str] = "std_msgs/UInt16"
     data: int
 
 
-@dataclass(frozen=True, slots=True)
-class Point(Message):
+class Point(Message, ros_type="geometry_msgs/Point"):
     """A place [m]."""
 
-    ros_type: ClassVar[str] = "geometry_msgs/Point"
     x: float
     y: float
     z: float
 
 
-@dataclass(frozen=True, slots=True)
-class Vector3(Message):
+class Vector3(Message, ros_type="geometry_msgs/Vector3"):
     """Three numbers along the axes of a frame."""
 
-    ros_type: ClassVar[str] = "geometry_msgs/Vector3"
     x: float
     y: float
     z: float
 
 
-@dataclass(frozen=True, slots=True)
-class Quaternion(Message):
+class Quaternion(Message, ros_type="geometry_msgs/Quaternion"):
     """An orientation as a unit quaternion."""
 
-    ros_type: ClassVar[str] = "geometry_msgs/Quaternion"
     x: float
     y: float
     z: float
     w: float
 
 
-@dataclass(frozen=True, slots=True)
-class PoseMessage(Message):
+class PoseMessage(Message, ros_type="geometry_msgs/Pose"):
     """Where a frame is and how it is turned."""
 
-    ros_type: ClassVar[str] = "geometry_msgs/Pose"
     position: Point
     orientation: Quaternion
 
 
-@dataclass(frozen=True, slots=True)
-class Twist(Message):
+class Twist(Message, ros_type="geometry_msgs/Twist"):
     """Linear [m/s] and angular velocity [rad/s]."""
 
-    ros_type: ClassVar[str] = "geometry_msgs/Twist"
     linear: Vector3
     angular: Vector3
 
 
-@dataclass(frozen=True, slots=True)
-class Wrench(Message):
+class Wrench(Message, ros_type="geometry_msgs/Wrench"):
     """Force [N] and torque [N.m]."""
 
-    ros_type: ClassVar[str] = "geometry_msgs/Wrench"
     force: Vector3
     torque: Vector3
 
 
-@dataclass(frozen=True, slots=True)
-class JointState(Message):
+class JointState(Message, ros_type="sensor_msgs/JointState"):
     """Angles [rad], rates [rad/s] and spring-deflection torques [N.m] of some joints, named one by one."""
 
-    ros_type: ClassVar[str] = "sensor_msgs/JointState"
     header: Header
     name: Names
     position: Floats
@@ -142,11 +123,9 @@ class JointState(Message):
     effort: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class JointCommand(Message):
+class JointCommand(Message, ros_type="baxter_core_msgs/JointCommand"):
     """What some joints shall do; ``mode`` says whether ``command`` is angles, rates or torques."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/JointCommand"
     POSITION_MODE: ClassVar[int] = 1
     VELOCITY_MODE: ClassVar[int] = 2
     TORQUE_MODE: ClassVar[int] = 3
@@ -156,11 +135,9 @@ class JointCommand(Message):
     names: Names
 
 
-@dataclass(frozen=True, slots=True)
-class AssemblyState(Message):
+class AssemblyState(Message, ros_type="baxter_core_msgs/AssemblyState"):
     """Whether the robot has power on its motors, and why not."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/AssemblyState"
     BUTTON_UNPRESSED: ClassVar[int] = 0
     BUTTON_PRESSED: ClassVar[int] = 1
     BUTTON_UNKNOWN: ClassVar[int] = 2
@@ -178,11 +155,9 @@ class AssemblyState(Message):
     estop_source: int
 
 
-@dataclass(frozen=True, slots=True)
-class SEAJointState(Message):
+class SEAJointState(Message, ros_type="baxter_core_msgs/SEAJointState"):
     """The series-elastic joints of one arm in full: what was commanded, measured, and added by the robot."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/SEAJointState"
     header: Header
     name: Names
     commanded_position: Floats
@@ -199,63 +174,51 @@ class SEAJointState(Message):
     hyst_state: float
 
 
-@dataclass(frozen=True, slots=True)
-class EndpointState(Message):
+class EndpointState(Message, ros_type="baxter_core_msgs/EndpointState"):
     """The robot's own estimate of a hand's pose, twist and wrench."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/EndpointState"
     header: Header
     pose: PoseMessage
     twist: Twist
     wrench: Wrench
 
 
-@dataclass(frozen=True, slots=True)
-class DigitalIOState(Message):
+class DigitalIOState(Message, ros_type="baxter_core_msgs/DigitalIOState"):
     """A button or a lamp."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/DigitalIOState"
     PRESSED: ClassVar[int] = 1
     UNPRESSED: ClassVar[int] = 0
     state: int
     is_input_only: bool
 
 
-@dataclass(frozen=True, slots=True)
-class CollisionAvoidanceState(Message):
+class CollisionAvoidanceState(Message, ros_type="baxter_core_msgs/CollisionAvoidanceState"):
     """What the arm's force field is pushing away from."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/CollisionAvoidanceState"
     header: Header
     other_arm: bool
     collision_object: Names
 
 
-@dataclass(frozen=True, slots=True)
-class CollisionDetectionState(Message):
+class CollisionDetectionState(Message, ros_type="baxter_core_msgs/CollisionDetectionState"):
     """Whether the arm has just felt an impact or a squeeze and pauses."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/CollisionDetectionState"
     header: Header
     collision_state: bool
 
 
-@dataclass(frozen=True, slots=True)
-class HeadState(Message):
+class HeadState(Message, ros_type="baxter_core_msgs/HeadState"):
     """The head's pan angle [rad] and what it is doing."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/HeadState"
     pan: float
     is_turning: bool
     is_nodding: bool
     is_pan_enabled: bool
 
 
-@dataclass(frozen=True, slots=True)
-class EndEffectorState(Message):
+class EndEffectorState(Message, ros_type="baxter_core_msgs/EndEffectorState"):
     """A gripper's state; opening and force in percent of their largest."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/EndEffectorState"
     timestamp: int
     id: int
     enabled: int
@@ -274,43 +237,10 @@ class EndEffectorState(Message):
     command_sequence: int
 
 
-@dataclass(frozen=True, slots=True)
-class URDFConfiguration(Message):
+class URDFConfiguration(Message, ros_type="baxter_core_msgs/URDFConfiguration"):
     """A part of the robot description that is added at run time."""
 
-    ros_type: ClassVar[str] = "baxter_core_msgs/URDFConfiguration"
     time: int
     link: str
     joint: str
     urdf: str
-
-
-MESSAGE_TYPES: Mapping[str, type[Message]] = {
-    kind.ros_type: kind
-    for kind in (
-        Header,
-        Bool,
-        Empty,
-        Float64,
-        String,
-        UInt16,
-        Point,
-        Vector3,
-        Quaternion,
-        PoseMessage,
-        Twist,
-        Wrench,
-        JointState,
-        JointCommand,
-        AssemblyState,
-        SEAJointState,
-        EndpointState,
-        DigitalIOState,
-        CollisionAvoidanceState,
-        CollisionDetectionState,
-        HeadState,
-        EndEffectorState,
-        URDFConfiguration,
-    )
-}
-"""ROS type -> plain type."""
