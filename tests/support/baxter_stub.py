@@ -255,9 +255,8 @@ def driving(robot: StubBaxter, *, start=None, rate=100.0, **options) -> Iterator
     generous = mock.patch.object(backend, "RATE_TOLERANCE", TOLERANCE)
     with open_session(robot) as session, robot.live(), generous:
         model = session.model
-        high, brake = model.column("effort_max"), np.eye(model.n) * 5.0
-        left = model.limbs["left"]
-        stops = Stops(StopThresholds(STALE, 0.1, STALE + 0.2, 1.0, high, brake), {"left": left.joints})
+        high, left = model.column("effort_max"), model.limbs["left"]
+        stops = Stops(StopThresholds(STALE, 0.1, STALE + 0.2, 1.0, high), {"left": left.joints})
         start = np.full(model.n, 0.3) if start is None else start
         given = DriveOptions(rate=rate, start=start, **{"read_only": False, "approach": False, **options})
         driven = BaxterBackend(session.link, {"left": left}, stops, given, lambda: None)

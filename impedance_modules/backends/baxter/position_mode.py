@@ -281,7 +281,7 @@ class PostureMover:
         commander.send(self._stops.watch(time.monotonic()))
 
     def _on_state(self, sample: StateSample) -> None:
-        self._stops.on_state(sample.taken, sample.state.position, sample.state.velocity)
+        self._stops.on_state(sample.taken, sample.state.position)
 
     def _on_robot(self, robot: AssemblyState, received: float) -> None:
         self._stops.on_robot(received, robot)
