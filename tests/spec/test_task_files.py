@@ -17,22 +17,13 @@ from impedance_modules.spec.locate import find_robot, find_schema, find_task, li
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.task import ContactCondition, HybridAxis, ReachedCondition, Sine, SmoothCondition
 from impedance_modules.spec.task_reader import read_task
-from tests.support.paths import TESTS
+from tests.support.paths import EVERY_KEY, PRESS_BOX, TESTS
 
-HERE = TESTS
-PRESS_BOX = HERE / "data" / "press-box.yaml"
-EVERY_KEY = HERE / "data" / "every-key.yaml"
-BROKEN = sorted((HERE / "broken_tasks").glob("*.yaml"))
+BROKEN = sorted((TESTS / "broken_tasks").glob("*.yaml"))
 
 cached_robot = functools.lru_cache(read_robot)
 
-
 EXPECT = re.compile(r"# expect (\d+):(\d+) \| (\S+) \| (.*?)(?: \| valid: (.*))?")
-
-
-def expectations(path):
-    text = path.read_bytes().decode("utf-8", "replace")
-    return [m.groups() for line in text.split("\n") if (m := EXPECT.fullmatch(line))]
 
 
 def test_there_are_enough_broken_fixtures():
@@ -41,7 +32,8 @@ def test_there_are_enough_broken_fixtures():
 
 @pytest.mark.parametrize("path", BROKEN, ids=lambda path: path.stem)
 def test_a_broken_task_gets_exactly_the_expected_problems(path):
-    expected = expectations(path)
+    lines = path.read_bytes().decode("utf-8", "replace").split("\n")
+    expected = [found.groups() for line in lines if (found := EXPECT.fullmatch(line))]
     assert expected, "a fixture begins with its expectations"
     with pytest.raises(BadInput) as caught:
         read_task(path, cached_robot)
@@ -101,20 +93,23 @@ def test_every_key_arrives():
         hand.stiffness[0, 0] = 1.0
 
 
-def test_a_robot_beside_the_task_wins_over_a_shipped_one(tmp_path):
-    shutil.copytree(find_robot("baxter"), tmp_path / "robots" / "baxter")
+@pytest.fixture
+def beside(tmp_path):
+    """A robot of the name baxter in ``robots/`` of the folder."""
+    return Path(shutil.copytree(find_robot("baxter"), tmp_path / "robots" / "baxter"))
+
+
+@pytest.mark.parametrize("said", ["baxter", "../robots/baxter"])
+def test_a_robot_beside_the_task_wins_over_a_shipped_one(tmp_path, beside, said):
     (tmp_path / "tasks").mkdir()
-    task_file = Path(shutil.copy(PRESS_BOX, tmp_path / "tasks"))
+    task_file = tmp_path / "tasks" / "task.yaml"
+    task_file.write_text(PRESS_BOX.read_text().replace("robot: baxter", f"robot: {said}"))
     _, robot = read_task(task_file)
-    assert robot.folder.resolve() == (tmp_path / "robots" / "baxter").resolve()
-    task_file.write_text(PRESS_BOX.read_text().replace("robot: baxter", "robot: ../robots/baxter"))
-    _, robot = read_task(task_file)
-    assert robot.folder.resolve() == (tmp_path / "robots" / "baxter").resolve()
+    assert robot.folder.resolve() == beside.resolve()
 
 
-def test_the_faults_of_a_robot_come_with_those_of_its_task(tmp_path):
-    shutil.copytree(find_robot("baxter"), tmp_path / "robots" / "baxter")
-    robot_file = tmp_path / "robots" / "baxter" / "robot.yaml"
+def test_the_faults_of_a_robot_come_with_those_of_its_task(tmp_path, beside):
+    robot_file = beside / "robot.yaml"
     robot_file.write_text(robot_file.read_text().replace("solver:", "slover:"))
     task_file = tmp_path / "task.yaml"
     task_file.write_text(PRESS_BOX.read_text().replace("floor: 0.5", "floor: 50"))
@@ -125,12 +120,13 @@ def test_the_faults_of_a_robot_come_with_those_of_its_task(tmp_path):
 
 def test_unknown_names_come_with_the_nearest_and_all_valid_ones(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(BadInput, match=r"no robot 'baxtr'; did you mean 'baxter'\? \(valid: .*baxter"):
-        find_robot("baxtr")
-    with pytest.raises(BadInput, match=r"no task 'no-such-task'.*\(valid: "):
-        find_task("no-such-task")
-    with pytest.raises(BadInput, match=r"no schema 'tsk'; did you mean 'task'"):
-        find_schema("tsk")
+    for find, name, said in (
+        (find_robot, "baxtr", r"no robot 'baxtr'; did you mean 'baxter'\? \(valid: .*baxter"),
+        (find_task, "no-such-task", r"no task 'no-such-task'.*\(valid: "),
+        (find_schema, "tsk", r"no schema 'tsk'; did you mean 'task'"),
+    ):
+        with pytest.raises(BadInput, match=said):
+            find(name)
     assert "baxter" in list_robots()
 
 

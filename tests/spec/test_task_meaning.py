@@ -13,16 +13,12 @@ from hypothesis import strategies as st
 
 from impedance_modules.errors import BadFile
 from impedance_modules.spec.document import parse_document
-from impedance_modules.spec.locate import find_robot
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.task import AXES, HybridAxis, SpringSpec
 from impedance_modules.spec.task_draft import mirrored_posture, mirrored_spring, twist_signs
 from impedance_modules.spec.task_reader import check_task, read_task
-from tests.support.paths import TESTS
-
-HERE = TESTS
-PRESS_BOX = HERE / "data" / "press-box.yaml"
-EVERY_KEY = HERE / "data" / "every-key.yaml"
+from tests.support.arm_samples import baxter, six_joint_pair
+from tests.support.paths import EVERY_KEY, PRESS_BOX, TESTS
 
 cached_robot = functools.lru_cache(read_robot)
 
@@ -90,13 +86,7 @@ def test_a_mirror_image_keeps_energy_and_returns_to_itself(seed, plane):
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    st.sampled_from(AXES),
-    st.sampled_from([0.0, 100.0]),
-    st.booleans(),
-    st.booleans(),
-    st.booleans(),
-)
+@given(st.sampled_from(AXES), st.sampled_from([0.0, 100.0]), st.booleans(), st.booleans(), st.booleans())
 def test_a_force_axis_is_refused_exactly_when_nothing_damps_it(axis, stiffness, ratio, damping, limited):
     data = json.loads(with_spring(stiffness={"x": 1.0, axis: stiffness}, axes={axis: {"force": 3.0}}))
     spring = data["arms"]["right"]["springs"][0]
@@ -131,7 +121,7 @@ phases: [{name: lift, duration: 2, equilibrium: {object: {z: 0.9}}}]
 
 
 def test_a_robot_with_other_names_and_six_joints_is_read_just_the_same():
-    task, robot = check(SIX_JOINTS, at=HERE / "task.yaml")
+    task, robot = check(SIX_JOINTS, at=TESTS / "task.yaml")
     assert robot.name == "six_joint_pair"
     port, starboard = task.arms["port"], task.arms["starboard"]
     assert starboard.springs[0].frame == starboard.springs[0].expressed_in == "starboard_palm"
@@ -139,33 +129,22 @@ def test_a_robot_with_other_names_and_six_joints_is_read_just_the_same():
     assert all(starboard.posture[j] == robot.mirror.joint_sign[j] * port.posture[j] for j in port.posture)
 
 
-@pytest.mark.parametrize("robot_folder", [find_robot("baxter"), HERE / "robots" / "six_joint_pair"])
-def test_the_mirror_image_of_a_hand_has_the_axes_that_the_stiffness_assumes(robot_folder):
+@pytest.mark.parametrize("model", [baxter, six_joint_pair])
+def test_the_mirror_image_of_a_hand_has_the_axes_that_the_stiffness_assumes(model):
     """X_image = P X P at the mirrored posture, so D K D holds in the world's and in the hand's axes."""
-    import pinocchio
-
-    robot = cached_robot(robot_folder)
-    model = pinocchio.buildModelFromUrdf(str(robot.urdf))
-    data = model.createData()
-
-    def hand(limb, posture):
-        q = pinocchio.neutral(model)
-        for short, angle in posture.items():
-            q[model.joints[model.getJointId(limb.joints[short])].idx_q] = angle
-        pinocchio.framesForwardKinematics(model, data, q)
-        return data.oMf[model.getFrameId(limb.hand)].copy()
-
-    reflection = np.diag(twist_signs(robot.mirror.plane)[:3])
-    one, other = robot.limbs.values()
-    rng = np.random.default_rng(7)
+    model, rng = model(), np.random.default_rng(7)
+    mirror = model.spec.mirror
+    reflection = np.diag(twist_signs(mirror.plane)[:3])
+    one, other = model.limbs.values()
+    low, high = model.column("position_min"), model.column("position_max")
     for _ in range(50):
-        posture = {
-            short: rng.uniform(robot.joints[name].position_min, robot.joints[name].position_max)
-            for short, name in one.joints.items()
-        }
-        pose, image = hand(one, posture), hand(other, mirrored_posture(posture, robot.mirror))
-        np.testing.assert_allclose(image.translation, reflection @ pose.translation, atol=1e-6)
-        np.testing.assert_allclose(image.rotation, reflection @ pose.rotation @ reflection, atol=1e-6)
+        q = rng.uniform(low, high)
+        posture = dict(zip(one.short_names, q[one.joints], strict=True))
+        image_of = mirrored_posture(posture, mirror)
+        q[other.joints] = [image_of[short] for short in other.short_names]
+        pose, image = model.pose(q, one.hand), model.pose(q, other.hand)
+        np.testing.assert_allclose(image.translation, reflection @ pose.translation, atol=1e-12)
+        np.testing.assert_allclose(image.rotation, reflection @ pose.rotation @ reflection, atol=1e-12)
 
 
 def test_a_task_can_be_sent_to_another_process():
@@ -174,20 +153,20 @@ def test_a_task_can_be_sent_to_another_process():
 
 
 def test_a_file_with_many_faults_reports_them_in_order_and_without_repetition():
-    text = (
-        PRESS_BOX.read_text()
-        .replace("mass: 1.2", "mass: 1.2, mas: 2")
-        .replace("rx: 10, ry: 10", "rx: on, ry: 1e1")
-    )
-    text = text.replace("floor: 0.5", "floor: 50").replace("{mirror: right}", "{mirror: rihgt}")
-    found = problems_of(text)
-    assert [p.path for p in found] == [
-        "arms.right.springs[0].stiffness.rx",
-        "arms.right.springs[0].stiffness.ry",
-        "arms.left.mirror",
-        "object.mas",
-        "safety.tank.floor",
-    ]
+    text, faults = PRESS_BOX.read_text(), []
+    for old, new, *paths in (
+        (
+            "rx: 10, ry: 10",
+            "rx: on, ry: 1e1",
+            *(f"arms.right.springs[0].stiffness.{x}" for x in ("rx", "ry")),
+        ),
+        ("{mirror: right}", "{mirror: rihgt}", "arms.left.mirror"),
+        ("mass: 1.2", "mass: 1.2, mas: 2", "object.mas"),
+        ("floor: 0.5", "floor: 50", "safety.tank.floor"),
+    ):
+        text = text.replace(old, new)
+        faults += paths
+    assert [problem.path for problem in problems_of(text)] == faults
 
 
 def test_a_trap_behind_an_alias_is_reported_once_where_it_stands():

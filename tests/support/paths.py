@@ -7,3 +7,6 @@ from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
 CHECKOUT = TESTS.parent
+PRESS_BOX = TESTS / "data" / "press-box.yaml"
+EVERY_KEY = TESTS / "data" / "every-key.yaml"
+SIX_JOINT_PAIR = TESTS / "robots" / "six_joint_pair"
