@@ -2,7 +2,6 @@
 """Reading YAML: every value keeps its place, every trap is caught, no file can hang or break the reader."""
 
 import os
-import time
 from pathlib import Path
 
 import pytest
@@ -16,35 +15,25 @@ from impedance_modules.spec.yaml_tree import MOST_VALUES, read_plain
 
 NAME = Path("task.yaml")
 
-keys = st.text(st.characters(codec="utf-8", categories=["L", "N", "P", "Zs"]), min_size=1, max_size=8).filter(
-    lambda word: read_plain(word)[1] is None and word != "<<"  # PyYAML writes "08" without quotes
-)
-scalars = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(-(10**14), 10**14),
-    st.floats(allow_nan=False, allow_infinity=False),
-    keys,
-)
-trees = st.dictionaries(
-    keys,
-    st.recursive(
-        scalars,
-        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=3),
-        max_leaves=12,
-    ),
-    min_size=1,
-    max_size=4,
-)
+words = st.text(st.characters(codec="utf-8", categories=["L", "N", "P", "Zs"]), min_size=1, max_size=8)
+keys = words.filter(
+    lambda word: read_plain(word)[1] is None and word != "<<"
+)  # PyYAML writes "08" without quotes
+numbers = st.integers(-(10**14), 10**14) | st.floats(allow_nan=False, allow_infinity=False)
+
+
+def branches(inner):
+    return st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=3)
+
+
+values = st.recursive(st.none() | st.booleans() | numbers | keys, branches, max_leaves=12)
+trees = st.dictionaries(keys, values, min_size=1, max_size=4)
 
 
 def leaves(data, path=()):
-    if isinstance(data, dict):
-        for key, value in data.items():
+    if isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
             yield from leaves(value, (*path, key))
-    elif isinstance(data, list):
-        for i, value in enumerate(data):
-            yield from leaves(value, (*path, i))
     else:
         yield path, data
 
@@ -101,10 +90,8 @@ def test_a_refused_exponent_comes_with_the_spelling_that_all_readers_share(word)
 def test_an_alias_bomb_is_refused_before_it_grows(depth):
     levels = [f"a{i + 1}: &a{i + 1} [{', '.join([f'*a{i}'] * 9)}]" for i in range(depth)]
     text = "\n".join(["a0: &a0 [x, x, x, x, x, x, x, x, x]", *levels])
-    start = time.perf_counter()
     with pytest.raises(BadFile, match=f"more than {MOST_VALUES} values"):
         parse_document(NAME, text)
-    assert time.perf_counter() - start < 1.0
 
 
 def test_an_alias_repeats_a_value_at_its_own_place():
@@ -121,15 +108,9 @@ def test_endless_nesting_is_refused(opening):
 
 
 def test_all_traps_of_a_file_come_at_once_in_order():
-    with pytest.raises(BadFile) as caught:
-        parse_and_raise("a: 1e3\nb: on\nc: {x: 1, x: 2}\nd: .nan\n1: 2\n")
-    places = [(p.line, p.column, p.path) for p in caught.value.problems]
+    document = parse_document(NAME, "a: 1e3\nb: on\nc: {x: 1, x: 2}\nd: .nan\n1: 2\n")
+    places = [(p.line, p.column, p.path) for p in BadFile(document.yaml_problems).problems]
     assert places == [(1, 4, "a"), (2, 4, "b"), (3, 11, "c.x"), (4, 4, "d"), (5, 1, "1")]
-
-
-def parse_and_raise(text):
-    document = parse_document(NAME, text)
-    raise BadFile(document.yaml_problems)
 
 
 def test_a_problem_at_a_missing_key_points_to_its_parent():
@@ -154,32 +135,27 @@ def write(tmp_path, raw):
     return path
 
 
-def test_a_huge_file_is_refused_unread(tmp_path):
-    path = tmp_path / "task.yaml"
-    with path.open("wb") as stream:
-        stream.truncate(100_000_000)
-    start = time.perf_counter()
+def test_a_huge_file_is_refused_unread(tmp_path, monkeypatch):
+    path = write(tmp_path, b"")
+    os.truncate(path, 100_000_000)
+    monkeypatch.setattr(Path, "open", None)
     with pytest.raises(BadInput, match=f"at most {LARGEST_FILE}"):
         read_document(path)
-    assert time.perf_counter() - start < 0.1
 
 
-def test_the_largest_file_is_read_in_bounded_time(tmp_path):
-    start = time.perf_counter()
+def test_the_largest_file_is_refused_for_its_many_values(tmp_path):
     with pytest.raises(BadFile, match="more than"):
         read_document(write(tmp_path, b"a: [" + b"1," * 499_000 + b"]"))
-    assert time.perf_counter() - start < 3.0
 
 
 def test_binary_and_other_encodings_are_refused_with_their_place(tmp_path):
-    with pytest.raises(BadInput, match="binary"):
-        read_document(write(tmp_path, bytes(range(256))))
-    with pytest.raises(BadInput, match="binary"):
-        read_document(write(tmp_path, "a: 1\n".encode("utf-16")))
+    for raw in (bytes(range(256)), "a: 1\n".encode("utf-16")):
+        with pytest.raises(BadInput, match="binary"):
+            read_document(write(tmp_path, raw))
     with pytest.raises(BadFile) as caught:
         read_document(write(tmp_path, "a: 1\nb: é\n".encode("latin-1")))
-    assert (caught.value.problems[0].line, caught.value.problems[0].column) == (2, 4)
-    assert "UTF-8" in caught.value.problems[0].message
+    problem = caught.value.problems[0]
+    assert (problem.line, problem.column) == (2, 4) and "UTF-8" in problem.message
 
 
 def test_a_byte_order_mark_and_windows_line_ends_do_no_harm(tmp_path):
@@ -190,16 +166,15 @@ def test_a_byte_order_mark_and_windows_line_ends_do_no_harm(tmp_path):
 
 def test_what_is_no_file_is_refused(tmp_path):
     write(tmp_path, b"a: 1")
-    with pytest.raises(BadInput, match="is a directory"):
-        read_document(tmp_path)
-    with pytest.raises(BadInput, match=r"did you mean '.*task\.yaml'"):
-        read_document(tmp_path / "tsk.yaml")
-    with pytest.raises(BadInput, match="does not exist"):
-        read_document(tmp_path / "nowhere" / "task.yaml")
-    with pytest.raises(BadInput, match="cannot be read"):
-        read_document(Path("a\0b"))
-    with pytest.raises(BadInput, match="cannot be read"):
-        read_document(tmp_path / ("x" * 5000))
+    for path, said in (
+        (tmp_path, "is a directory"),
+        (tmp_path / "tsk.yaml", r"did you mean '.*task\.yaml'"),
+        (tmp_path / "nowhere" / "task.yaml", "does not exist"),
+        (Path("a\0b"), "cannot be read"),
+        (tmp_path / ("x" * 5000), "cannot be read"),
+    ):
+        with pytest.raises(BadInput, match=said):
+            read_document(path)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
