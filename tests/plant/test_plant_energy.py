@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The plant creates no energy: drift of free arms, deflected springs, free fall; balance with everything."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +19,7 @@ from tests.support.plant_parts import (
     plant,
     posture,
     spec_of,
+    started,
     undamped,
 )
 
@@ -36,8 +35,7 @@ def pass_time(subject: Plant, periods: int) -> None:
 @pytest.mark.parametrize(("folder", "seed"), [(BAXTER, 0), (BAXTER, 1), (SIX_JOINTS, 2)])
 def test_moving_links_with_rotors_co_moving_keep_their_energy(folder, seed) -> None:
     """Random link velocities up to 1 rad/s for 10 s: drift below 1e-6 of E_0."""
-    subject = plant(undamped(spec_of(folder)), gravity=WEIGHTLESS)
-    subject.reset(middle(subject.model))
+    subject = started(undamped(spec_of(folder)), at=middle, gravity=WEIGHTLESS)
     n = subject.model.n
     subject.place(np.random.default_rng(seed).uniform(-1.0, 1.0, n), np.zeros(n))
     before = subject.energy()
@@ -51,8 +49,7 @@ def test_moving_links_with_rotors_co_moving_keep_their_energy(folder, seed) -> N
 
 def spring_loss(step: float, seconds: float) -> float:
     """Share of E_0 lost by springs deflected 0.02 rad."""
-    subject = plant(undamped(spec_of(BAXTER)), gravity=WEIGHTLESS, step=step)
-    subject.reset(middle(subject.model))
+    subject = started(undamped(spec_of(BAXTER)), at=middle, gravity=WEIGHTLESS, step=step)
     subject.place(np.zeros(subject.model.n), np.full(subject.model.n, 0.02))
     before = subject.energy().stored
     pass_time(subject, round(1000 * seconds))
@@ -73,8 +70,7 @@ def test_motion_converges_with_the_fourth_order() -> None:
     """Arms that fall, swing and vibrate: halving the step divides the change of the state by about 16."""
     states = []
     for step in (0.5e-3, 0.25e-3, 0.125e-3):
-        subject = plant(undamped(spec_of(BAXTER)), step=step)
-        subject.reset(posture(subject.model))
+        subject = started(undamped(spec_of(BAXTER)), step=step)
         subject.place(np.linspace(-1.0, 1.0, subject.model.n), np.full(subject.model.n, 0.005))
         pass_time(subject, 50)
         states.append(np.concatenate([subject.position, subject.motor_position]))
@@ -85,8 +81,7 @@ def test_motion_converges_with_the_fourth_order() -> None:
 
 def test_free_fall_keeps_its_energy() -> None:
     """All arms fall for 10 s: drift below 1e-4 of the largest kinetic energy."""
-    subject = plant(undamped(spec_of(BAXTER)))
-    subject.reset(posture(subject.model))
+    subject = started(undamped(spec_of(BAXTER)))
     before = subject.energy()
     largest = 0.0
     for _ in range(100 * SECONDS):
@@ -105,9 +100,8 @@ def test_every_joule_is_accounted_for_with_contact_grasp_and_damping(grasp) -> N
     held = in_both_hands(spec, grasp=grasp, friction=0.6 if grasp == "friction" else None, squeeze=15.0)
     bare = plant(spec)
     table = float(bare.model.pose(posture(bare.model), bare.frames[0]).translation[2]) - 0.105
-    subject = plant(spec, [plane(table)], held)
+    subject = started(spec, [plane(table)], held)
     start = posture(subject.model)
-    subject.reset(start)
     before = subject.energy()
     bias = np.full(subject.model.n, 10.0)
     jacobian = sum(subject.state.jacobian.copy())
@@ -133,8 +127,7 @@ def test_every_joule_is_accounted_for_with_contact_grasp_and_damping(grasp) -> N
 def test_at_rest_nothing_flows() -> None:
     """The start is an equilibrium: with its own command nothing moves and no work is done."""
     spec = exact(spec_of(BAXTER))
-    subject = plant(spec, held=in_both_hands(spec, squeeze=15.0))
-    subject.reset(posture(subject.model))
+    subject = started(spec, held=in_both_hands(spec, squeeze=15.0))
     before = subject.energy()
     idle(subject, 200)
     after = subject.energy()

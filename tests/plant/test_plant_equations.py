@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The laws of the plant say what plain equations of motion say, in random states with everything acting; both ways."""
 
-from __future__ import annotations
-
 import copy
 import os
 import pickle
@@ -18,7 +16,6 @@ from impedance_modules.plant.links import accelerate, link_table, place_links
 from impedance_modules.plant.plant_state import StateVector, state_vector
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
 from tests.reference.plant_equations import plain_rate, plain_spring_torque
-from tests.support.both_ways import ways  # noqa: F401 - a fixture
 from tests.support.plant_parts import (
     BAXTER,
     SIX_JOINTS,
@@ -31,16 +28,9 @@ from tests.support.plant_parts import (
 )
 
 SHEET = SurfaceSpec(
-    surface="sheet",
-    height=None,
-    position=(0.0, 0.0, 0.0),
-    rotation=(0.0, 0.02, 0.4),
-    size=None,
-    stiffness=20000.0,
-    damping=50.0,
-    friction=0.4,
+    "sheet", None, (0.0, 0.0, 0.0), (0.0, 0.02, 0.4), None, stiffness=20000.0, damping=50.0, friction=0.4,
     sheet=SheetSpec(((-2.0, 0.0), (-0.1, 0.002), (0.05, 0.0), (2.0, 0.0)), 4.0, 40.0),
-)
+)  # fmt: skip
 
 
 def shaken(folder, grasp: str, seed: int):
@@ -89,7 +79,7 @@ def _unit(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("folder", [BAXTER, SIX_JOINTS])
 @pytest.mark.parametrize("grasp", ["weld", "friction"])
-def test_the_laws_rate_is_the_plain_rate(folder, grasp, ways) -> None:  # noqa: F811
+def test_the_laws_rate_is_the_plain_rate(folder, grasp, ways) -> None:
     largest = np.zeros(2)
     for seed in range(10 if ways == "machine code" else 2):
         subject = shaken(folder, grasp, seed)
@@ -108,7 +98,7 @@ def test_the_laws_rate_is_the_plain_rate(folder, grasp, ways) -> None:  # noqa: 
     assert largest[0] > 1.0 and (largest[1] > 1.0 or ways == "python")
 
 
-def test_a_torque_on_a_joint_is_power_where_the_counters_say(ways) -> None:  # noqa: F811
+def test_a_torque_on_a_joint_is_power_where_the_counters_say(ways) -> None:
     """Each power is its torque times its velocity; the springs' losses are never negative."""
     subject = shaken(BAXTER, "weld", 3)
     use_machine_code(ways == "machine code")
@@ -125,7 +115,7 @@ def test_a_torque_on_a_joint_is_power_where_the_counters_say(ways) -> None:  # n
     assert work.push_work == pytest.approx(np.sum(state.push_wrench * state.twist))
 
 
-def test_a_gear_with_play_pushes_and_never_pulls(ways) -> None:  # noqa: F811
+def test_a_gear_with_play_pushes_and_never_pulls(ways) -> None:
     """The torque of one joint against the plain formula, through the gap and at every speed; stops likewise."""
     table = np.zeros(1, JOINT).view(np.recarray)
     joint = table[0]
@@ -143,7 +133,7 @@ def test_a_gear_with_play_pushes_and_never_pulls(ways) -> None:  # noqa: F811
     assert stop_torque(joint, 1.01, -2.0) == stop_torque(joint, 0.99, 2.0) == 0.0
 
 
-def test_the_load_of_a_rigid_joint_lacks_its_rotors_inertia(ways) -> None:  # noqa: F811
+def test_the_load_of_a_rigid_joint_lacks_its_rotors_inertia(ways) -> None:
     subject = shaken(SIX_JOINTS, "weld", 1)
     use_machine_code(ways == "machine code")
     state, rigid = subject.state, subject.state.joints["kind"] == 1
@@ -178,7 +168,7 @@ def random_tree(rng: np.random.Generator, joints: int) -> pin.Model:
     return model
 
 
-def test_the_links_move_as_pinocchios(ways) -> None:  # noqa: F811
+def test_the_links_move_as_pinocchios(ways) -> None:
     """Poses, axes and accelerations of random trees: the articulated-body algorithm against the borrowed one."""
     rng = np.random.default_rng(2)
     pin.seed(2)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pushes on the plant: their schedule, what they move, and the work they do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -54,10 +52,8 @@ def test_a_push_does_the_work_that_the_bodies_gain(seed: int) -> None:
     spec = undamped(spec_of(SIX_JOINTS))
     held = in_both_hands(spec, grasp="weld", friction=None, squeeze=0.0) if seed else None
     targets = ["object", "port"] if held else ["port", "starboard"]
-    pushes = [
-        PushSpec(on, tuple(3.0 * rng.normal(size=6)), start=0.01, rise=0.05, hold=0.05, fall=0.0)
-        for on in targets
-    ]
+    when = {"start": 0.01, "rise": 0.05, "hold": 0.05, "fall": 0.0}
+    pushes = [PushSpec(on, tuple(3.0 * rng.normal(size=6)), **when) for on in targets]
     subject = pushed(spec, pushes, held, gravity=WEIGHTLESS)
     subject.reset(middle(subject.model))
     before = subject.energy()
@@ -65,9 +61,8 @@ def test_a_push_does_the_work_that_the_bodies_gain(seed: int) -> None:
         subject.advance(np.zeros(subject.model.n))
     after = subject.energy()
     assert after.push_work > 1e-2
-    assert after.push_work == pytest.approx(
-        after.stored - before.stored + sum(after.dissipated(before).values()), rel=2e-4
-    )
+    gained = after.stored - before.stored + sum(after.dissipated(before).values())
+    assert after.push_work == pytest.approx(gained, rel=2e-4)
     assert abs(after.imbalance(before)) < 2e-4 * after.push_work
 
 
@@ -75,9 +70,8 @@ def test_a_hand_starts_to_move_as_its_mobility_says() -> None:
     """Pushed for a moment, the hand accelerates by J M^-1 J^T F of the links alone: the rotors lag behind."""
     spec = exact(spec_of(BAXTER))
     force = np.array([3.0, -2.0, 1.0, 0.1, 0.2, -0.1])
-    subject = pushed(
-        spec, [PushSpec("left", tuple(force), start=0.0, rise=0.0, hold=1.0, fall=0.0)], rate=4000.0
-    )
+    push = PushSpec("left", tuple(force), start=0.0, rise=0.0, hold=1.0, fall=0.0)
+    subject = pushed(spec, [push], rate=4000.0)
     q = middle(subject.model)
     subject.reset(q)
     kinematics = Kinematics(subject.model, ("left_hand",))

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The robot's side of the plant: late commands, coarse sensors, own modes, joints of three kinds, effects."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -29,9 +27,12 @@ from tests.support.plant_parts import (
     plant,
     posture,
     spec_of,
+    started,
     undamped,
     with_every,
 )
+
+ROBOT = exact(spec_of(BAXTER))
 
 
 def order(value: float) -> Order:
@@ -57,8 +58,7 @@ def test_delay_rounds_up_to_whole_periods(delay, rate, periods) -> None:
 
 def test_the_plant_moves_exactly_when_the_command_arrives() -> None:
     """Two periods of delay on Baxter at 1 kHz: the motor stands still for two and moves in the third."""
-    subject = plant(replace(spec_of(BAXTER), sensors=PERFECT), gravity=WEIGHTLESS)
-    subject.reset(middle(subject.model))
+    subject = started(replace(spec_of(BAXTER), sensors=PERFECT), gravity=WEIGHTLESS, at=middle)
     start = subject.motor_position
     for period in range(3):
         subject.advance(np.full(subject.model.n, 1.0))
@@ -76,16 +76,13 @@ def test_loops_and_steps_fill_the_period(rate, step) -> None:
 
 
 def test_reports_sit_on_the_sensors_grid() -> None:
-    subject = plant(spec_of(BAXTER))
-    subject.reset(posture(subject.model))
+    subject = started(spec_of(BAXTER))
     sensors = subject.model.spec.sensors
     for _ in range(50):
         subject.advance(subject.start_command + 1.0)
         state = subject.sense()
-        for value, grid in (
-            (state.position, sensors.position_resolution),
-            (state.effort, sensors.effort_resolution),
-        ):
+        grids = ((state.position, sensors.position_resolution), (state.effort, sensors.effort_resolution))
+        for value, grid in grids:
             np.testing.assert_allclose(value / grid, np.round(value / grid), atol=1e-6)
         spread = 6.0 * sensors.position_noise + sensors.position_resolution
         assert np.abs(state.position - subject.position).max() < spread
@@ -93,8 +90,7 @@ def test_reports_sit_on_the_sensors_grid() -> None:
 
 
 def run(seed: int, noise: bool) -> np.ndarray:
-    subject = plant(spec_of(BAXTER), seed=seed, noise=noise)
-    subject.reset(posture(subject.model))
+    subject = started(spec_of(BAXTER), seed=seed, noise=noise)
     rows = []
     for _ in range(30):
         state = subject.sense()
@@ -110,16 +106,15 @@ def test_the_same_seed_gives_the_same_run_bit_by_bit() -> None:
 
 
 def test_a_second_reset_starts_the_same_run_again() -> None:
-    spec = exact(spec_of(BAXTER))
+    spec = ROBOT
     subject = plant(spec, held=in_both_hands(spec, squeeze=15.0))
     ends = []
     for _ in range(2):
         subject.reset(posture(subject.model))
         for _ in range(40):
             subject.advance(np.ones(subject.model.n))
-        ends.append(
-            (subject.position, subject.motor_velocity, subject.object_pose.translation, subject.motor_work)
-        )
+        where = subject.object_pose.translation
+        ends.append((subject.position, subject.motor_velocity, where, subject.motor_work))
     for first, second in zip(*ends, strict=True):
         np.testing.assert_array_equal(first, second)
 
@@ -128,8 +123,7 @@ def test_velocity_lags_by_the_filters_time_constant() -> None:
     """Under a constant acceleration a first-order estimate is late by its time constant."""
     spec = undamped(spec_of(BAXTER))
     spec = replace(spec, sensors=replace(PERFECT, velocity_filter=0.0135))
-    subject = plant(spec, gravity=WEIGHTLESS)
-    subject.reset(middle(subject.model))
+    subject = started(spec, gravity=WEIGHTLESS, at=middle)
     subject.place(np.full(subject.model.n, 0.2), np.zeros(subject.model.n))
     idle(subject, 14)
     share = subject.sense().velocity / subject.velocity
@@ -137,9 +131,8 @@ def test_velocity_lags_by_the_filters_time_constant() -> None:
 
 
 def test_silence_makes_the_robot_hold_after_its_time_out() -> None:
-    spec = replace(exact(spec_of(BAXTER)), timing=TimingSpec(1000.0, 100.0, 1000.0, 0.0, 0.05))
-    subject = plant(spec)
-    subject.reset(posture(subject.model))
+    spec = replace(ROBOT, timing=TimingSpec(1000.0, 100.0, 1000.0, 0.0, 0.05))
+    subject = started(spec)
     subject.advance(np.full(subject.model.n, 2.0))
     modes = []
     for _ in range(60):
@@ -153,9 +146,8 @@ def test_silence_makes_the_robot_hold_after_its_time_out() -> None:
 
 def test_hold_stops_a_moving_loaded_robot_and_keeps_it() -> None:
     """Motor-side and passive: it comes to rest near where the order arrived, object and all."""
-    spec = exact(spec_of(BAXTER))
-    subject = plant(spec, held=in_both_hands(spec, squeeze=15.0))
-    subject.reset(posture(subject.model))
+    spec = ROBOT
+    subject = started(spec, held=in_both_hands(spec, squeeze=15.0))
     for _ in range(150):
         subject.advance(subject.start_command + 2.0)
     assert np.abs(subject.velocity).max() > 0.1
@@ -163,7 +155,6 @@ def test_hold_stops_a_moving_loaded_robot_and_keeps_it() -> None:
     subject.hold()
     for _ in range(2000):
         subject.advance(None)
-    print(f"held within {np.abs(subject.position - where).max() * 1e3:.1f} mrad")
     assert subject.mode is Mode.HOLD
     assert np.abs(subject.velocity).max() < 2e-3
     assert np.abs(subject.position - where).max() < 0.02
@@ -171,8 +162,7 @@ def test_hold_stops_a_moving_loaded_robot_and_keeps_it() -> None:
 
 
 def test_release_leaves_only_the_weight_carried() -> None:
-    subject = plant(exact(spec_of(BAXTER)))
-    subject.reset(posture(subject.model))
+    subject = started(ROBOT)
     subject.release()
     for _ in range(300):
         subject.advance(None)
@@ -184,8 +174,7 @@ def test_release_leaves_only_the_weight_carried() -> None:
 def test_nobody_carries_the_weight_twice() -> None:
     """A robot that leaves gravity to the command starts with it in the command."""
     for who, expected in (("robot", 0.0), ("command", 1.0), ("none", 1.0)):
-        subject = plant(replace(exact(spec_of(BAXTER)), gravity_compensation=who))
-        subject.reset(posture(subject.model))
+        subject = started(replace(ROBOT, gravity_compensation=who))
         weight = subject.model.gravity(posture(subject.model))
         np.testing.assert_allclose(subject.start_command, expected * weight, atol=1e-9)
         idle(subject, 50)
@@ -196,17 +185,15 @@ def test_nobody_carries_the_weight_twice() -> None:
 def test_ideal_joints_turn_torque_into_load_at_once(folder) -> None:
     """I_r = 0: the load is the command, theta = q + tau / K, and work of the command is tau . dtheta."""
     spec = with_every(exact(spec_of(folder)), reflected_inertia=0.0)
-    subject = plant(spec, gravity=WEIGHTLESS)
-    subject.reset(middle(subject.model))
+    subject = started(spec, gravity=WEIGHTLESS, at=middle)
     n, compliance = subject.model.n, subject.model.spring_compliance()
     rng, booked = np.random.default_rng(5), 0.0
     for _ in range(30):
         before, command = subject.motor_position, 0.2 * rng.normal(size=n)
         subject.advance(command)
         np.testing.assert_array_equal(subject.sense().effort, command)
-        np.testing.assert_allclose(
-            subject.motor_position, subject.position + compliance * command, atol=1e-14
-        )
+        expected = subject.position + compliance * command
+        np.testing.assert_allclose(subject.motor_position, expected, atol=1e-14)
         booked += float(command @ (subject.motor_position - before))
         assert subject.motor_work == pytest.approx(booked, rel=1e-9, abs=1e-12)
 
@@ -214,8 +201,7 @@ def test_ideal_joints_turn_torque_into_load_at_once(folder) -> None:
 @pytest.mark.parametrize("folder", [BAXTER, SIX_JOINTS])
 def test_the_motor_port_is_seen_from_outside(folder) -> None:
     """theta = q + effort / K_sea without spring damping; work is tau . dtheta: what a ledger computes."""
-    subject = plant(with_every(exact(spec_of(folder)), spring_damping=0.0))
-    subject.reset(middle(subject.model))
+    subject = started(with_every(exact(spec_of(folder)), spring_damping=0.0), at=middle)
     compliance, booked = subject.model.spring_compliance(), 0.0
     rng = np.random.default_rng(2)
 
@@ -234,8 +220,7 @@ def test_the_motor_port_is_seen_from_outside(folder) -> None:
 
 def test_a_rigid_joints_effort_is_the_torque_behind_its_rotor() -> None:
     """tau_s = tau_m - D v - I_r v': what the links alone need, by their own inverse dynamics."""
-    subject = plant(exact(spec_of(SIX_JOINTS)), gravity=WEIGHTLESS)
-    subject.reset(middle(subject.model))
+    subject = started(exact(spec_of(SIX_JOINTS)), gravity=WEIGHTLESS, at=middle)
     rigid = [i for i, joint in enumerate(subject.model.joints) if joint.spring_stiffness is None]
     assert rigid
     for _ in range(20):
@@ -253,13 +238,11 @@ def test_a_rigid_joints_effort_is_the_torque_behind_its_rotor() -> None:
 
 
 def test_stops_end_the_motion_at_the_limits() -> None:
-    subject = plant(exact(spec_of(BAXTER)), gravity=WEIGHTLESS)
-    subject.reset(middle(subject.model))
+    subject = started(ROBOT, gravity=WEIGHTLESS, at=middle)
     before = subject.energy()
     for _ in range(3000):
         subject.advance(0.15 * subject.model.column("effort_max"))
     beyond = subject.position - subject.model.column("position_max")
-    print(f"beyond the limits by at most {beyond.max() * 1e3:.2f} mrad")
     assert 0.0 < beyond.max() < 0.02
     assert subject.energy().dissipated(before)["stops"] > 0.0
     assert abs(subject.energy().imbalance(before)) < 1e-3 * subject.motor_work
@@ -343,12 +326,11 @@ def test_a_torque_that_is_no_number_is_refused(joint, value) -> None:
         REFUSING.advance(command)
 
 
-REFUSING = plant(exact(spec_of(BAXTER)))
-REFUSING.reset(posture(REFUSING.model))
+REFUSING = started(ROBOT)
 
 
 def test_misuse_is_explained() -> None:
-    fresh = plant(exact(spec_of(BAXTER)))
+    fresh = plant(ROBOT)
     with pytest.raises(NotConnected, match="reset"):
         fresh.sense()
     with pytest.raises(BadInput, match="above 0"):
@@ -356,4 +338,4 @@ def test_misuse_is_explained() -> None:
     with pytest.raises(BadInput, match="did you mean"):
         REFUSING.contact_wrench("left_hnad")
     with pytest.raises(BadInput, match="robot, command, none"):
-        plant(replace(exact(spec_of(BAXTER)), gravity_compensation="perhaps"))
+        plant(replace(ROBOT, gravity_compensation="perhaps"))

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A flexible sheet: it bends as a beam does, presses along the gradient of its energy, and conserves it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,18 +9,11 @@ import pytest
 from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
-from tests.support.plant_parts import BAXTER, exact, loose, plant, posture, spec_of
+from tests.support.plant_parts import BAXTER, exact, idle, loose, posture, spec_of, started
 
 HILLS = (
-    (-0.4, 0.0),
-    (-0.38, 0.0),
-    (-0.1, 0.0),
-    (0.0, 0.025),
-    (0.03, 0.025),
-    (0.2, 0.05),
-    (0.25, 0.05),
-    (0.5, 0.0),
-)
+    (-0.4, 0.0), (-0.38, 0.0), (-0.1, 0.0), (0.0, 0.025), (0.03, 0.025), (0.2, 0.05), (0.25, 0.05), (0.5, 0.0),
+)  # fmt: skip
 
 
 def surface(sheet: SheetSpec, **numbers: float) -> SurfaceSpec:
@@ -38,13 +29,9 @@ def by_finite_elements(sheet: SheetSpec, x: float, elements: int = 60) -> tuple[
     stiffness = np.zeros((2 * nodes.size, 2 * nodes.size))
     for i, h in enumerate(np.diff(nodes)):
         local = np.array(
-            [
-                [12, 6 * h, -12, 6 * h],
-                [6 * h, 4 * h * h, -6 * h, 2 * h * h],
-                [-12, -6 * h, 12, -6 * h],
-                [6 * h, 2 * h * h, -6 * h, 4 * h * h],
-            ]
-        )
+            [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+             [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
+        )  # fmt: skip
         stiffness[2 * i : 2 * i + 4, 2 * i : 2 * i + 4] += sheet.bending_stiffness / h**3 * local
     held = 2 * np.searchsorted(nodes, at)
     free = np.setdiff1d(np.arange(2 * nodes.size), held)
@@ -64,9 +51,8 @@ def test_it_rests_and_gives_as_a_beam_over_its_supports() -> None:
     for _ in range(20):
         count = int(random.integers(2, 8))
         at = np.cumsum(random.uniform(0.02, 0.3, count))
-        sheet = SheetSpec(
-            tuple(zip(at, random.uniform(0.0, 0.02, count), strict=True)), 0.3, 10.0 ** random.uniform(-1, 2)
-        )
+        supports = tuple(zip(at, random.uniform(0.0, 0.02, count), strict=True))
+        sheet = SheetSpec(supports, 0.3, 10.0 ** random.uniform(-1, 2))
         ours = Sheet(sheet)
         x = float(random.uniform(at[0], at[-1]))
         point = ours.point(x)
@@ -92,9 +78,8 @@ def test_its_force_is_the_gradient_of_its_energy_and_normal_to_the_bent_sheet() 
         force = sheet.force(local, stiffness)
         step = 1e-6 * np.eye(3)
         slope = [(energy(local + d) - energy(local - d)) / 2e-6 for d in step[[0, 2]]]
-        np.testing.assert_allclose(
-            force[[0, 2]], np.negative(slope), rtol=1e-4, atol=1e-4 * np.abs(force).max()
-        )
+        most = np.abs(force).max()
+        np.testing.assert_allclose(force[[0, 2]], np.negative(slope), rtol=1e-4, atol=1e-4 * most)
         point = sheet.point(x)
         # The bent sheet's own slope under the load: f c'/2 less steep than at rest where the give grows.
         bent = point.slope - 0.5 * force[2] * point.change
@@ -107,13 +92,10 @@ def thrown(sheet: SheetSpec, velocity: float, **numbers: float):
     """A ball on the sheet's left end, thrown along it."""
     ground = surface(sheet, **numbers)
     ball = loose(shape="sphere", size=(0.002,), mass=0.5)
-    subject = plant(exact(spec_of(BAXTER)), [ground], ball)
-    subject.reset(posture(subject.model))
+    subject = started(exact(spec_of(BAXTER)), [ground], ball)
     turn = np.array(subject.state.surfaces[0]["rotation"])
     at = np.array(ground.position) + turn @ np.array([-0.3, 0.0, Sheet(sheet).point(-0.3).height + 0.0009])
-    subject.place_object(
-        Pose(np.eye(3), at), np.concatenate([turn @ np.array([velocity, 0.0, 0.0]), np.zeros(3)])
-    )
+    subject.place_object(Pose(np.eye(3), at), np.append(turn @ [velocity, 0.0, 0.0], np.zeros(3)))
     return subject, turn, ground
 
 
@@ -130,9 +112,6 @@ def test_without_damping_and_friction_a_ride_over_the_hills_costs_nothing() -> N
         if local[0] > 0.45:
             break
     lost = subject.energy().dissipated(before)["contact"]
-    print(
-        f"to x = {reached:.2f} m, at most {deepest:.4f} J in the sheet; lost {lost:.1e} J, {book.imbalance(before):.1e}"
-    )
     assert reached > 0.45 and deepest > 1e-3
     assert abs(lost) < 1e-5 * before.body
     assert abs(book.imbalance(before)) < 1e-5 * before.body
@@ -151,16 +130,14 @@ def test_damping_and_friction_only_take() -> None:
 
 def test_a_resting_weight_sinks_by_its_compliance_and_a_sheet_is_not_felt_from_below() -> None:
     spec = SheetSpec(((0.0, 0.0), (0.4, 0.0)), 0.3, 2.0)
-    ground = replace(
-        surface(spec, damping=20.0), rotation=(0.0, 0.0, 0.0), position=(0.0, 3.0, 0.0), friction=0.5
-    )
-    subject = plant(exact(spec_of(BAXTER)), [ground], loose(shape="sphere", size=(0.02,), mass=1.0))
+    level = {"rotation": (0.0, 0.0, 0.0), "position": (0.0, 3.0, 0.0), "friction": 0.5}
+    ground = replace(surface(spec, damping=20.0), **level)
+    subject = started(exact(spec_of(BAXTER)), [ground], loose(shape="sphere", size=(0.02,), mass=1.0))
     for above in (True, False):
         subject.reset(posture(subject.model))
         place = np.array([0.2, 3.0, 0.011 if above else -0.05])
         subject.place_object(Pose(np.eye(3), place), np.zeros(6))
-        for _ in range(1500 if above else 50):
-            subject.advance(subject.start_command)
+        idle(subject, 1500 if above else 50)
         sunk = 0.01 - subject.object_pose.translation[2]
         if above:
             assert sunk == pytest.approx(9.81 * (1.0 / 20000.0 + 0.4**3 / 48.0 / 2.0), rel=0.01)

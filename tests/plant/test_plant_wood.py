@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Wood: its texture conserves energy, its roughness wears by friction's work, its splinters hold and break."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,10 +8,9 @@ from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import RoughnessSpec, SplintersSpec, WoodSpec
-from tests.support.plant_parts import BAXTER, block, exact, loose, plant, posture, spec_of
+from tests.support.plant_parts import BAXTER, block, exact, idle, loose, posture, spec_of, started
 
-G, MASS = 9.81, 0.8
-STILL = np.zeros(6)
+MASS = 0.8
 ROUGH = RoughnessSpec(height=4e-4, wavelength=0.02, friction=0.4, wear=500.0)
 
 
@@ -26,21 +23,11 @@ def on_wood(
     middle = np.array([0.0, 3.0, 0.0])
     board = block(tuple(middle), (0.9, 0.6, 0.1), rotation=(0.0, angle, 0.0), wood=wood, **numbers)
     size = {"box": (0.1, 0.1, 0.04), "sphere": (0.04,)}[shape]
-    subject = plant(exact(spec_of(BAXTER)), [board], loose(shape=shape, size=size, mass=MASS))
-    subject.reset(posture(subject.model))
+    subject = started(exact(spec_of(BAXTER)), [board], loose(shape=shape, size=size, mass=MASS))
     along, normal = tilt[:, 0], tilt[:, 2]
     start = middle - 0.25 * along + 0.0702 * normal
     subject.place_object(Pose(tilt, start), np.concatenate([velocity * along, np.zeros(3)]))
     return subject
-
-
-def advance(subject: Plant, periods: int) -> np.ndarray:
-    """Contact wrench on the object once per period."""
-    rows = []
-    for _ in range(periods):
-        subject.advance(subject.start_command)
-        rows.append(subject.contact_wrench("object"))
-    return np.array(rows)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -49,11 +36,10 @@ def test_a_slippery_texture_shakes_and_keeps_the_energy(seed) -> None:
     wood = WoodSpec(seed, RoughnessSpec(2e-3, 0.03, 0.0, 500.0), None)
     subject = on_wood(wood, "sphere", velocity=0.5, friction=0.0, damping=0.0)
     before = subject.energy()
-    wrench = advance(subject, 800)
+    wrench = np.array(idle(subject, 800))
     after = subject.energy()
     stored = [book.body + book.gravity + book.contact for book in (before, after)]
     moved = 0.5 * MASS * 0.25
-    print(f"seed {seed}: sideways {np.ptp(wrench[:, 0]):.2f} N, {stored[1] - stored[0]:.1e} J of {moved:.2f}")
     assert np.ptp(wrench[:, 0]) > 0.5
     assert abs(stored[1] - stored[0]) < 5e-3 * moved
 
@@ -61,15 +47,12 @@ def test_a_slippery_texture_shakes_and_keeps_the_energy(seed) -> None:
 def test_rough_wood_rubs_harder_and_wears_by_the_work_done_on_it() -> None:
     subject = on_wood(WoodSpec(3, ROUGH, None), velocity=1.2)
     before = subject.energy()
-    wrench = advance(subject, 200)
+    wrench = np.array(idle(subject, 200))
     after = subject.energy()
     state = subject.woods[0]
     worn = -np.log(state.remaining).sum() * ROUGH.wear * 0.01**2
     lost = after.dissipated(before)["contact"]
     # Nearly all contact loss is rubbing; the rest is bouncing and the bristles' damping.
-    print(
-        f"rubbed {state.rubbed:.3f} J of {lost:.3f} lost; grid {worn:.3f} J; least {state.remaining.min():.2f}"
-    )
     assert worn == pytest.approx(state.rubbed, rel=1e-9)
     assert 0.7 * lost < state.rubbed < lost
     assert state.remaining.min() < 0.8 and state.remaining.max() == 1.0
@@ -81,7 +64,7 @@ def test_worn_wood_is_the_smooth_wood_below() -> None:
     """With everything worn off, it slides as on a bare box."""
     fragile = RoughnessSpec(height=4e-4, wavelength=0.02, friction=0.4, wear=1e-3)
     subject = on_wood(WoodSpec(3, fragile, None), velocity=1.0, damping=500.0)
-    wrench = advance(subject, 200)
+    wrench = np.array(idle(subject, 200))
     ratio = -wrench[100:, 0].sum() / wrench[100:, 2].sum()
     assert ratio == pytest.approx(0.2, abs=0.02)
 
@@ -95,7 +78,7 @@ def test_splinters_hold_what_friction_cannot_are_damaged_by_the_law_and_break_fo
     contacts, damage, first = subject.state.contacts, {}, None
     before = subject.energy()
     for period in range(3000):
-        advance(subject, 1)
+        idle(subject, 1)
         for contact in contacts[contacts["splinter"] >= 0]:
             bound = 0.1 * contact["normal_force"]
             load = 2e4 * float(np.linalg.norm(contact["stretch"])) - bound
@@ -108,14 +91,12 @@ def test_splinters_hold_what_friction_cannot_are_damaged_by_the_law_and_break_fo
         crept = float(np.linalg.norm(subject.object_pose.translation - start))
     state = subject.woods[0]
     largest = max(damage.values())
-    print(f"first broke after {first} ms, crept {1e3 * crept:.2f} mm; D by its loads {largest:.3f}")
     assert first is not None and 100 < first < 2900
     assert crept < 2e-3
     assert largest == pytest.approx(1.0, abs=0.1)
-    advance(subject, 1500)
+    idle(subject, 1500)
     after, end = subject.energy(), subject.woods[0]
     lost = after.dissipated(before)["contact"]
-    print(f"{end.broken} broken, {end.broken_work:.2e} J set free, {lost:.3f} J lost in contact")
     assert end.broken > state.broken and end.standing + end.broken == state.standing + state.broken
     assert 0.0 < end.broken_work < lost
     assert abs(after.imbalance(before)) < 1e-3 * lost
@@ -126,7 +107,7 @@ def test_a_seed_is_a_piece_of_wood_and_reset_makes_it_fresh() -> None:
     ends = []
     for seed in (7, 7, 8):
         subject = on_wood(WoodSpec(seed, ROUGH, splinters), velocity=1.0)
-        advance(subject, 100)
+        idle(subject, 100)
         ends.append(subject.state.start.whole.copy())
     np.testing.assert_array_equal(ends[0], ends[1])
     assert not np.array_equal(ends[0], ends[2])

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A robot that plays a joint path back by itself: it follows in the air, gives up or pauses at what it meets."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -11,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from impedance_modules.cli.run_verbs import run_command as command
-from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.control.assembly import Assembly
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.plant.playback import JointPath, Playback, PlaybackMode
 from impedance_modules.runs.playback_run import make_playback
 from impedance_modules.spec.task import SurfaceSpec
+from tests.support.commands import invoke, refusal
+from tests.support.forecast_tasks import assembled
 from tests.support.paths import CHECKOUT
 
 TASK = CHECKOUT / "tasks" / "thesis" / "slide-over-position.yaml"
@@ -27,7 +25,7 @@ TASK = CHECKOUT / "tasks" / "thesis" / "slide-over-position.yaml"
 
 @cache
 def assembly() -> Assembly:
-    return assemble(str(TASK), effects=None, rate=None, scale=1.0, arm=None)
+    return assembled(TASK)
 
 
 def swing(seconds: float = 3.0, reach: float = 0.5) -> JointPath:
@@ -40,16 +38,14 @@ def swing(seconds: float = 3.0, reach: float = 0.5) -> JointPath:
     return JointPath(time, position)
 
 
-def play(
-    mode: str, path: JointPath, *surfaces: SurfaceSpec, ticks: int = 4000
-) -> tuple[Playback, list[float]]:
+def play(mode: str, path: JointPath, *surfaces: SurfaceSpec) -> tuple[Playback, list[float]]:
     task = assembly()
     order = replace(task.task.playback, mode=mode)
     there = replace(task, task=replace(task.task, playback=order, environment=surfaces))
     playback = make_playback(there, path, 0)
     playback.start()
     place, away = task.model.joint_names.index("right_s0"), []
-    for _ in range(ticks):
+    for _ in range(4000):
         if playback.done:
             break
         state = playback.tick()
@@ -69,9 +65,8 @@ def test_in_the_air_the_joints_follow_as_the_modes_say() -> None:
     place = assembly().model.joint_names.index("right_s0")
     for mode in PlaybackMode:
         playback, away = play(mode.value, path)
-        assert (
-            not playback.stopped and not playback.collisions and playback.now == pytest.approx(3.0, abs=0.02)
-        )
+        assert not playback.stopped and not playback.collisions
+        assert playback.now == pytest.approx(3.0, abs=0.02)
         # Both trail like a first-order lag: e' = v - e / T.
         lag = spec.position_lag if mode is PlaybackMode.POSITION else 1.0 / spec.velocity_gain
         wanted, error = np.array([path.at(1e-3 * k)[place] for k in range(1501)]), 0.0
@@ -105,25 +100,20 @@ def test_a_path_is_a_path() -> None:
 def short_task(folder: Path, **changes: str) -> Path:
     """A playback whose path takes two seconds: a hand's breadth down, taught in the air, to a table that is there."""
     text = TASK.read_text()
-    head, phases = (
-        text[: text.index("environment:")],
-        "  - {name: down, equilibrium: {right.hand: {z: -0.50}}, duration: 2}\n",
-    )
-    text = (
-        f"{head}environment:\n  - {{surface: plane, height: -0.30, stiffness: 20000, damping: 100, friction: 0.2}}\n"
-        f"playback: {{mode: velocity, taught_on: []}}\nphases:\n{phases}"
-    ).replace("mode: velocity", f"mode: {changes.get('mode', 'velocity')}")
+    head = text[: text.index("environment:")]
+    plane = "{surface: plane, height: -0.30, stiffness: 20000, damping: 100, friction: 0.2}"
+    phase = "{name: down, equilibrium: {right.hand: {z: -0.50}}, duration: 2}"
+    play = f"playback: {{mode: {changes.get('mode', 'velocity')}, taught_on: []}}"
+    text = f"{head}environment:\n  - {plane}\n{play}\nphases:\n  - {phase}\n"
     (folder / "down.yaml").write_text(text + changes.get("more", ""))
     return folder / "down.yaml"
 
 
 def test_a_task_is_taught_played_back_and_recorded(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    result = CliRunner().invoke(
-        command, [str(short_task(tmp_path)), "--out", str(out)], catch_exceptions=False
-    )
+    result = invoke("run", short_task(tmp_path), "--out", out)
     summary = json.loads((out / "summary.json").read_text())
-    assert result.exit_code == 0 and "played to its end" in result.output
+    assert not result.return_value and "played to its end" in result.output
     assert summary["hands"]["right_hand"]["peak_force"] > 3.0
     episode, lesson = read_episode(out), read_episode(out / "taught")
     assert lesson.pose["right_hand"][-1, 2] < -0.33 and episode.pose["right_hand"][-1, 2] > -0.315
@@ -131,26 +121,20 @@ def test_a_task_is_taught_played_back_and_recorded(tmp_path: Path) -> None:
     joint = "right_s1"
     np.testing.assert_allclose(episode.position_command[joint][-1], lesson.position[joint][-1], atol=0.02)
     assert not episode.effort_command and episode.task is None
-    again = ["--log", str(out / "taught"), "--out", str(tmp_path / "again"), "--duration", "0.5"]
-    assert (
-        CliRunner().invoke(command, [str(tmp_path / "down.yaml"), *again], catch_exceptions=False).exit_code
-        == 0
-    )
+    again = ("--log", out / "taught", "--out", tmp_path / "again", "--duration", 0.5)
+    assert not invoke("run", tmp_path / "down.yaml", *again).return_value
     assert read_episode(tmp_path / "again").time[-1] == pytest.approx(0.5, abs=0.01)
 
 
 def test_what_a_playback_cannot_do_is_refused(tmp_path: Path) -> None:
     task = short_task(tmp_path)
-    for options, words in (
-        (["--backend", "replay"], "built-in plant only"),
-        (["--view"], "neither a viewer"),
-    ):
-        result = CliRunner().invoke(command, [str(task), *options, "--out", str(tmp_path / "none")])
-        assert isinstance(result.exception, BadInput) and words in str(result.exception)
+    asked = {"built-in plant only": ("--backend", "replay"), "neither a viewer": ("--view",)}
+    for words, options in asked.items():
+        assert words in refusal("run", task, *options, "--out", tmp_path / "none")
         assert not (tmp_path / "none").exists()
     pushed = short_task(tmp_path, more="pushes: [{target: right, wrench: {z: 2}, start: 1, hold: 0.5}]\n")
     with pytest.raises(BadFile, match="pushes: a robot that plays a path back is not pushed"):
-        assemble(str(pushed), effects=None, rate=None, scale=1.0, arm=None)
+        assembled(pushed)
     robot = tmp_path / "robots" / "mute"
     shutil.copytree(TASK.parents[2] / "robots" / "baxter", robot)
     lines = (robot / "robot.yaml").read_text().replace("name: baxter", "name: mute")
@@ -159,4 +143,4 @@ def test_what_a_playback_cannot_do_is_refused(tmp_path: Path) -> None:
     mute = short_task(tmp_path)
     mute.write_text(mute.read_text().replace("robot: baxter", "robot: mute"))
     with pytest.raises(BadFile, match="plays nothing back"):
-        assemble(str(mute), effects=None, rate=None, scale=1.0, arm=None)
+        assembled(mute)

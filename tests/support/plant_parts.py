@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Robots, postures and surfaces for the plant's tests: undamped robots without limits, palms on a box."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,9 +16,8 @@ from impedance_modules.spec.robot_spec import RobotSpec, SensorSpec
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
 from tests.support.paths import CHECKOUT
 
-ROOT = CHECKOUT
-BAXTER = ROOT / "robots" / "baxter"
-SIX_JOINTS = ROOT / "tests" / "robots" / "six_joint_pair"
+BAXTER = CHECKOUT / "robots" / "baxter"
+SIX_JOINTS = CHECKOUT / "tests" / "robots" / "six_joint_pair"
 WEIGHTLESS = (0.0, 0.0, 0.0)
 PERFECT = SensorSpec(0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -68,10 +65,26 @@ def middle(model: RobotModel) -> np.ndarray:
     return 0.5 * (model.column("position_min") + model.column("position_max"))
 
 
-def idle(subject: Plant, periods: int) -> None:
-    """Lets time pass under the torque that carries the start."""
+def started(
+    spec: RobotSpec,
+    surfaces: Sequence[SurfaceSpec] = (),
+    held: ObjectBody | None = None,
+    at: Callable[[RobotModel], np.ndarray] = posture,
+    **options: object,
+) -> Plant:
+    """A plant at rest in a posture."""
+    subject = plant(spec, surfaces, held, **options)
+    subject.reset(at(subject.model))
+    return subject
+
+
+def idle(subject: Plant, periods: int) -> list[np.ndarray]:
+    """Lets time pass under the torque that carries the start; contact wrenches on an object, once per period."""
+    wrenches = []
     for _ in range(periods):
         subject.advance(subject.start_command)
+        wrenches += [] if subject.object_pose is None else [subject.contact_wrench("object")]
+    return wrenches
 
 
 def plane(height: float, **numbers: object) -> SurfaceSpec:
