@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Apparent mass of a hand: computed for the thesis's planar arm, and felt by a surface that the hand hits (3.3).
+r"""Apparent mass of a hand: computed for the thesis's planar arm, and measured at a surface that the hand hits (3.3).
 
     \Lambda^-1 = J (M + I_r)^-1 J^T        along a normal n: m = 1 / (n^T \Lambda^-1 n)
 
-The surface feels the impulse over the change of the hand's speed.
+What a surface measures is the impulse over the change of the hand's speed.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Impact:
         return float(np.trapezoid(self.force, self.time))
 
     @property
-    def mass_felt(self) -> float:
+    def measured_mass(self) -> float:
         """Mass that would bring this momentum: the impulse over the change of speed [kg]."""
         return self.impulse / (self.speed + self.left)
 

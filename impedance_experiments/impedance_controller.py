@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What one arm's impedance controller feels like: net stiffness, inertia by posture, a lost support (thesis ch. 4).
+"""How an arm with an impedance controller reacts: net stiffness, inertia by posture, a lost support (thesis ch. 4).
 
 Inertia is drawn as ellipsoids of inertia and of mobility around the hand (thesis 4.4, fig. 4-4).
 """

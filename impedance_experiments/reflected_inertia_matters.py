@@ -62,9 +62,9 @@ as 1.44 to 1.
 the same surface throws the lighter arm back sooner, and the joints' springs let the link meet the surface before its
 rotors arrive: the first peak is the links' alone, with rotors or without. What the rotors add is time and impulse.
 The mean force at one and the same contact time is where the ratio shows, and there 1.44 becomes 1.25, in steps
-(table): during the longer touch of its softer surface the light arm's own springs add to what is felt (1.37), and the
-arm with rotors leaves with 0.63 of its speed, because rotors are left swinging against links, where the other leaves
-with 0.83. The direction of the thesis's statement holds; its 1.6 takes rotor and link for one rigid body.
+(table): during the longer touch of its softer surface the light arm's own springs add to the measured mass (1.37), and
+the arm with rotors leaves with 0.63 of its speed, because rotors are left swinging against links, where the other
+leaves with 0.83. The direction of the thesis's statement holds; its 1.6 takes rotor and link for one rigid body.
 """
 
 
@@ -97,10 +97,10 @@ def _summary(strikes: dict[float, Pair]) -> str:
         "run on the plant twice, as it is and with `without-reflected-inertia.yaml`. Plant, model and "
         "damping design use the same patch; equilibria and springs are the same.\n\n"
         f"On the same surface of {WITH_70_MS / 1000:g} kN/m the hand stays {1e3 * heavy.duration:.0f} ms with rotors "
-        f"and {1e3 * light.duration:.0f} ms without. The surface feels {heavy.mass_felt:.1f} kg and "
-        f"{light.mass_felt:.1f} kg (impulse over change of speed), where (3.15) gives {heavy.mass:.1f} kg and "
-        f"{light.mass:.1f} kg along the normal at the touch: reflected inertia cannot be left out. Its effect on the "
-        "*peak* force is far smaller than on the impulse."
+        f"and {1e3 * light.duration:.0f} ms without. The mass measured at the surface is "
+        f"{heavy.measured_mass:.1f} kg and {light.measured_mass:.1f} kg (impulse over change of speed), where (3.15) "
+        f"gives {heavy.mass:.1f} kg and {light.mass:.1f} kg along the normal at the touch: reflected inertia cannot be "
+        "left out. Its effect on the *peak* force is far smaller than on the impulse."
     )
 
 
@@ -117,7 +117,7 @@ def _mass_rows(masses: dict[str, Masses]) -> tuple[ThesisValue, ...]:
         label = f"ratio of the {which} apparent masses with / without I_r, read as"
         same = "the printed ratio is one of square roots"
         rows.append(ThesisValue(f"{label} square roots", quotient, round(math.sqrt(ratio), 3), "", same))
-        squared = f"{quotient} squared; what a touch feels"
+        squared = f"{quotient} squared; what a touch measures"
         rows.append(
             ThesisValue(f"{label} masses", f"{quotient**2:.2f} (squared)", round(ratio, 3), "", squared)
         )
@@ -136,7 +136,7 @@ def _steps(strikes: dict[float, Pair]) -> dict[str, float]:
     turned = [1.0 + hit.left / hit.speed for hit in (heavy, light)]
     return {
         "masses predicted": heavy.mass / light.mass,
-        "masses felt (impulse over change of speed)": heavy.mass_felt / light.mass_felt,
+        "measured masses (impulse over change of speed)": heavy.measured_mass / light.measured_mass,
         "change of speed for each m/s of arrival": turned[0] / turned[1],
         "contact times, inverted": light.duration / heavy.duration,
         "mean forces": _mean(heavy) / _mean(light),
@@ -163,7 +163,7 @@ def _ratios(strikes: dict[float, Pair]) -> dict[str, float]:
     slower = strikes[WITHOUT_70_MS][1]
     return {
         "predicted mass": heavy.mass / light.mass,
-        "mass felt": heavy.mass_felt / light.mass_felt,
+        "measured mass": heavy.measured_mass / light.measured_mass,
         "impulse": heavy.impulse / heavy.speed / (light.impulse / light.speed),
         "peak force": heavy.peak / heavy.speed / (light.peak / light.speed),
         "mean force, same surface": _mean(heavy) / _mean(light),
@@ -177,7 +177,7 @@ def _impact_rows(strikes: dict[float, Pair]) -> tuple[ThesisValue, ...]:
     ratios = _ratios(strikes)
     reasons = {
         "predicted mass": "1 / (n^T Lambda^-1 n) of all seven joints at the touch",
-        "mass felt": "impulse over change of speed",
+        "measured mass": "impulse over change of speed",
         "mean force, same contact time": f"{1e3 * heavy.duration:.0f} ms and {1e3 * slower.duration:.0f} ms, "
         "surfaces of 15 and 10.5 kN/m; the table of steps takes it apart",
         "mean force, same surface": "a lighter arm rebounds sooner",
@@ -228,10 +228,10 @@ def _impact_table(strikes: dict[float, Pair]) -> ResultTable:
     for stiffness, pair in strikes.items():
         for name, hit in zip(("with", "without"), pair, strict=True):
             speeds = (1e3 * hit.speed, 1e3 * hit.left, 1e3 * hit.duration)
-            rows.append([stiffness, name, *speeds, hit.peak, hit.impulse, hit.mass_felt, hit.mass])
+            rows.append([stiffness, name, *speeds, hit.peak, hit.impulse, hit.measured_mass, hit.mass])
     columns = (
         "surface [N/m]", "I_r", "arrives [mm/s]", "leaves [mm/s]", "stays [ms]", "peak [N]", "impulse [N.s]",
-        "mass felt [kg]", "mass predicted [kg]",
+        "measured mass [kg]", "predicted mass [kg]",
     )  # fmt: skip
     return ResultTable("The first touch on the plant", columns, rows)
 
@@ -269,7 +269,7 @@ def _forces(strikes: dict[float, Pair]) -> Plot:
         axes.grid(alpha=0.3)
     figure.axes[0].set_ylabel("normal force at 0.1 m/s [N]")
     figure.axes[0].legend()
-    return Plot("force", "What the surface feels, scaled to an arrival at 0.1 m/s", figure)
+    return Plot("force", "Force on the surface, scaled to an arrival at 0.1 m/s", figure)
 
 
 def _facts(masses: dict[str, Masses], strikes: dict[float, Pair]) -> dict[str, float]:
@@ -280,8 +280,8 @@ def _facts(masses: dict[str, Masses], strikes: dict[float, Pair]) -> dict[str, f
         "steps": math.prod(list(_steps(strikes).values())[1:-1]),
         "contact time": heavy.duration,
         "contact time without, softer surface": strikes[WITHOUT_70_MS][1].duration,
-        "mass felt over predicted, with": heavy.mass_felt / heavy.mass,
-        "mass felt over predicted, without": light.mass_felt / light.mass,
+        "measured mass over predicted, with": heavy.measured_mass / heavy.mass,
+        "measured mass over predicted, without": light.measured_mass / light.mass,
         "largest mass with": reading.extremes("with")[0],
         "smallest mass with": reading.extremes("with")[1],
         "largest mass without": reading.extremes("without")[0],

@@ -118,14 +118,14 @@ def _judge(settings: Settings) -> RuleEvaluation:
     smooth, rough = (
         {m: np.array(scores[m, kind]) for m in MEASURES} for kind in (WoodKind.SMOOTH, WoodKind.ROUGH)
     )
-    feel = smooth_statistics({measure: values[:set_on] for measure, values in smooth.items()})
-    worst = feel.worst(smooth), feel.worst(rough)
+    reference = smooth_statistics({measure: values[:set_on] for measure, values in smooth.items()})
+    worst = reference.worst(smooth), reference.worst(rough)
     bound = set_bound(*(values[:set_on] for values in worst))
     curves = {name: roc_curve(smooth[m][set_on:], rough[m][set_on:]) for m, name in MEASURES.items()}
     curves[BOTH] = roc_curve(*(values[set_on:] for values in worst))
     fires = [values[set_on:] < bound for values in worst]
     return RuleEvaluation(
-        bounds=feel.bounds(bound),
+        bounds=reference.bounds(bound),
         hits=float(np.mean(fires[0])),
         alarms=float(np.mean(fires[1])),
         alarmed=tuple(first + int(i) for i in np.flatnonzero(fires[1])),

@@ -198,7 +198,7 @@ def _comparisons(
 
 DIFFERENCES = """
 - **Force.** The thesis states 25 N. With K_z = 50 N/m, 24 cm deep, the end spring gives 12 N, the net stiffness of eq.
-  5.1 (71.8 N/m) 17 N; on the plant the table feels about 11 N, the block 18 N. What was taken over is the stiffness.
+  5.1 (71.8 N/m) 17 N; on the plant about 11 N act on the table, 18 N on the block. The stiffness was taken over.
 - **The surface** is ours: the thesis has a drawing without measures. The sheet is 0.5 mm of aluminium, 15 cm wide.
 - **The springs' dampers** are chosen here; the thesis prints none. E1, S0 and W0 have 0.005 N.m/rad as in appendix C.
 - **Playback.** The trajectory server's numbers (0.2 rad, gain 2, 100 Hz) are Rethink's published defaults; the

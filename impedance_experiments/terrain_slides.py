@@ -29,7 +29,7 @@ LEANT = 6.0
 EVERY = 10
 """One in so many milliseconds is kept."""
 
-FELT = 0.1
+LEAST_CONTACT_FORCE = 0.1
 """A hand that a surface presses with less is not in contact [N]."""
 
 
@@ -88,7 +88,7 @@ class Slide:
     @property
     def contact(self) -> float:
         """Share of the slide in which the surface presses the hand."""
-        pressed = np.linalg.norm(self.force[self.sliding], axis=1) > FELT
+        pressed = np.linalg.norm(self.force[self.sliding], axis=1) > LEAST_CONTACT_FORCE
         return float(pressed.mean()) if pressed.size else 0.0
 
     @property

@@ -51,17 +51,17 @@ _ALL: tuple[Experiment, ...] = (
     Experiment(
         "impedance-controller",
         "4.1 to 4.7, 5.1.3",
-        "What does one impedance-controlled arm feel like?",
+        "How does one impedance-controlled arm react?",
         "impedance_controller",
     ),
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
     Experiment("terrain", "5.1", "Who keeps contact with a surface that the map does not show?", "terrain"),
     Experiment("surface-map", "5.1.5, 6.2.3", "What does a hand learn of what it strokes?", "surface_map"),
-    Experiment("sanding", "5.2", "Can it sand wood, and feel when the wood is smooth?", "sanding"),
+    Experiment("sanding", "5.2", "Can it sand wood, and tell when the wood is smooth?", "sanding"),
     Experiment("two-arms", "4.5, 6.2.4", "Do two real arms on one object add?", "two_arms"),
     Experiment("folding", "6.2.2", "How soft may joints be before the links fold?", "folding"),
     Experiment("nonlinear-damping", "6.2.1", "Does damping depend on who excites it?", "nonlinear_damping"),
-    Experiment("under-water", "6.2.5", "What does a hand feel like under water?", "under_water"),
+    Experiment("under-water", "6.2.5", "How stiff, heavy and damped is a hand under water?", "under_water"),
 )
 EXPERIMENTS: dict[str, Experiment] = {entry.name: entry for entry in _ALL}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The same hand in air and under water: where it rests, how stiff, heavy and damped it feels (thesis 6.2.5)."""
+"""The same hand in air and under water: where it rests, how stiff, heavy and damped it is (thesis 6.2.5)."""
 
 from __future__ import annotations
 
@@ -227,7 +227,7 @@ def _table(measured: dict[str, list[PushResponse]], linear: dict[str, LinearPred
         "back after, predicted [s]",
         "on the plant [s]",
     )
-    return ResultTable("What the hand feels like", columns, rows)
+    return ResultTable("Stiffness, apparent mass and return of the hand", columns, rows)
 
 
 def _facts(

@@ -53,14 +53,14 @@ def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
     console.print(f"[bold]{assembly.task.name}[/bold] on {assembly.robot.name}, {where}; world axes")
     for limb, frame_impedance in analysis.arms.items():
         console.rule(f"{limb}: {frame_impedance.frame}")
-        _print_felt(console, frame_impedance, analysis)
+        _print_at_hand(console, frame_impedance, analysis)
     if analysis.object is not None:
         console.rule("object: the arms' sum")
         _print_sum(console, assembly, analysis)
-        _print_felt(console, analysis.object, analysis)
+        _print_at_hand(console, analysis.object, analysis)
 
 
-def _print_felt(console: Console, frame_impedance: FrameImpedance, analysis: Analysis) -> None:
+def _print_at_hand(console: Console, frame_impedance: FrameImpedance, analysis: Analysis) -> None:
     console.print(f"origin {_vector(frame_impedance.position)} m")
     carried = "modules exert" if frame_impedance.frame == "object" else "joint springs carry"
     console.print(

@@ -5,7 +5,7 @@
 
 A key names a surface by its place in the task's ``environment``: ``surface0`` is the first. All kinds can be applied.
 Columns can be computed for planes and boxes where a recording says on which its hands could press
-(``Signals.surfaces``, ``hands``); they are what the hand feels beyond the surfaces as the task has them.
+(``Signals.surfaces``, ``hands``); they are the forces on the hand beyond those of the surfaces as the task has them.
 """
 
 from __future__ import annotations

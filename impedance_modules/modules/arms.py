@@ -27,7 +27,7 @@ GRASP_REACH = 0.01
 
 @dataclass(frozen=True)
 class ArmModule:
-    """An impedance module: what one arm should feel like.
+    """An impedance module: how one arm should react to contact.
 
     Attributes:
         limb: The arm.

@@ -76,7 +76,7 @@ class JointBias:
     ``superposition.net_stiffness`` says by how much.
 
     Attributes:
-        limb: Arm whose joints feel it.
+        limb: Arm on whose joints it acts.
         joints: (k,) their indices in the model's vectors, from the base outwards.
         stiffness: (k,) [N.m/rad]; 0 leaves a joint free.
         rest: (k,) angles at rest at the start [rad].

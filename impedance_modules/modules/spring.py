@@ -171,7 +171,7 @@ class Spring:
 
     Attributes:
         spec: What the task file says of it now.
-        limb: Arm whose joints feel it.
+        limb: Arm on whose joints it acts.
         reference: X_WE of ``expressed_in`` at the start posture, frozen; its rotation A turns the
             spring's axes into the world's, its origin is where absolute coordinates count from.
         start: X_WF at the start posture, the first equilibrium.
@@ -189,7 +189,7 @@ class Spring:
 
     @property
     def frame(self) -> str:
-        """Frame of the robot that feels the spring."""
+        """Frame of the robot on which the spring acts."""
         return self.spec.frame
 
     @property

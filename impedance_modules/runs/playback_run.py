@@ -95,9 +95,9 @@ def make_playback(assembly: Assembly, path: JointPath, seed: int, *, noise: bool
         BadInput: The task asks for no playback.
     """
     order = _order(assembly)
-    worn = None if assembly.patch is None else apply_to_plant(assembly.model, assembly.patch)
+    applied = None if assembly.patch is None else apply_to_plant(assembly.model, assembly.patch)
     options = PlantOptions(rate=1.0 / TICK, seed=seed, noise=noise)
-    plant = DrivenPlant(assembly.model, options, worn, {}, assembly.task.environment)
+    plant = DrivenPlant(assembly.model, options, applied, {}, assembly.task.environment)
     return Playback(
         plant, path, PlaybackMode(order.mode), tuple(arm.limb.name for arm in assembly.modules.arms)
     )
@@ -147,7 +147,7 @@ def play_back(
 
 
 class _Recorder:
-    """Writes what the robot reports in a playback, and what its hands seem to feel."""
+    """Writes what the robot reports in a playback, and what forces on its hands it implies."""
 
     def __init__(self, assembly: Assembly, playback: Playback, options: RunOptions) -> None:
         self._assembly, self._playback, self._options = assembly, playback, options

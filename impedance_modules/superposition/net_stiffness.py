@@ -168,7 +168,7 @@ def carried_wrench(jacobian: Array, joint_effort: Array) -> Array:
 
 
 def hand_damping(jacobian: Array, joint_damping: Array, end_damping: Array) -> Array | None:
-    """Computes the damping felt at a hand, B = (J D_j^-1 J^T)^-1 + D_end.
+    """Computes the damping at a hand, B = (J D_j^-1 J^T)^-1 + D_end.
 
     Args:
         jacobian: (6, k) J of the hand.

@@ -23,7 +23,7 @@ LARGEST_CONDITION = 1e9
 
 @dataclass(frozen=True)
 class OperationalInertia:
-    """Inertia as it is felt at a point.
+    """Inertia that a force at a point accelerates.
 
     Attributes:
         inertia: (6, 6) Lambda [kg, kg.m, kg.m^2]; None where the mechanism is singular.

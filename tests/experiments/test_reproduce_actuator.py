@@ -28,10 +28,10 @@ def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(tmp_path: P
     assert all(abs(facts[name] ** 0.5 / value - 1.0) < 0.15 for name, value in printed.items())
     assert abs(facts["contact time"] - 0.07) < 0.007
     assert abs(facts["contact time without, softer surface"] - 0.07) < 0.007
-    # The surface feels the predicted masses, within what springs and controller add during the touch.
-    assert abs(facts["ratio of mass felt"] / facts["ratio of predicted mass"] - 1.0) < 0.1
-    assert 1.2 < facts["ratio of mass felt"] < 1.8
-    # Masses felt, change of speed and contact time together are what the mean force is.
+    # Measured masses are the predicted ones, within what springs and controller add during the touch.
+    assert abs(facts["ratio of measured mass"] / facts["ratio of predicted mass"] - 1.0) < 0.1
+    assert 1.2 < facts["ratio of measured mass"] < 1.8
+    # Measured masses, change of speed and contact time together are what the mean force is.
     assert abs(facts["steps"] / facts["ratio of mean force, same contact time"] - 1.0) < 1e-9
     assert facts["ratio of peak force"] < facts["ratio of mean force, same contact time"]
 

@@ -32,7 +32,7 @@ def test_the_hand_has_its_net_stiffness_and_a_deep_spring_holds_twice_the_energy
 
 def test_one_joint_follows_the_equation_of_the_one_degree_of_freedom_example(tmp_path: Path) -> None:
     facts = one_joint.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
-    assert facts["felt"] == pytest.approx(facts["stiffness"], rel=0.01)
+    assert facts["measured"] == pytest.approx(facts["stiffness"], rel=0.01)
     assert facts["departure"] < 0.02
     assert 0.1 < facts["overshoot"] < 0.25
 

@@ -93,9 +93,9 @@ class StubBaxter:
         self._state = replace(ON, **fields)
         self._say(topics.ROBOT_STATE, self._state)
 
-    def collide(self, limb: str, felt: bool = True) -> None:
-        self._collision[limb] = felt
-        self._say(topics.collision_state(limb), messages.CollisionDetectionState(self._header(), felt))
+    def collide(self, limb: str, detected: bool = True) -> None:
+        self._collision[limb] = detected
+        self._say(topics.collision_state(limb), messages.CollisionDetectionState(self._header(), detected))
 
     def squeeze(self, limb: str, squeezed: bool = True) -> None:
         self._cuff[limb] = squeezed

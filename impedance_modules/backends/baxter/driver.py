@@ -181,9 +181,9 @@ class BaxterDriver:
             self.stops.on_robot(received, robot)
         self._check_if_stopped()
 
-    def _on_collision(self, limb: str, felt: bool, received: float) -> None:
+    def _on_collision(self, limb: str, detected: bool, received: float) -> None:
         with self._lock:
-            self.stops.on_collision(received, limb, felt)
+            self.stops.on_collision(received, limb, detected)
         self._check_if_stopped()
 
     def _on_cuff(self, limb: str, squeezed: bool) -> None:

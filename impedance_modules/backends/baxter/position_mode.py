@@ -212,7 +212,7 @@ class PostureMover:
 
         Raises:
             RobotRefused: The commands have no subscriber, or the arms do not arrive.
-            RobotStopped: The robot stopped, felt a collision, or fell silent during the move.
+            RobotStopped: The robot stopped, reported a collision, or fell silent during the move.
         """
         session, transport = self._session, self._session.transport
         limbs = session.model.limbs
@@ -286,8 +286,8 @@ class PostureMover:
     def _on_robot(self, robot: AssemblyState, received: float) -> None:
         self._stops.on_robot(received, robot)
 
-    def _on_collision(self, limb: str, felt: bool, received: float) -> None:
-        self._stops.on_collision(received, limb, felt)
+    def _on_collision(self, limb: str, detected: bool, received: float) -> None:
+        self._stops.on_collision(received, limb, detected)
 
     def _on_cuff(self, limb: str, squeezed: bool) -> None:
         self._stops.on_cuff(limb, squeezed)

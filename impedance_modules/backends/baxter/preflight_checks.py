@@ -346,9 +346,9 @@ def _check_power(robot: AssemblyState | None) -> PreflightResult:
 
 
 def _check_collision(subject: CheckedRobot) -> PreflightResult:
-    felt = [limb for limb in subject.limbs if subject.link.collision.get(limb, False)]
-    found = f"felt by {' and '.join(felt)}" if felt else "none felt"
-    return PreflightResult("collision", not felt, found, "arms that touch nothing; wait two seconds")
+    hit = [limb for limb in subject.limbs if subject.link.collision.get(limb, False)]
+    found = f"reported by {' and '.join(hit)}" if hit else "none reported"
+    return PreflightResult("collision", not hit, found, "arms that touch nothing; wait two seconds")
 
 
 def _check_cuff(subject: CheckedRobot) -> PreflightResult:

@@ -54,7 +54,7 @@ class RobotCallbacks:
     Attributes:
         on_state: A complete sample.
         on_robot: /robot/state and when it arrived [s].
-        on_collision: A limb, whether it feels a collision, and when.
+        on_collision: A limb, whether it reports a collision, and when.
         on_cuff: A limb and whether its cuff is squeezed.
     """
 

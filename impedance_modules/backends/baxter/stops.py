@@ -9,7 +9,7 @@
 | a torque that is not finite or beyond a joint's limit | it is never sent; zero torque once, then a hold |
 | /robot/state silent for `silent` | hold |
 | disabled, stopped, e-stop | nothing is sent any more, not even a hold |
-| collision felt | hold, for at least `COLLISION_PAUSE` |
+| collision reported | hold, for at least `COLLISION_PAUSE` |
 | cuff squeezed | that arm gets nothing while it is squeezed and is held where it was left; the others are held |
 | end of the run | hold |
 
@@ -168,11 +168,11 @@ class Stops:
             self._note_reason(Event.ROBOT_DISABLED, why)
             self.mode = DriveMode.OFF
 
-    def on_collision(self, now: float, limb: str, felt: bool) -> None:
+    def on_collision(self, now: float, limb: str, detected: bool) -> None:
         """The robot's own collision detection."""
-        if felt and self.mode in (DriveMode.TORQUE, DriveMode.HOLD):
+        if detected and self.mode in (DriveMode.TORQUE, DriveMode.HOLD):
             self._pause_end = now + COLLISION_PAUSE
-            self._hold_for(Event.COLLISION, f"the robot felt a collision of its {limb} arm")
+            self._hold_for(Event.COLLISION, f"the robot reports a collision of its {limb} arm")
 
     def on_cuff(self, limb: str, squeezed: bool) -> None:
         """The switch in the cuff."""

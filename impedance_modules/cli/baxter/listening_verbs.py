@@ -91,7 +91,7 @@ def _of_limbs(session: Session) -> list[str]:
             at = session.link.endpoint[limb].pose.position
             parts.append(f"gripper at ({at.x:.3f}, {at.y:.3f}, {at.z:.3f}) m")
         if limb in session.link.collision:
-            parts.append("feels a collision" if session.link.collision[limb] else "feels no collision")
+            parts.append("reports a collision" if session.link.collision[limb] else "reports no collision")
         if limb in session.link.squeezed:
             parts.append("cuff squeezed" if session.link.squeezed[limb] else "cuff free")
         lines.append(f"{limb}: {', '.join(parts) or 'says nothing'}")

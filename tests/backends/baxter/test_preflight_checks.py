@@ -146,7 +146,7 @@ FAULTY = {
     "disabled": (lambda robot: robot.power(enabled=False), "the robot is disabled"),
     "e-stop": (lambda robot: robot.power(estop_button=1), "the e-stop is pressed"),
     "error": (lambda robot: robot.power(error=True), "reports an error"),
-    "collision": (lambda robot: robot.collide("left"), "felt by left"),
+    "collision": (lambda robot: robot.collide("left"), "reported by left"),
     "cuff": (lambda robot: robot.squeeze("right"), "squeezed at right"),
     "tucked": (lambda robot: robot.place("left_s1", -2.175), "left_s1 at -2.175 rad"),
     "other hand": (lambda robot: robot.tip.update(left=0.01), "10.0 mm from where the robot has it"),

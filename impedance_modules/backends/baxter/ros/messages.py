@@ -201,7 +201,7 @@ class CollisionAvoidanceState(Message, ros_type="baxter_core_msgs/CollisionAvoid
 
 
 class CollisionDetectionState(Message, ros_type="baxter_core_msgs/CollisionDetectionState"):
-    """Whether the arm has just felt an impact or a squeeze and pauses."""
+    """Whether the arm has just detected an impact or a squeeze and pauses."""
 
     header: Header
     collision_state: bool

@@ -231,14 +231,14 @@ class SimulatedBaxter:
         if push is not None:
             torque = self.kinematics.jacobian_of(drive.limb.hand)[:3, joints].T @ push.force
         self.plant.push[joints] = torque
-        felt = self._senses[name].detect(torque)
+        detected = self._senses[name].detect(torque)
         if not drive.paused(self.now):
             self.colliding[name] = ""
-        if felt and self._powered and not self.suppressed(name, "suppress_contact_safety"):
+        if detected and self._powered and not self.suppressed(name, "suppress_contact_safety"):
             if not self.colliding[name]:
-                self.log_event(f"{name}: {felt}, the arm pauses")
+                self.log_event(f"{name}: {detected}, the arm pauses")
                 drive.pause(self.now, COLLISION_PAUSE, self.position(drive))
-            self.colliding[name] = felt
+            self.colliding[name] = detected
 
     def _board_requests(self) -> list[BoardRequest] | None:
         """What each limb requests of its boards; None without power."""
