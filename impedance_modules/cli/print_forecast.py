@@ -110,7 +110,7 @@ def _loop(loop: StabilityForecast) -> tuple[str, str, str, str]:
     mode = "-"
     if loop.frequency is not None and loop.damping_ratio is not None:
         mode = f"{loop.frequency:.1f} Hz ({loop.damping_ratio:.3f})"
-    if loop.growth > 1.0 + 1e-6:
+    if not loop.stable:
         mode = f"[red]unstable: {mode}[/red]"
     if loop.stiffness == 0.0:
         return loop.name, mode, "none", "-"

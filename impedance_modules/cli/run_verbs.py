@@ -50,6 +50,11 @@ BACKENDS = ("sim", "replay", "baxter")
 @scale_option
 @click.option("--view", is_flag=True, help="Open the viewer and follow the run.")
 @click.option("--read-only", is_flag=True, help="Compute and record everything, send nothing.")
+@click.option(
+    "--allow-unstable",
+    is_flag=True,
+    help="Run although a loop is predicted to be unstable; in simulation only.",
+)
 @transport_option
 @click.option(
     "--approach",
@@ -69,6 +74,7 @@ def run_command(
     scale: float,
     view: bool,
     read_only: bool,
+    allow_unstable: bool,
     transport: str,
     approach: bool,
 ) -> int:
@@ -85,6 +91,10 @@ def run_command(
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")
     real = backend == "baxter"
+    if real and allow_unstable:
+        raise BadInput(
+            "--allow-unstable: a real robot runs no loop that is predicted to be unstable (valid: sim, replay)"
+        )
     console = Console()
     with ExitStack() as closing:
         found = closing.enter_context(_real_robot(transport)) if real else None
@@ -96,6 +106,7 @@ def run_command(
             arm=arm,
             calibrate=None if found is None else found.calibrate,
         )
+        assembly = replace(assembly, allow_unstable=allow_unstable)
         asked = RunRequest(backend, log, duration, _directory(out, assembly), seed, view, read_only, approach)
         if assembly.task.playback is not None:
             return play_task_back(assembly, asked)

@@ -49,6 +49,7 @@ class Assembly:
         arm: The only arm that takes part, or None for all.
         tank: Constants of the energy ledger.
         limits: Constants of the filter.
+        allow_unstable: Whether it may run although a loop is predicted to be unstable: simulated experiments.
     """
 
     task: TaskSpec
@@ -62,6 +63,7 @@ class Assembly:
     tank: TankSettings
     limits: FilterLimits
     brake: BrakeGains
+    allow_unstable: bool = False
 
     @property
     def period(self) -> float:

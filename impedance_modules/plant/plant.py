@@ -40,6 +40,9 @@ from impedance_modules.spec.task import PushSpec, SurfaceSpec
 ROBOT_LOOP = 1e-3
 """Longest period of the robot's own loop: gravity compensation and velocity estimate [s]."""
 
+SHORTEST_STEP = 0.25e-3 / 8.0
+"""Down to which a run divides its integration steps for a light object or a stiff surface [s]."""
+
 
 @dataclass(frozen=True)
 class PlantOptions:

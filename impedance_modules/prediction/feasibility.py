@@ -13,6 +13,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.phase_loops import PhaseLoops, judge_loops, unstable_loops
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase, predict_motion
 from impedance_modules.prediction.statics import Rest, find_rest
 from impedance_modules.spec.task import Sine
@@ -29,18 +30,20 @@ class TaskPrediction:
         motion: Its quasi-static prediction.
         rests: Where each phase comes to rest; None where one does not.
         tank: The energy it needs.
+        loops: Of each phase: are they stable?
     """
 
     motion: MotionPrediction
     rests: tuple[Rest | None, ...]
     tank: TankForecast
+    loops: tuple[PhaseLoops, ...]
 
 
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
     A sine that the control rate cannot follow; a torque beyond a joint's limit, in motion or at rest; a tank that
-    holds less than the task needs.
+    holds less than the task needs; a loop that is unstable at this rate and delay, unless the assembly allows it.
 
     Returns:
         What was predicted.
@@ -53,10 +56,12 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
         raise BadFile(sines)
     motion, mechanism = predict_motion(assembly), Mechanism(assembly)
     rests = tuple(find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases)
-    prediction = TaskPrediction(motion, rests, forecast_tank(assembly, mechanism, motion))
+    tank, loops = forecast_tank(assembly, mechanism, motion), judge_loops(assembly, mechanism, motion, rests)
+    prediction = TaskPrediction(motion, rests, tank, loops)
     problems = [
         *_efforts_beyond_limits(assembly, prediction),
         *_need_beyond_tank(assembly, prediction.tank),
+        *([] if assembly.allow_unstable else unstable_loops(assembly, motion, loops)),
     ]
     if problems:
         raise BadFile(problems)

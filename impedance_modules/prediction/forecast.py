@@ -19,10 +19,11 @@ from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.modules.spring import displacement_of
 from impedance_modules.prediction.energy_need import TankForecast
 from impedance_modules.prediction.feasibility import TaskPrediction
-from impedance_modules.prediction.loop_stability import StabilityForecast, forecast_stability
+from impedance_modules.prediction.loop_stability import StabilityForecast
 from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.phase_loops import PhaseLoops
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
-from impedance_modules.prediction.statics import Rest, analyse_state
+from impedance_modules.prediction.statics import Rest
 from impedance_modules.robot.model import Limb, RobotModel
 
 GRAVITY_SAMPLES = 40
@@ -133,48 +134,36 @@ class Forecast:
 def forecast_task(assembly: Assembly, prediction: TaskPrediction) -> Forecast:
     """Adds loads, deflections and stability to what a task's feasibility was judged by."""
     mechanism, motion = Mechanism(assembly), prediction.motion
-    loops: dict[bytes, tuple[StabilityForecast, ...]] = {}
     phases = []
-    for phase, rest in zip(motion.phases, prediction.rests, strict=True):
+    for phase, rest, judged in zip(motion.phases, prediction.rests, prediction.loops, strict=True):
         arms = tuple(_forecast_arm(mechanism, arm.limb, phase, motion, rest) for arm in phase.modules.arms)
-        phases.append(_forecast_phase(assembly, mechanism, phase, rest, arms, loops))
+        phases.append(_forecast_phase(mechanism, phase, rest, arms, judged))
     notes = tuple(dict.fromkeys(note for phase in phases for note in _notes(phase)))
     return Forecast(tuple(phases), prediction.tank, notes)
 
 
 def _forecast_phase(
-    assembly: Assembly,
     mechanism: Mechanism,
     phase: PredictedPhase,
     rest: Rest | None,
     arms: tuple[ArmForecast, ...],
-    loops: dict[bytes, tuple[StabilityForecast, ...]],
+    judged: PhaseLoops,
 ) -> PhaseForecast:
-    """Judges one phase; ``loops`` keeps what was found for the same gains."""
-    modules = phase.modules
-    state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
+    """Sums up one phase."""
+    modules, state = phase.modules, judged.state
     folds = [limb for limb, arm in state.arms.items() if arm.stiffness.folds]
     held = state.held
     if held is not None and modules.held is not None:
         # Between the hands of one object an arm is held: what counts is whether the whole folds.
         folds = [limb for limb in folds if limb not in modules.held.limbs] + [OBJECT] * held.folds
-    key = _gains_key(phase)
-    if key not in loops:
-        loops[key] = forecast_stability(assembly, modules, state.arms, held)
     return PhaseForecast(
         predicted=phase,
         rest=rest,
         arms=arms,
         object=None if rest is None else _forecast_object(mechanism, phase.equilibrium, rest),
-        loops=loops[key],
+        loops=judged.loops,
         folds=() if rest is None else tuple(folds),
     )
-
-
-def _gains_key(phase: PredictedPhase) -> bytes:
-    """Tells phases with different gains apart; postures within one task change a loop little."""
-    springs = [spring for arm in phase.modules.arms for spring in arm.springs]
-    return b"".join(spring.stiffness.tobytes() + spring.damping.tobytes() for spring in springs)
 
 
 def _forecast_arm(
@@ -258,5 +247,5 @@ def _notes(phase: PhaseForecast) -> Iterator[str]:
                 f" weight, its motor gives {arm.total.limit:g} N.m"
             )
     for loop in phase.loops:
-        if loop.growth > 1.0 + 1e-6:
+        if not loop.stable:
             yield f"'{loop.name}' is predicted to be unstable at this rate and delay: soften it or damp it less"

@@ -28,12 +28,16 @@ from impedance_modules.superposition.object_impedance import HeldImpedance
 from impedance_modules.superposition.sampled_loop import (
     Gains,
     highest_stable_stiffness,
+    oscillating_growth,
     sampled_modes,
     spectral_radius,
 )
 
 STIFFEST = 30.0
 """Times the task's own endpoint stiffness; beyond it nobody asks."""
+
+ROUNDING = 1e-6
+"""Of a growth per period."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,7 @@ class StabilityForecast:
     Attributes:
         name: Of the arm, or ``object``.
         growth: Spectral radius of one period; below 1 is stable.
+        oscillating_growth: The same without motions that grow without swinging: an arm that folds, at any rate.
         frequency: Of the least damped mode [Hz]; None where nothing swings.
         damping_ratio: Of it; negative grows.
         scale: How far the endpoint stiffness can be raised before the loop is unstable, its damping growing as
@@ -52,10 +57,16 @@ class StabilityForecast:
 
     name: str
     growth: float
+    oscillating_growth: float
     frequency: float | None
     damping_ratio: float | None
     scale: float | None
     stiffness: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether no oscillation grows; rounding of a free motion's double eigenvalue one is forgiven."""
+        return self.oscillating_growth <= 1.0 + ROUNDING
 
 
 def forecast_stability(
@@ -109,6 +120,7 @@ def _forecast(name: str, loop: SampledArm, fixed: Gains, scaled: Gains, stiffest
     return StabilityForecast(
         name=name,
         growth=spectral_radius(loop, now),
+        oscillating_growth=oscillating_growth(loop, now),
         frequency=None if mode is None else mode.frequency / (2.0 * math.pi),
         damping_ratio=None if mode is None else mode.damping_ratio,
         scale=highest_stable_stiffness(loop, fixed, scaled, STIFFEST) if stiffest > 0.0 else None,

@@ -265,6 +265,7 @@ def run_metadata(
         rate=assembly.rate,
         scale=assembly.scale,
         arm=assembly.arm,
+        allow_unstable=assembly.allow_unstable,
         seed=seed,
         backend=backend,
         effects=None if patch is None else patch.text,

@@ -21,7 +21,7 @@ from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.plant import Plant, PlantOptions
+from impedance_modules.plant.plant import SHORTEST_STEP, Plant, PlantOptions
 from impedance_modules.plant.rigid_object import ObjectBody
 
 
@@ -29,7 +29,7 @@ def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBack
     """Builds the plant with the task's surroundings behind a backend."""
     task, model = assembly.task, assembly.model
     held = None if task.object is None else ObjectBody.of_task(model, task.object)
-    options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
+    options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise, shortest_step=SHORTEST_STEP)
     worn = None if assembly.patch is None else apply_to_plant(model, assembly.patch)
     plant = Plant(model, task.environment, held, options, worn, pushes=task.pushes)
     return SimBackend(plant, assembly.modules.posture, assembly.period)

@@ -115,6 +115,7 @@ class Summary:
             "seed": self._seed,
             "rate": assembly.rate,
             "scale": assembly.scale,
+            "allow_unstable": assembly.allow_unstable,
             "ending": "recording ended" if supervisor.ending is None else supervisor.ending.value,
             "reason": supervisor.reason,
             "interrupted": interrupted,

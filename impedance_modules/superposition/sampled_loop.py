@@ -60,6 +60,17 @@ def spectral_radius(arm: SampledArm, gains: Gains) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(loop_matrix(arm, gains)))))
 
 
+def oscillating_growth(arm: SampledArm, gains: Gains) -> float:
+    """Gives the growth per period of the fastest growing oscillation.
+
+    A motion that grows without swinging (an eigenvalue that is real and positive) is an arm that folds under its load:
+    slow, and the same at every rate and delay. It is left out.
+    """
+    values = np.linalg.eigvals(loop_matrix(arm, gains))
+    folding = (values.real > 0.0) & (np.abs(values.imag) <= 1e-9 * np.abs(values))
+    return float(np.max(np.abs(values[~folding]), initial=0.0))
+
+
 def sampled_modes(arm: SampledArm, gains: Gains) -> tuple[VibrationMode, ...]:
     """Finds the loop's modes as continuous motions, s = rate log(z), slowest first.
 

@@ -2,6 +2,7 @@
 """What ``check`` predicts and what it refuses."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,14 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
+from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.prediction.forecast import Forecast, forecast_task
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
 from tests.support.commands import python, refusal
-from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, predicted, wipe, write_task
+from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, assembled, predicted, wipe, write_task
+from tests.support.paths import CHECKOUT
 
 SLOW = ("numba", "rerun", "pyarrow", "matplotlib", "scipy.signal", "daqp", "proxsuite")
 
@@ -72,14 +75,52 @@ def test_the_hand_is_deflected_by_force_over_stiffness(tmp_path: Path) -> None:
     assert press.predicted.met is None and found.phases[0].predicted.met is True
 
 
-def test_an_unstable_loop_is_announced(tmp_path: Path) -> None:
-    """Two hands damped at 0.7 from the box's inertia shake Baxter's elastic joints (seen on the plant)."""
+def shaky(folder: Path) -> Path:
+    """Two hands damped at 0.9 from the box's inertia shake Baxter's elastic joints (seen on the plant)."""
+    return write_task(folder, BOX, ("damping_ratio: 0.3", "damping_ratio: 0.9"))
+
+
+def test_an_unstable_loop_is_refused_with_its_line_and_what_would_be_stable(tmp_path: Path) -> None:
+    """The named rate is accepted; an experiment that allows it gets the forecast with a note."""
     _, calm = forecast(write_task(tmp_path, BOX))
-    _, shaky = forecast(write_task(tmp_path, BOX, ("damping_ratio: 0.3", "damping_ratio: 0.9")))
-    assert all(loop.growth < 1.0 for loop in calm.phases[0].loops) and not calm.notes
-    (loop,) = shaky.phases[0].loops
-    assert loop.growth > 1.0 and loop.damping_ratio < 0.0 and loop.scale < 1.0
-    assert any("unstable" in note for note in shaky.notes)
+    assert all(loop.stable and loop.growth < 1.0 for loop in calm.phases[0].loops) and not calm.notes
+    path = shaky(tmp_path)
+    text = refusal("check", path)
+    line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "- name: hand" in text)
+    assert re.match(rf"{re.escape(str(path))}:{line}:\d+: arms\.right\.springs: the loop of 'object'", text)
+    assert "at 1000 Hz" in text and "--allow-unstable" in text
+    assembly = replace(assembled(path), allow_unstable=True)
+    found = forecast_task(assembly, refuse_infeasible(assembly))
+    (loop,) = found.phases[0].loops
+    assert not loop.stable and loop.damping_ratio < 0.0 and loop.scale < 1.0
+    assert any("unstable" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("rate", [200, 300])
+def test_a_rate_that_is_too_low_is_refused_and_the_one_that_is_named_is_not(rate: int) -> None:
+    text = refusal("check", "box-hold", "--rate", rate)
+    found = re.search(r"--rate (\d+) or more", text)
+    assert found is not None and "at most" in text
+    higher = float(found[1])
+    assert rate < higher < 500
+    refuse_infeasible(assembled("box-hold", rate=higher))
+    with pytest.raises(BadFile, match="unstable"):
+        refuse_infeasible(assembled("box-hold", rate=0.95 * higher))
+
+
+def test_a_softer_hand_as_named_is_stable(tmp_path: Path) -> None:
+    """All axes softer by the factor that the refusal names; a fifth stiffer than that is refused."""
+    found = re.search(r"at most (\d+) N/m instead of 200", refusal("check", "box-hold", "--rate", 300))
+    assert found is not None
+    text = (CHECKOUT / "tasks" / "box-hold.yaml").read_text()
+    for share, stable in ((0.99, True), (1.2, False)):
+        linear, angular = share * int(found[1]), share * int(found[1]) / 40.0
+        softer = f"x: {linear}, y: {linear}, z: {linear}, rx: {angular}, ry: {angular}, rz: {angular}"
+        (tmp_path / "soft.yaml").write_text(
+            text.replace("x: 200, y: 200, z: 200, rx: 5, ry: 5, rz: 5", softer)
+        )
+        soft = replace(assembled(tmp_path / "soft.yaml", rate=300), allow_unstable=True)
+        assert all(loop.stable for phase in refuse_infeasible(soft).loops for loop in phase.loops) == stable
 
 
 def test_a_condition_that_will_not_come_is_announced(tmp_path: Path) -> None:

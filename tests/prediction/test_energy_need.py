@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The energy that ``check`` says a task needs, against what the noisy plant takes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
+from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.runs.run_backends import sim_backend
 from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, assembled, predicted, wipe, write_task
 from tests.support.paths import CHECKOUT
@@ -69,5 +71,6 @@ def test_one_arm_scale_and_patch_are_taken_into_account(tmp_path: Path) -> None:
     assert predicted(path, arm="left")[1].tank.need < 0.8 * both.need
     assert predicted(path, scale=0.3)[1].tank.need < 0.9 * both.need
     patch = CHECKOUT / "robots" / "baxter" / "patches" / "without-reflected-inertia.yaml"
-    light = predicted(path, effects=patch)[1].tank
+    # At 1 kHz these hands are unstable without the rotors' inertia; the need is predicted all the same.
+    light = refuse_infeasible(replace(assembled(path, effects=patch), allow_unstable=True)).tank
     assert light.costs["arms moving"] < 0.8 * both.costs["arms moving"]
