@@ -107,6 +107,8 @@ def run_loop(
         supervisor.note(str(end_of_recording))
     except RobotStopped as stop:
         supervisor.halt(Event(stop.event), stop.detail)
+    except MemoryError:
+        supervisor.halt(Event.MEMORY_SHORT, "a cycle asked for memory and got none")
     finally:
         try:
             backend.finish("release" if supervisor.released else "hold")

@@ -287,6 +287,7 @@ class Timekeeper:
         self._without_state = 0
         self._late: list[float] = []
         self._age = 0.0
+        self._gap = 0.0
 
     def count(self, state: RobotState | None, *, since: float, running: bool) -> bool:
         """Tells the ledger how many periods the robot has run since its last state, by the robot's clock.
@@ -305,6 +306,7 @@ class Timekeeper:
         if state is None:
             self._without_state += 1
             return False
+        self._gap = state.time - since
         self.missed, self._without_state = self._without_state, 0
         intervals = max(1, round((state.time - since) / self._period))
         counted = self.missed + 1
@@ -322,15 +324,17 @@ class Timekeeper:
             late: The last torque missed its deadline and was not sent; it is taken back.
         """
         self._age = self._age + self._period if missing else 0.0
+        # A loop that slept has missed no cycle of its own, but the robot has run without it.
+        age = self._age if missing or self._gap < self._limits.lost_time else self._gap
         starved = self._controller.tank.starved_time
-        if not (late or self._late) and self._age == 0.0 and starved < self._limits.starvation_time:
+        if not (late or self._late) and age == 0.0 and starved < self._limits.starvation_time:
             return []
         now = cycle * self._period
         if late:
             self._controller.withdraw()
             self._late.append(now)
         self._late = [time for time in self._late if time > now - 1.0]
-        found = watch_time(late, len(self._late), self._age, starved, self._limits)
+        found = watch_time(late, len(self._late), age, starved, self._limits)
         # A single late torque was withdrawn and a low tank slows the task by itself: neither is a stop.
         return [event for event in found if event.event not in (Event.TANK_LOW, Event.LATE_CYCLE)]
 

@@ -30,6 +30,7 @@ own position mode. RELEASE is zero torque; the robot's own gravity compensation 
 | torque_refused | hold | - | the robot's driver was given a torque that must not leave |
 | controller_silent | hold | - | the robot's watchdog heard no torque for too long |
 | state_lost | hold | - | no state for so long that damping would be guessing |
+| memory_short | hold | - | the computer has no memory left for the law |
 | plant_not_finite | hold | - | a number of the simulated robot's state is not finite: there is nothing left to brake |
 | hold_refused | release | - | the robot cannot hold, or the tank cannot cover a hold |
 | robot_disabled | release | - | disabled or emergency stop: stop sending at once, never enable it again |
@@ -74,6 +75,7 @@ class Event(StrEnum):
     TORQUE_REFUSED = "torque_refused"
     CONTROLLER_SILENT = "controller_silent"
     STATE_LOST = "state_lost"
+    MEMORY_SHORT = "memory_short"
     PLANT_NOT_FINITE = "plant_not_finite"
     HOLD_REFUSED = "hold_refused"
     ROBOT_DISABLED = "robot_disabled"
@@ -99,6 +101,7 @@ LEVEL_OF: Mapping[Event, StopLevel] = {
     Event.TORQUE_REFUSED: StopLevel.HOLD,
     Event.CONTROLLER_SILENT: StopLevel.HOLD,
     Event.STATE_LOST: StopLevel.HOLD,
+    Event.MEMORY_SHORT: StopLevel.HOLD,
     Event.PLANT_NOT_FINITE: StopLevel.HOLD,
     Event.HOLD_REFUSED: StopLevel.RELEASE,
     Event.ROBOT_DISABLED: StopLevel.RELEASE,

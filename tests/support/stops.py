@@ -37,17 +37,53 @@ CALM_TIME = 2.0
 PULSE = 0.1
 """Largest torque that is still under way when the stop begins, as part of the limit."""
 
-DIFFERENCES: dict[str, tuple[str, str, str, float, float]] = {
-    "delay": ("command_delay", "timing", "T", 0.0, 0.02),
-    "lag": ("actuator_lag", "actuator", "T", 0.0, 0.02),
-    "backlash": ("backlash", "actuator", "b", 0.0, 0.02),
-    "motor gain": ("torque_gain", "actuator", "s", 0.3, 1.8),
-    "sensor gain": ("torque_gain", "sensor", "s", 0.3, 1.8),
-    "lag of velocity": ("velocity_filter_lag", "sensor", "T", 0.0, 0.05),
-}
-"""Name -> effect, port, symbol, and the range in which it is drawn for every joint."""
 
-UNITS = {"T": "s", "b": "rad", "s": "1", "fc": "N.m"}
+@dataclass(frozen=True)
+class Difference:
+    """One effect with one number that is drawn anew for every joint or body.
+
+    Attributes:
+        effect, port, symbol, unit: As in a patch.
+        low, high: Its range.
+        bodies: What the numbers belong to; every joint where there are none.
+        others: Further symbols and units, all zero.
+    """
+
+    effect: str
+    port: str
+    symbol: str
+    unit: str
+    low: float
+    high: float
+    bodies: tuple[str, ...] = ()
+    others: tuple[tuple[str, str], ...] = ()
+
+    def entry(self, joints: tuple[str, ...], random: np.random.Generator) -> dict[str, object]:
+        """An effect of a patch, its numbers drawn."""
+        zeros = {symbol: {"value": 0.0, "unit": unit} for symbol, unit in self.others}
+        numbers = {
+            key: {
+                self.symbol: {"value": float(random.uniform(self.low, self.high)), "unit": self.unit},
+                **zeros,
+            }
+            for key in self.bodies or joints
+        }
+        return {"effect": self.effect, "joints": list(joints), "port": self.port, "parameters": numbers}
+
+
+HANDS, CENTRE = ("right_hand", "left_hand"), (("cx", "m"), ("cy", "m"), ("cz", "m"))
+
+DIFFERENCES = {
+    "delay": Difference("command_delay", "timing", "T", "s", 0.0, 0.02),
+    "lag": Difference("actuator_lag", "actuator", "T", "s", 0.0, 0.02),
+    "backlash": Difference("backlash", "actuator", "b", "rad", 0.0, 0.02),
+    "motor gain": Difference("torque_gain", "actuator", "s", "1", 0.3, 1.8),
+    "sensor gain": Difference("torque_gain", "sensor", "s", "1", 0.3, 1.8),
+    "lag of velocity": Difference("velocity_filter_lag", "sensor", "T", "s", 0.0, 0.05),
+    "payload": Difference("payload", "link", "m", "kg", 0.0, 2.0, HANDS, CENTRE),
+    "tilt": Difference("base_tilt", "link", "rx", "rad", -0.1, 0.1, ("base",), (("ry", "rad"),)),
+    "torque offset": Difference("torque_offset", "actuator", "c", "N.m", -2.0, 2.0),
+}
 
 
 @dataclass(frozen=True)
@@ -60,6 +96,7 @@ class Stop:
         left: Part of it that was left at the end of the hold.
         seconds: From the stop's begin until it stayed below 1 % of ``start`` or ``FLOOR`` [s].
         speed: Largest motor speed afterwards over the declared one.
+        travel: Of the joint that moved farthest until the end of the hold [rad].
         speed_before: The same at the stop's begin.
         reason: The supervisor's.
     """
@@ -69,6 +106,7 @@ class Stop:
     left: float
     seconds: float
     speed: float
+    travel: float
     speed_before: float
     reason: str
 
@@ -88,13 +126,7 @@ def write_patch(
     folder: Path, joints: tuple[str, ...], names: tuple[str, ...], random: np.random.Generator
 ) -> Path:
     """Writes a patch with these differences, drawn for every joint."""
-    effects = []
-    for name in names:
-        effect, port, symbol, low, high = DIFFERENCES[name]
-        numbers = {
-            j: {symbol: {"value": float(random.uniform(low, high)), "unit": UNITS[symbol]}} for j in joints
-        }
-        effects.append({"effect": effect, "joints": list(joints), "port": port, "parameters": numbers})
+    effects = [DIFFERENCES[name].entry(joints, random) for name in names]
     path = folder / "patch.yaml"
     provenance = {"origin": "hand", "date": "2026-11-22", "note": "A difference that the stop does not know."}
     content = {"format": 1, "robot": "baxter", "provenance": provenance, "effects": effects}
@@ -102,8 +134,8 @@ def write_patch(
     return path
 
 
-WEIGHTLESS = (0.0, 0.0, 0.0)
-"""Acceleration under which the robot carries its arms' weight exactly, whatever its motors' gain [m/s^2]."""
+WEIGHTLESS, EARTH = (0.0, 0.0, 0.0), (0.0, 0.0, -9.81)
+"""Without weight, the robot carries it exactly, whatever its motors' gain [m/s^2]."""
 
 
 def plant_of(
@@ -125,7 +157,7 @@ def stop_from_random_state(assembly: Assembly, plant: Plant, random: np.random.G
     before = float(np.max(np.abs(plant.motor_velocity) / top))
     state = plant.sense()
     supervisor.start(FirstState(state, np.zeros(assembly.model.n)))
-    energies, speeds = [_moving_energy(plant)], [before]
+    energies, speeds, began = [_moving_energy(plant)], [before], plant.state.start.position.copy()
 
     def advance(effort: np.ndarray | None) -> None:
         plant.advance(effort)
@@ -138,7 +170,8 @@ def stop_from_random_state(assembly: Assembly, plant: Plant, random: np.random.G
     plant.hold()
     for _ in range(round(HOLD * assembly.rate)):
         advance(None)
-    return _judged(np.array(energies), speeds, delay + 1, assembly.period, supervisor.reason)
+    travel = float(np.max(np.abs(plant.state.start.position - began)))
+    return _judged(np.array(energies), speeds, travel, delay + 1, assembly.period, supervisor.reason)
 
 
 def _set_moving(assembly: Assembly, plant: Plant, random: np.random.Generator) -> int:
@@ -160,7 +193,9 @@ def _moving_energy(plant: Plant) -> float:
     return book.kinetic + book.springs + book.stops
 
 
-def _judged(energies: np.ndarray, speeds: list[float], first: int, period: float, reason: str) -> Stop:
+def _judged(
+    energies: np.ndarray, speeds: list[float], travel: float, first: int, period: float, reason: str
+) -> Stop:
     after = energies[first:]
     start = float(after[0])
     loud = np.flatnonzero(after > max(0.01 * start, FLOOR))
@@ -170,6 +205,7 @@ def _judged(energies: np.ndarray, speeds: list[float], first: int, period: float
         left=float(after[-1] / start),
         seconds=period * (first + (int(loud[-1]) + 1 if loud.size else 0)),
         speed=max(speeds[first:]),
+        travel=travel,
         speed_before=speeds[0],
         reason=reason,
     )
