@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The active-set solver against an exact solver: on the hard set, on ordinary problems, and that it claims enough."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from impedance_modules.safety.filter_problem import FilterProblem
 from impedance_modules.safety.solvers import make_solver
 from tests.safety.test_solvers_hard_set import KINDS
 from tests.support import filter_problems as fp
-from tests.support.both_ways import ways  # noqa: F401
 
 pytestmark = pytest.mark.usefixtures("ways")
 
@@ -48,13 +45,13 @@ def check(problem: FilterProblem) -> int:
     return status
 
 
-def test_it_is_exact_or_silent_on_the_hard_set(ways: str) -> None:  # noqa: F811
+def test_it_is_exact_or_silent_on_the_hard_set(ways: str) -> None:
     random, each = np.random.default_rng(11), 40 if ways == "machine code" else 4
     found = [check(dense(kind(random))) for kind in KINDS for _ in range(each)]
     assert found.count(CERTIFIED) > 0.25 * len(found)
 
 
-def test_it_solves_most_problems_with_a_dozen_limits_acting(ways: str) -> None:  # noqa: F811
+def test_it_solves_most_problems_with_a_dozen_limits_acting(ways: str) -> None:
     random = np.random.default_rng(12)
     found = [check(fp.problem(random, 0.8, 0.2)) for _ in range(200 if ways == "machine code" else 20)]
     assert found.count(CERTIFIED) > 0.65 * len(found)
@@ -62,12 +59,8 @@ def test_it_solves_most_problems_with_a_dozen_limits_acting(ways: str) -> None: 
 
 def free(problem: FilterProblem) -> FilterProblem:
     """All limits far away; the torque asked for is allowed."""
-    return fp.changed(
-        problem,
-        desired=0.1 * problem.effort_max,
-        lower=np.full_like(problem.lower, -np.inf),
-        upper=np.full_like(problem.upper, np.inf),
-    )
+    lower, upper = np.full_like(problem.lower, -np.inf), np.full_like(problem.upper, np.inf)
+    return fp.changed(problem, desired=0.1 * problem.effort_max, lower=lower, upper=upper)
 
 
 def test_allowed_torque_leaves_to_the_last_bit_and_one_limit_costs_one_trial_more() -> None:

@@ -7,19 +7,13 @@ import numpy as np
 import pytest
 
 from impedance_modules.safety.attribute import attribute
-from impedance_modules.safety.filter_problem import FilterLayout, FilterProblem, make_problem
+from impedance_modules.safety.filter_problem import FilterLayout, make_problem
 from impedance_modules.safety.solvers import make_solver
 from tests.support import filter_problems as fp
-from tests.support.both_ways import machine_code  # noqa: F401
 
 pytestmark = pytest.mark.usefixtures("machine_code")
 
 ONE = FilterLayout(("j",), ())
-
-
-def single(**arrays: np.ndarray) -> FilterProblem:
-    """One joint, unit metric, no limit but those given."""
-    return fp.changed(make_problem(ONE, np.full(1, np.inf)), **arrays)
 
 
 def test_attribution_sums_to_the_change_over_rows_and_modules() -> None:
@@ -46,7 +40,7 @@ def test_attribution_sums_to_the_change_over_rows_and_modules() -> None:
 
 
 def test_each_row_bears_its_own_optimality_term_and_splits_by_push() -> None:
-    p = single(desired=np.array([9.0]), effort_max=np.array([5.0]))
+    p = fp.single(desired=np.array([9.0]), effort_max=np.array([5.0]))
     s = make_solver("daqp").solve(p)
     found = attribute(p, ONE, s, ("up", "more", "down"), np.array([[8.0], [4.0], [-3.0]]))
     assert {(r.row, r.module) for r in found} == {("torque j", "up"), ("torque j", "more")}
@@ -56,7 +50,7 @@ def test_each_row_bears_its_own_optimality_term_and_splits_by_push() -> None:
 
 
 def test_at_a_lower_limit_the_module_that_pushes_down_bears_the_change() -> None:
-    p = single(desired=np.array([-9.0]), effort_max=np.array([5.0]))
+    p = fp.single(desired=np.array([-9.0]), effort_max=np.array([5.0]))
     s = make_solver("daqp").solve(p)
     found = attribute(p, ONE, s, ("down", "up"), np.array([[-12.0], [3.0]]))
     assert [(r.row, r.module) for r in found] == [("torque j", "down")]
@@ -95,9 +89,5 @@ def test_attribution_refuses_what_it_cannot_split() -> None:
     failed = make_solver("daqp").solve(fp.changed(p, metric=-p.metric))
     with pytest.raises(ValueError, match="did not solve"):
         attribute(p, fp.LAYOUT, failed, ("a",), p.desired[None])
-    assert (
-        attribute(
-            p, fp.LAYOUT, replace(s, row_duals=np.zeros(53), box_duals=np.zeros(14)), ("a",), p.desired[None]
-        )
-        == []
-    )
+    free = replace(s, row_duals=np.zeros(53), box_duals=np.zeros(14))
+    assert attribute(p, fp.LAYOUT, free, ("a",), p.desired[None]) == []

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from impedance_modules.robot.kinematics import Kinematics
-from impedance_modules.robot.model import RobotModel
 from impedance_modules.safety.filter_problem import (
     LOWEST_PENALTY,
     RANK_FACTOR,
@@ -19,7 +18,6 @@ from impedance_modules.safety.rows import position_interval
 from impedance_modules.safety.solvers import make_solver
 from tests.support import filter_problems as fp
 from tests.support.arm_samples import baxter
-from tests.support.both_ways import ways  # noqa: F401
 
 pytestmark = pytest.mark.usefixtures("ways")
 
@@ -95,7 +93,8 @@ def test_rows_bound_the_motion_that_the_torque_causes(spread: float) -> None:
         assert np.all(above == np.inf)
         drawn = state.motor_velocity @ tau * (limits.period + limits.delay)
         speed = np.linalg.norm(state.motor_velocity) * (limits.period + limits.delay)
-        assert slack(problem, slice(0, 1), tau)[1] == pytest.approx([(state.available - drawn) / speed])
+        below, above = slack(problem, slice(0, 1), tau)
+        assert (below, above) == ([np.inf], pytest.approx([(state.available - drawn) / speed]))
         below, above = slack(problem, WHERE.rate, tau)
         step = limits.effort_rate_max * limits.period
         assert below == pytest.approx(tau - state.previous + step)
@@ -150,7 +149,7 @@ def test_rows_are_zero_beyond_their_reach_and_reach_no_farther() -> None:
 
 def test_arms_of_a_real_robot_do_not_feel_each_other() -> None:
     """Where ``make_problem`` expects zeros, the inertia has them."""
-    robot: RobotModel = baxter()
+    robot = baxter()
     kinematics = Kinematics(robot, [limb.hand for limb in robot.limbs.values()])
     rng = np.random.default_rng(7)
     kinematics.update(rng.uniform(-0.5, 0.5, robot.n), np.zeros(robot.n))

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The filter's limits are those of the robot file: number by number, read from the file as text."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

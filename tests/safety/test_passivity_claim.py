@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The passivity claim against adversaries: integral of tau_applied . dtheta <= T_0 + U_0 - U."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from impedance_modules.safety.tank import Tank, measure, missed, rescale_springs
-from tests.support.both_ways import ways  # noqa: F401
 from tests.support.tank_worlds import (
     ElasticArm,
     Springs,
@@ -26,6 +23,10 @@ pytestmark = pytest.mark.usefixtures("ways")
 EPS = 1e-9
 
 
+def rounded(x: np.ndarray, resolution: float) -> np.ndarray:
+    return np.round(x / resolution) * resolution if resolution else x
+
+
 def adversarial_run(
     seed: int, *, delay: int, resolution: float, hold_periods: int, cycles: int = 250
 ) -> None:
@@ -34,29 +35,20 @@ def adversarial_run(
     n = int(rng.integers(1, 4))
     c = rng.choice([0.0, 1 / 300], size=n)
     e = np.full(n, 0.5 * resolution) + c * 0.5 * resolution
-    s = settings_of(
-        n,
-        delay=delay,
-        hold=hold_periods * 0.002,
-        compliance=c,
-        sensing_error=e,
-        sensing_deviation=None,
-        initial=float(rng.uniform(0.6, 4)),
-    )
+    initial, hold = float(rng.uniform(0.6, 4)), hold_periods * 0.002
+    s = settings_of(n, delay=delay, hold=hold, compliance=c, sensing_error=e, initial=initial)
     springs = random_springs(rng, n)
 
-    def read(x: np.ndarray) -> np.ndarray:
-        return np.round(x / resolution) * resolution if resolution else x
-
-    def twist(x: np.ndarray) -> np.ndarray:
-        return np.where(c > 0, x / np.where(c > 0, c, 1.0), 0.0)
+    def read() -> tuple[np.ndarray, np.ndarray]:
+        twist = np.where(c > 0, (theta - q) / np.where(c > 0, c, 1.0), 0.0)
+        return rounded(q, resolution), rounded(twist, resolution)
 
     q, theta = rng.normal(size=n), np.zeros(n)
     theta = np.where(c > 0, q + rng.normal(size=n) * 0.01, q)
-    qm, fm = read(q), read(twist(theta - q))
+    qm, fm = read()
     tank = filled_tank(s, qm, fm, springs.potential(qm))
     wire, true_work, v = Wire(delay, n), 0.0, np.zeros(n)
-    greed, misses, first = rng.uniform(), 0, True
+    yielding, misses, first = rng.uniform(), 0, True
     for _ in range(cycles):
         if not first:
             if misses + 1 < hold_periods and rng.uniform() < 0.2:
@@ -65,7 +57,7 @@ def adversarial_run(
                 command = None
             else:
                 misses = 0
-                qm, fm = read(q), read(twist(theta - q))
+                qm, fm = read()
                 assert measure(tank, qm, fm, springs.potential(qm)) == n
         if misses == 0:
             if rng.uniform() < 0.3:
@@ -82,8 +74,8 @@ def adversarial_run(
         first = False
         applied = wire.applied(command)
         bound = s.speed_bound * s.period
-        thief = bound * np.sign(applied)
-        step = np.where(rng.uniform(size=n) < greed, thief, rng.uniform(-1, 1, n) * bound)
+        worst = bound * np.sign(applied)
+        step = np.where(rng.uniform(size=n) < yielding, worst, rng.uniform(-1, 1, n) * bound)
         true_work += float(applied @ step)
         theta = theta + step
         q_new = np.where(c > 0, theta + rng.normal(size=n) * 0.05, theta)
@@ -132,17 +124,14 @@ def run_arm(seed: int, delay: int, resolution: float, steps: int = 400) -> tuple
     s = settings_of(n, delay=delay, compliance=c, sensing_error=e, speed_bound=np.full(n, 20.0), initial=3.5)
     springs = random_springs(rng, n)
     springs.K *= 0.2
-
-    def read(x: np.ndarray) -> np.ndarray:
-        return np.round(x / resolution) * resolution if resolution else x
-
     qm = np.zeros(n)
     springs.x0 = np.zeros(n)
     tank, wire, work, command = filled_tank(s, qm, qm, 0.0), Wire(delay, n), 0.0, np.zeros(n)
     target, margin, measured = rng.normal(size=n), np.inf, 0.0
     for k in range(steps):
         if k:
-            qm, fm = read(arm.part(0)), read(arm.k * (arm.part(1) - arm.part(0)))
+            qm = rounded(arm.part(0), resolution)
+            fm = rounded(arm.k * (arm.part(1) - arm.part(0)), resolution)
             too_fast = measure(tank, qm, fm, springs.potential(qm))
             assert too_fast == n, "the test's own bound is too small"
         start = springs.x0
@@ -180,7 +169,7 @@ def test_books_balance_exactly_without_sensor_noise() -> None:
     assert work > 0.1
 
 
-def greedy_energy(delay: int, rule: str, cycles: int) -> float:
+def least_energy(delay: int, rule: str, cycles: int) -> float:
     """Least T - floor when rotors always run away at v_max along the torque; one joint, a pure push."""
     s = settings_of(1, delay=delay, floor=1.0, initial=4.0, compliance=np.zeros(1))
     tank, least, theta = filled_tank(s, np.zeros(1), np.zeros(1), 0.0), np.inf, np.zeros(1)
@@ -201,5 +190,5 @@ def greedy_energy(delay: int, rule: str, cycles: int) -> float:
 
 @pytest.mark.parametrize("delay", [1, 2, 4])
 def test_scaling_by_period_plus_delay_alone_breaks_the_floor_and_the_reserve_does_not(delay: int) -> None:
-    assert greedy_energy(delay, "sentence alone", 60) < -0.1
-    assert greedy_energy(delay, "reserve", 60) >= -EPS
+    assert least_energy(delay, "sentence alone", 60) < -0.1
+    assert least_energy(delay, "reserve", 60) >= -EPS

@@ -4,17 +4,13 @@
 import numpy as np
 import pytest
 
-from impedance_modules.safety.filter_problem import FilterLayout, make_problem
 from impedance_modules.safety.limits import FilterLimits
 from impedance_modules.safety.rows import (
     braking_acceleration,
     position_interval,
-    rate_interval,
     separation_acceleration,
     velocity_interval,
-    write_power_row,
 )
-from tests.support.both_ways import ways  # noqa: F401
 
 pytestmark = pytest.mark.usefixtures("ways")
 
@@ -64,9 +60,8 @@ def velocity_intervals(limits: FilterLimits, v: Array) -> tuple[Array, Array]:
 
 
 def braking_accelerations(limits: FilterLimits, room: Array, speed: Array) -> Array:
-    each = zip(
-        room.tolist(), speed.tolist(), limits.deceleration.tolist(), limits.return_speed.tolist(), strict=True
-    )
+    columns = (room, speed, limits.deceleration, limits.return_speed)
+    each = zip(*(column.tolist() for column in columns), strict=True)
     return np.array([braking_acceleration(*case, limits.horizon) for case in each])
 
 
@@ -227,41 +222,3 @@ def test_pair_never_enters_its_margin_and_leaves_it_from_inside(seed: int) -> No
         assert (distance[:inside] >= start[:inside] - 1e-12).all()
     closer = np.abs(margin - distance[:inside]) / np.maximum(margin - start[:inside], 1e-6)
     assert (closer < 0.1).all()
-
-
-def test_a_pair_is_never_asked_for_more_than_the_declared_acceleration() -> None:
-    limits = random_limits(2)
-    limits.separation_acceleration = 5.0
-    found = separations(limits, np.array([-1.0, 0.0, 10.0]), np.array([-3.0, -1e6, 0.0]))
-    assert found[:2].tolist() == [5.0, 5.0]
-    assert found[2] < 0.0
-
-
-def test_power_row_states_the_energy_drawn_in_a_horizon() -> None:
-    rng = np.random.default_rng(0)
-    problem = make_problem(FilterLayout(tuple("abcdefg"), ()), np.full(7, 50.0))
-    for _ in range(300):
-        motion, tau = rng.normal(size=(2, 7)) * 10.0 ** rng.uniform(-3, 1)
-        available, horizon = float(rng.choice([0.0, rng.random()])), float(10.0 ** rng.uniform(-3, -1))
-        write_power_row(problem, motion, available, horizon)
-        row, upper = problem.matrix[0], problem.upper[0]
-        drawn = motion @ tau * horizon
-        assert (row @ tau <= upper) == (drawn <= available)
-        assert np.linalg.norm(row) == pytest.approx(1.0)
-        assert upper >= 0.0
-        assert problem.lower[0] == -np.inf
-
-
-def test_power_row_at_rest_is_absent() -> None:
-    problem = make_problem(FilterLayout(tuple("abcdefg"), ()), np.full(7, 50.0))
-    write_power_row(problem, np.ones(7), 1.0, 0.01)
-    write_power_row(problem, np.zeros(7), 0.0, 0.01)
-    assert not problem.matrix[0].any()
-    assert problem.upper[0] == np.inf
-
-
-def test_rate_interval_reaches_back_into_the_torque_limits() -> None:
-    limits = random_limits(0)
-    limits.period = 0.01
-    found = [rate_interval(limits, 0, previous) for previous in (80.0, -80.0, 3.0)]
-    assert np.allclose(found, [(49.0, 51.0), (-51.0, -49.0), (2.0, 4.0)])

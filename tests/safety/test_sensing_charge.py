@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What imperfect sensors cost: the charge covers the error in the measured work, white or not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from impedance_modules.safety.motor_port import sensing_deviation, sensing_error
 from impedance_modules.safety.tank import measure, rescale_springs
 from impedance_modules.spec.robot_spec import SensorSpec
-from tests.support.both_ways import ways  # noqa: F401
-from tests.support.tank_worlds import filled_tank, limited, settings_of
+from tests.support.tank_worlds import filled_tank, limited, settings_of, still_tank
 
 pytestmark = pytest.mark.usefixtures("ways")
 
@@ -77,7 +74,7 @@ def test_white_sensors_cost_a_small_part_of_the_worst_case() -> None:
     worst = settings_of(n, compliance=compliance, sensing_error=error, sensing_deviation=None)
     charged = []
     for s in (white, worst):
-        tank = filled_tank(s, np.zeros(n), np.zeros(n), 0.0)
+        tank = still_tank(s)
         for _ in range(2000):
             measure(tank, np.zeros(n), np.zeros(n), 0.0)
             limited(tank, 0.05 * rng.standard_normal(n))

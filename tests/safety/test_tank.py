@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Each step of the ledger by itself, and how a run feels when the tank is full, low or empty."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +8,8 @@ import pytest
 
 from impedance_modules.errors import BadInput
 from impedance_modules.safety.motor_port import motor_position, sensing_error, spring_compliances
-from impedance_modules.safety.tank import (
-    available,
-    budget,
-    measure,
-    missed,
-    release_springs,
-    rescale_springs,
-)
+from impedance_modules.safety.tank import available, budget, measure, missed, release_springs, rescale_springs
 from impedance_modules.spec.robot_spec import JointSpec, SensorSpec
-from tests.support.both_ways import ways  # noqa: F401
 from tests.support.tank_worlds import (
     Springs,
     Wire,
@@ -28,6 +18,7 @@ from tests.support.tank_worlds import (
     filled_tank,
     limited,
     settings_of,
+    still_tank,
     stored,
 )
 
@@ -40,15 +31,13 @@ def steps_to_target(initial: float) -> int:
     """Cycles until a damped one-joint arm's equilibrium has moved 1 rad; a low tank waits for refunds."""
     s = settings_of(1, initial=initial, max=10.0, floor=0.1, compliance=np.zeros(1))
     springs = Springs(np.array([[20.0]]), np.zeros(1), 6.0, np.zeros(1))
-    q, v = np.zeros(1), np.zeros(1)
-    tank, progress = filled_tank(s, q, np.zeros(1), 0.0), 0.0
+    q, v, tank, progress = np.zeros(1), np.zeros(1), still_tank(s), 0.0
     for k in range(20_000):
         if k:
             measure(tank, q, np.zeros(1), springs.potential(q))
         wish = min(1.0, progress + 0.004) - progress
-        part = admit_part(
-            tank, lambda a, p=progress, w=wish, x=q: springs.potential(x, np.array([p + a * w]))
-        )
+        targets = np.array([progress]), np.array([wish])
+        part = admit_part(tank, lambda a, to=targets, x=q: springs.potential(x, to[0] + a * to[1]))
         progress += part * wish
         springs.x0 = np.array([progress])
         rescale_springs(tank)
@@ -69,8 +58,7 @@ def test_a_starved_tank_slows_the_task_and_does_not_strand_it() -> None:
 
 def test_a_push_that_meets_nothing_fades_out_at_the_floor() -> None:
     s = settings_of(1, delay=2, compliance=np.zeros(1), max=4.0, initial=4.0)
-    q, work, wire = np.zeros(1), 0.0, Wire(2, 1)
-    tank = filled_tank(s, q, np.zeros(1), 0.0)
+    q, work, wire, tank = np.zeros(1), 0.0, Wire(2, 1), still_tank(s)
     for k in range(3000):
         if k:
             measure(tank, q, np.zeros(1), 0.0)
@@ -108,8 +96,9 @@ def test_a_change_spends_at_most_the_budget_and_nearly_all_of_it() -> None:
     rng = np.random.default_rng(8)
     s = settings_of(1)
     for _ in range(300):
-        tank = altered(
-            filled_tank(s, np.zeros(1), np.zeros(1), float(rng.uniform(0, 5))),
+        tank = still_tank(
+            s,
+            float(rng.uniform(0, 5)),
             level=float(rng.uniform(-1, 4)),
             need=float(rng.uniform(0, 2)),
             spring_scale=float(rng.uniform(0, 1)),
@@ -138,13 +127,8 @@ def test_relaxing_always_reaches_the_floor_and_moves_no_energy_out() -> None:
         base = s.floor + float(np.abs(applied) @ s.sensing_error)
         potential, scale = float(rng.uniform(0.01, 30)), float(rng.uniform(0.01, 1))
         excess = float(rng.uniform(0, 1)) * scale * potential
-        tank = altered(
-            filled_tank(s, np.zeros(2), np.zeros(2), potential),
-            level=base - scale * potential + excess,
-            spring_scale=scale,
-            applied=applied,
-            need=float(rng.uniform(0, 8)),
-        )
+        level, need = base - scale * potential + excess, float(rng.uniform(0, 8))
+        tank = still_tank(s, potential, level=level, spring_scale=scale, applied=applied, need=need)
         after = altered(tank)
         rescale_springs(after)
         assert after.level >= base - EPS
@@ -157,7 +141,7 @@ def test_relaxing_always_reaches_the_floor_and_moves_no_energy_out() -> None:
 
 def test_relaxed_springs_tighten_again_only_as_the_tank_pays() -> None:
     s = settings_of(1)
-    tank = altered(filled_tank(s, np.zeros(1), np.zeros(1), 6.0), spring_scale=0.1, level=3.9, need=0.4)
+    tank = still_tank(s, 6.0, spring_scale=0.1, level=3.9, need=0.4)
     total = stored(tank)
     for _ in range(2000):
         last = tank.spring_scale
@@ -176,7 +160,7 @@ def test_relaxed_springs_tighten_again_only_as_the_tank_pays() -> None:
 
 def test_springs_tighten_with_the_time_constant_of_recovery() -> None:
     s = settings_of(1)
-    tank = altered(filled_tank(s, np.zeros(1), np.zeros(1), 6.0), spring_scale=0.0, level=2.0)
+    tank = still_tank(s, 6.0, spring_scale=0.0, level=2.0)
     rescale_springs(tank)
     assert tank.level == pytest.approx(2.0 - (2.0 - s.floor) * s.period / s.recovery_time)
     assert tank.spring_scale == pytest.approx((2.0 - s.floor) * s.period / s.recovery_time / 6.0)
@@ -187,10 +171,9 @@ def test_need_is_the_level_at_which_a_lasting_torque_is_just_covered() -> None:
     rng = np.random.default_rng(10)
     for _ in range(30):
         delay = int(rng.integers(0, 4))
-        s = settings_of(
-            3, delay=delay, hold=0.002 * int(rng.integers(1, 4)), sensing_error=rng.uniform(0, 1e-3, 3)
-        )
-        tank, torque = filled_tank(s, np.zeros(3), np.zeros(3), 0.0), 5.0 * rng.normal(size=3)
+        hold, error = 0.002 * int(rng.integers(1, 4)), rng.uniform(0, 1e-3, 3)
+        s = settings_of(3, delay=delay, hold=hold, sensing_error=error)
+        tank, torque = still_tank(s), 5.0 * rng.normal(size=3)
         limited(tank, torque)
         lasting = altered(tank, applied=torque, pending=np.tile(torque, (delay + 1, 1)))
         for part, covered in ((1.0 + 1e-9, True), (0.99, False)):
@@ -201,7 +184,7 @@ def test_need_is_the_level_at_which_a_lasting_torque_is_just_covered() -> None:
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_first_torque_is_answered_for_until_it_acts_and_ends(delay: int) -> None:
     s = settings_of(2, delay=delay)
-    tank, torque = filled_tank(s, np.zeros(2), np.zeros(2), 0.0), np.array([300.0, -400.0])
+    tank, torque = still_tank(s), np.array([300.0, -400.0])
     sent = limited(tank, torque)
     spent = np.abs(sent) @ s.speed_bound * (1 + delay) * s.period
     assert spent == pytest.approx(s.initial - s.floor)
@@ -210,7 +193,7 @@ def test_a_first_torque_is_answered_for_until_it_acts_and_ends(delay: int) -> No
 
 def test_the_floor_is_there_for_the_stop() -> None:
     s = settings_of(2)
-    tank = altered(filled_tank(s, np.zeros(2), np.zeros(2), 0.0), level=s.floor)
+    tank = still_tank(s, 0.0, level=s.floor)
     brake = np.array([3.0, -4.0])
     assert np.all(limited(tank, brake) == 0)
     assert np.array_equal(limited(tank, brake, stopping=True), brake)
@@ -218,14 +201,14 @@ def test_the_floor_is_there_for_the_stop() -> None:
 
 def test_released_springs_give_their_energy_back() -> None:
     s = settings_of(1)
-    tank = altered(filled_tank(s, np.zeros(1), np.zeros(1), 1.0), level=0.7, spring_scale=0.5)
+    tank = still_tank(s, 1.0, level=0.7, spring_scale=0.5)
     release_springs(tank)
     assert (tank.level, tank.spring_scale, tank.potential) == (1.2, 0.0, 0.0)
 
 
 def test_a_rotor_faster_than_declared_is_reported() -> None:
     s = settings_of(3, compliance=np.zeros(3), sensing_error=np.full(3, 1e-4))
-    tank = filled_tank(s, np.zeros(3), np.zeros(3), 0.0)
+    tank = still_tank(s)
     limit = s.speed_bound[0] * s.period + 2e-4
     assert measure(altered(tank), np.full(3, limit), np.zeros(3), 0.0) == 3
     assert measure(altered(tank), np.array([0, 1.01 * limit, -1.01 * limit]), np.zeros(3), 0.0) == 1
@@ -237,26 +220,19 @@ def test_a_rotor_faster_than_declared_is_reported() -> None:
 
 
 def test_the_power_row_may_spend_what_is_above_the_floor() -> None:
-    tank = filled_tank(settings_of(1, delay=3), np.zeros(1), np.zeros(1), 0.0)
+    tank = still_tank(settings_of(1, delay=3))
     assert available(tank) == 1.5
     assert available(altered(tank, level=0.2)) == 0.0
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"floor": -0.1},
-        {"floor": 2.0},
-        {"initial": 5.0},
-        {"period": 0.0},
-        {"delay": -1},
-        {"hold": 0.001},
-        {"recovery_time": 0.0},
-        {"speed_bound": np.array([np.inf])},
-        {"compliance": np.array([-1.0])},
-        {"sensing_error": np.array([np.nan])},
-    ],
-)
+WRONG = [
+    {"floor": -0.1}, {"floor": 2.0}, {"initial": 5.0}, {"period": 0.0}, {"delay": -1}, {"hold": 0.001},
+    {"recovery_time": 0.0}, {"speed_bound": np.array([np.inf])}, {"compliance": np.array([-1.0])},
+    {"sensing_error": np.array([np.nan])},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", WRONG)
 def test_settings_that_would_void_the_proof_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(BadInput, match="energy tank"):
         settings_of(1, **wrong)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The ledger against sums over a run's whole history: measured and missed cycles, moved springs, a stop."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,6 @@ from impedance_modules.safety.tank import (
     rescale_springs,
 )
 from tests.reference.tank_ledger import History
-from tests.support.both_ways import ways  # noqa: F401
 from tests.support.tank_worlds import admit_part, filled_tank, limited, settings_of
 
 Random = np.random.Generator
@@ -42,17 +39,8 @@ def random_settings(random: Random) -> TankSettings:
 
 def history_of(s: TankSettings, theta: np.ndarray, potential: float) -> History:
     idle = [np.zeros_like(theta) for _ in range(s.delay)]
-    return History(
-        s.period,
-        s.max,
-        s.speed_bound,
-        s.sensing_error,
-        s.sensing_deviation,
-        s.initial,
-        potential,
-        theta,
-        idle,
-    )
+    sensing = (s.speed_bound, s.sensing_error, s.sensing_deviation)
+    return History(s.period, s.max, *sensing, s.initial, potential, theta, idle)
 
 
 def agree(tank: Tank, history: History) -> None:

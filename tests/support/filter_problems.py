@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Random two-limb filter problems for tests and benchmarks: no robot, only plausible numbers."""
 
-from __future__ import annotations
-
 from typing import Any, TypeVar
 
 import numpy as np
@@ -100,3 +98,8 @@ def problem(rng: np.random.Generator, spread: float, demand: float, moving: bool
     """One built problem; ``demand`` is the desired torque in torque limits."""
     desired = rng.normal(size=N) * demand * EFFORT
     return build(blank(), limits(rng), state(rng, spread, moving), desired)
+
+
+def single(**arrays: np.ndarray) -> FilterProblem:
+    """One joint, unit metric, no limit but those given."""
+    return changed(make_problem(FilterLayout(("j",), ()), np.full(1, np.inf)), **arrays)

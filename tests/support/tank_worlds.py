@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Small worlds for the tank's tests: springs, a delayed command path, elastic joints stepped exactly."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from copy import deepcopy
@@ -56,6 +54,12 @@ def altered(tank: Tank, **changes: object) -> Tank:
         else:
             setattr(copy, name, value)
     return copy
+
+
+def still_tank(settings: TankSettings, potential: float = 0.0, **changes: object) -> Tank:
+    """A ledger before the first command of an arm that stands at zero without effort, some entries replaced."""
+    zero = np.zeros_like(settings.speed_bound)
+    return altered(filled_tank(settings, zero, zero, potential), **changes)
 
 
 def limited(tank: Tank, wanted: np.ndarray, *, stopping: bool = False) -> np.ndarray:
@@ -116,9 +120,8 @@ class Springs:
 
 def random_springs(rng: np.random.Generator, n: int) -> Springs:
     A = rng.normal(size=(n, n))
-    return Springs(
-        rng.uniform(1, 200) * A @ A.T, rng.normal(size=n), rng.uniform(0, 5), rng.normal(size=n) * 5
-    )
+    K = rng.uniform(1, 200) * A @ A.T
+    return Springs(K, rng.normal(size=n), rng.uniform(0, 5), rng.normal(size=n) * 5)
 
 
 class Wire:
@@ -144,14 +147,8 @@ class ElasticArm:
         M, inertia = A @ A.T + 0.3 * np.eye(n), rng.uniform(0.05, 0.6, n)
         Z, E, K = np.zeros((n, n)), np.eye(n), np.diag(self.k)
         Mi, Ii = np.linalg.inv(M), np.diag(1 / inertia)
-        F = np.block(
-            [
-                [Z, Z, E, Z],
-                [Z, Z, Z, E],
-                [-Mi @ K, Mi @ K, -0.2 * Mi, Z],
-                [Ii @ K, -Ii @ K, Z, -0.1 * Ii],
-            ]
-        )
+        accelerations = [[-Mi @ K, Mi @ K, -0.2 * Mi, Z], [Ii @ K, -Ii @ K, Z, -0.1 * Ii]]
+        F = np.block([[Z, Z, E, Z], [Z, Z, Z, E], *accelerations])
         G = np.block([[Z, Z], [Z, Z], [Mi, Z], [Z, Ii]])
         big = expm(np.block([[F, G], [np.zeros((2 * n, 6 * n))]]) * dt)
         self.A, self.B = big[: 4 * n, : 4 * n], big[: 4 * n, 4 * n :]
