@@ -16,7 +16,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, one_row
-from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals, differentiate
@@ -75,7 +75,6 @@ class CommandDelay(DriveLaw):
         equation="motor torque = u(t - T), T beyond the robot file's command_delay",
         parameters=(Parameter("T", "s", "delay beyond the robot file's", lower=0.0, upper=1.0),),
         ports=("timing",),
-        keys=("joint",),
         signature="follows the rate of the commanded torque; common to all joints, or one joint's own",
         confusable_with=("actuator_lag", "viscous_friction", "joint_elasticity", "clock_drift"),
         excitation="several tones over two or more octaves",
@@ -122,7 +121,6 @@ class ActuatorLag(DriveLaw):
         equation="T d(tau_m)/dt = u - tau_m",
         parameters=(Parameter("T", "s", "time constant", lower=0.0, upper=10.0),),
         ports=("actuator",),
-        keys=("joint",),
         signature="like a delay at low frequency, smaller amplitude at high frequency",
         confusable_with=("command_delay", "viscous_friction", "reflected_inertia"),
         excitation="a chirp up to 3 / T",
@@ -158,9 +156,8 @@ class TorqueSaturation(DriveLaw):
         id="torque_saturation",
         sentence="The motor gives no more than a limit, however much is asked for.",
         equation="motor torque = min(max(u, -limit), limit)",
-        parameters=(Parameter("limit", "N.m", "largest torque", lower=0.0, linear_unit="N"),),
+        parameters=(joint_parameter("limit", "N.m", "largest torque", lower=0.0),),
         ports=("actuator",),
-        keys=("joint",),
         signature="only where the torque asked for is beyond the limit",
         confusable_with=("torque_gain",),
         excitation="moves that reach the limit",
@@ -218,17 +215,12 @@ class ControllerGain(Effect):
         sentence="The drive's position loop is stiffer or softer than stated: it adds torque from the tracking error.",
         equation="motor torque = u + dkp (q_cmd - q) + dkd (v_cmd - v)",
         parameters=(
-            Parameter("dkp", "N.m/rad", "stiffness beyond the stated one", linear_unit="N/m"),
-            Parameter(
-                "dkd",
-                "N.m.s/rad",
-                "damping beyond the stated one",
-                left_out="the stated one is right",
-                linear_unit="N.s/m",
+            joint_parameter("dkp", "N.m/rad", "stiffness beyond the stated one"),
+            joint_parameter(
+                "dkd", "N.m.s/rad", "damping beyond the stated one", left_out="the stated one is right"
             ),
         ),
         ports=("actuator",),
-        keys=("joint",),
         signature="follows the tracking error, not the motion",
         confusable_with=("viscous_friction", "reflected_inertia", "parallel_spring"),
         excitation="two sets of gains, with the position command recorded",

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 Port = Literal["actuator", "link", "sensor", "timing", "contact"]
 """Where an effect acts: command to effort, effort to motion, what is reported, when, or on the outside."""
@@ -57,9 +57,31 @@ class Parameter:
         return math.isfinite(value) and above and value <= self.upper
 
 
-@dataclass(frozen=True)
+LINEAR_UNITS = {
+    "rad": "m",
+    "rad/s": "m/s",
+    "N.m": "N",
+    "N.m/rad": "N/m",
+    "N.m.s/rad": "N.s/m",
+    "N.m.s^2/rad^2": "N.s^2/m^2",
+    "kg.m^2": "kg",
+}
+"""Unit of a number of a revolute joint -> that of the same number of a prismatic one."""
+
+
+def joint_parameter(symbol: str, unit: str, meaning: str, **rest: Any) -> Parameter:
+    """Describes a number of a joint by its unit for one that turns; what it is for one that slides follows."""
+    return Parameter(symbol, unit, meaning, linear_unit=LINEAR_UNITS[unit], **rest)
+
+
+AT_EITHER_SIDE = (
+    "The plant, as a torque at the motor (port actuator) or at the link; the controller does not know it."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Description:
-    """An effect in words.
+    """An effect in words; what is left out is that of a torque by a law of one joint's motion.
 
     Attributes:
         id: Of the contract.
@@ -79,13 +101,13 @@ class Description:
     sentence: str
     equation: str
     parameters: tuple[Parameter, ...]
-    ports: tuple[Port, ...]
-    keys: tuple[KeyKind, ...]
+    ports: tuple[Port, ...] = ("actuator", "link")
+    keys: tuple[KeyKind, ...] = ("joint",)
     signature: str
     confusable_with: tuple[str, ...]
     excitation: str
     reference: str
-    applied: str
+    applied: str = AT_EITHER_SIDE
 
     def parameter(self, symbol: str) -> Parameter:
         """Finds a parameter by its symbol; ``KeyError`` if there is none."""

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, one_row
-from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
+from impedance_modules.effects.effect_description import Description, Port, joint_parameter
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, bent, follow
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
@@ -38,23 +37,13 @@ class Hysteresis(Effect):
         sentence="Asperities bend before they slip: after a reversal the friction builds up over a short way.",
         equation="dz/dt = v (1 - (s0 z / fc) sgn(v)), tau = s0 z",
         parameters=(
-            Parameter(
-                "s0",
-                "N.m/rad",
-                "stiffness of the bristles",
-                lower=0.0,
-                positive=True,
-                linear_unit="N/m",
-            ),
-            Parameter("fc", "N.m", "friction once slipping", lower=0.0, positive=True, linear_unit="N"),
+            joint_parameter("s0", "N.m/rad", "stiffness of the bristles", lower=0.0, positive=True),
+            joint_parameter("fc", "N.m", "friction once slipping", lower=0.0, positive=True),
         ),
-        ports=BOTH_SIDES,
-        keys=("joint",),
         signature="a loop in the position after each reversal that does not depend on the speed",
         confusable_with=("coulomb_friction", "stribeck_friction", "backlash"),
         excitation="tiny reversals of several amplitudes",
         reference="Dahl 1968; Canudas de Wit et al. 1995",
-        applied=APPLIED,
     )
     shape = (STRETCH,)
 

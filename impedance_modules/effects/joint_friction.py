@@ -7,7 +7,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import JointLaw, Site, Values
-from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.effect_description import Description, Parameter, joint_parameter
 from impedance_modules.effects.joint_motion import (
     REGULARISATION_VELOCITY,
     JointSample,
@@ -15,15 +15,9 @@ from impedance_modules.effects.joint_motion import (
     regularisation_velocity,
 )
 
-BOTH_SIDES: tuple[Port, ...] = ("actuator", "link")
+COULOMB = joint_parameter("fc", "N.m", "Coulomb friction", lower=0.0)
 
-APPLIED = (
-    "The plant, as a torque at the motor (port actuator) or at the link; the controller does not know it."
-)
-
-COULOMB = Parameter("fc", "N.m", "Coulomb friction", lower=0.0, linear_unit="N")
-
-VISCOUS = Parameter("fv", "N.m.s/rad", "viscous friction", lower=0.0, linear_unit="N.s/m")
+VISCOUS = joint_parameter("fv", "N.m.s/rad", "viscous friction", lower=0.0)
 
 FULL_SLIDING = 2.0 * REGULARISATION_VELOCITY
 """Speed beyond which the regularised sign is nearly one [rad/s]."""
@@ -40,13 +34,10 @@ class CoulombFriction(JointLaw):
         sentence="Dry surfaces rub: a torque of constant size against the motion, whatever the speed.",
         equation="tau = fc sgn(v), with sgn(v) ~ tanh(v / 0.01 rad/s); 0.001 m/s where it slides",
         parameters=(COULOMB,),
-        ports=BOTH_SIDES,
-        keys=("joint",),
         signature="a square wave in the sign of the speed, flat in its size",
         confusable_with=("viscous_friction", "asymmetric_friction", "hysteresis", "command_delay"),
         excitation="reversals at three or more speeds",
         reference="Armstrong-Helouvry, Dupont & Canudas de Wit 1994",
-        applied=APPLIED,
     )
     in_every_drive = True
     first_excitation = 1
@@ -66,8 +57,6 @@ class ViscousFriction(JointLaw):
         sentence="A film of grease is sheared: a torque against the motion in proportion to the speed.",
         equation="tau = fv v",
         parameters=(VISCOUS,),
-        ports=BOTH_SIDES,
-        keys=("joint",),
         signature="linear in the speed",
         confusable_with=(
             "coulomb_friction",
@@ -78,7 +67,6 @@ class ViscousFriction(JointLaw):
         ),
         excitation="three or more constant speeds",
         reference="Swevers et al. 1997",
-        applied=APPLIED,
     )
     in_every_drive = True
     first_excitation = 2
@@ -97,18 +85,13 @@ class StribeckFriction(JointLaw):
         equation="tau = (fc + (fs - fc) exp(-(v / vs)^2)) sgn(v); fs >= fc; it holds the whole dry friction",
         parameters=(
             COULOMB,
-            Parameter("fs", "N.m", "friction at the onset of motion", lower=0.0, linear_unit="N"),
-            Parameter(
-                "vs", "rad/s", "speed over which it falls", lower=0.0, positive=True, linear_unit="m/s"
-            ),
+            joint_parameter("fs", "N.m", "friction at the onset of motion", lower=0.0),
+            joint_parameter("vs", "rad/s", "speed over which it falls", lower=0.0, positive=True),
         ),
-        ports=BOTH_SIDES,
-        keys=("joint",),
         signature="a bump below three times vs on top of the square wave of Coulomb friction",
         confusable_with=("coulomb_friction", "backlash", "hysteresis"),
         excitation="slow ramps, 0.005 to 0.2 rad/s",
         reference="Bo & Pavelescu 1982; Armstrong-Helouvry 1994",
-        applied=APPLIED,
     )
     shape = ("vs",)
 
@@ -160,14 +143,11 @@ class QuadraticDrag(JointLaw):
         id="quadratic_drag",
         sentence="A body pushes a fluid aside: a torque against the motion that grows with the square of the speed.",
         equation="tau = c v |v|",
-        parameters=(Parameter("c", "N.m.s^2/rad^2", "drag", lower=0.0, linear_unit="N.s^2/m^2"),),
-        ports=BOTH_SIDES,
-        keys=("joint",),
+        parameters=(joint_parameter("c", "N.m.s^2/rad^2", "drag", lower=0.0),),
         signature="curvature at high speed",
         confusable_with=("viscous_friction",),
         excitation="a ladder of speeds up to 80 % of the limit",
         reference="Morison et al. 1950; thesis 6.2.5",
-        applied=APPLIED,
     )
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
@@ -184,22 +164,18 @@ class AsymmetricFriction(JointLaw):
         equation="tau = fc sgn(v) + da |sgn(v)| + dv |v|; |da| <= fc; |dv| <= viscous friction of the joint",
         parameters=(
             COULOMB,
-            Parameter("da", "N.m", "half the difference of dry friction, + minus -", linear_unit="N"),
-            Parameter(
+            joint_parameter("da", "N.m", "half the difference of dry friction, + minus -"),
+            joint_parameter(
                 "dv",
                 "N.m.s/rad",
                 "half the difference of viscous friction, + minus -",
                 left_out="the viscous part is the same in both directions",
-                linear_unit="N.s/m",
             ),
         ),
-        ports=BOTH_SIDES,
-        keys=("joint",),
         signature="an offset that is there only while moving, or a V in the speed",
         confusable_with=("torque_offset", "coulomb_friction"),
         excitation="moves and holds, both directions at several speeds",
         reference="Janot, Gautier & Brunot 2019 (EMPS)",
-        applied=APPLIED,
     )
     constant_part = "da"
 
@@ -239,13 +215,10 @@ class LoadDependentFriction(JointLaw):
         sentence="Teeth and bearings press harder under load: dry friction in proportion to the torque passed on.",
         equation="tau = kl |effort| sgn(v)",
         parameters=(Parameter("kl", "1", "friction per torque passed on", lower=0.0, upper=1.0),),
-        ports=BOTH_SIDES,
-        keys=("joint",),
         signature="the step at a reversal grows with the load",
         confusable_with=("coulomb_friction", "torque_gain"),
         excitation="the same motion in two or more poses or with two payloads",
         reference="Hamon, Gautier & Garrec 2010; Rhoban BAM 2025, models M3 to M6",
-        applied=APPLIED,
     )
     dry = True
     upper = 1.0  # a gear that locks itself
@@ -267,13 +240,10 @@ class FrictionDrift(JointLaw):
             Parameter("k", "1", "share of the friction that fades; negative where it grows", upper=1.0),
             Parameter("T", "s", "time constant of the fading", lower=0.0, positive=True),
         ),
-        ports=BOTH_SIDES,
-        keys=("joint",),
         signature="the same motion costs less torque later on",
         confusable_with=("viscous_friction",),
         excitation="the same motion cold and warm, over minutes",
         reference="Bittencourt et al. 2010",
-        applied=APPLIED,
     )
     contrasts = ((1.0, -1.0),)
     shape = ("T",)

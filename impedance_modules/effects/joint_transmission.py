@@ -16,7 +16,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, ends, one_row
-from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.effect_description import Description, Port, joint_parameter
 from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, sign
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
@@ -53,13 +53,8 @@ class ReflectedInertia(Effect):
         id="reflected_inertia",
         sentence="The rotor turns N times faster than the joint and weighs N^2 times its inertia there.",
         equation="tau = (Ia - I_r) a, I_r the robot file's; Ia is the joint's whole reflected inertia",
-        parameters=(
-            Parameter(
-                "Ia", "kg.m^2", "rotor inertia at the joint; replaces I_r", lower=0.0, linear_unit="kg"
-            ),
-        ),
+        parameters=(joint_parameter("Ia", "kg.m^2", "rotor inertia at the joint; replaces I_r", lower=0.0),),
         ports=("actuator",),
-        keys=("joint",),
         signature="in proportion to the acceleration, on one joint only",
         confusable_with=("parallel_spring", "payload", "link_inertia", "controller_gain"),
         excitation="two or more frequencies; a single tone cannot tell it from a spring",
@@ -101,18 +96,16 @@ class JointElasticity(Effect):
         sentence="The gear, or the spring built in behind it, gives: the motor turns ahead of the link by tau / K.",
         equation="theta = q + effort / K; K replaces the robot file's stiffness; D likewise",
         parameters=(
-            Parameter("K", "N.m/rad", "stiffness", lower=0.0, positive=True, linear_unit="N/m"),
-            Parameter(
+            joint_parameter("K", "N.m/rad", "stiffness", lower=0.0, positive=True),
+            joint_parameter(
                 "D",
                 "N.m.s/rad",
                 "structural damping beside the spring",
                 lower=0.0,
                 left_out="the robot file's",
-                linear_unit="N.s/m",
             ),
         ),
         ports=("actuator",),
-        keys=("joint",),
         signature="a resonance; grows with the square of the frequency below it",
         confusable_with=("command_delay", "actuator_lag", "backlash", "reflected_inertia"),
         excitation="a chirp through the resonance, or steps",
@@ -161,9 +154,8 @@ class Backlash(Effect):
         id="backlash",
         sentence="Teeth have play: when the torque changes sign the motor first crosses a gap and drives nothing.",
         equation="effort = K (theta - q - clamp(theta - q, -b/2, b/2)); delta = (b/2) sgn(effort)",
-        parameters=(Parameter("b", "rad", "full gap", lower=0.0, linear_unit="m"),),
+        parameters=(joint_parameter("b", "rad", "full gap", lower=0.0),),
         ports=("actuator",),
-        keys=("joint",),
         signature="a loop where the torque, not the speed, changes sign",
         confusable_with=("stribeck_friction", "hysteresis", "joint_elasticity", "command_delay"),
         excitation="slow reversals of the torque around zero load",
@@ -228,13 +220,9 @@ class TransmissionCoupling(Effect):
         equation="tau_i = Ia a_j + fv v_j + fc sgn(v_i + v_j), and the same for j with i;"
         " the diagonal parts belong to reflected_inertia and viscous_friction",
         parameters=(
-            Parameter("Ia", "kg.m^2", "rotor inertia that couples them", left_out="0", linear_unit="kg"),
-            Parameter(
-                "fv", "N.m.s/rad", "viscous friction that couples them", left_out="0", linear_unit="N.s/m"
-            ),
-            Parameter(
-                "fc", "N.m", "dry friction of the common shaft", lower=0.0, left_out="0", linear_unit="N"
-            ),
+            joint_parameter("Ia", "kg.m^2", "rotor inertia that couples them", left_out="0"),
+            joint_parameter("fv", "N.m.s/rad", "viscous friction that couples them", left_out="0"),
+            joint_parameter("fc", "N.m", "dry friction of the common shaft", lower=0.0, left_out="0"),
         ),
         ports=("actuator",),
         keys=("pair",),

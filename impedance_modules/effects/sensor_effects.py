@@ -20,7 +20,7 @@ from impedance_modules.effects.effect import (
     ends,
     one_row,
 )
-from impedance_modules.effects.effect_description import Description, Parameter, Port
+from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
@@ -38,9 +38,8 @@ class TorqueOffset(JointLaw):
         id="torque_offset",
         sentence="A constant torque, at rest too: a cable that pulls, or an effort sensor with a wrong zero.",
         equation="tau = c; at the sensor: effort reported = effort + c",
-        parameters=(Parameter("c", "N.m", "torque consumed, or added to the reading", linear_unit="N"),),
+        parameters=(joint_parameter("c", "N.m", "torque consumed, or added to the reading"),),
         ports=("actuator", "link", "sensor"),
-        keys=("joint",),
         signature="constant, in holds as in moves",
         confusable_with=("encoder_offset", "base_tilt", "asymmetric_friction", "parallel_spring"),
         excitation="static poses with different weight on the joint",
@@ -81,7 +80,6 @@ class TorqueGain(Effect):
         equation="actuator: motor torque = s x torque asked for; sensor: effort reported = s x effort",
         parameters=(Parameter("s", "1", "factor; 1 is nominal", lower=0.0, positive=True, neutral=1.0),),
         ports=("actuator", "sensor"),
-        keys=("joint",),
         signature="in proportion to the joint's own torque, in every regime",
         confusable_with=("payload", "link_inertia", "load_dependent_friction", "torque_saturation"),
         excitation="a known added mass; other joints' rows tell it from a payload",
@@ -138,9 +136,8 @@ class EncoderOffset(Stepped):
         id="encoder_offset",
         sentence="The encoder's zero is off: the joint reports q + dq0, so every weight is computed at a wrong pose.",
         equation="q reported = q + dq0; tau = ID(q reported - dq0) - ID(q reported) = -(dID/dq) dq0",
-        parameters=(Parameter("dq0", "rad", "angle reported too much", linear_unit="m"),),
+        parameters=(joint_parameter("dq0", "rad", "angle reported too much"),),
         ports=("sensor",),
-        keys=("joint",),
         signature="like weight, on the joint itself and on the joints before and after it",
         confusable_with=("base_tilt", "torque_offset", "payload"),
         excitation="poses over the whole workspace",
@@ -218,7 +215,6 @@ class VelocityFilterLag(Stepped):
         equation="T d(v_reported)/dt = v - v_reported, beyond the robot file's velocity_filter",
         parameters=(Parameter("T", "s", "time constant beyond the robot file's", lower=0.0, upper=10.0),),
         ports=("sensor",),
-        keys=("joint",),
         signature="the reported velocity trails the differences of the reported position",
         confusable_with=("command_delay", "clock_drift"),
         excitation="fast reversals; compare the reported velocity with differences of position",

@@ -10,8 +10,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.effects.effect import JointLaw, Regressor, Site, Values, one_row
-from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_friction import APPLIED, BOTH_SIDES
+from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import COVERS, Residual
@@ -32,24 +31,13 @@ class ParallelSpring(JointLaw):
         sentence="A spring beside the joint's drive: it carries weight, or it is a bundle of cables that bends.",
         equation="tau = k (q - q0) = k q - preload; the spring's own torque on the joint is -k (q - q0)",
         parameters=(
-            Parameter("k", "N.m/rad", "stiffness", lower=0.0, linear_unit="N/m"),
-            Parameter(
-                "q0",
-                "rad",
-                "angle at which it is relaxed",
-                left_out="preload is given instead",
-                linear_unit="m",
-            ),
-            Parameter(
-                "preload",
-                "N.m",
-                "its torque on the joint at q = 0, k q0",
-                left_out="q0 is given instead",
-                linear_unit="N",
+            joint_parameter("k", "N.m/rad", "stiffness", lower=0.0),
+            joint_parameter("q0", "rad", "angle at which it is relaxed", left_out="preload is given instead"),
+            joint_parameter(
+                "preload", "N.m", "its torque on the joint at q = 0, k q0", left_out="q0 is given instead"
             ),
         ),
         ports=("link",),
-        keys=("joint",),
         signature="linear in the joint's angle, at rest too",
         confusable_with=("reflected_inertia", "payload", "torque_offset", "base_tilt"),
         excitation="a grid of static poses; a single tone cannot tell it from inertia",
@@ -136,19 +124,16 @@ class TorqueRipple(JointLaw):
         sentence="Magnets cog and teeth mesh: a torque that repeats N times per turn of the joint.",
         equation="tau = A sin(N q + phi)",
         parameters=(
-            Parameter("A", "N.m", "amplitude", lower=0.0, linear_unit="N"),
+            joint_parameter("A", "N.m", "amplitude", lower=0.0),
             Parameter(
                 "N", "1", "periods per turn (per 2 pi m for a sliding joint)", lower=0.0, positive=True
             ),
             Parameter("phi", "rad", "phase at q = 0", left_out="0"),
         ),
-        ports=BOTH_SIDES,
-        keys=("joint",),
         signature="a line in the spectrum over position, at the same place for every speed",
         confusable_with=("parallel_spring",),
         excitation="slow sweeps over the whole range, both ways",
         reference="Ghorbel, Gandhi & Alpeter 2001 (harmonic drives)",
-        applied=APPLIED,
     )
     shape = ("N",)
     lower = -np.inf  # any phase
@@ -195,12 +180,11 @@ class BenchSpring(JointLaw):
         sentence="A damped spring between a link and the bench: a torsion spring, or a clamp if it is stiff.",
         equation="tau = k (q - q0) + d v; the spring's own torque on the joint is -k (q - q0) - d v",
         parameters=(
-            Parameter("k", "N.m/rad", "stiffness", lower=0.0, linear_unit="N/m"),
-            Parameter("q0", "rad", "angle at which it is relaxed", linear_unit="m"),
-            Parameter("d", "N.m.s/rad", "its damping", lower=0.0, left_out="0", linear_unit="N.s/m"),
+            joint_parameter("k", "N.m/rad", "stiffness", lower=0.0),
+            joint_parameter("q0", "rad", "angle at which it is relaxed"),
+            joint_parameter("d", "N.m.s/rad", "its damping", lower=0.0, left_out="0"),
         ),
         ports=("contact",),
-        keys=("joint",),
         signature="linear in the joint's angle, at rest too",
         confusable_with=("parallel_spring", "payload", "torque_offset", "viscous_friction"),
         excitation="a grid of static poses; a single tone cannot tell it from inertia",
