@@ -283,7 +283,7 @@ def test_what_no_robot_can_be_is_refused(tmp_path: Path, bad: dict[str, object],
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
 def test_the_model_weighs_what_the_patch_adds(seed: int) -> None:
-    """Weight of payload, springs and lean, by three formulas that share nothing with the catalogue."""
+    """Weight of payload and springs, by formulas that share nothing with the catalogue."""
     random = np.random.default_rng(seed)
     model = RobotModel(robot())
     q = random.uniform(model.column("position_min"), model.column("position_max"))
@@ -306,7 +306,7 @@ def test_the_model_weighs_what_the_patch_adds(seed: int) -> None:
     assert np.linalg.eigvalsh(added)[-1] > 0.0 and np.linalg.eigvalsh(added)[0] > -1e-9
 
 
-def test_a_leaning_model_feels_gravity_from_aside() -> None:
+def test_gravity_acts_sideways_on_a_tilted_model() -> None:
     applied = apply_patch(robot(), patch_with(entry("base_tilt", "link", {"rx": 0.1, "ry": 0.0})))
     assert np.allclose(applied.gravity, (0.0, -9.81 * math.sin(0.1), -9.81 * math.cos(0.1)))
 
@@ -359,7 +359,7 @@ def test_a_map_is_changed_as_the_patch_says_and_a_surface_too_many_is_refused() 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)
-def test_readings_that_run_away_from_commands_give_their_clock_back(seed: int) -> None:
+def test_the_clock_drift_is_found_from_readings_and_commands(seed: int) -> None:
     """Readings at t show what was at t / (1 + c); what the motors gave is what was asked for then."""
     random, clock = np.random.default_rng(seed), CATALOGUE["clock_drift"]
     drift = float(random.uniform(-4e-3, 4e-3))

@@ -156,7 +156,7 @@ def test_copies_have_their_own_memory() -> None:
     assert pickle.loads(pickle.dumps(laws.cycle)) is laws.cycle
 
 
-def test_numba_sleeps_until_asked() -> None:
+def test_numba_is_not_imported_until_asked() -> None:
     text = "import sys, numpy, tests.support.example_laws as l\n"
     text += "l.cycle(l.new(), numpy.ones(4)); print('numba' in sys.modules)"
     assert run(text, CHECKOUT) == ["False"]

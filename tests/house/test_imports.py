@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Imports point one way, and third-party names stay in their rooms (docs/architecture.md)."""
+"""Imports point one way, and third-party names stay in their packages (docs/architecture.md)."""
 
 import ast
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ STEPS = (
 STAGES = {name: step for step, names in enumerate(STEPS) for name in names.split()}
 """Folders and files of diagnosis/ in the order in which a recording goes through them."""
 
-ROOMS = {
+ALLOWED_IN = {
     "pinocchio": {"robot", "plant", "effects"}, "coal": {"robot", "plant"}, "rospy": {"backends"},
     "daqp": {"safety"}, "proxsuite": {"safety"}, "qpsolvers": {"safety"}, "click": {"cli"},
     "rerun": {"episode"}, "pyarrow": {"episode"}, "jsonschema": {"spec"}, "yaml": {"spec"},
@@ -97,12 +97,12 @@ def test_a_diagnosis_flows_one_way(path: Path) -> None:
 
 
 @each(FILES)
-def test_third_party_names_stay_in_their_rooms(path: Path) -> None:
+def test_third_party_names_stay_in_their_packages(path: Path) -> None:
     own = package_of(path)
     for name in imported_names(path):
         top = name.split(".")[0]
-        if top in ROOMS:
-            assert own in ROOMS[top], f"{path}: {top} belongs in {sorted(ROOMS[top])}"
+        if top in ALLOWED_IN:
+            assert own in ALLOWED_IN[top], f"{path}: {top} belongs in {sorted(ALLOWED_IN[top])}"
         if top == "numba":
             assert path.name == "machine_code.py", f"{path}: numba belongs in machine_code.py"
 

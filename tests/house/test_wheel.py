@@ -38,14 +38,14 @@ def test_a_shipped_task_is_checked_by_name(installed: Path) -> None:
     assert python(installed, "-m", "impedance_modules", "check", "soft-hold")
 
 
-def test_every_task_robot_and_schema_travels(installed: Path) -> None:
+def test_every_task_robot_and_schema_is_in_the_wheel(installed: Path) -> None:
     for kind, pattern in (("tasks", "*.yaml"), ("robots", "*"), ("schemas", "*.json")):
         here = {path.name for path in (CHECKOUT / kind).glob(pattern)}
         there = {path.name for path in (installed / "impedance_modules" / "data" / kind).glob(pattern)}
         assert here == there != set()
 
 
-def test_the_experiments_of_the_thesis_travel(installed: Path) -> None:
+def test_the_experiments_of_the_thesis_are_in_the_wheel(installed: Path) -> None:
     found = python(installed, "-m", "impedance_modules", "reproduce", "--list")
     listed = [line.split()[0] for line in found.splitlines()]
     assert {"planar-arms", "sanding", "under-water"} <= set(listed)

@@ -94,7 +94,7 @@ def test_free_fall_keeps_its_energy() -> None:
 
 
 @pytest.mark.parametrize("grasp", ["weld", "friction"])
-def test_every_joule_is_accounted_for_with_contact_grasp_and_damping(grasp) -> None:
+def test_the_energy_balance_closes_with_contact_grasp_and_damping(grasp) -> None:
     """A box pressed on a table, rubbed along it and lifted: what came in is stored or dissipated."""
     spec = exact(spec_of(BAXTER))
     held = in_both_hands(spec, grasp=grasp, friction=0.6 if grasp == "friction" else None, squeeze=15.0)

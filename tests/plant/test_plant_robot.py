@@ -130,7 +130,7 @@ def test_velocity_lags_by_the_filters_time_constant() -> None:
     np.testing.assert_allclose(share, 1.0 - np.exp(-14e-3 / 0.0135), atol=0.02)
 
 
-def test_silence_makes_the_robot_hold_after_its_time_out() -> None:
+def test_missing_commands_make_the_robot_hold_after_its_time_out() -> None:
     spec = replace(ROBOT, timing=TimingSpec(1000.0, 100.0, 1000.0, 0.0, 0.05))
     subject = started(spec)
     subject.advance(np.full(subject.model.n, 2.0))
@@ -158,7 +158,7 @@ def test_hold_stops_a_moving_loaded_robot_and_keeps_it() -> None:
     assert subject.mode is Mode.HOLD
     assert np.abs(subject.velocity).max() < 2e-3
     assert np.abs(subject.position - where).max() < 0.02
-    assert np.abs(subject.command_acting).max() == 0.0
+    assert np.abs(subject.state.joints["command"]).max() == 0.0
 
 
 def test_release_leaves_only_the_weight_carried() -> None:

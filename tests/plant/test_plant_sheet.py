@@ -9,7 +9,7 @@ import pytest
 from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
-from tests.support.plant_parts import BAXTER, exact, idle, loose, posture, spec_of, started
+from tests.support.plant_parts import BAXTER, exact, idle, loose, place_object, posture, spec_of, started
 
 HILLS = (
     (-0.4, 0.0), (-0.38, 0.0), (-0.1, 0.0), (0.0, 0.025), (0.03, 0.025), (0.2, 0.05), (0.25, 0.05), (0.5, 0.0),
@@ -95,11 +95,11 @@ def thrown(sheet: SheetSpec, velocity: float, **numbers: float):
     subject = started(exact(spec_of(BAXTER)), [ground], ball)
     turn = np.array(subject.state.surfaces[0]["rotation"])
     at = np.array(ground.position) + turn @ np.array([-0.3, 0.0, Sheet(sheet).point(-0.3).height + 0.0009])
-    subject.place_object(Pose(np.eye(3), at), np.append(turn @ [velocity, 0.0, 0.0], np.zeros(3)))
+    place_object(subject, Pose(np.eye(3), at), np.append(turn @ [velocity, 0.0, 0.0], np.zeros(3)))
     return subject, turn, ground
 
 
-def test_without_damping_and_friction_a_ride_over_the_hills_costs_nothing() -> None:
+def test_without_damping_and_friction_sliding_over_hills_conserves_energy() -> None:
     subject, turn, ground = thrown(SheetSpec(HILLS, 0.4, 3.0), 1.6)
     before = subject.energy()
     deepest, reached = 0.0, -1.0
@@ -136,7 +136,7 @@ def test_a_resting_weight_sinks_by_its_compliance_and_a_sheet_is_not_felt_from_b
     for above in (True, False):
         subject.reset(posture(subject.model))
         place = np.array([0.2, 3.0, 0.011 if above else -0.05])
-        subject.place_object(Pose(np.eye(3), place), np.zeros(6))
+        place_object(subject, Pose(np.eye(3), place), np.zeros(6))
         idle(subject, 1500 if above else 50)
         sunk = 0.01 - subject.object_pose.translation[2]
         if above:

@@ -156,7 +156,7 @@ def test_a_singular_posture_has_a_mobility_and_no_inertia(tmp_path: Path) -> Non
     assert np.linalg.cond(matrix(at_frame, "mobility")) > 1e9
 
 
-def test_bad_requests_teach(tmp_path: Path) -> None:
+def test_bad_requests_are_told_what_is_valid(tmp_path: Path) -> None:
     path = write_task(tmp_path, HOLD_AND_LIFT)
     with pytest.raises(BadInput, match=r"no such phase; did you mean 'lift'\? \(valid: hold, lift\)"):
         analyse_task(assembled(path), "lifft")

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The force of a flexible sheet by other means: its shape by a borrowed spline, its compliance by the force method."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Second opinion: two arms on one object as a closed chain, by pinocchio's constrained dynamics."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 
@@ -35,17 +33,12 @@ class ClosedChain:
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, state)
         for index in self.frames:
-            frame = self.model.frames[index]
+            frame, ends = self.model.frames[index], pin.ReferenceFrame.LOCAL
             grasp = data.oMi[self.object].actInv(data.oMf[index])
+            hand = (frame.parentJoint, frame.placement)
             welds.append(
                 pin.RigidConstraintModel(
-                    pin.ContactType.CONTACT_6D,
-                    self.model,
-                    frame.parentJoint,
-                    frame.placement,
-                    self.object,
-                    grasp,
-                    pin.ReferenceFrame.LOCAL,
+                    pin.ContactType.CONTACT_6D, self.model, *hand, self.object, grasp, ends
                 )
             )
         parts = pin.StdVec_RigidConstraintData()
@@ -56,8 +49,7 @@ class ClosedChain:
         columns = []
         for unit in np.eye(6):
             torque = np.concatenate([np.zeros(self.n), turn.T @ unit])
-            answer = pin.constraintDynamics(
-                self.model, data, state, np.zeros(self.model.nv), torque, welds, parts, settings
-            )
+            still = np.zeros(self.model.nv)
+            answer = pin.constraintDynamics(self.model, data, state, still, torque, welds, parts, settings)
             columns.append(turn @ answer[self.n :])
         return np.array(columns).T

@@ -4,8 +4,6 @@
 PyKDL is a Debian package (python3-pykdl) and not on every machine; ``load_pykdl`` skips the test without it.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 import xml.etree.ElementTree as ET
@@ -78,9 +76,8 @@ class KdlArm:
             return kdl.RigidBodyInertia(0.0, kdl.Vector(0, 0, 0), kdl.RotationalInertia(0, 0, 0, 0, 0, 0))
         about = inertial.find("inertia")
         moments = [float(about.get(key)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
-        at_com = kdl.RigidBodyInertia(
-            float(inertial.find("mass").get("value")), kdl.Vector(0, 0, 0), kdl.RotationalInertia(*moments)
-        )
+        mass = float(inertial.find("mass").get("value"))
+        at_com = kdl.RigidBodyInertia(mass, kdl.Vector(0, 0, 0), kdl.RotationalInertia(*moments))
         return self._frame(inertial.find("origin")) * at_com
 
     def _array(self, q: np.ndarray) -> Any:

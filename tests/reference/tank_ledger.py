@@ -5,8 +5,6 @@ It keeps every command and every interval, adds up the work of each gap from its
 only as the balance T = E_0 - work - charges - spilled - r U. Shares nothing with the ledger under test.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

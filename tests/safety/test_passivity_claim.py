@@ -160,7 +160,7 @@ def test_claim_holds_on_elastic_joints(delay: int, resolution: float) -> None:
         run_arm(seed + 50 * delay, delay, resolution)
 
 
-def test_books_balance_exactly_without_sensor_noise() -> None:
+def test_the_energy_balance_is_exact_without_sensor_noise() -> None:
     tank, work, _ = run_arm(3, 2, 0.0)
     assert tank.work == pytest.approx(work, abs=1e-9)
     assert tank.charged == 0.0

@@ -50,7 +50,7 @@ def steps_to_target(initial: float) -> int:
     raise AssertionError(f"stuck at {progress}, {tank}")
 
 
-def test_a_starved_tank_slows_the_task_and_does_not_strand_it() -> None:
+def test_a_starved_tank_slows_the_task_and_does_not_stop_it() -> None:
     rich, poor = steps_to_target(9.0), steps_to_target(0.6)
     assert rich == 249
     assert rich * 1.3 < poor < 20_000

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A seeded sample of the tests marked ``long``: each group of them keeps a share, and at least one test."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections import defaultdict

@@ -48,7 +48,7 @@ def test_more_force_needs_stiffer_joints_and_no_force_none() -> None:
     assert with_springs.total < 0.5 * tune(assembly, PRESS).best.total
 
 
-def test_what_is_handed_out_does_not_fold_and_five_per_cent_less_does() -> None:
+def test_the_answer_does_not_fold_and_five_per_cent_less_does() -> None:
     """Judged by the net stiffness of design 4, which shares nothing but Gamma with the search."""
     assembly = assembled("wipe-table")
     tuned = tune(assembly, PRESS).best
