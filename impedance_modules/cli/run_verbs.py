@@ -195,7 +195,8 @@ def _carry_out(
 
     if (asked.backend == "replay") != (asked.log is not None):
         raise BadInput("--backend replay and --log DIR go together: the log is the robot")
-    refuse_infeasible(assembly)
+    # Read-only, no torque is sent: there is no loop that could be unstable.
+    refuse_infeasible(replace(assembly, allow_unstable=assembly.allow_unstable or asked.read_only))
     # Imported only here: from this line on functions are compiled.
     from impedance_modules.runs.execution import RunOptions, carry_out
     from impedance_modules.runs.run_backends import baxter_backend, make_backend
@@ -289,7 +290,7 @@ def _print_playback(summary: dict[str, Any], directory: Path, console: Console) 
             highlight=False,
         )
     for hand, numbers in summary["hands"].items():
-        console.print(f"{hand}: largest force felt {numbers['peak_force']:.1f} N", highlight=False)
+        console.print(f"{hand}: largest force {numbers['peak_force']:.1f} N", highlight=False)
     if summary["ending"] == "done":
         console.print(f"the path was played to its end, {summary['duration']:.2f} s", highlight=False)
     else:

@@ -55,7 +55,7 @@ class Supervisor:
     Attributes:
         controller: The law.
         sequence: The phases.
-        touch: What the hands feel.
+        touch: Wrenches on the hands.
         decisions: Arm -> what it sends and why.
         ending: None while the run goes on.
         reason: Why it stopped; empty after a task that is done.
@@ -124,6 +124,9 @@ class Supervisor:
             detail: Numbers and names for the reason.
         """
         self._escalate(None, [Occurrence(event, None, detail)], entering=False)
+        if detail not in self.reason:
+            self.reason = f"{self.reason}; {event.replace('_', ' ')} ({detail})"
+            self._say(self._time, self.reason)
         # Also where somebody had asked for the end: the robot was not braked by this run.
         self.ending = Ending.STOPPED
 
