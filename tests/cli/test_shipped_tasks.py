@@ -14,24 +14,24 @@ from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.spec.task_reader import read_task
 from tests.support.paths import TESTS
-from tests.support.shipped_runs import OBJECT, SHIPPED, Watched, shipped, watch
+from tests.support.shipped_runs import OBJECT, SHIPPED, TASKS, Watched, shipped, watch
 
 LEVEL = np.deg2rad(2.0)
 RIGHT, LEFT = "right_hand", "left_hand"
 EVERY_TASK = pytest.mark.parametrize("name", SHIPPED)
 
 
-def _well(watched: Watched, *, whole: bool = True) -> Watched:
-    """Checks what holds for every run: it ended as planned, tank never slowed it, far from every limit."""
-    assert watched.supervisor.ending is (Ending.DONE if whole else Ending.INTERRUPTED), (
-        watched.supervisor.reason
-    )
-    for name in watched.names:
-        assert name == "phase" or np.isfinite(watched.seen(name)).all()
+def good_run(name: str, folder: Path = TASKS, **options: float) -> Watched:
+    """A run that ended as planned, was never slowed by the tank, and stayed far from every limit."""
+    watched = watch(folder / f"{name}.yaml", **options)
+    whole = "duration" not in options
+    supervisor = watched.supervisor
+    assert supervisor.ending is (Ending.DONE if whole else Ending.INTERRUPTED), supervisor.reason
+    assert all(name == "phase" or np.isfinite(watched.seen(name)).all() for name in watched.names)
     assert watched.slowed == 0 and watched.headroom > 0.0
     assert np.max(watched.effort_share) < 0.7
     assert watched.limit_margin() > 0.25
-    assert not [text for _, text in watched.supervisor.messages if "lost contact" in text]
+    assert not [text for _, text in supervisor.messages if "lost contact" in text]
     return watched
 
 
@@ -50,10 +50,9 @@ def test_says_what_to_feel_and_see(name: str) -> None:
     lines = text.splitlines()
     assert len(lines) <= 60
     assert lines[0] == "# yaml-language-server: $schema=../schemas/task.schema.json"
-    comment = "\n".join(lines[1 : lines.index("format: 1")])
-    assert re.match(r"# Feel: [\s\S]*\n# See: ", comment) and all(
-        x.startswith("#") for x in comment.splitlines()
-    )
+    comment = lines[1 : lines.index("format: 1")]
+    assert re.match(r"# Feel: [\s\S]*\n# See: ", "\n".join(comment))
+    assert all(line.startswith("#") for line in comment)
     task, robot = read_task(str(shipped(name)))
     assert (task.name, robot.name) == (name, "baxter") and task.description
 
@@ -72,7 +71,7 @@ def _pressing(watched: Watched) -> float:
 
 
 def test_press_and_slide() -> None:
-    run = _well(watch(shipped("press-and-slide")))
+    run = good_run("press-and-slide")
     force, path = run.seen(f"surface on {OBJECT}", "slide"), run.seen(f"at {OBJECT}", "slide")
     # Two hands press with 8 N each; the force on the table is the sum, less what the soft joint springs take up.
     assert _pressing(run) == 16.0
@@ -89,13 +88,13 @@ def test_press_and_slide() -> None:
 
 
 def test_press_and_slide_at_half_the_rate() -> None:
-    run = _well(watch(shipped("press-and-slide"), rate=500.0, seed=1, duration=7.0), whole=False)
+    run = good_run("press-and-slide", rate=500.0, seed=1, duration=7.0)
     force = run.seen(f"surface on {OBJECT}", "slide")
     assert np.mean(force[:, 2]) == pytest.approx(_pressing(run), rel=0.2)
 
 
 def test_press_box_of_the_design() -> None:
-    run = _well(watch(shipped("press-box"), duration=5.0), whole=False)
+    run = good_run("press-box", duration=5.0)
     force = run.seen(f"surface on {OBJECT}", "slide")
     assert 12.0 < np.mean(force[:, 2]) < 24.0 and np.min(force[50:, 2]) > 6.0
     assert np.ptp(run.seen(f"at {OBJECT}", "slide")[:, 1]) > 0.12
@@ -103,7 +102,7 @@ def test_press_box_of_the_design() -> None:
 
 
 def test_box_hold() -> None:
-    run = _well(watch(shipped("box-hold")))
+    run = good_run("box-hold")
     assert _travel(run.seen(f"at {OBJECT}", "hold")) < 0.002
     assert run.seen(f"at {OBJECT}")[-1, 2] == pytest.approx(0.15, abs=0.01)
     assert np.max(run.seen("tilt")) < LEVEL
@@ -111,14 +110,14 @@ def test_box_hold() -> None:
 
 
 def test_wipe_table_presses_with_its_force() -> None:
-    run = _well(watch(shipped("wipe-table"), duration=6.0), whole=False)
+    run = good_run("wipe-table", duration=6.0)
     force = run.seen(f"surface on {RIGHT}", "wipe")
     assert np.mean(force[50:, 2]) == pytest.approx(10.0, rel=0.15) and np.min(force[50:, 2]) > 7.0
     assert np.ptp(run.seen(f"at {RIGHT}", "wipe")[:, 1]) > 0.18
 
 
 def test_wipe_table_depth_presses_with_its_spring() -> None:
-    run = _well(watch(shipped("wipe-table-depth"), duration=6.5), whole=False)
+    run = good_run("wipe-table-depth", duration=6.5)
     force = run.seen(f"surface on {RIGHT}", "wipe")
     # 100 N/m, pressed in by 10 cm.
     assert np.mean(force[:, 2]) == pytest.approx(10.0, rel=0.15)
@@ -126,7 +125,7 @@ def test_wipe_table_depth_presses_with_its_spring() -> None:
 
 
 def test_touch_and_stop() -> None:
-    run = _well(watch(shipped("touch-and-stop")))
+    run = good_run("touch-and-stop")
     name, _, why = run.supervisor.sequence.ended[0]
     assert name == "feel" and why.startswith("contact")
     height = run.seen(f"at {RIGHT}")[:, 2]
@@ -135,7 +134,7 @@ def test_touch_and_stop() -> None:
 
 
 def test_peg_compliance_gives_way_on_one_axis_only() -> None:
-    run = _well(watch(shipped("peg-compliance"), duration=6.0), whole=False)
+    run = good_run("peg-compliance", duration=6.0)
     moved = run.seen(f"at {RIGHT}") - run.seen(f"at {RIGHT}")[0]
     assert np.min(moved[:, 1]) < -0.025
     assert np.max(np.abs(moved[:, 0])) < 0.006
@@ -143,7 +142,7 @@ def test_peg_compliance_gives_way_on_one_axis_only() -> None:
 
 
 def test_elbow_swing_leaves_the_hand_where_it_is() -> None:
-    run = _well(watch(shipped("elbow-swing"), duration=5.0), whole=False)
+    run = good_run("elbow-swing", duration=5.0)
     model = run.assembly.model
     elbow = np.array([model.pose(q, "right_lower_elbow").translation for q in run.seen("q")[::10]])
     assert _travel(elbow) > 0.12
@@ -151,33 +150,33 @@ def test_elbow_swing_leaves_the_hand_where_it_is() -> None:
 
 
 def test_mirrored_arms_move_as_mirror_images() -> None:
-    run = _well(watch(shipped("mirrored-arms"), duration=4.5), whole=False)
+    run = good_run("mirrored-arms", duration=4.5)
     right, left = run.seen(f"at {RIGHT}"), run.seen(f"at {LEFT}")
     assert np.max(np.abs(left - right * [1.0, -1.0, 1.0])) < 0.003
     assert _travel(right) > 0.1
 
 
 def test_hands_take_turns() -> None:
-    run = _well(watch(shipped("hand-over-hand"), duration=4.0), whole=False)
+    run = good_run("hand-over-hand", duration=4.0)
     first = "right-reaches"
     assert _travel(run.seen(f"at {LEFT}", first)) < 0.002 < 0.1 < _travel(run.seen(f"at {RIGHT}", first))
     assert np.ptp(run.seen(f"at {LEFT}", "right-pulls")[:, 0]) > 0.08
 
 
 def test_joint_springs_need_no_hand_springs() -> None:
-    run = _well(watch(shipped("joint-springs"), duration=5.0), whole=False)
+    run = good_run("joint-springs", duration=5.0)
     assert not [spring for arm in run.assembly.modules.arms for spring in arm.springs]
     right, left = run.seen(f"at {RIGHT}"), run.seen(f"at {LEFT}")
     assert left[-1, 1] - right[-1, 1] > left[0, 1] - right[0, 1] + 0.4
 
 
 def test_soft_hold_stands_still() -> None:
-    run = _well(watch(shipped("soft-hold"), duration=2.0), whole=False)
+    run = good_run("soft-hold", duration=2.0)
     assert max(_travel(run.seen(f"at {hand}")) for hand in (RIGHT, LEFT)) < 0.001
 
 
 def test_reach_and_return_turns_when_it_has_arrived() -> None:
-    run = _well(watch(shipped("reach-and-return"), duration=4.2), whole=False)
+    run = good_run("reach-and-return", duration=4.2)
     name, seconds, why = run.supervisor.sequence.ended[0]
     assert name == "reach" and why.startswith("arrival") and seconds < 4.0
     at_arrival = run.seen(f"at {RIGHT}", "reach")[-1]
@@ -207,18 +206,18 @@ PORT, STARBOARD = "port_palm", "starboard_palm"
 
 
 def test_another_robot_holds_still() -> None:
-    run = _well(watch(DATA / "pair-hold.yaml"))
+    run = good_run("pair-hold", DATA)
     assert max(_travel(run.seen(f"at {palm}")) for palm in (PORT, STARBOARD)) < 0.001
 
 
 def test_another_robot_wipes() -> None:
-    run = _well(watch(DATA / "pair-wipe.yaml"))
+    run = good_run("pair-wipe", DATA)
     assert np.mean(run.seen(f"surface on {PORT}", "wipe")[:, 2]) == pytest.approx(10.0, rel=0.15)
     assert np.ptp(run.seen(f"at {PORT}", "wipe")[:, 1]) > 0.1
 
 
 def test_another_robot_presses_a_box_with_two_hands() -> None:
-    run = _well(watch(DATA / "pair-box.yaml"))
+    run = good_run("pair-box", DATA)
     assert np.mean(run.seen(f"surface on {OBJECT}", "slide")[:, 2]) == pytest.approx(16.0, rel=0.15)
     assert np.ptp(run.seen(f"at {OBJECT}", "slide")[:, 1]) > 0.06
     assert np.max(run.seen("tilt")) < LEVEL

@@ -13,16 +13,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor
+from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.run_backends import sim_backend
 from tests.support.paths import CHECKOUT
 
 Array = NDArray[np.float64]
-Marks = NDArray[np.bool_]
 
 TASKS = CHECKOUT / "tasks"
 SHIPPED = tuple(sorted(path.stem for path in TASKS.glob("*.yaml")))
@@ -39,31 +38,26 @@ class Watched:
         headroom: Least energy the tank had above its floor and what the torque of the moment asks for [J].
         lowest: Least energy in the tank [J].
         slowed: Number of cycles in which the tank cut motion or torque.
-        least_paid, softest: Smallest scale on a torque, and on the springs.
+        softest: Smallest scale on the springs.
     """
 
-    def __init__(self, assembly: Assembly, supervisor: Supervisor, backend: SimBackend) -> None:
-        self.assembly, self.supervisor = assembly, supervisor
-        self._plant = backend.plant
+    def __init__(self, assembly: Assembly, supervisor: Supervisor, plant: Plant) -> None:
+        self.assembly, self.supervisor, self._plant = assembly, supervisor, plant
         self._samples: dict[str, list[Array | float | str]] = defaultdict(list)
         self._every, self._cycle = round(assembly.rate / SAMPLES), 0
-        self.headroom, self.lowest = np.inf, np.inf
         self._peak = np.zeros(assembly.model.n)
-        self.slowed, self.least_paid, self.softest = 0, 1.0, 1.0
+        self.headroom, self.lowest, self.slowed, self.softest = np.inf, np.inf, 0, 1.0
 
     def on_cycle(self, state: RobotState, effort: Array, _late: bool, asked: bool) -> None:
         """Takes a cycle, unless the run is already being ended because its ``duration`` is over."""
         if asked:
             return
-        controller = self.supervisor.controller
-        level = controller.tank.level
-        need = controller.tank.need
-        self.headroom = min(self.headroom, level - self.assembly.tank.floor - need)
-        self.lowest = min(self.lowest, level)
+        cycle, tank = self.supervisor.controller.cycle, self.supervisor.controller.tank
+        self.headroom = min(self.headroom, tank.level - self.assembly.tank.floor - tank.need)
+        self.lowest = min(self.lowest, tank.level)
         np.maximum(self._peak, np.abs(effort), out=self._peak)
-        self.slowed += controller.cycle.admitted < 1.0 or controller.cycle.effort_scale < 1.0
-        self.least_paid = min(self.least_paid, controller.cycle.effort_scale)
-        self.softest = min(self.softest, controller.tank.spring_scale)
+        self.slowed += cycle.admitted < 1.0 or cycle.effort_scale < 1.0
+        self.softest = min(self.softest, tank.spring_scale)
         self._cycle += 1
         if self._cycle % self._every == 0:
             self._look(state.time)
@@ -125,26 +119,16 @@ class Watched:
         return float(min(np.min(q - low), np.min(high - q)))
 
 
-def watch(
-    task: str | Path, *, seed: int = 0, rate: float | None = None, duration: float | None = None
-) -> Watched:
+def watch(task: Path, *, seed: int = 0, rate: float | None = None, duration: float | None = None) -> Watched:
     """Runs a task file on the noisy plant, to its end or for ``duration`` [s], and watches it."""
     assembly = assemble(str(task), effects=None, rate=rate, scale=1.0, arm=None)
     supervisor = Supervisor(assembly)
     backend = sim_backend(assembly, seed)
     first = backend.start()
     supervisor.start(first)
-    watched = Watched(assembly, supervisor, backend)
-    run_loop(
-        supervisor,
-        backend,
-        first.state,
-        watched.on_cycle,
-        Interrupt(),
-        duration=duration,
-        paced=False,
-        read_only=False,
-    )
+    watched = Watched(assembly, supervisor, backend.plant)
+    options = {"duration": duration, "paced": False, "read_only": False}
+    run_loop(supervisor, backend, first.state, watched.on_cycle, Interrupt(), **options)
     return watched
 
 
@@ -160,18 +144,10 @@ def table_row(name: str, watched: Watched) -> str:
     errors = [watched.seen(seen) for seen in watched.names if seen.startswith("error")]
     error = f"{1e3 * np.sqrt(np.mean(np.square(errors))):.1f}" if errors else "-"
     initial, duration = watched.assembly.tank.initial, watched.seen("time")[-1]
-    numbers = (
-        f"{duration:.1f}",
-        f"{initial:.2f}",
-        f"{watched.lowest:.2f}",
-        f"{initial - watched.lowest:.2f}",
-        f"{watched.need:.2f}",
-        f"{peak:.1f}" if peak > 0.0 else "-",
-        error,
-        f"{100.0 * np.max(watched.effort_share):.0f}",
-        f"{watched.limit_margin():.2f}",
-    )
-    return f"| {name} | {' | '.join(numbers)} |"
+    energies = f"{initial:.2f} | {watched.lowest:.2f} | {initial - watched.lowest:.2f} | {watched.need:.2f}"
+    force = f"{peak:.1f}" if peak > 0.0 else "-"
+    share, margin = 100.0 * np.max(watched.effort_share), watched.limit_margin()
+    return f"| {name} | {duration:.1f} | {energies} | {force} | {error} | {share:.0f} | {margin:.2f} |"
 
 
 if __name__ == "__main__":
