@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.ros_master import NO_MASTER, NO_ROSPY, ros_master
+from tests.support.ros_master import NO_MASTER, NO_ROSPY, ROSPY_NODE, ros_master
 from tests.support.sampling import sample_of
 
 pytest_plugins = ("tests.support.both_ways",)
@@ -89,6 +89,6 @@ def rospy_node(master: str) -> Iterator[Any]:
         pytest.skip(NO_ROSPY)
     from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
 
-    transport = RospyTransport("/by_rospy", master)
+    transport = RospyTransport(ROSPY_NODE, master)
     yield transport
     transport.close()

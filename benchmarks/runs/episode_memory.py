@@ -17,7 +17,6 @@ import numpy as np
 from impedance_modules.episode.columns import (
     JOINT_KINDS,
     joint_columns,
-    module_columns,
     pose_columns,
     target_columns,
     wrench_columns,
@@ -37,7 +36,7 @@ def columns() -> list[str]:
     for frame in ("left_hand", "right_hand"):
         names += [*wrench_columns(frame), *pose_columns(frame), *target_columns(frame)]
     for module in ("left", "right"):
-        names += module_columns(module, joints)
+        names += [f"module.{module}.{joint}" for joint in joints]
     return [*names, "tank", "phase"]
 
 

@@ -40,11 +40,6 @@ class Parameter:
     neutral: float = 0.0
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """All units that are right, revolute first."""
-        return (self.unit, self.linear_unit) if self.linear_unit else (self.unit,)
-
-    @property
     def bounds(self) -> str:
         """The physical bounds in words; empty if there are none."""
         low = f"{'above' if self.positive else 'at least'} {self.lower:g}" if self.lower > -math.inf else ""

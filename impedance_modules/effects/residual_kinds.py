@@ -58,11 +58,6 @@ STAGE_OF_PORT: dict[Port, Stage] = {
 """Stage in which an effect of a port consumes its torque; a sensor consumes none."""
 
 
-def covers(residual: Residual, port: Port) -> bool:
-    """Says whether a torque consumed at a port shows in a residual."""
-    return port in STAGE_OF_PORT and STAGE_OF_PORT[port] in COVERS[residual]
-
-
 def uses_motion(residual: Residual) -> bool:
     """Says whether a residual evaluates the rigid model of the links."""
     return "link" in COVERS[residual]

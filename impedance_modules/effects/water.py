@@ -212,10 +212,6 @@ class BuoyancyTorque(WaterTorque):
         """Gives the same at joint positions (n,) [rad]."""
         return np.array(pin.computeGeneralizedGravity(self._water, self._data, position))
 
-    def potential(self, position: Array) -> float:
-        """Gives the energy that sinking the links has stored in the water [J], up to a constant."""
-        return -float(pin.computePotentialEnergy(self._water, self._data, position))
-
 
 class DragTorque(WaterTorque):
     """Resistance -|v| D v at a point of each link, v that point's velocity in the link's axes."""

@@ -55,11 +55,6 @@ def target_columns(frame: str) -> tuple[str, ...]:
     return tuple(f"target.{frame}.{component}" for component in POSE_COMPONENTS)
 
 
-def module_columns(module: str, joints: Iterable[str]) -> tuple[str, ...]:
-    """Returns the extra columns of the torque [N.m] that one impedance module asks of each joint."""
-    return tuple(f"module.{module}.{joint}" for joint in joints)
-
-
 @dataclass(frozen=True)
 class EpisodeColumns:
     """Column names sorted by what they mean.

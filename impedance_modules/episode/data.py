@@ -98,11 +98,6 @@ class Episode:
         return self.metadata.get("repeat_of")
 
     @property
-    def task(self) -> str | None:
-        """Full text of the task file, or None for a log that no task made."""
-        return self.metadata.get("task")
-
-    @property
     def complete(self) -> bool:
         """False for what a killed run left; a log of another program counts as complete."""
         return bool(self.metadata.get("complete", True))

@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import math
 from collections import deque
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -137,21 +136,3 @@ class RecordingView:
         """Returns how much episode time is written at once [s]."""
         self._first = now if self._first is None else self._first
         return float(np.clip(BATCH_PART * (now - self._first), BATCH_TIME, self._longest_batch))
-
-
-def write_recording(path: Path, scene: Scene, samples: Iterable[ViewSample], name: str) -> Path:
-    """Writes a whole recording at once, from samples that exist already.
-
-    Args:
-        path: Of the ``.rrd`` file.
-        scene: What is shown.
-        samples: In the order of their time.
-        name: Of the recording.
-
-    Raises:
-        BadInput: A sample that does not fit the scene.
-    """
-    file = RerunRecording(open_stream(path, name), scene)
-    file.write(list(samples))
-    file.close(timeout=FILE_TIMEOUT)
-    return path

@@ -90,8 +90,3 @@ class JointBias:
     rest: Array
     damping: Array
     damping_ratio: float | None
-
-    @property
-    def name(self) -> str:
-        """Name in lists of terms, ``<arm>.joint_bias``."""
-        return f"{self.limb}.joint_bias"

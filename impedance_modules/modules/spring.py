@@ -213,11 +213,6 @@ class Spring:
         return np.array([self.spec.axes[axis].force if axis in self.spec.axes else 0.0 for axis in AXES])
 
     @property
-    def hybrid(self) -> bool:
-        """Whether any axis carries a constant force."""
-        return bool(np.any(self.force))
-
-    @property
     def damping(self) -> Array:
         """(6, 6) explicit damping in the spring's axes [N.s/m, N.m.s/rad].
 
@@ -236,10 +231,6 @@ class Spring:
         """Turns a (6, 6) matrix from the spring's axes into world axes."""
         turn = rotate_six(self.axes)
         return turn @ matrix @ turn.T
-
-    def energy(self, pose: Pose, target: Pose) -> float:
-        """Gives the energy stored in the spring [J]; see ``add_energy``."""
-        return float(add_energy(self.world_stiffness, displacement_of(pose, target), 0.0))
 
     def wrench(self, pose: Pose, target: Pose) -> Array:
         """Pulls the frame towards its equilibrium with minus the gradient of the energy.

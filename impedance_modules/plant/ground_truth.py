@@ -83,11 +83,6 @@ class GroundTruth:
         return torque
 
     @property
-    def command_acting(self) -> Vector:
-        """Torque command (n,) that acted in the last period [N.m]; zero in the robot's own modes."""
-        return np.array(self.state.joints["command"])
-
-    @property
     def motor_work(self) -> float:
         """Work of the commanded torque at the motors since ``reset`` [J], along the plant's own states."""
         return float(self.state.start.work["command_work"][0])
@@ -159,17 +154,6 @@ class GroundTruth:
         start.velocity[:] = velocity
         start.motor_velocity[:] = velocity
         start.motor_position[:] = start.position + elastic * spring_deflection
-
-    def place_object(self, pose: Pose, twist: Vector) -> None:
-        """Moves the object to a pose with a twist (6,) at its origin, world axes."""
-        body = self.state.body
-        if not body.present:
-            raise BadInput("the plant has no object to place")
-        body.rotation[:] = pose.rotation
-        self.state.start.object_position[:] = pose.translation
-        self.state.start.object_velocity[:] = twist[:3]
-        spin = pose.rotation.T @ twist[3:]
-        self.state.start.object_momentum[:] = pose.rotation @ (body.inertia * spin)
 
     def energy_book(self, gravity: tuple[float, float, float]) -> EnergyBook:
         """Adds up every energy and work since ``reset`` [J] under a gravity [m/s^2]."""

@@ -156,11 +156,6 @@ class DrivenPlant(Plant):
         wrench = self.state.contact_wrench[:-1]
         return np.asarray(np.einsum("hri,hr->i", self.state.jacobian, wrench))
 
-    @property
-    def assistance(self) -> Vector:
-        """What the robot adds by itself in the present period (n,) [N.m]."""
-        return np.array(self.state.joints["assist"])
-
     def compensation(self, position: Vector) -> tuple[Vector, Vector]:
         """Gives what the robot would add for the links' weight and for the springs it knows (n,), (n,) [N.m]."""
         springs = self._effects.spring_stiffness * position - self._effects.spring_preload

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.robot.rotation import exp3, skew
+from impedance_modules.robot.rotation import skew
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,6 @@ class Pose:
         """Returns the pose that changes nothing."""
         return Pose(np.eye(3), np.zeros(3))
 
-    @staticmethod
-    def from_vector(translation: Array, rotation_vector: Array) -> Pose:
-        """Builds a pose from a translation [m] and a rotation vector [rad]."""
-        return Pose(exp3(np.asarray(rotation_vector, dtype=float)), np.asarray(translation, dtype=float))
-
     def __matmul__(self, other: Pose) -> Pose:
         """Composes X_AB @ X_BC = X_AC."""
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
@@ -39,10 +34,6 @@ class Pose:
     def inverse(self) -> Pose:
         """Returns X_BA."""
         return Pose(self.rotation.T, -self.rotation.T @ self.translation)
-
-    def apply(self, point: Array) -> Array:
-        """Carries a point, p_A = R_AB p_B + p_AB [m]."""
-        return self.rotation @ point + self.translation
 
 
 def carry(offset: Array) -> Array:

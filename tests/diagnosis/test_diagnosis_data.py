@@ -17,9 +17,10 @@ from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.folds import RUN_IN, assign_folds
 from impedance_modules.diagnosis.data.log import InsufficientData
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
-from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
+from impedance_modules.diagnosis.data.nominal_model import model_of_spec, model_of_urdf
 from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
 from impedance_modules.errors import ImpedanceError
+from impedance_modules.spec.robot_reader import read_robot
 from tests.diagnosis.test_diagnosis import JOINTS, RATE, URDF, motion, torque
 from tests.support.commands import invoke, python
 from tests.support.recordings import columns_of, save
@@ -462,7 +463,7 @@ def test_a_pushed_hand_is_no_flipped_sign(tmp_path, urdf):
 def test_a_tool_on_a_joint_without_load_is_no_flipped_sign(tmp_path):
     """Baxter's last joint needs a few mN.m for itself; what a light tool asks of it may well oppose that."""
     joints = [f"right_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
-    model = model_of_robot("baxter", joints)
+    model = model_of_spec(read_robot("baxter"), joints)
     time = np.arange(1200) / 100.0
     middle = np.array([0.2, -0.4, 0.8, 1.4, -0.9, 0.9, -1.0])
     w = 2.0 * np.pi * np.array([0.11, 0.17, 0.23, 0.29, 0.31, 0.37, 0.43])

@@ -9,8 +9,9 @@ import json
 import pytest
 import yaml
 
-from impedance_modules.diagnosis.data.nominal_model import model_of_robot, model_of_urdf
+from impedance_modules.diagnosis.data.nominal_model import model_of_spec, model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import can_exist
+from impedance_modules.spec.robot_reader import read_robot
 from tests.support.commands import invoke
 from tests.support.paths import CHECKOUT, TESTS
 
@@ -146,6 +147,6 @@ def test_baxter_carries_springs_in_its_shoulder(tmp_path):
     gap = answer["gap"]["per_joint"]["left_s1"]
     assert gap["before"] > 15.0 and gap["after"] < 1.0
     joints = [f"left_{short}" for short in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
-    refuse_impossible(answer, model_of_robot("baxter", joints).tree)
+    refuse_impossible(answer, model_of_spec(read_robot("baxter"), joints).tree)
     rotors = values_of(answer, "reflected_inertia")
     assert not rotors, "a sensor behind the gear cannot see rotors"

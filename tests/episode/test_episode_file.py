@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from impedance_modules.episode.columns import (
     JOINT_KINDS,
     joint_columns,
-    module_columns,
     parse_columns,
     pose_columns,
     target_columns,
@@ -41,6 +40,11 @@ def metadata(**more):
 
 def new_writer(directory, names=TWO, wait_for_disk=True, **more):
     return EpisodeWriter(directory, names, metadata(**more), wait_for_disk=wait_for_disk)
+
+
+def module_columns(module, joints):
+    """Names of columns that no other kind claims."""
+    return tuple(f"module.{module}.{joint}" for joint in joints)
 
 
 def column_names():
@@ -145,7 +149,7 @@ def test_absent_stays_absent(tmp_path):
     path = write_episode(tmp_path / "log.parquet", columns, metadata(effort_source=None, task=None))
     episode = read_episode(path)
     assert episode.velocity == episode.effort == episode.effort_command == episode.pose == {}
-    assert episode.phase is episode.tank is episode.task is None
+    assert episode.phase is episode.tank is episode.metadata["task"] is None
     assert episode.phase_intervals() == ()
     assert np.isnan(episode.wrench["tip"][:, :2]).all()
     assert (episode.wrench["tip"][:, 2] == 1).all()

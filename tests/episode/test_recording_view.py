@@ -20,9 +20,15 @@ from impedance_modules.episode import view_layout, viewer
 from impedance_modules.episode.background import Background
 from impedance_modules.episode.columns import joint_columns, pose_columns, target_columns, wrench_columns
 from impedance_modules.episode.file_format import write_episode
-from impedance_modules.episode.live_view import RATE, RecordingView, write_recording
+from impedance_modules.episode.live_view import FILE_TIMEOUT, RATE, RecordingView
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.episode.rerun_writer import METRES_PER_NEWTON, METRES_PER_NEWTON_METRE, new_stream
+from impedance_modules.episode.rerun_writer import (
+    METRES_PER_NEWTON,
+    METRES_PER_NEWTON_METRE,
+    RerunRecording,
+    new_stream,
+    open_stream,
+)
 from impedance_modules.episode.run_picture import write_picture
 from impedance_modules.episode.view_scene import BodyShape, EllipsoidStyle, Scene, SceneBody, ViewSample
 from impedance_modules.errors import BadInput
@@ -54,6 +60,14 @@ def sample(index, rng):
     messages = ("contact lost",) if index == 5 else ()
     phase = "lower" if index < 4 else "slide"
     return ViewSample(index * 0.02, tank=5.0, phase=phase, messages=messages, **arrays)
+
+
+def write_recording(path, scene, samples, name):
+    """Writes a whole recording at once, from samples that exist already."""
+    file = RerunRecording(open_stream(path, name), scene)
+    file.write(list(samples))
+    file.close(timeout=FILE_TIMEOUT)
+    return path
 
 
 def samples(count, seed=0):

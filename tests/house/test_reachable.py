@@ -17,15 +17,9 @@ REGISTERED = ("impedance_modules/machine_code.py", "impedance_modules/cli/", "ba
 """Files whose functions are called through a table: numba's decorators, click's verbs, ROS's XML-RPC."""
 
 REASONS = {
-    "model_of_robot": "Python API of the diagnosis: a robot's own model, beside model_of_urdf",
-    "write_episode": "Python API: writes an episode from columns, as docs/recordings.md says",
-    "write_recording": "Python API: an episode as a recording for the viewer",
-    "module_columns": "Python API: names of the columns that docs/recordings.md lists",
-    "from_vector": "Python API: a pose from a translation and a rotation vector",
-    "imbalance": "ground truth of the plant, against which energy laws are tested",
-    "command_acting": "ground truth of the plant, against which the passivity claim is tested",
-    "motor_work": "ground truth of the plant, against which the passivity claim is tested",
-    "place_object": "ground truth of the plant: puts an object where a law is tested",
+    "write_episode": "Python API: writes an episode from columns (docs/import.md)",
+    "imbalance": "Python API: the plant's energy balance (docs/plant.md)",
+    "motor_work": "Python API: work at the plant's motors (docs/plant.md)",
 }
 """Names that no command reaches, each with its reason."""
 

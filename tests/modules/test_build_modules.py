@@ -14,7 +14,7 @@ from impedance_modules.modules.held_object import distance_to_surface, moments_o
 from impedance_modules.modules.sum import lay_out
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task_reader import read_task
 from tests.support.forecast_tasks import write_task
 from tests.support.module_samples import module_sum
@@ -123,7 +123,7 @@ def test_shapes_agree_with_points_thrown_into_them(shape: str, size: tuple[float
 
 def test_the_objects_inertia_turns_with_it(tmp_path: Path) -> None:
     held = build(tmp_path).held
-    turn = Pose.from_vector(np.zeros(3), np.array([0.3, -0.2, 0.5])).rotation
+    turn = exp3(np.array([0.3, -0.2, 0.5]))
     at_rest, turned = held.inertia(np.eye(3)), held.inertia(turn)
     np.testing.assert_allclose(turned[3:, 3:], turn @ at_rest[3:, 3:] @ turn.T, atol=1e-12)
     np.testing.assert_array_equal(turned[:3, :3], 1.2 * np.eye(3))

@@ -20,6 +20,7 @@ from tests.support.plant_parts import (
     idle,
     in_both_hands,
     loose,
+    place_object,
     plant,
     posture,
     spec_of,
@@ -56,7 +57,7 @@ def test_a_free_tumbling_object_keeps_momentum_and_energy() -> None:
     subject = plant(exact(spec_of(BAXTER)), held=loose(size=(0.3, 0.2, 0.1)), gravity=WEIGHTLESS)
     subject.reset(posture(subject.model))
     twist = np.array([0.3, -0.2, 0.1, 0.05, 6.0, 0.02])
-    subject.place_object(Pose(exp3(np.array([0.3, -0.2, 0.9])), np.array([2.0, 0.0, 1.0])), twist)
+    place_object(subject, Pose(exp3(np.array([0.3, -0.2, 0.9])), np.array([2.0, 0.0, 1.0])), twist)
     before, momentum = subject.energy(), spin_of(subject)
     axis = subject.object_pose.rotation[:, 1]
     flipped = 1.0

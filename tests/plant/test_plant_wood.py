@@ -8,7 +8,17 @@ from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import RoughnessSpec, SplintersSpec, WoodSpec
-from tests.support.plant_parts import BAXTER, block, exact, idle, loose, posture, spec_of, started
+from tests.support.plant_parts import (
+    BAXTER,
+    block,
+    exact,
+    idle,
+    loose,
+    place_object,
+    posture,
+    spec_of,
+    started,
+)
 
 MASS = 0.8
 ROUGH = RoughnessSpec(height=4e-4, wavelength=0.02, friction=0.4, wear=500.0)
@@ -26,7 +36,7 @@ def on_wood(
     subject = started(exact(spec_of(BAXTER)), [board], loose(shape=shape, size=size, mass=MASS))
     along, normal = tilt[:, 0], tilt[:, 2]
     start = middle - 0.25 * along + 0.0702 * normal
-    subject.place_object(Pose(tilt, start), np.concatenate([velocity * along, np.zeros(3)]))
+    place_object(subject, Pose(tilt, start), np.concatenate([velocity * along, np.zeros(3)]))
     return subject
 
 

@@ -120,7 +120,7 @@ def test_a_task_is_taught_played_back_and_recorded(tmp_path: Path) -> None:
     # What was commanded is what was taught, and no torque is claimed that nobody sent.
     joint = "right_s1"
     np.testing.assert_allclose(episode.position_command[joint][-1], lesson.position[joint][-1], atol=0.02)
-    assert not episode.effort_command and episode.task is None
+    assert not episode.effort_command and episode.metadata["task"] is None
     again = ("--log", out / "taught", "--out", tmp_path / "again", "--duration", 0.5)
     assert not invoke("run", tmp_path / "down.yaml", *again).return_value
     assert read_episode(tmp_path / "again").time[-1] == pytest.approx(0.5, abs=0.01)

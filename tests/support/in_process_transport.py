@@ -48,11 +48,6 @@ class InProcessTransport:
         self._node_name = node_name
         self._closed = False
 
-    @property
-    def node_name(self) -> str:
-        """Full name of this node."""
-        return self._node_name
-
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> _Publisher[M]:
         """Becomes a publisher of a topic."""
         self._check()

@@ -11,6 +11,7 @@ import numpy as np
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.plant.rigid_object import ObjectBody
 from impedance_modules.robot.model import RobotModel
+from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec, SensorSpec
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
@@ -85,6 +86,15 @@ def idle(subject: Plant, periods: int) -> list[np.ndarray]:
         subject.advance(subject.start_command)
         wrenches += [] if subject.object_pose is None else [subject.contact_wrench("object")]
     return wrenches
+
+
+def place_object(subject: Plant, pose: Pose, twist: np.ndarray) -> None:
+    """Moves the object to a pose with a twist (6,) at its origin, world axes."""
+    body, start = subject.state.body, subject.state.start
+    body.rotation[:] = pose.rotation
+    start.object_position[:] = pose.translation
+    start.object_velocity[:] = twist[:3]
+    start.object_momentum[:] = pose.rotation @ (body.inertia * (pose.rotation.T @ twist[3:]))
 
 
 def plane(height: float, **numbers: object) -> SurfaceSpec:

@@ -28,6 +28,9 @@ NO_ROSPY = (
 )
 """A machine may have Debian's master and an environment that does not see Debian's rospy."""
 
+ROSPY_NODE = "/by_rospy"
+"""Name of the one rospy node that a process can have."""
+
 TRANSPORTS = ("sockets", pytest.param("rospy", marks=pytest.mark.skipif(bool(NO_ROSPY), reason=NO_ROSPY)))
 """Values of ``--transport`` for a test of both."""
 

@@ -296,19 +296,11 @@ class CpuIdleInhibitor:
     """Keeps the CPU out of deep idle states, if this process may; ends with ``end`` or with the process.
 
     Linux lets only root open the file; a udev rule may allow a group. Without it everything works, more slowly.
-
-    Attributes:
-        active: Whether the request is in force.
     """
 
     def __init__(self, device: Path = DEVICE) -> None:
         self._device = device
         self._file: int | None = None
-
-    @property
-    def active(self) -> bool:
-        """Whether the request is in force."""
-        return self._file is not None
 
     def begin(self) -> None:
         """Makes the request; does nothing where the kernel refuses or has no such file."""

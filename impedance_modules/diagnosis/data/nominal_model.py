@@ -20,7 +20,6 @@ from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.patch_file import EffectSpec
-from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 
 
@@ -79,17 +78,12 @@ def model_of_urdf(urdf: Path, joints: Sequence[str]) -> NominalModel:
     return NominalModel(urdf.stem, tree, zero, zero, zero, 0.0, 0.0, 0.0, 0.0, np.array(effort), zero)
 
 
-def model_of_robot(name: str | Path, joints: Sequence[str]) -> NominalModel:
-    """Builds the model of a robot folder.
+def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
+    """Builds the model of a robot file that was read already, with its patches applied.
 
     Raises:
-        BadInput: There is no such robot, or it lacks a joint.
+        BadInput: It lacks a joint.
     """
-    return model_of_spec(read_robot(name), joints)
-
-
-def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
-    """Builds the model of a robot file that was read already, with its patches applied."""
     tree = read_tree(spec.urdf, joints)
     missing = [joint for joint in tree.joints if joint not in spec.joints]
     if missing:

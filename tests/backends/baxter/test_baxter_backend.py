@@ -2,6 +2,7 @@
 """Backend and control loop on a stub robot: how torque control begins, what every stop sends, how it ends."""
 
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
 
@@ -245,6 +246,11 @@ def test_what_the_robot_adds_by_itself_is_recorded(robot, begun) -> None:
         assert values[name] == pytest.approx(gravity[robot.model.joint_names.index(name[8:])])
 
 
+def is_open(path: Path) -> bool:
+    """Whether this process has a file open: as long as that lasts, the kernel keeps the request."""
+    return any(link.is_symlink() and link.readlink() == path for link in Path("/proc/self/fd").iterdir())
+
+
 def test_cpu_idle_states_are_inhibited_during_a_run_only(robot, tmp_path) -> None:
     device = tmp_path / "latency"
     device.write_bytes(b"")
@@ -253,16 +259,16 @@ def test_cpu_idle_states_are_inhibited_during_a_run_only(robot, tmp_path) -> Non
         processor.end()
         processor.begin()
         processor.begin()
-    assert inhibitor.active and not refused.active
+    assert is_open(device)
     assert device.read_bytes() == bytes(4)
     inhibitor.end()
-    assert not inhibitor.active
+    assert not is_open(device)
     with driving(robot) as drive:
         drive.backend._idle_inhibitor = CpuIdleInhibitor(device)
         started(drive)
-        assert drive.backend._idle_inhibitor.active
+        assert is_open(device)
         drive.backend.finish("hold")
-        assert not drive.backend._idle_inhibitor.active
+        assert not is_open(device)
 
 
 @pytest.mark.parametrize(("pause", "waits"), [(2.0 * PROCESS_PAUSE, True), (0.0, False)])

@@ -24,7 +24,7 @@ from impedance_modules.backends.baxter.ros.transport import NoMasterError, Trans
 from impedance_modules.backends.baxter.ros.wire import checksum_of
 from tests.support.baxter_process import start
 from tests.support.in_process_transport import InProcessMaster, InProcessTransport
-from tests.support.ros_master import TRANSPORTS, Heard, forget, free_port, until
+from tests.support.ros_master import ROSPY_NODE, TRANSPORTS, Heard, forget, free_port, until
 
 NUMBERS = count()
 
@@ -32,15 +32,18 @@ NUMBERS = count()
 class World:
     """A transport under test, and as many others on the same master as wanted."""
 
-    def __init__(self, own: Transport, make: Callable[[str], Transport]) -> None:
-        self.own, self._make = own, make
+    def __init__(self, own: Transport, name: str, make: Callable[[str], Transport]) -> None:
+        self.own, self.own_name, self._make = own, name, make
         self._others: list[Transport] = []
         self.topic = f"/topic_{next(NUMBERS)}"
 
     def other(self) -> Transport:
-        transport = self._make(f"/other_{next(NUMBERS)}")
-        self._others.append(transport)
-        return transport
+        return self.named_other()[0]
+
+    def named_other(self) -> tuple[Transport, str]:
+        name = f"/other_{next(NUMBERS)}"
+        self._others.append(self._make(name))
+        return self._others[-1], name
 
     def close(self) -> None:
         for transport in self._others:
@@ -57,15 +60,13 @@ class World:
 def world(request) -> Iterator[World]:
     if request.param == "in process":
         hub = InProcessMaster()
-        found = World(InProcessTransport(hub, "/own"), lambda name: InProcessTransport(hub, name))
+        found = World(InProcessTransport(hub, "/own"), "/own", lambda name: InProcessTransport(hub, name))
     else:
         uri = request.getfixturevalue("master")
-        own = (
-            request.getfixturevalue("rospy_node")
-            if request.param == "rospy"
-            else SocketTransport(f"/own_{next(NUMBERS)}", uri)
-        )
-        found = World(own, lambda name: SocketTransport(name, uri))
+        by_rospy = request.param == "rospy"
+        name = ROSPY_NODE if by_rospy else f"/own_{next(NUMBERS)}"
+        own = request.getfixturevalue("rospy_node") if by_rospy else SocketTransport(name, uri)
+        found = World(own, name, lambda name: SocketTransport(name, uri))
     yield found
     found.close()
     if request.param != "rospy":
@@ -149,7 +150,7 @@ def test_sending_does_not_wait_for_a_listener_that_is_stuck(world: World) -> Non
 
 def test_after_closing_nothing_is_heard_and_nobody_is_registered(world: World) -> None:
     heard = Heard()
-    other = world.other()
+    other, name = world.named_other()
     publisher = other.advertise(world.topic, Empty)
     subscription = world.own.subscribe(world.topic, Empty, heard)
     assert until(lambda: publisher.connections() == 1)
@@ -158,7 +159,7 @@ def test_after_closing_nothing_is_heard_and_nobody_is_registered(world: World) -
     publisher.send(Empty())
     time.sleep(0.1)
     assert heard.messages == []
-    assert world.own.publishers_of(world.topic) == (other.node_name,)
+    assert world.own.publishers_of(world.topic) == (name,)
     publisher.close()
     publisher.close()
     assert until(lambda: world.own.publishers_of(world.topic) == ())
@@ -177,17 +178,17 @@ def test_two_handles_on_one_topic_are_two_until_both_are_closed(world: World) ->
     first.close()
     second.send(UInt16(500))
     assert until(lambda: heard.messages == [UInt16(500)])
-    assert world.own.publishers_of(world.topic) == (world.own.node_name,)
+    assert world.own.publishers_of(world.topic) == (world.own_name,)
 
 
 def test_offers_name_others_types_and_checksums(world: World) -> None:
     world.own.advertise(world.topic, Bool)
-    other = world.other()
+    other, name = world.named_other()
     other.advertise(world.topic, Float64)
-    assert world.own.publishers_of(world.topic) == tuple(sorted((other.node_name, world.own.node_name)))
+    assert world.own.publishers_of(world.topic) == tuple(sorted((name, world.own_name)))
     (publisher,) = world.own.publisher_info(world.topic)
     assert (publisher.node, publisher.ros_type, publisher.checksum, publisher.problem) == (
-        other.node_name,
+        name,
         "std_msgs/Float64",
         checksum_of(Float64),
         None,

@@ -155,11 +155,6 @@ class MasterTransport:
         self._master = MasterClient(master_uri, node_name)
         self._closed = False
 
-    @property
-    def node_name(self) -> str:
-        """Full name of this node."""
-        return self._node_name
-
     def get_parameter(self, name: str) -> ParameterValue | None:
         """Returns a parameter, or None if it is not set."""
         self._check()

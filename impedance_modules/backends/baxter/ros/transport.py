@@ -80,10 +80,6 @@ class Subscription(Protocol):
 class Transport(Protocol):
     """One node."""
 
-    @property
-    def node_name(self) -> str:
-        """Full name of this node, e.g. ``/impedance_modules_1234``."""
-
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> Publisher[M]:
         """Becomes a publisher of a topic.
 
