@@ -6,14 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput, EndOfRecording
 from impedance_modules.robot.state import RobotState
-
-Array = NDArray[np.float64]
 
 
 class ReplayBackend:

@@ -7,12 +7,12 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.box import SIMPLE
 from rich.columns import Columns
 from rich.console import Console
 from rich.table import Table
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.analysis import Analysis, FrameImpedance, carried_inertia
 from impedance_modules.spec.task import AXES
@@ -23,8 +23,6 @@ from impedance_modules.superposition.operational_inertia import (
     carry_inertia,
     linear_ellipsoid,
 )
-
-Array = NDArray[np.float64]
 
 QUANTITIES = (
     ("inertia", "kg, kg.m, kg.m^2"),

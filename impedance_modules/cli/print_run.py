@@ -64,8 +64,8 @@ def _numbers(summary: dict[str, Any]) -> Table:
     table.add_column("unit")
     for hand, numbers in summary["hands"].items():
         table.add_row(f"{hand}: distance to target, RMS", f"{1000 * numbers['tracking_rms']:.1f}", "mm")
-        felt = f"{numbers['start_force']:.1f}, {numbers['peak_force']:.1f}"
-        table.add_row(f"{hand}: force felt at the start, at most", felt, "N")
+        forces = f"{numbers['start_force']:.1f}, {numbers['peak_force']:.1f}"
+        table.add_row(f"{hand}: force at the start, at most", forces, "N")
     joint, ratio = max(summary["torque_peak_over_limit"].items(), key=lambda item: item[1])
     table.add_row(f"largest torque, of its limit ({joint})", f"{100 * ratio:.0f}", "%")
     tank = summary["tank"]

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.control.adjust import scaled, single_arm
 from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
 from impedance_modules.errors import BadInput
@@ -24,8 +24,6 @@ from impedance_modules.spec.patch_file import PatchSpec, read_patch
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task import TaskSpec
 from impedance_modules.spec.task_reader import read_task
-
-Array = NDArray[np.float64]
 
 RECOVERY_TIME = 0.5
 """Time constant with which relaxed springs are tightened again [s]."""

@@ -7,9 +7,9 @@ The wrench of the surroundings on a hand is the least-squares solution of J^T w 
     F_env = \sum_i w_i + m g e_z         (w_i: the object on hand i)
 
 Contact ends a phase (``ContactJudge``); a force axis that pushed against something and then against nothing is
-reported (``ContactLoss``). What the model does not know of is felt as a force at the hand: Baxter's springs beside s1
-carry 20 N.m, and ``until: contact`` would be met at once. So a robot at rest, touching nothing, must feel next to
-nothing before a task that waits for contact may begin (``contact_checks``):
+reported (``ContactLoss``). What the model does not know of counts as a force at the hand: Baxter's springs beside s1
+carry 20 N.m, and ``until: contact`` would be met at once. So a robot at rest, touching nothing, must measure nearly
+no force before a task that waits for contact may begin (``contact_checks``):
 
     |w_i|  <  F / 2,      J^T w = g(q) + k (q - q_0) - \tau_s    (a robot at rest, F the smallest force waited for)
 """
@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter.preflight_checks import PreflightResult
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.effects.catalogue import CATALOGUE
@@ -38,16 +38,14 @@ from impedance_modules.spec.task import AXES, ContactCondition
 if TYPE_CHECKING:
     from impedance_modules.control.controller import Controller
 
-Array = NDArray[np.float64]
-
 REGULARISATION = 1e-4
 """Added to J J^T [m^2, rad^2]: along a singular direction no wrench is claimed."""
 
 TOUCHING, LOST = 0.5, 0.2
-"""Parts of an axis's force: felt back above the first it touches, below the second it has lost contact."""
+"""Parts of an axis's force: what pushes back more than the first is contact, less than the second its loss."""
 
 SHARE = 0.5
-"""Of the force that a phase waits for: the most that may be felt where nothing touches."""
+"""Of the force that a phase waits for: the most that may be measured where nothing touches."""
 
 
 class HandWrenches:
@@ -100,7 +98,7 @@ class HandWrenches:
         """Returns how hard the environment pushes on a target [N].
 
         Args:
-            target: ``object``, an arm's name, or None: the object when one is held, else the arm that feels most.
+            target: ``object``, an arm's name, or None: the object when one is held, else the arm of largest force.
         """
         names = [arm.limb.name for arm in self._arms]
         if target in names:
@@ -109,10 +107,10 @@ class HandWrenches:
             return float(np.linalg.norm(self._force_on_object(self._held)))
         return max(float(np.linalg.norm(force)) for force in self.wrench[:, :3])
 
-    def felt_by(self, limb: str) -> Array:
+    def force_on_hand(self, limb: str) -> Array:
         """Returns the force of the surroundings on a hand, (3,) in world axes [N].
 
-        A hand that holds the object feels the object's weight and squeeze too, which are no contact: it gets its equal
+        On a hand that holds the object act the object's weight and squeeze too, which are no contact: it gets its equal
         share of what the surroundings put on the object.
         """
         held = self._held
@@ -139,22 +137,22 @@ class ContactJudge:
         self._time = detection.time if condition.time is None else condition.time
         self._held_for = 0.0
         self._elapsed = 0.0
-        self._felt = self._best = self._touch.force_on(condition.target)
+        self._measured = self._best = self._touch.force_on(condition.target)
         self._best_at = 0.0
 
     def met(self) -> bool:
         """Takes the newest estimate into account; call once per update of the hands' wrenches."""
         self._elapsed += self._touch.period
-        self._felt = self._touch.force_on(self._condition.target)
-        if (self._felt > self._best) == self._condition.present:
-            self._best, self._best_at = self._felt, self._elapsed
-        as_wanted = (self._felt >= self._force) == self._condition.present
+        self._measured = self._touch.force_on(self._condition.target)
+        if (self._measured > self._best) == self._condition.present:
+            self._best, self._best_at = self._measured, self._elapsed
+        as_wanted = (self._measured >= self._force) == self._condition.present
         self._held_for = self._held_for + self._touch.period if as_wanted else 0.0
         return self._held_for >= self._time
 
     def account(self) -> str:
         """Says what was measured, what is asked for, and since when it is so."""
-        who = self._condition.target or "the object or the hand that feels most"
+        who = self._condition.target or "the object or the hand with the largest force"
         asked = (
             f"{'at least' if self._condition.present else 'less than'} {self._force:g} N for {self._time:g} s"
         )
@@ -163,7 +161,7 @@ class ContactJudge:
         else:
             most = "most" if self._condition.present else "least"
             state = f"{most} {self._best:.1f} N, {self._best_at:.2f} s into the phase"
-        return f"{who} feels {self._felt:.1f} N, {asked} is asked for; {state}"
+        return f"{self._measured:.1f} N on {who}, {asked} is asked for; {state}"
 
 
 @dataclass(frozen=True)
@@ -201,13 +199,15 @@ class ContactLoss:
         return [
             f"force axis {axis.axis} of {axis.spring} lost contact"
             for axis in self._axes
-            if self._follow((axis.spring, axis.axis), -float(axis.share @ self._touch.felt_by(axis.limb)))
+            if self._follow(
+                (axis.spring, axis.axis), -float(axis.share @ self._touch.force_on_hand(axis.limb))
+            )
         ]
 
-    def _follow(self, key: tuple[str, str], felt: float) -> bool:
-        if felt >= TOUCHING:
+    def _follow(self, key: tuple[str, str], force: float) -> bool:
+        if force >= TOUCHING:
             self._touching.add(key)
-        elif felt < LOST and key in self._touching:
+        elif force < LOST and key in self._touching:
             self._touching.discard(key)
             return True
         return False
@@ -223,7 +223,7 @@ def _force_axes(modules: TaskModules) -> Iterator[ForceAxis]:
 
 
 def contact_checks(assembly: Assembly, state: RobotState) -> tuple[PreflightResult, ...]:
-    """Asks what the hands feel at rest; one answer per arm whose contact a phase of the task waits for.
+    """Measures the force on the hands at rest; one answer per arm whose contact a phase of the task waits for.
 
     Args:
         assembly: The task, and the model that it is run with.
@@ -237,8 +237,8 @@ def contact_checks(assembly: Assembly, state: RobotState) -> tuple[PreflightResu
     touch = HandWrenches(assembly.model, assembly.modules, kinematics, assembly.period)
     touch.reset(state)
     names = [arm.limb.name for arm in assembly.modules.arms]
-    felt = {arm: float(np.linalg.norm(touch.wrench[names.index(arm), :3])) for arm in awaited}
-    return tuple(_gate(assembly, state, arm, felt[arm], awaited[arm]) for arm in awaited)
+    forces = {arm: float(np.linalg.norm(touch.wrench[names.index(arm), :3])) for arm in awaited}
+    return tuple(_gate(assembly, state, arm, forces[arm], awaited[arm]) for arm in awaited)
 
 
 def _awaited(assembly: Assembly) -> dict[str, tuple[str, float]]:
@@ -262,14 +262,14 @@ def _awaited(assembly: Assembly) -> dict[str, tuple[str, float]]:
 
 
 def _gate(
-    assembly: Assembly, state: RobotState, arm: str, felt: float, awaited: tuple[str, float]
+    assembly: Assembly, state: RobotState, arm: str, measured: float, awaited: tuple[str, float]
 ) -> PreflightResult:
-    """Judges what one arm feels [N]; a hand that holds something may feel its weight."""
+    """Judges the force that one arm measures [N]; that of a hand that holds something may be its weight."""
     phase, force = awaited
     held = assembly.modules.held
     carried = held.spec.mass * STANDARD_GRAVITY if held is not None and arm in held.limbs else 0.0
-    name, found = f"contact {arm}", f"at rest the hand feels {felt:.1f} N"
-    if felt < SHARE * force + carried:
+    name, found = f"contact {arm}", f"at rest {measured:.1f} N act on the hand"
+    if measured < SHARE * force + carried:
         return PreflightResult(name, True, found, "")
     joints = assembly.model.limbs[arm].joints
     expected = assembly.model.gravity(state.position)

@@ -13,8 +13,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.protocol import FirstState
 from impedance_modules.compiled import want_machine_code
 from impedance_modules.control import cycle as laws
@@ -36,8 +36,6 @@ from impedance_modules.safety.filter_problem import FilterLayout, FilterState, m
 from impedance_modules.safety.solvers import FilterSolution, make_solver
 from impedance_modules.safety.tank import Tank, fill, make_tank, measure, missed, release_springs
 from impedance_modules.spec.task import PhaseSpec
-
-Array = NDArray[np.float64]
 
 EXACT_SOLVER = "daqp"
 """The exact solver whose answers the active-set solver may anticipate: both give the optimum to 1e-8 N.m."""

@@ -17,9 +17,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.control.set_points import SetPoints, advance
 from impedance_modules.modules.motor_velocity import MotorVelocity, estimate_motor_velocity
@@ -33,8 +31,6 @@ from impedance_modules.safety.limits import FilterLimits
 from impedance_modules.safety.metric import write_metric
 from impedance_modules.safety.rows import write_rows
 from impedance_modules.safety.tank import Tank, available, limit_to_budget, measure, rescale_springs
-
-Array = NDArray[np.float64]
 
 FINE, STATE_NOT_FINITE, EFFORT_NOT_FINITE, UNSOLVED = range(4)
 """How far a cycle came: a torque may leave; there is none; there is none; the robot's solver is asked for one."""

@@ -10,16 +10,14 @@ from contextlib import contextmanager
 from types import FrameType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.protocol import Backend
 from impedance_modules.control.signals import handled_by
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import EndOfRecording, PlantNotFinite, RobotStopped
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.stop_levels import Event
-
-Array = NDArray[np.float64]
 
 OnCycle = Callable[[RobotState, Array, bool, bool], None]
 """Called after every cycle with the state, the torque in force (zero where none is), lateness, interrupt."""

@@ -25,15 +25,13 @@ from collections import Counter, deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import SmoothCondition
-
-Array = NDArray[np.float64]
 
 LENGTH = 0.8
 """Of a window [s]; the thesis's."""

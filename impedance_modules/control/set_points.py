@@ -13,8 +13,8 @@ Gains g blend from the last phase's into the phase's own by minimum jerk s over 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
@@ -24,8 +24,6 @@ from impedance_modules.modules.sum import Modules, joint_damping_matrix, potenti
 from impedance_modules.records import Array3, Flag, Matrix, Record, Scalar
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.safety.tank import Tank, admit, budget, change_cost
-
-Array = NDArray[np.float64]
 
 BLENDING = 0.5
 """Gains of a phase come in by minimum jerk over this time [s], or over the phase if it is shorter; the forces of the

@@ -2,7 +2,7 @@
 r"""A palm that presses on a held object and keeps it by friction: slip, loss and new contact, without gain of energy.
 
 The hand's origin stands at x = R^T (p_H - p) in the object's axes, d beneath the object's nearest face, counted as
-``palm_offset`` further out; n points into the object. While d > 0 the hand feels the force -N n + f and the moment t:
+``palm_offset`` further out; n points into the object. While d > 0 the force -N n + f and the moment t act on the hand:
 
     N = k d + min(max(c d', -k d), k d)
     f = cut(cut(k e, mu N) - c v_t, mu N)                           e = (1 - n n^T) R (s - x)

@@ -16,7 +16,7 @@ the spline's curvatures: F m = jumps of the chords' slopes. With the stiffness k
 
 U is the least energy of sheet and touch at a given place; its gradient is the force, normal to the *bent* sheet. It is
 evaluated anew at every stage of a step, so that the force is the gradient of one potential wherever the point goes.
-A sheet is thin: it is felt only by a point that came from above it and has not left it by its edges since.
+A sheet is thin: it acts only on a point that came from above it and has not left it by its edges since.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ At (u, v) in the box's axes, fresh wood stands h above smooth wood. What is left
     h = r H (1 + g(u, v)) / 2,   g = 1/8 \sum_k sin(k_k . (u, v) + \phi_k)      friction \mu + r \mu_r
     r = exp(-e / w)              e the friction work done here per area, w the wood's resistance to wear [J/m^2]
 
-The point feels the potential k d^2 / 2 of its depth below that surface: its normal leans with the slope of h, and a
+The point has the potential k d^2 / 2 of its depth below that surface: its normal leans with the slope of h, and a
 hill gives back going down what it took going up. e is kept on a grid; r between its nodes is bilinear.
 
 A splinter near the point catches it: friction has no bound until it breaks. It bears f, what is beyond friction, and

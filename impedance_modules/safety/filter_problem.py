@@ -173,7 +173,7 @@ class FilterState(Record):
 
 
 class FilterProblem(Record):
-    """One cycle's quadratic program, in torques [N.m]; arms do not feel each other's inertia, so much of it is zero.
+    """One cycle's quadratic program, in torques [N.m]; much of it is zero, as arms do not accelerate each other.
 
     Attributes:
         desired: (n,) torque the modules ask for.
@@ -213,7 +213,7 @@ def make_problem(
     Args:
         layout: Which rows there are.
         effort_max: (n,) [N.m].
-        coupled: See ``FilterProblem``; None: every joint may feel every other.
+        coupled: See ``FilterProblem``; None: every joint may accelerate every other.
         moved_by: See ``FilterProblem``; None: every joint may move every hand, of two at most.
     """
     n, m = layout.n, layout.m

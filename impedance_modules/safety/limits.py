@@ -130,8 +130,8 @@ def _check(limits: FilterLimits) -> None:
 def braking_deceleration(effort_max: Vector, inertia: Vector, share: float = 0.5) -> Vector:
     """Braking that a share of each joint's torque gives against its own inertia.
 
-    b_i = share effort_max_i / M_ii. M_ii, the inertia with the other joints held, is the largest the
-    joint ever feels; the rest of the torque is left for bias and coupling.
+    b_i = share effort_max_i / M_ii. M_ii, the inertia with the other joints held, is the largest that
+    the joint ever accelerates; the rest of the torque is left for bias and coupling.
 
     Args:
         effort_max: (n,) [N.m].

@@ -18,7 +18,7 @@ from impedance_modules.records import Matrix
 from impedance_modules.safety.filter_problem import FilterProblem, FilterState
 
 POSTURE_WEIGHT = 0.1
-"""eps: a torque change that no hand feels costs eps / (1 + eps) of one that moves a hand."""
+"""eps: a torque change that moves no hand costs eps / (1 + eps) of one that moves a hand."""
 
 HEAVIEST_HAND = (100.0, 10.0)
 """Bounds of a hand's operational inertia, (mass [kg], rotational inertia [kg.m^2]), near singularities."""
@@ -45,7 +45,7 @@ def weigh_changes(
     up to the factor (1 + eps) / eps, in every posture. Source: design section 4, "QP".
 
     Args:
-        problem: ``metric`` is overwritten; what a hand feels of a torque stays within its own arm, so all sums run over
+        problem: ``metric`` is overwritten; a torque moves the hand of its own arm alone, so all sums run over
             the joints of ``moved_by`` alone. Hands must not share joints.
         state: ``inverse_inertia`` and ``jacobian``.
         eps: Weight of the posture, > 0.

@@ -54,7 +54,7 @@ def test_the_force_on_an_object_is_shared_by_its_hands(supervisor: Supervisor) -
         felt.wrench[:] = random.normal(size=felt.wrench.shape) * 10.0
         total = felt.wrench[:, :3].sum(axis=0) + np.array([0.0, 0.0, weight(supervisor)])
         for limb in supervisor.controller.modules.held.limbs:
-            assert np.allclose(felt.felt_by(limb), 0.5 * total)
+            assert np.allclose(felt.force_on_hand(limb), 0.5 * total)
         assert felt.force_on(None) == pytest.approx(float(np.linalg.norm(total)))
 
 
@@ -74,6 +74,6 @@ def test_contact_that_did_not_come_says_what_was_felt_and_what_is_asked_for(supe
         feel(supervisor, force)
         assert not judge.met()
     told = judge.account()
-    assert "object feels 3.0 N" in told
+    assert "3.0 N on object" in told
     assert "at least 8 N for 0.05 s is asked for" in told
     assert f"most 5.0 N, {2 * supervisor.hand_wrenches.period:.2f} s into the phase" in told

@@ -1,4 +1,4 @@
-"""Errors of a map: what the plant's surface does beyond the task's, the columns find in what the hand feels."""
+"""Errors of a map: what the plant's surface does beyond the task's, the columns find in the forces on the hand."""
 
 from functools import cache
 

@@ -40,7 +40,7 @@ MUTANTS = (
     (CONTROLLER, "            self.cycle.tank.restore(self._before_gap)\n", "            pass\n"),
     (CONTACT, "total[2] += held.spec.mass * STANDARD_GRAVITY", "total[2] -= held.spec.mass * STANDARD_GRAVITY"),
     (CONTACT, "if as_wanted else 0.0", "if as_wanted else self._held_for"),
-    (CONTACT, "(self._felt >= self._force) == self._condition.present", "(self._felt >= self._force)"),
+    (CONTACT, "(self._measured >= self._force) == self._condition.present", "(self._measured >= self._force)"),
     (RECORD, "values[1 + 2 * n + j] = command[j]", "values[1 + 2 * n + j] = effort[j]"),
     (RECORD, "values[k + 2], values[k + 3], values[k + 4] = cycle.admitted, cycle.effort_scale, cycle.clock", "values[k + 2], values[k + 3], values[k + 4] = cycle.effort_scale, cycle.admitted, cycle.clock"),
 )  # fmt: skip
