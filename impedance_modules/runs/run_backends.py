@@ -30,8 +30,8 @@ def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBack
     task, model = assembly.task, assembly.model
     held = None if task.object is None else ObjectBody.of_task(model, task.object)
     options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise, shortest_step=SHORTEST_STEP)
-    worn = None if assembly.patch is None else apply_to_plant(model, assembly.patch)
-    plant = Plant(model, task.environment, held, options, worn, pushes=task.pushes)
+    applied = None if assembly.patch is None else apply_to_plant(model, assembly.patch)
+    plant = Plant(model, task.environment, held, options, applied, pushes=task.pushes)
     return SimBackend(plant, assembly.modules.posture, assembly.period)
 
 

@@ -219,7 +219,7 @@ class SurfaceSpec:
 
     @property
     def fresh_friction(self) -> float:
-        """Coulomb coefficient before anything is worn off."""
+        """Coulomb coefficient of fresh wood; without wood, the surface's own."""
         rough = self.wood.roughness if self.wood is not None else None
         return self.friction + (rough.friction if rough is not None else 0.0)
 
