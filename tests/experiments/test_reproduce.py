@@ -26,9 +26,13 @@ def test_every_experiment_has_a_module_of_its_own() -> None:
         assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file(), experiment
 
 
+def make_page(*options: str, out: Path) -> None:
+    words = ["planar-arms", *options, "--out", str(out)]
+    assert CliRunner().invoke(command, words, catch_exceptions=False).exit_code == 0
+
+
 def test_a_page_has_its_table_its_plots_and_its_command(tmp_path: Path) -> None:
-    result = CliRunner().invoke(command, ["planar-arms", "--out", str(tmp_path)], catch_exceptions=False)
-    assert result.exit_code == 0
+    make_page(out=tmp_path)
     text = (tmp_path / "planar-arms.md").read_text()
     assert "impedance reproduce planar-arms" in text and "eq. 4.30" in text and "18.36" in text
     pictures = re.findall(r"\]\((.*?\.png)\)", text)
@@ -49,8 +53,7 @@ def test_the_index_keeps_the_rows_of_pages_made_before(tmp_path: Path) -> None:
     other = f"# Older\n\n{made}\n\n## Thesis against ours\n\n| quantity | thesis | ours | spread | unit | why |\n{rows}"
     other += "\n| a | table | of | six | more | columns |\n"
     (tmp_path / "terrain.md").write_text(other)
-    options = ["planar-arms", "--seed", "3", "--out", str(tmp_path)]
-    assert CliRunner().invoke(command, options, catch_exceptions=False).exit_code == 0
+    make_page("--seed", "3", out=tmp_path)
     index = (tmp_path / "README.md").read_text()
     full = "[terrain](terrain.md) | `impedance reproduce terrain --full` |"
     assert f"| 5.1 | keeps contact | throughout | 99.5 % |  | 1 | {full}" in index and "| 812 |" in index

@@ -1,28 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The thesis's chapter 3 in short form: the numbers behind the pages."""
 
-from pathlib import Path
-
 import pytest
 
-from impedance_experiments.thesis_experiments import find_experiment
-from impedance_experiments.thesis_page import Settings, Size
 
-
-def short(tmp_path: Path) -> Settings:
-    return Settings(size=Size.SHORT, seed=0, work=tmp_path, on_progress=lambda _share, _doing: None)
-
-
-def test_springs_hide_in_slow_motion_and_show_in_a_blow(tmp_path: Path) -> None:
-    facts = find_experiment("series-elastic").run(short(tmp_path)).facts
+def test_springs_hide_in_slow_motion_and_show_in_a_blow(facts_of) -> None:
+    facts = facts_of("series-elastic")
     assert facts["lowest rigid limit"] < 90.0 < facts["highest rigid limit"]
     assert facts["least real part, collocated"] >= 0.0 > facts["least real part, non-collocated"]
     assert facts["departure of the angle"] < 0.02 and facts["departure of the velocity"] > 0.3
 
 
 @pytest.mark.long
-def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(tmp_path: Path) -> None:
-    facts = find_experiment("reflected-inertia-matters").run(short(tmp_path)).facts
+def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(facts_of) -> None:
+    facts = facts_of("reflected-inertia-matters")
     # Square roots of the masses are what Table 3.1 comes near; the masses themselves are not.
     printed = {"largest mass with": 2.574, "smallest mass with": 1.31, "largest mass without": 1.628}
     assert all(abs(facts[name] ** 0.5 / value - 1.0) < 0.15 for name, value in printed.items())
@@ -37,8 +28,8 @@ def test_rotors_make_the_arm_heavier_but_the_springs_shield_the_peak(tmp_path: P
 
 
 @pytest.mark.long
-def test_both_methods_recover_the_plants_own_reflected_inertia(tmp_path: Path) -> None:
-    facts = find_experiment("reflected-inertia").run(short(tmp_path)).facts
+def test_both_methods_recover_the_plants_own_reflected_inertia(facts_of) -> None:
+    facts = facts_of("reflected-inertia")
     for name in ("real", "wrist"):
         assert abs(facts[name] / facts["truth, wrist"] - 1.0) < 0.03, name
     assert abs(facts["elbow"] / facts["truth, elbow"] - 1.0) < 0.03

@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sanding at its shortest: held by splinters and free again, roughness told apart, the rule, and the end of a task."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from impedance_experiments import sanding
 from impedance_experiments.sanding_rule import roc_curve, set_bound, smooth_statistics
-from impedance_experiments.thesis_page import Settings, Size
 
 
 @pytest.mark.long
-def test_it_is_held_comes_free_works_and_feels_what_is_rough(tmp_path: Path) -> None:
-    facts = sanding.reproduce(Settings(Size.SHORT, 0, tmp_path, lambda _share, _text: None)).facts
+def test_it_is_held_comes_free_works_and_feels_what_is_rough(facts_of) -> None:
+    facts = facts_of("sanding")
     assert 4.0 < facts["stuck"] < 12.0 and facts["broken"] >= 1.0
     # True force times true velocity, against what the wood was rubbed and its splinters gave.
     assert facts["work"] == pytest.approx(facts["spent_on_wood"], rel=0.1)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Task 1 of the thesis in short form: who keeps contact, and what the hand learns of the sheet."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,18 +13,12 @@ from impedance_experiments.terrain_variations import (
     stopped_at,
     wrong_table,
 )
-from impedance_experiments.thesis_experiments import find_experiment
-from impedance_experiments.thesis_page import Settings, Size
 from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.spec.task import SurfaceSpec
 
 
-def short(tmp_path: Path) -> Settings:
-    return Settings(size=Size.SHORT, seed=0, work=tmp_path, on_progress=lambda _share, _doing: None)
-
-
-def test_springs_keep_contact_and_position_playback_gives_up_at_the_bar(tmp_path: Path) -> None:
-    facts = find_experiment("terrain").run(short(tmp_path)).facts
+def test_springs_keep_contact_and_position_playback_gives_up_at_the_bar(facts_of) -> None:
+    facts = facts_of("terrain")
     assert facts["contact, impedance"] == 1.0 and facts["stopped, impedance"] == 0.0
     assert facts["deviation, impedance"] < 0.024
     # The bar's flank begins at y = -0.35 m, its top at -0.233 m.
@@ -34,8 +26,8 @@ def test_springs_keep_contact_and_position_playback_gives_up_at_the_bar(tmp_path
     assert facts["peak, position"] > 1.5 * facts["peak, impedance"]
 
 
-def test_strokes_at_two_forces_tell_shape_and_stiffness(tmp_path: Path) -> None:
-    facts = find_experiment("surface-map").run(short(tmp_path)).facts
+def test_strokes_at_two_forces_tell_shape_and_stiffness(facts_of) -> None:
+    facts = facts_of("surface-map")
     assert facts["shape"] < 0.0006 and facts["shape"] < 0.5 * facts["pressed"]
     assert facts["stiffness"] < 0.12 and facts["cells"] >= 10
 
