@@ -16,11 +16,16 @@ from pathlib import Path
 import pytest
 
 from impedance_modules.backends.baxter.ros.master_client import MasterClient, master_uri_of
-from impedance_modules.backends.baxter.ros.messages import Bool, Empty, Float64, String, UInt16
+from impedance_modules.backends.baxter.ros.messages import Bool, Empty, Float64, Message, String, UInt16
 from impedance_modules.backends.baxter.ros.rospy_transport import RospyTransport
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
 from impedance_modules.backends.baxter.ros.tcp_connection import topic_address
-from impedance_modules.backends.baxter.ros.transport import NoMasterError, Transport, TransportClosedError
+from impedance_modules.backends.baxter.ros.transport import (
+    NoMasterError,
+    Publisher,
+    Transport,
+    TransportClosedError,
+)
 from impedance_modules.backends.baxter.ros.wire import checksum_of
 from tests.support.baxter_process import start
 from tests.support.in_process_transport import InProcessMaster, InProcessTransport
@@ -30,55 +35,73 @@ NUMBERS = count()
 
 
 class World:
-    """A transport under test, and as many others on the same master as wanted."""
+    """A transport under test, and as many others on the same master as wanted; a topic of their own."""
 
-    def __init__(self, own: Transport, name: str, make: Callable[[str], Transport]) -> None:
-        self.own, self.own_name, self._make = own, name, make
-        self._others: list[Transport] = []
+    def __init__(self, make: Callable[[str], Transport], rospy_node: Transport | None = None) -> None:
+        self._make, self._made = make, []
         self.topic = f"/topic_{next(NUMBERS)}"
+        self.own, self.own_name = (rospy_node, ROSPY_NODE) if rospy_node else self.named("/own")
+
+    def named(self, name: str) -> tuple[Transport, str]:
+        """Another transport, and its name with a number."""
+        name = f"{name}_{next(NUMBERS)}"
+        self._made.append(self._make(name))
+        return self._made[-1], name
 
     def other(self) -> Transport:
-        return self.named_other()[0]
+        return self.named("/other")[0]
 
-    def named_other(self) -> tuple[Transport, str]:
-        name = f"/other_{next(NUMBERS)}"
-        self._others.append(self._make(name))
-        return self._others[-1], name
+    def hear(self, kind: type[Message], by: Transport | None = None) -> Heard:
+        """Keeps what comes on the topic."""
+        heard = Heard()
+        (by or self.own).subscribe(self.topic, kind, heard)
+        return heard
 
     def close(self) -> None:
-        for transport in self._others:
+        for transport in self._made:
             transport.close()
 
 
-@pytest.fixture(
-    params=[
-        "in process",
-        pytest.param("sockets", marks=pytest.mark.ros),
-        pytest.param("rospy", marks=pytest.mark.ros),
-    ]
-)
-def world(request) -> Iterator[World]:
-    if request.param == "in process":
-        hub = InProcessMaster()
-        found = World(InProcessTransport(hub, "/own"), "/own", lambda name: InProcessTransport(hub, name))
+def make_world(kind: str, request) -> Iterator[World]:
+    hub = InProcessMaster()
+    if kind == "in process":
+        world = World(lambda name: InProcessTransport(hub, name))
     else:
         uri = request.getfixturevalue("master")
-        by_rospy = request.param == "rospy"
-        name = ROSPY_NODE if by_rospy else f"/own_{next(NUMBERS)}"
-        own = request.getfixturevalue("rospy_node") if by_rospy else SocketTransport(name, uri)
-        found = World(own, name, lambda name: SocketTransport(name, uri))
-    yield found
-    found.close()
-    if request.param != "rospy":
-        found.own.close()
+        rospy_node = request.getfixturevalue("rospy_node") if kind == "rospy" else None
+        world = World(lambda name: SocketTransport(name, uri), rospy_node)
+    yield world
+    world.close()
+
+
+@pytest.fixture(
+    params=["in process", *(pytest.param(kind, marks=pytest.mark.ros) for kind in ("sockets", "rospy"))]
+)
+def world(request) -> Iterator[World]:
+    """Of every transport."""
+    yield from make_world(request.param, request)
+
+
+@pytest.fixture(params=TRANSPORTS)
+def ros_world(request) -> Iterator[World]:
+    """Of those that need a master."""
+    yield from make_world(request.param, request)
+
+
+@pytest.fixture
+def socket_world(request) -> Iterator[World]:
+    yield from make_world("sockets", request)
+
+
+def connected(*publishers: Publisher, count: int = 1) -> bool:
+    return until(lambda: all(publisher.connections() == count for publisher in publishers))
 
 
 def test_a_subscriber_hears_every_publisher_early_or_late(world: World) -> None:
-    heard = Heard()
     early = world.other().advertise(world.topic, Float64)
-    world.own.subscribe(world.topic, Float64, heard)
+    heard = world.hear(Float64)
     late = world.other().advertise(world.topic, Float64)
-    assert until(lambda: early.connections() == 1 and late.connections() == 1)
+    assert connected(early, late)
     before = time.monotonic()
     early.send(Float64(1.5))
     late.send(Float64(-2.5))
@@ -88,11 +111,9 @@ def test_a_subscriber_hears_every_publisher_early_or_late(world: World) -> None:
 
 
 def test_what_is_sent_arrives_everywhere_whole_and_in_order(world: World) -> None:
-    listeners = [Heard(), Heard()]
     publisher = world.own.advertise(world.topic, String)
-    for heard in listeners:
-        world.other().subscribe(world.topic, String, heard)
-    assert until(lambda: publisher.connections() == 2)
+    listeners = [world.hear(String, by=world.other()) for _ in range(2)]
+    assert connected(publisher, count=2)
     texts = [String("é" * n) for n in (0, 1, 5000, 200_000)]
     for n, text in enumerate(texts):
         publisher.send(text)
@@ -122,7 +143,7 @@ def test_only_the_newest_message_waits_for_a_slow_listener(world: World) -> None
 
     publisher = world.other().advertise(world.topic, Float64)
     world.own.subscribe(world.topic, Float64, slow)
-    assert until(lambda: publisher.connections() == 1)
+    assert connected(publisher)
     began = time.monotonic()
     sent = 0
     while time.monotonic() - began < 0.3:
@@ -140,7 +161,7 @@ def test_sending_does_not_wait_for_a_listener_that_is_stuck(world: World) -> Non
         return  # a callback is the sender here; there is nobody to wait for
     publisher = world.own.advertise(world.topic, String)
     world.other().subscribe(world.topic, String, lambda message, received: time.sleep(1.5))
-    assert until(lambda: publisher.connections() == 1)
+    assert connected(publisher)
     big = String("x" * 1_000_000)
     began = time.monotonic()
     for _ in range(20):
@@ -150,10 +171,10 @@ def test_sending_does_not_wait_for_a_listener_that_is_stuck(world: World) -> Non
 
 def test_after_closing_nothing_is_heard_and_nobody_is_registered(world: World) -> None:
     heard = Heard()
-    other, name = world.named_other()
+    other, name = world.named("/other")
     publisher = other.advertise(world.topic, Empty)
     subscription = world.own.subscribe(world.topic, Empty, heard)
-    assert until(lambda: publisher.connections() == 1)
+    assert connected(publisher)
     subscription.close()
     subscription.close()
     publisher.send(Empty())
@@ -171,10 +192,9 @@ def test_after_closing_nothing_is_heard_and_nobody_is_registered(world: World) -
 
 
 def test_two_handles_on_one_topic_are_two_until_both_are_closed(world: World) -> None:
-    heard = Heard()
     first, second = (world.own.advertise(world.topic, UInt16) for _ in range(2))
-    world.other().subscribe(world.topic, UInt16, heard)
-    assert until(lambda: second.connections() == 1)
+    heard = world.hear(UInt16, by=world.other())
+    assert connected(second)
     first.close()
     second.send(UInt16(500))
     assert until(lambda: heard.messages == [UInt16(500)])
@@ -183,24 +203,19 @@ def test_two_handles_on_one_topic_are_two_until_both_are_closed(world: World) ->
 
 def test_offers_name_others_types_and_checksums(world: World) -> None:
     world.own.advertise(world.topic, Bool)
-    other, name = world.named_other()
+    other, name = world.named("/other")
     other.advertise(world.topic, Float64)
     assert world.own.publishers_of(world.topic) == tuple(sorted((name, world.own_name)))
     (publisher,) = world.own.publisher_info(world.topic)
-    assert (publisher.node, publisher.ros_type, publisher.checksum, publisher.problem) == (
-        name,
-        "std_msgs/Float64",
-        checksum_of(Float64),
-        None,
-    )
+    said = (publisher.node, publisher.ros_type, publisher.checksum, publisher.problem)
+    assert said == (name, "std_msgs/Float64", checksum_of(Float64), None)
 
 
 def test_another_message_under_the_same_name_is_not_heard(world: World) -> None:
-    heard = Heard()
     wrong = world.other().advertise(world.topic, Float64)
-    world.own.subscribe(world.topic, Bool, heard)
+    heard = world.hear(Bool)
     right = world.other().advertise(world.topic, Bool)
-    assert until(lambda: right.connections() == 1)
+    assert connected(right)
     wrong.send(Float64(1.0))
     right.send(Bool(True))
     assert until(lambda: heard.messages == [Bool(True)])
@@ -215,81 +230,62 @@ def test_parameters_come_back_and_unknown_ones_are_none(world: World) -> None:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("kind", TRANSPORTS)
-def test_a_publisher_that_has_ended_is_named_and_does_no_harm(kind: str, master: str, request) -> None:
-    own = request.getfixturevalue("rospy_node") if kind == "rospy" else SocketTransport("/own", master)
-    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
-    registrar = MasterClient(master, f"/dead_{kind}")
-    registrar.ask("registerPublisher", topic, "std_msgs/Bool", f"http://127.0.0.1:{free_port()}/")
-    own.subscribe(topic, Bool, heard)
-    alive = SocketTransport("/alive", master)
-    publisher = alive.advertise(topic, Bool)
-    assert until(lambda: publisher.connections() == 1)
+def test_a_publisher_that_has_ended_is_named_and_does_no_harm(ros_world: World, master: str) -> None:
+    registrar = MasterClient(master, "/dead")
+    registrar.ask("registerPublisher", ros_world.topic, "std_msgs/Bool", f"http://127.0.0.1:{free_port()}/")
+    heard = ros_world.hear(Bool)
+    alive, name = ros_world.named("/alive")
+    publisher = alive.advertise(ros_world.topic, Bool)
+    assert connected(publisher)
     publisher.send(Bool(False))
     assert until(lambda: heard.messages == [Bool(False)])
-    publishers = {publisher.node: publisher for publisher in own.publisher_info(topic)}
-    assert publishers["/alive"].problem is None
-    assert publishers[f"/dead_{kind}"].gone
-    assert not publishers["/alive"].gone
-    assert "refused" in str(publishers[f"/dead_{kind}"].problem)
-    alive.close()
-    if kind == "sockets":
-        own.close()
+    publishers = {publisher.node: publisher for publisher in ros_world.own.publisher_info(ros_world.topic)}
+    assert publishers[name].problem is None and not publishers[name].gone
+    assert publishers["/dead"].gone and "refused" in str(publishers["/dead"].problem)
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("kind", TRANSPORTS)
-def test_an_ended_nodes_port_taken_by_another_program_is_not_taken_for_the_node(
-    kind: str, master: str, request
-) -> None:
+def test_an_ended_nodes_port_taken_by_another_program_is_not_taken_for_the_node(ros_world, master) -> None:
     """Ports come back: a later node, its topics, another program, or the master itself may answer there."""
-    own = request.getfixturevalue("rospy_node") if kind == "rospy" else SocketTransport("/own", master)
-    topic = f"/topic_{next(NUMBERS)}"
-    heir, other = SocketTransport("/heir", master), SocketTransport("/other", master)
+    topic = ros_world.topic
+    (heir, heir_name), (other, other_name) = ros_world.named("/heir"), ros_world.named("/other")
     heir.advertise(topic, Bool)
     other.advertise(f"{topic}_else", Bool)
     address = MasterClient(master, "/test").address_of
-    door = topic_address(str(address("/heir")), "/test", topic)
+    host, port = topic_address(str(address(heir_name)), "/test", topic)
     with HTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as web:
         threading.Thread(target=web.serve_forever, daemon=True).start()
         answering = {
-            "/dead_heir": address("/heir"),
-            "/dead_other": address("/other"),
-            "/dead_rospy": address("/by_rospy") if kind == "rospy" else address("/other"),
-            "/dead_door": f"http://{door[0]}:{door[1]}/",
+            "/dead_heir": address(heir_name),
+            "/dead_other": address(other_name),
+            "/dead_topic": f"http://{host}:{port}/",
             "/dead_web": f"http://127.0.0.1:{web.server_address[1]}/",
             "/dead_master": master,
         }
+        if ros_world.own_name == ROSPY_NODE:
+            answering["/dead_rospy"] = address(ROSPY_NODE)
         for node, uri in answering.items():
             MasterClient(master, node).ask("registerPublisher", topic, "std_msgs/Bool", uri)
-        publishers = {publisher.node: publisher for publisher in own.publisher_info(topic)}
+        publishers = {publisher.node: publisher for publisher in ros_world.own.publisher_info(topic)}
         web.shutdown()
-    assert {node for node, publisher in publishers.items() if not publisher.gone} == {"/heir"}, publishers
+    assert {node for node, publisher in publishers.items() if not publisher.gone} == {heir_name}, publishers
     for node in answering:
         forget(master, node)
-    for transport in (heir, other, *([own] if kind == "sockets" else [])):
-        transport.close()
 
 
 @pytest.mark.ros
-def test_a_silent_node_counts_as_running(master: str) -> None:
-    topic = f"/topic_{next(NUMBERS)}"
-    own = SocketTransport("/own", master)
+def test_a_silent_node_counts_as_running(socket_world: World, master: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute:
-        silent = MasterClient(master, "/silent")
-        silent.ask("registerPublisher", topic, "std_msgs/Bool", f"http://127.0.0.1:{mute.getsockname()[1]}/")
-        MasterClient(master, "/nowhere").ask(
-            "registerPublisher", topic, "std_msgs/Bool", "http://no-such-robot.invalid:4000/"
-        )
-        publishers = own.publisher_info(topic)
-    assert [(publisher.node, publisher.gone) for publisher in publishers] == [
-        ("/nowhere", False),
-        ("/silent", False),
-    ]
+        port = mute.getsockname()[1]
+        silent = {"/silent": f"http://127.0.0.1:{port}/", "/nowhere": "http://no-such-robot.invalid:4000/"}
+        for node, uri in silent.items():
+            MasterClient(master, node).ask("registerPublisher", socket_world.topic, "std_msgs/Bool", uri)
+        publishers = socket_world.own.publisher_info(socket_world.topic)
+    said = [(publisher.node, publisher.gone) for publisher in publishers]
+    assert said == [("/nowhere", False), ("/silent", False)]
     assert all("cannot be reached" in str(publisher.problem) for publisher in publishers)
-    for node in ("/silent", "/nowhere"):
+    for node in silent:
         forget(master, node)
-    own.close()
 
 
 @pytest.fixture
@@ -317,34 +313,28 @@ def test_a_verb_ended_by_a_person_leaves_nothing_with_the_master(kind: str, numb
 
 
 @pytest.mark.ros
-def test_a_publisher_that_comes_back_is_heard_again(master: str) -> None:
-    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
-    own = SocketTransport("/own", master)
-    own.subscribe(topic, UInt16, heard)
+def test_a_publisher_that_comes_back_is_heard_again(socket_world: World, master: str) -> None:
+    heard = socket_world.hear(UInt16)
     for number in (1, 2):
         other = SocketTransport("/comes_back", master)
-        publisher = other.advertise(topic, UInt16)
-        assert until(lambda publisher=publisher: publisher.connections() == 1)
+        publisher = other.advertise(socket_world.topic, UInt16)
+        assert connected(publisher)
         publisher.send(UInt16(number))
         assert until(lambda number=number: heard.messages[-1:] == [UInt16(number)])
         other.close()
-    own.close()
 
 
 @pytest.mark.ros
-def test_asking_a_publisher_does_not_disturb_it(master: str, rospy_node) -> None:
-    topic, heard = f"/topic_{next(NUMBERS)}", Heard()
-    own = SocketTransport("/asks_often", master)
-    publisher = rospy_node.advertise(topic, UInt16)
-    own.subscribe(topic, UInt16, heard)
+def test_asking_a_publisher_does_not_disturb_it(socket_world: World, rospy_node) -> None:
+    publisher = rospy_node.advertise(socket_world.topic, UInt16)
+    heard = socket_world.hear(UInt16)
     for number in range(5):
-        assert until(lambda: publisher.connections() == 1)
-        assert own.publisher_info(topic)[0].problem is None
-        assert until(lambda: publisher.connections() == 1)
+        assert connected(publisher)
+        assert socket_world.own.publisher_info(socket_world.topic)[0].problem is None
+        assert connected(publisher)
         publisher.send(UInt16(number))
         assert until(lambda number=number: heard.messages[-1:] == [UInt16(number)])
     assert len(heard.messages) == 5
-    own.close()
 
 
 @pytest.mark.ros
@@ -359,7 +349,7 @@ def test_nothing_of_a_closed_node_is_left_with_the_master(master: str) -> None:
 
 
 @pytest.mark.ros
-def test_debians_own_tool_understands_our_node(master: str, tmp_path: Path) -> None:
+def test_debians_own_tool_understands_our_node(socket_world, tmp_path) -> None:
     """`rostopic`-like second opinion: Debian's rospy with std_msgs' own classes, in its own interpreter."""
     script = tmp_path / "listen.py"
     script.write_text(
@@ -373,15 +363,12 @@ def test_debians_own_tool_understands_our_node(master: str, tmp_path: Path) -> N
     if not Path("/usr/lib/python3/dist-packages/rospy").is_dir():
         pytest.skip("no rospy of Debian's")
     heard = Heard()
-    own = SocketTransport("/own", master)
-    own.advertise("/to_debian", Float64, latch=True).send(Float64(0.125))
-    own.subscribe("/to_us", UInt16, heard)
-    done = subprocess.run(
-        ["/usr/bin/python3", script], check=False, capture_output=True, text=True, timeout=30
-    )
+    socket_world.own.advertise("/to_debian", Float64, latch=True).send(Float64(0.125))
+    socket_world.own.subscribe("/to_us", UInt16, heard)
+    command = ["/usr/bin/python3", script]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=30)
     assert "0.125" in done.stdout, done.stderr
     assert heard.messages == [UInt16(77)]
-    own.close()
 
 
 @pytest.mark.parametrize("uri", ["", "robot.local", "http://robot.local", "ftp://robot.local:11311"])
