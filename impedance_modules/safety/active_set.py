@@ -9,8 +9,10 @@ multipliers of ``solvers.FilterSolution`` solve a small dense system, one unknow
 
 The most broken constraint joins, one whose multiplier has the wrong sign leaves, until no constraint is broken
 and every sign is right. Those are the optimality conditions, and the problem is strictly convex: such a point *is*
-the optimum, however it was found. Where it is not found within the bounds below, nothing is claimed and the
-robot's solver (``solvers``) does the work.
+the optimum, however it was found. They are checked of every row as it was given, each against the size of its own terms
+(`_holds`), and so is what rounding can have made of the torque (`_sharp`): units of torque, of a joint or of a row
+change nothing. Where the optimum is not found within the bounds below, nothing is claimed and the robot's solver
+(``solvers``) does the work.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ import numpy as np
 
 from impedance_modules.compiled import compiled
 from impedance_modules.records import IndexMatrix, Indices, Integer, Matrix, Record, Vector
-from impedance_modules.safety.filter_problem import HARD_TOLERANCE, POWER_ROW, FilterProblem, clip
+from impedance_modules.safety.filter_problem import POWER_ROW, FilterProblem, clip
+from impedance_modules.safety.solvers.exact_form import is_problem
 
 INSIDE, CERTIFIED, UNDECIDED = 0, 1, 2
 """What ``solve`` found: the desired torque breaks nothing; the optimum; nothing that it could prove."""
@@ -35,11 +38,17 @@ TRIALS = 40
 TOLERANCE = 1e-11
 """Most that a constraint may be broken, as a part of the largest demand, in the metric's units."""
 
+HOLDS = 1e-10
+"""Most that a constraint may be missed in the end, as a part of the terms of its own sum."""
+
+SHARP = 1e-9
+"""Most that rounding may have moved the torque of a joint, as a part of its limit or of its change."""
+
+ROUNDING = 1e-15
+"""Of a sum of some products, as a part of its terms."""
+
 PIVOT = 1e-9
 """Acting rows closer to parallel than this are left to the robot's solver."""
-
-CANCELLING = 1e6
-"""Multipliers beyond this nearly cancel in the torque: left to the robot's solver, which polishes."""
 
 
 class ActiveSet(Record):
@@ -127,14 +136,17 @@ def solve(problem: FilterProblem, active: ActiveSet) -> tuple[int, int]:
     tried = _search(problem, active)
     if tried == 0:
         return UNDECIDED, TRIALS
-    broken = clip(problem, active.change, active.high[n + POWER_ROW], active.effort)
-    # Written so that a comparison with NaN counts as a failure.
-    if not broken <= HARD_TOLERANCE:
-        return UNDECIDED, tried
-    for k in range(MOST_ACTING):
-        if active.multiplier[k] != 0.0:
-            active.duals[active.acting[k]] = active.multiplier[k] / active.length[active.acting[k]]
-    return CERTIFIED, tried
+    clip(problem, active.change, active.high[n + POWER_ROW], active.effort)
+    for k in range(active.count):
+        c = active.acting[k]
+        active.duals[c] = active.multiplier[k] / active.length[c]
+        if c < n:
+            active.effort[c] = active.side[k] * problem.effort_max[c]
+    if _holds(problem, active) and _sharp(problem, active):
+        return CERTIFIED, tried
+    active.duals[:] = 0.0
+    active.effort[:] = problem.desired
+    return UNDECIDED, tried
 
 
 @compiled
@@ -144,28 +156,31 @@ def _shift_bounds(problem: FilterProblem, active: ActiveSet) -> int:
     Returns:
         INSIDE, UNDECIDED where this is no problem at all, else CERTIFIED: there is one to solve.
     """
-    n, inside, usable = problem.desired.size, True, True
+    n, inside, usable = problem.desired.size, True, is_problem(problem)
     low, high, weight = active.low, active.high, active.weight
     for i in range(n):
         low[i] = -problem.effort_max[i] - problem.desired[i]
         high[i] = problem.effort_max[i] - problem.desired[i]
         weight[i] = problem.metric[i, i]
         inside = inside and low[i] <= 0.0 <= high[i]
-        # A metric is a sum of squares: a number in it that is not finite shows on its diagonal.
-        usable = usable and problem.effort_max[i] >= 0.0 and 0.0 < problem.metric[i, i] < np.inf
+        usable = usable and problem.metric[i, i] > 0.0
     for r in range(problem.lower.size):
-        c, value, square = n + r, 0.0, 0.0
+        c, value, square, present = n + r, 0.0, 0.0, False
         hard = problem.penalty[r] == np.inf
         for j in range(problem.reach[0, r], problem.reach[1, r]):
             value += problem.matrix[r, j] * problem.desired[j]
+            present = present or problem.matrix[r, j] != 0.0
             if hard:
                 square += problem.matrix[r, j] * problem.matrix[r, j] / problem.metric[j, j]
         low[c], high[c] = problem.lower[r] - value, problem.upper[r] - value
         weight[c] = problem.penalty[r] / problem.kappa[r]
         if hard:
             weight[c] = 1.0 / square if square > 0.0 else 0.0
+        elif not present:
+            # No torque moves a row of zeros; what it asks for costs the same whatever is done.
+            low[c], high[c] = -np.inf, np.inf
         inside = inside and low[c] <= 0.0 <= high[c]
-        usable = usable and low[c] <= high[c] and problem.penalty[r] > 0.0 and math.isfinite(value)
+        usable = usable and math.isfinite(value)
     if not usable:
         return UNDECIDED
     return INSIDE if inside else CERTIFIED
@@ -179,7 +194,7 @@ def _search(problem: FilterProblem, active: ActiveSet) -> int:
     active.values[:] = 0.0
     active.length[:] = 0.0
     worst, breach = _most_broken(active)
-    limit = TOLERANCE * max(1.0, math.sqrt(breach))
+    limit = TOLERANCE * math.sqrt(breach)
     for trial in range(1, TRIALS + 1):
         if breach <= limit * limit:
             return trial
@@ -289,7 +304,7 @@ def _write_gram_row(rows: Matrix, last: int, softness: float, gram: Matrix) -> N
 
 @compiled
 def _solve_multipliers(active: ActiveSet) -> bool:
-    """Solves gram lambda = -bound; False where rows are parallel or multipliers nearly cancel."""
+    """Solves gram lambda = -bound; False where rows are parallel."""
     half, multiplier, count = active.half, active.multiplier, active.count
     for r in range(count):
         multiplier[r] = -active.bound[r]
@@ -305,13 +320,11 @@ def _solve_multipliers(active: ActiveSet) -> bool:
                 multiplier[r] /= half[r, r]
             else:
                 return False
-    largest = 0.0
     for r in range(count - 1, -1, -1):
         for k in range(r + 1, count):
             multiplier[r] -= half[k, r] * multiplier[k]
         multiplier[r] /= half[r, r]
-        largest = max(largest, abs(multiplier[r]))
-    return largest < CANCELLING
+    return True
 
 
 @compiled
@@ -342,6 +355,54 @@ def _write_values(problem: FilterProblem, active: ActiveSet) -> None:
             for j in range(problem.reach[0, r], problem.reach[1, r]):
                 total += problem.matrix[r, j] * active.change[j]
         active.values[n + r] = total
+
+
+@compiled
+def _holds(problem: FilterProblem, active: ActiveSet) -> bool:
+    """Whether every row holds but for its slack, and is met where it acts, to HOLDS of its own terms.
+
+    Written so that a comparison with NaN counts as a failure.
+    """
+    n, change = active.change.size, active.change
+    for c in range(active.values.size):
+        if active.low[c] == -np.inf and active.high[c] == np.inf:
+            continue
+        terms, slack = abs(change[c]) if c < n else 0.0, 0.0
+        if c >= n:
+            for j in range(problem.reach[0, c - n], problem.reach[1, c - n]):
+                terms += abs(problem.matrix[c - n, j] * change[j])
+            slack = active.duals[c] / problem.penalty[c - n]
+        value, allowed = active.values[c] - slack, HOLDS * (terms + abs(slack))
+        if not active.low[c] - allowed <= value <= active.high[c] + allowed:
+            return False
+        met = active.high[c] if active.duals[c] > 0.0 else active.low[c]
+        if active.duals[c] != 0.0 and not abs(value - met) <= allowed:
+            return False
+    return True
+
+
+@compiled
+def _sharp(problem: FilterProblem, active: ActiveSet) -> bool:
+    """Whether rounding can have moved no joint's torque by more than SHARP of its own scale.
+
+    Multipliers of nearly parallel rows lose the root of what is left of a row beside the others; a metric loses what is
+    left of a joint beside the others when it is divided by.
+    """
+    push, change, least, left = 0.0, 0.0, 1.0, 1.0
+    for k in range(active.count):
+        push += abs(active.multiplier[k])
+        least = min(least, active.half[k, k])
+    for i in range(active.change.size):
+        left = min(left, active.factor[i, i] / math.sqrt(problem.metric[i, i]))
+        change = max(change, abs(active.change[i]) * math.sqrt(problem.metric[i, i]))
+    lost = ROUNDING * (push / least + change) / (left * left)
+    for i in range(active.change.size):
+        size = change / math.sqrt(problem.metric[i, i])
+        scale = max(abs(active.effort[i]), min(size, problem.effort_max[i]))
+        moved = lost / math.sqrt(problem.metric[i, i]) + ROUNDING * abs(problem.desired[i])
+        if abs(active.effort[i]) != problem.effort_max[i] and not moved <= SHARP * scale:
+            return False
+    return True
 
 
 @compiled

@@ -7,7 +7,6 @@ TANK, PORT, LIMITS = SAFETY + "tank.py", SAFETY + "motor_port.py", SAFETY + "lim
 ROWS, METRIC, ACTIVE = SAFETY + "rows.py", SAFETY + "metric.py", SAFETY + "active_set.py"
 PROBLEM, STOP, ATTRIBUTE = SAFETY + "filter_problem.py", SAFETY + "stop_levels.py", SAFETY + "attribute.py"
 BRAKE = SAFETY + "brake.py"
-NORMAL, DAQP = SAFETY + "solvers/normal_form.py", SAFETY + "solvers/daqp_solver.py"
 
 T = "tests/safety/test_"
 TESTS = {
@@ -15,13 +14,11 @@ TESTS = {
     PORT: (T + "tank.py", T + "tank_ledger.py", T + "sensing_charge.py"),
     ROWS: (T + "filter_problem.py", T + "rows.py"),
     METRIC: (T + "filter_metric.py",),
-    ACTIVE: (T + "active_set.py",),
+    ACTIVE: (T + "active_set.py", T + "degenerate_problems.py"),
     STOP: (T + "stop_levels.py",),
     LIMITS: (T + "limits.py",),
     PROBLEM: (T + "filter_problem.py", T + "filter.py"),
     ATTRIBUTE: (T + "filter_attribution.py",),
-    NORMAL: (T + "filter.py",),
-    DAQP: (T + "filter.py",),
     BRAKE: (T + "brake.py",),
 }
 
@@ -29,7 +26,11 @@ BRAKE_MUTANTS = (
     (BRAKE, "(period * (delay + 1) + UNKNOWN_DELAY)", "(period + UNKNOWN_DELAY)"),
     (BRAKE, "(period * (delay + 1) + UNKNOWN_DELAY)", "(period * (delay + 1))"),
     (BRAKE, "motor_damping / (LARGEST_GAIN * (", "motor_damping / ((1.0) * ("),
-    (BRAKE, "motor_damping + 2.0 * np.sqrt(inertia * stiffness)", "motor_damping + np.sqrt(inertia * stiffness)"),
+    (
+        BRAKE,
+        "motor_damping + 2.0 * np.sqrt(inertia * stiffness)",
+        "motor_damping + np.sqrt(inertia * stiffness)",
+    ),
     (BRAKE, "motor_damping + 2.0 * np.sqrt(inertia * stiffness)", "2.0 * np.sqrt(inertia * stiffness)"),
     (BRAKE, "wanted = -brake.stiffness[i]", "wanted = brake.stiffness[i]"),
     (BRAKE, "brake.kept[i] * brake.deflection[i] + moved", "brake.deflection[i] + moved"),
@@ -192,18 +193,19 @@ ACTIVE_SET_MUTANTS = (
     (ACTIVE, "    active.gram[which, which] = own\n", ""),
     (ACTIVE, "    active.rows[which] = active.rows[last]\n", ""),
     (ACTIVE, "    active.bound[which] = active.bound[last]\n", ""),
-    (ACTIVE, "active.multiplier[k] / active.length[active.acting[k]]", "active.multiplier[k]"),
+    (ACTIVE, "active.duals[c] = active.multiplier[k] / active.length[c]", "active.duals[c] = active.multiplier[k]"),
     (ACTIVE, "max(active.low[c] - active.values[c], active.values[c] - active.high[c])", "active.values[c] - active.high[c]"),
     (ACTIVE, "total -= factor[i, j] * row[j]", "total += factor[i, j] * row[j]"),
     (ACTIVE, "                if not total > 0.0:\n                    return False\n", ""),
-    (ACTIVE, "usable = usable and low[c] <= high[c] and", "usable = usable and"),
+    (ACTIVE, "True, is_problem(problem)", "True, True"),
     (ACTIVE, "TOLERANCE = 1e-11", "TOLERANCE = 1e-2"),
-    (ACTIVE, "    active.duals[:] = 0.0\n", ""),
-    (NORMAL, "-problem.effort_max[i] - problem.desired[i], -INFINITE", "-problem.effort_max[i] + problem.desired[i], -INFINITE"),
-    (NORMAL, "low, high = problem.lower[r] - value, problem.upper[r] - value", "low, high = problem.lower[r], problem.upper[r]"),
-    (DAQP, "unit.softness[n + r] = inverse * inverse /", "unit.softness[n + r] = inverse /"),
-    (DAQP, "lower[n + r] = max(low * inverse, -INFINITE) if", "lower[n + r] = max(low, -INFINITE) if"),
-    (DAQP, "duals[shifted.n :] *= self._unit.inverse_length", "duals[shifted.n :] *= 1.0"),
+    (ACTIVE, "if _holds(problem, active) and _sharp(problem, active):", "if _sharp(problem, active):"),
+    (ACTIVE, "if _holds(problem, active) and _sharp(problem, active):", "if _holds(problem, active):"),
+    (ACTIVE, "if not active.low[c] - allowed <= value <= active.high[c] + allowed:",
+     "if not active.low[c] - 1e9 * allowed <= value <= active.high[c] + 1e9 * allowed:"),
+    (ACTIVE, "limit = TOLERANCE * math.sqrt(breach)", "limit = TOLERANCE * max(1.0, math.sqrt(breach))"),
+    (ACTIVE, "            low[c], high[c] = -np.inf, np.inf\n", "            pass\n"),
+    (ACTIVE, "    active.duals[:] = 0.0\n    active.effort[:] = problem.desired\n    found", "    active.effort[:] = problem.desired\n    found"),
     (ATTRIBUTE, "changes = -np.linalg.solve", "changes = np.linalg.solve"),
     (ATTRIBUTE, "np.sign(duals[acting])[:, None] * (rows", "(rows"),
     (ATTRIBUTE, "change * (part / total)", "change * part"),

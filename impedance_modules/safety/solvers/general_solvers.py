@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""General solvers of quadratic programs behind the filter's protocol, their answers polished to the exact optimum."""
+r"""General solvers of quadratic programs behind the filter's protocol.
+
+They get the problem in the metric's own coordinates y = L^T d', in which the cost is |y|^2, with one explicit variable
+per soft row, s_r = sqrt(rho_r) t_r:
+
+    minimise 1/2 |(y, t)|^2   subject to   lower <= g_r . y + sqrt(rho_r) t_r <= upper,   g_r = L^-1 a'_r
+
+Its multipliers are those of ``exact_form``. Bounds, and with them y, are in units of the largest demand.
+"""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
-from impedance_modules.records import Vector
-from impedance_modules.safety.filter_problem import FilterProblem
-from impedance_modules.safety.solvers import FilterSolution, failed
-from impedance_modules.safety.solvers.normal_form import (
-    INFINITE,
-    NormalForm,
-    Shifted,
-    normal_form,
-    slack_rows,
-)
-from impedance_modules.safety.solvers.polish import finish
+from impedance_modules.records import Matrix, Vector
+from impedance_modules.safety.solvers.exact_form import ExactForm
+from impedance_modules.safety.solvers.proving import INFINITE, Guess, ProvingSolver, largest_demand
 
 _TOLERANCE = 1e-9
 _ITERATIONS = 50
@@ -26,37 +26,27 @@ _INNER_ITERATIONS = 50
 _INFINITE = 1e20
 
 
-class GeneralSolver(ABC):
-    """A solver of quadratic programs behind the filter's interface; a problem of another shape starts it anew."""
+class LeastNorm(NamedTuple):
+    """A problem as above: matrix (n + m, n + soft), lower and upper (n + m,), INFINITE where absent."""
 
-    def __init__(self) -> None:
-        self._shifted = Shifted(0, 0)
-
-    def solve(self, problem: FilterProblem) -> FilterSolution:
-        """Solves one problem (see `Solver.solve`)."""
-        if not self._shifted.fits(problem):
-            m, n = problem.matrix.shape
-            self._shifted = Shifted(n, m)
-            self._forget()
-        outcome = self._shifted.fill(problem)
-        if outcome is not None:
-            return outcome
-        try:
-            form = normal_form(problem, self._shifted)
-        except np.linalg.LinAlgError:
-            return failed("the metric is not positive definite", 0)
-        return self._optimum(problem, form)
-
-    @abstractmethod
-    def _forget(self) -> None:
-        """Drops whatever was kept for problems of the last shape."""
-
-    @abstractmethod
-    def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
-        """Solves the normal form."""
+    matrix: Matrix
+    lower: Vector
+    upper: Vector
 
 
-class ProxsuiteSolver(GeneralSolver):
+def least_norm(form: ExactForm) -> LeastNorm:
+    """Writes a problem in the metric's coordinates."""
+    count, n = form.rows.shape
+    soft = np.flatnonzero(form.give[0])
+    matrix = np.zeros((count, n + soft.size))
+    matrix[:, :n] = solve_triangular(form.factor[0], form.rows.T, lower=True, check_finite=False).T
+    matrix[soft, n + np.arange(soft.size)] = form.give[0, soft]
+    size = largest_demand(form)
+    lower, upper = np.maximum(form.low[0] / size, -INFINITE), np.minimum(form.high[0] / size, INFINITE)
+    return LeastNorm(matrix, lower, upper)
+
+
+class ProxsuiteSolver(ProvingSolver):
     """ProxQP of proxsuite, a proximal augmented Lagrangian method; a problem of another shape makes a new one.
 
     What its use must respect, all measured: a warm start before any solve crashes the process, and later
@@ -74,32 +64,25 @@ class ProxsuiteSolver(GeneralSolver):
         super().__init__()
         self._proxqp = proxqp
         self._program: Any = None
+        self._variables = 0
 
     def _forget(self) -> None:
         self._program = None
 
-    def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
-        self._load(form)
+    def _guess(self, form: ExactForm) -> Guess:
+        self._load(least_norm(form))
         self._program.solve()
         results = self._program.results
-        status = results.info.status
-        return finish(
-            problem,
-            self._shifted,
-            form,
-            np.array(results.z),
-            iterations=int(results.info.iter),
-            solved=status == self._proxqp.QPSolverOutput.PROXQP_SOLVED,
-            status=status.name.removeprefix("PROXQP_").lower().replace("_", " "),
-        )
+        status = results.info.status.name.removeprefix("PROXQP_").lower().replace("_", " ")
+        return Guess(np.array(results.z), int(results.info.iter), status)
 
-    def _load(self, form: NormalForm) -> None:
-        matrix = slack_rows(form)
-        lower, upper = np.maximum(form.lower, -_INFINITE), np.minimum(form.upper, _INFINITE)
-        if self._program is not None:
-            self._program.update(C=matrix, l=lower, u=upper)
+    def _load(self, problem: LeastNorm) -> None:
+        lower, upper = np.maximum(problem.lower, -_INFINITE), np.minimum(problem.upper, _INFINITE)
+        count, variables = problem.matrix.shape
+        if self._program is not None and variables == self._variables:
+            self._program.update(C=problem.matrix, l=lower, u=upper)
             return
-        count, variables = matrix.shape
+        self._variables = variables
         dense = self._proxqp.dense
         self._program = dense.QP(variables, 0, count, False, dense.HessianType.Diagonal)
         settings = self._program.settings
@@ -107,10 +90,12 @@ class ProxsuiteSolver(GeneralSolver):
         settings.max_iter, settings.max_iter_in = _ITERATIONS, _INNER_ITERATIONS
         settings.initial_guess = self._proxqp.InitialGuess.NO_INITIAL_GUESS
         hessian, gradient = np.eye(variables), np.zeros(variables)
-        self._program.init(H=hessian, g=gradient, C=matrix, l=lower, u=upper, compute_preconditioner=False)
+        self._program.init(
+            H=hessian, g=gradient, C=problem.matrix, l=lower, u=upper, compute_preconditioner=False
+        )
 
 
-class QpsolversSolver(GeneralSolver):
+class QpsolversSolver(ProvingSolver):
     """Any dense solver that qpsolvers finds installed; slower than a native one, for comparison.
 
     Args:
@@ -127,28 +112,22 @@ class QpsolversSolver(GeneralSolver):
     def _forget(self) -> None:
         """Nothing is kept from problem to problem."""
 
-    def _optimum(self, problem: FilterProblem, form: NormalForm) -> FilterSolution:
-        multipliers, found = self._multipliers(form)
-        status = f"{self._solver} {'solved' if found else 'found no solution'}"
-        if multipliers is None:
-            return failed(status, 1)
-        return finish(problem, self._shifted, form, multipliers, iterations=1, solved=found, status=status)
-
-    def _multipliers(self, form: NormalForm) -> tuple[Vector | None, bool]:
-        matrix = slack_rows(form)
-        above, below = form.upper < INFINITE, form.lower > -INFINITE
-        variables = matrix.shape[1]
+    def _guess(self, form: ExactForm) -> Guess:
+        problem = least_norm(form)
+        above, below = problem.upper < INFINITE, problem.lower > -INFINITE
+        variables = problem.matrix.shape[1]
         quadratic = self._qpsolvers.Problem(
             P=np.eye(variables),
             q=np.zeros(variables),
-            G=np.vstack([matrix[above], -matrix[below]]),
-            h=np.concatenate([form.upper[above], -form.lower[below]]),
+            G=np.vstack([problem.matrix[above], -problem.matrix[below]]),
+            h=np.concatenate([problem.upper[above], -problem.lower[below]]),
         )
         answer = self._qpsolvers.solve_problem(quadratic, solver=self._solver)
-        if answer.z is None:
-            return None, False
-        multipliers = np.zeros(form.upper.size)
+        status = f"{self._solver} {'solved' if answer.found else 'found no solution'}"
+        if answer.z is None or answer.z.size == 0:
+            return Guess(None, 1, status)
+        multipliers = np.zeros(problem.upper.size)
         count = int(above.sum())
         multipliers[above] += answer.z[:count]
         multipliers[below] -= answer.z[count:]
-        return multipliers, bool(answer.found)
+        return Guess(multipliers, 1, status)
