@@ -63,6 +63,10 @@ class SafetyStop(ImpedanceError):
     exit_code = 3
 
 
+class NotRecorded(SafetyStop):
+    """A file of a run cannot be written, as on a full disk; what was written before can be read as it is."""
+
+
 class RobotRefused(ImpedanceError):
     """A real robot must not be moved now; nothing has been sent. Says every reason and its remedy."""
 

@@ -15,7 +15,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.backends.protocol import Backend
 from impedance_modules.control.signals import handled_by
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.errors import EndOfRecording, PlantNotFinite, RobotStopped
+from impedance_modules.errors import EndOfRecording, NotRecorded, PlantNotFinite, RobotStopped
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.stop_levels import Event
 
@@ -105,6 +105,9 @@ def run_loop(
         supervisor.note(str(end_of_recording))
     except RobotStopped as stop:
         supervisor.halt(Event(stop.event), stop.detail)
+    except NotRecorded as failure:
+        supervisor.halt(Event.NOT_RECORDED, str(failure))
+        raise
     except MemoryError:
         supervisor.halt(Event.MEMORY_SHORT, "a cycle asked for memory and got none")
     finally:

@@ -9,12 +9,18 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impedance_modules.episode.columns import JOINT_KINDS, PHASE, TIME, parse_columns
 from impedance_modules.episode.metadata import check_metadata, encode_metadata
-from impedance_modules.episode.run_folder import EPISODE, part_paths, whole_file
+from impedance_modules.episode.run_folder import (
+    EPISODE,
+    part_index,
+    part_paths,
+    remove_temporaries,
+    whole_file,
+)
+from impedance_modules.episode.sealed_parquet import UNREADABLE, BlockFile, CheckedFile, encode_block
 from impedance_modules.errors import BadInput
 
 ROWS_PER_GROUP = 8192
@@ -101,24 +107,23 @@ def write_episode(
 def write_part(path: Path, table: pa.Table) -> None:
     """Writes one part, whole or not at all; quick rather than small."""
     dictionary = [PHASE] if PHASE in table.schema.names else False
-    # Encoded in memory first: without callbacks into Python the control loop keeps running meanwhile.
-    encoded = pa.BufferOutputStream()
-    pq.write_table(table, encoded, compression="none", use_dictionary=dictionary, write_statistics=False)
+    encoded = encode_block(table, compression="none", use_dictionary=dictionary)
     with whole_file(path) as stream:
-        stream.write(encoded.getvalue())
+        stream.write(encoded)
 
 
 def write_merged(path: Path, tables: Iterator[pa.Table], schema: pa.Schema) -> None:
     """Writes tables as one compressed file, at most `ROWS_PER_GROUP` rows in memory beyond one table."""
-    with whole_file(path) as stream, pq.ParquetWriter(stream, schema, **_encoding(schema)) as writer:
+    with whole_file(path) as stream, BlockFile(stream, schema, **_encoding(schema)) as file:
         held: list[pa.Table] = []
         for table in tables:
             held.append(table.replace_schema_metadata(schema.metadata))
-            if sum(map(len, held)) >= ROWS_PER_GROUP:
-                writer.write_table(pa.concat_tables(held), row_group_size=2 * ROWS_PER_GROUP)
-                held = []
-        if held:
-            writer.write_table(pa.concat_tables(held), row_group_size=2 * ROWS_PER_GROUP)
+            while sum(map(len, held)) >= ROWS_PER_GROUP:
+                together = pa.concat_tables(held)
+                file.write(together.slice(0, ROWS_PER_GROUP))
+                held = [together.slice(ROWS_PER_GROUP)]
+        if sum(map(len, held)):
+            file.write(pa.concat_tables(held))
 
 
 def merge_parts(directory: Path, metadata: Mapping[str, Any] | None) -> Path:
@@ -130,16 +135,18 @@ def merge_parts(directory: Path, metadata: Mapping[str, Any] | None) -> Path:
 
     Returns:
         The path of the episode. Parts next to a whole episode are what a kill during their removal left, and
-        go.
+        go; so do files that a kill left unfinished.
 
     Raises:
-        BadInput: A part is damaged.
+        BadInput: A part is damaged, or missing.
         OSError: The directory cannot be written.
     """
     target = directory / EPISODE
+    remove_temporaries(directory)
     paths = part_paths(directory)
     if paths and not target.exists():
-        schema = _read(paths[0], only_schema=True).schema
+        _check_sequence(paths)
+        schema = _read(paths[0]).schema
         if metadata is not None:
             schema = schema.with_metadata(encode_metadata(metadata, str(directory)))
         write_merged(target, map(_read, paths), schema)
@@ -152,7 +159,15 @@ def merge_parts(directory: Path, metadata: Mapping[str, Any] | None) -> Path:
 
 def read_parts(directory: Path) -> pa.Table:
     """Reads the parts of a run that is still being written, or that cannot be merged here."""
-    return pa.concat_tables([_read(path) for path in part_paths(directory)], promote_options="default")
+    paths = part_paths(directory)
+    _check_sequence(paths)
+    return pa.concat_tables([_read(path) for path in paths], promote_options="default")
+
+
+def _check_sequence(paths: Sequence[Path]) -> None:
+    for index, path in enumerate(paths):
+        if part_index(path) != index:
+            raise BadInput(f"{path}: part {index} of the episode, before it, is missing")
 
 
 def _encoding(schema: pa.Schema) -> dict[str, Any]:
@@ -166,14 +181,14 @@ def _encoding(schema: pa.Schema) -> dict[str, Any]:
     }
 
 
-def _read(path: Path, only_schema: bool = False) -> pa.Table:
+def _read(path: Path) -> pa.Table:
     try:
-        with pq.ParquetFile(path, pre_buffer=False) as part:
-            return part.schema_arrow.empty_table() if only_schema else part.read(use_threads=False)
-    except (pa.ArrowException, OSError) as error:
-        raise BadInput(
-            f"{path}: damaged part of an episode: {error} (valid: remove it and open again)"
-        ) from error
+        part = CheckedFile(path)
+        groups = range(part.metadata.num_row_groups)
+        tables = [table for group in groups for table in part.tables(group, ROWS_PER_GROUP)]
+    except UNREADABLE as error:
+        raise BadInput(f"{path}: damaged part of an episode: {error}") from error
+    return pa.concat_tables([part.schema.empty_table(), *tables])
 
 
 def _array(name: str, values: NDArray[np.float64] | Sequence[str | None]) -> pa.Array:

@@ -44,7 +44,7 @@ class RecordingView:
 
     Attributes:
         dropped: Samples thrown away because the thread could not keep up.
-        failure: Why the recording could not be written, or None. It never stops a run.
+        failure: Why the recording could not be written, or None. It never stops a run; whoever closes it tells it.
     """
 
     def __init__(
@@ -113,7 +113,6 @@ class RecordingView:
         except RuntimeError as failure:
             self.failure = failure
         if self._live is not None:
-            # A window that was closed before the run ended is the user's choice, not a failure.
             with contextlib.suppress(RuntimeError):
                 self._live.close(timeout=WINDOW_TIMEOUT)
 
@@ -125,10 +124,12 @@ class RecordingView:
         if not last and queue[-1].time - queue[0].time < self._batch_time(queue[-1].time):
             return
         samples = [queue.popleft() for _ in range(len(queue))]
+        if self._live is not None:
+            # A window that was closed before the run ended is the user's choice, not a failure.
+            with contextlib.suppress(RuntimeError):
+                self._live.write(samples)
         try:
             self._file.write(samples)
-            if self._live is not None:
-                self._live.write(samples)
         except (OSError, RuntimeError) as failure:
             self.failure = failure
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Indices
@@ -26,14 +25,17 @@ from impedance_modules.episode.columns import (
     EpisodeColumns,
     parse_columns,
 )
+from impedance_modules.episode.damage import refusal, survey
 from impedance_modules.episode.data import Episode, Matrix, Texts, Vector
 from impedance_modules.episode.file_format import is_required, merge_parts, read_parts
 from impedance_modules.episode.metadata import decode_metadata
 from impedance_modules.episode.run_folder import EPISODE, RunLock, part_paths
+from impedance_modules.episode.sealed_parquet import UNREADABLE, CheckedFile
 from impedance_modules.errors import BadInput
 
 KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, "extra")
 ReadColumn = Callable[[str], pa.ChunkedArray]
+Read = TypeVar("Read")
 
 
 def read_episode(
@@ -92,23 +94,24 @@ def open_source(path: Path) -> tuple[pa.Schema, int, ReadColumn]:
     """Opens an episode file or a run's directory.
 
     A directory with parts of a run that is over gets them merged first. Parts of a run that is still going,
-    or in a directory that cannot be written, are read as they are.
+    or in a directory that cannot be written (a full disk), are read as they are.
 
     Returns:
         Its schema, its number of rows, and a function that reads one column.
 
     Raises:
-        BadInput: Nothing there, empty, or not Parquet.
+        BadInput: Nothing there, empty, not Parquet, or damaged: then also what of it is intact.
     """
     directory = path if path.is_dir() else path.parent
     if path.is_dir() or (path.name == EPISODE and not path.exists()):
-        merged = _merge_if_over(directory) if part_paths(directory) else directory / EPISODE
-        if merged is None:
-            table = read_parts(directory)
+        if part_paths(directory) and not _merge_if_over(directory):
+            table = _checked(directory, lambda: read_parts(directory))
             return table.schema, len(table), table.column
-        if not merged.exists():
-            raise BadInput(f"{path}: no episode here (valid: a directory with {EPISODE}, or a Parquet file)")
-        path = merged
+        path = directory / EPISODE
+        if not path.exists():
+            raise BadInput(
+                f"{directory}: no episode here (valid: a directory with {EPISODE}, or a Parquet file)"
+            )
     return _open_file(path)
 
 
@@ -149,7 +152,7 @@ class _Columns:
         kind = self._schema.field(name).type
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise BadInput(f"{self._place}: column '{name}' holds {kind} (valid: float64 numbers)")
-        values: Vector = self._read(name).cast(pa.float64()).to_numpy()
+        values: Vector = self._decoded(name, pa.float64()).to_numpy()
         self._check_finite(name, values)
         return _frozen(values if self._whole else values[self._pick].copy())
 
@@ -158,10 +161,17 @@ class _Columns:
             raise BadInput(
                 f"{self._place}: column '{name}' holds {self._schema.field(name).type} (valid: text)"
             )
-        encoded = self._read(name).cast(pa.string()).dictionary_encode().combine_chunks()
+        encoded = self._decoded(name, pa.string()).dictionary_encode().combine_chunks()
         # One object per name, and None, reached by code -1, where there is no text.
         names = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
         return _frozen(names[encoded.indices.fill_null(-1).to_numpy()[self._pick]])
+
+    def _decoded(self, name: str, kind: pa.DataType) -> pa.ChunkedArray:
+        read = self._read(name)
+        try:
+            return read.cast(kind)
+        except pa.ArrowException as error:
+            raise BadInput(f"{self._place}: column '{name}' cannot be read: {error}") from error
 
     def _frame(self, names: Sequence[str | None], rows: int) -> Matrix:
         values = np.full((rows, len(names)), np.nan)
@@ -192,35 +202,42 @@ def _frozen(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _merge_if_over(directory: Path) -> Path | None:
-    """Returns the episode that a finished run's parts make, or None if they must stay parts."""
+def _merge_if_over(directory: Path) -> bool:
+    """Makes an episode of a finished run's parts; returns False if they must stay parts."""
     try:
         lock = RunLock.try_acquire(directory)
     except OSError:
-        return None  # a read-only directory: nobody can be writing it, and neither can we
+        return False  # a read-only directory: nobody can be writing it, and neither can we
     if lock is None:
-        return None
+        return False
     try:
-        return merge_parts(directory, None)
+        _checked(directory, lambda: merge_parts(directory, None))
+    except OSError:
+        return False  # a full disk
     finally:
         lock.release()
+    return True
 
 
 def _open_file(path: Path) -> tuple[pa.Schema, int, ReadColumn]:
     if not path.exists():
         raise BadInput(f"{path}: no such file (valid: an episode's Parquet file or a run's directory)")
-    try:
-        if path.stat().st_size == 0:
-            raise BadInput(f"{path}: the file is empty (valid: an episode as Parquet)")
-        # Columns are read one by one from a disk nearby: reading ahead would only hold memory.
-        file = pq.ParquetFile(path, pre_buffer=False)
-    except (pa.ArrowException, OSError) as error:
-        raise BadInput(f"{path}: not a whole Parquet file: {error} (valid: an episode as Parquet)") from error
+    if path.stat().st_size == 0:
+        raise BadInput(f"{path}: the file is empty (valid: an episode as Parquet)")
+    file = _checked(path, lambda: CheckedFile(path))
 
     def read(name: str) -> pa.ChunkedArray:
-        try:
-            return file.read(columns=[name], use_threads=False).column(0)
-        except (pa.ArrowException, OSError) as error:
-            raise BadInput(f"{path}: column '{name}' is damaged: {error}") from error
+        return _checked(path, lambda: file.column(name))
 
-    return file.schema_arrow, file.metadata.num_rows, read
+    return file.schema, file.metadata.num_rows, read
+
+
+def _checked(path: Path, read: Callable[[], Read]) -> Read:
+    """Reads; where that shows damage, all of the recording is looked at for what is intact."""
+    try:
+        return read()
+    except (BadInput, *UNREADABLE) as error:
+        found = survey(path)
+        if found.problems:
+            raise refusal(path, found) from error
+        raise

@@ -27,6 +27,7 @@ from impedance_modules.episode.view_scene import (
     check_sample,
     series_colour,
 )
+from impedance_modules.errors import NotRecorded
 
 METRES_PER_NEWTON = 0.015
 METRES_PER_NEWTON_METRE = 0.1
@@ -204,9 +205,16 @@ def new_stream(name: str) -> rr.RecordingStream:
 
 
 def open_stream(path: Path, name: str) -> rr.RecordingStream:
-    """Opens a stream into a file, which is replaced if there; what was written survives a kill."""
+    """Opens a stream into a file, which is replaced if there; what was written survives a kill.
+
+    Raises:
+        NotRecorded: The file cannot be opened.
+    """
     stream = new_stream(name)
-    stream.save(str(path))
+    try:
+        stream.save(str(path))
+    except (OSError, RuntimeError) as error:
+        raise NotRecorded(f"{path}: cannot be written: {error}") from error
     return stream
 
 

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from impedance_modules.errors import BadInput
+from impedance_modules.errors import BadInput, NotRecorded
 
 EPISODE = "episode.parquet"
 RECORDING = "recording.rrd"
@@ -31,7 +31,13 @@ def part_path(directory: Path, index: int) -> Path:
 
 def part_paths(directory: Path) -> tuple[Path, ...]:
     """Returns the parts in ``directory`` in the order they were written."""
-    return tuple(sorted(directory.glob(PART_PATTERN), key=lambda path: int(path.stem.rpartition("-")[2])))
+    found = [path for path in directory.glob(PART_PATTERN) if path.stem.rpartition("-")[2].isdecimal()]
+    return tuple(sorted(found, key=part_index))
+
+
+def part_index(path: Path) -> int:
+    """Returns the number of a part."""
+    return int(path.stem.rpartition("-")[2])
 
 
 @contextmanager
@@ -39,14 +45,43 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Writes a file that either appears whole under its name or not at all.
 
     The bytes go to a hidden temporary name in the same directory, reach the disk (fsync), and take their name
-    in one atomic step; a kill in between leaves at most the hidden file, which the next writer replaces.
+    in one atomic step. An error in between leaves nothing; a kill leaves at most the hidden file, which goes when
+    the parts are merged (`remove_temporaries`).
     """
     temporary = path.with_name(f".{path.name}.tmp")
-    with temporary.open("wb") as stream:
-        yield stream
-        stream.flush()
-        os.fsync(stream.fileno())
-    temporary.replace(path)
+    try:
+        with temporary.open("w+b") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def remove_temporaries(directory: Path) -> None:
+    """Removes what a kill left of files that `whole_file` had not finished; nobody may be writing them."""
+    for pattern in (PART_PATTERN, EPISODE, SUMMARY, PICTURE):
+        for temporary in directory.glob(f".{pattern}.tmp"):
+            temporary.unlink()
+
+
+@contextmanager
+def recorded(path: Path) -> Iterator[None]:
+    """Ends a run with a reason where one of its files cannot be written.
+
+    Args:
+        path: Of the file, or of the run's directory.
+
+    Raises:
+        NotRecorded: The disk is full, say.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise NotRecorded(
+            f"{path}: cannot be written: {error.strerror or error} (valid: a disk with free space)"
+        ) from error
 
 
 class RunLock:
@@ -103,10 +138,11 @@ def write_summary(directory: Path, summary: Mapping[str, Any]) -> Path:
 
     Raises:
         TypeError: A value that is none of these.
+        NotRecorded: It cannot be written.
     """
     path = Path(directory) / SUMMARY
     text = json.dumps(_plain(summary), indent=2, allow_nan=False, ensure_ascii=False)
-    with whole_file(path) as stream:
+    with recorded(path), whole_file(path) as stream:
         stream.write(text.encode() + b"\n")
     return path
 

@@ -21,7 +21,7 @@ from impedance_modules.episode.rerun_writer import new_stream, open_stream, send
 from impedance_modules.episode.run_folder import EPISODE, RECORDING
 from impedance_modules.episode.view_layout import columns_layout
 from impedance_modules.episode.view_scene import series_colour
-from impedance_modules.errors import BadInput
+from impedance_modules.errors import BadInput, NotRecorded
 
 UNITS = {
     "position": "rad",
@@ -63,7 +63,18 @@ def recording_from_episode(episode: Episode, path: Path) -> Path:
     Args:
         episode: Of this package or of any other program.
         path: Of the ``.rrd`` file; replaced if there.
+
+    Raises:
+        BadInput: It cannot be written; then nothing of it is left, which might be taken for all.
     """
+    try:
+        return _write_recording(episode, path)
+    except (NotRecorded, RuntimeError) as error:
+        path.unlink(missing_ok=True)
+        raise BadInput(f"{path}: cannot be written: {error} (valid: a disk with free space)") from error
+
+
+def _write_recording(episode: Episode, path: Path) -> Path:
     stream = open_stream(path, episode.name)
     groups: dict[str, list[str]] = {}
     for title, entity, names, values in _curves(episode):

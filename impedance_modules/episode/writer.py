@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -19,8 +20,8 @@ from impedance_modules.episode.background import Background, RowRing
 from impedance_modules.episode.columns import PHASE, TIME, parse_columns
 from impedance_modules.episode.file_format import episode_schema, merge_parts, rows_to_table, write_part
 from impedance_modules.episode.metadata import check_metadata
-from impedance_modules.episode.run_folder import EPISODE, RunLock, part_path, part_paths
-from impedance_modules.errors import BadInput, SafetyStop
+from impedance_modules.episode.run_folder import EPISODE, RunLock, part_path, part_paths, recorded
+from impedance_modules.errors import BadInput, NotRecorded, SafetyStop
 
 FLUSH_PERIOD = 0.5
 """Wall time, and episode time, after which rows are on their way to a part [s]."""
@@ -96,7 +97,8 @@ class EpisodeWriter:
 
         Raises:
             BadInput: A row of another shape, or a phase where no ``phase`` column was declared.
-            SafetyStop: The recording cannot be written (disk full ...).
+            NotRecorded: The recording cannot be written (disk full ...).
+            SafetyStop: On a robot, the disk has been stuck for so long that rows would be lost.
         """
         if row.shape != self._shape:
             raise BadInput(
@@ -121,7 +123,8 @@ class EpisodeWriter:
 
         Raises:
             BadInput: Nothing was recorded, or the metadata is wrong.
-            SafetyStop: The recording could not be written; what was written before stays as parts.
+            NotRecorded: The recording could not be written; what was written before stays as parts, and is read
+                as it is.
         """
         if self._closed:
             return self.directory / EPISODE
@@ -131,7 +134,7 @@ class EpisodeWriter:
             self._check_disk()
             if self.rows == 0:
                 raise BadInput(f"{self.directory}: nothing was recorded, so there is no episode to write")
-            return merge_parts(self.directory, self._checked({**final_metadata, "complete": True}))
+            return self._merge(self._checked({**final_metadata, "complete": True}))
         finally:
             self._lock.release()
 
@@ -159,6 +162,13 @@ class EpisodeWriter:
             self.close(ended_by=type(error).__name__)
         else:
             self.abandon()
+
+    def _merge(self, metadata: Mapping[str, Any]) -> Path:
+        try:
+            with recorded(self.directory / EPISODE):
+                return merge_parts(self.directory, metadata)
+        except BadInput as damage:
+            raise NotRecorded(f"{self.directory}: the parts cannot be merged: {damage}") from damage
 
     def _check_columns(self) -> None:
         place = f"{self.directory}: columns of a new episode"
@@ -201,7 +211,7 @@ class EpisodeWriter:
     def _check_disk(self) -> None:
         self.background.check()
         if self._failure is not None:
-            raise SafetyStop(
+            raise NotRecorded(
                 f"{self.directory}: the recording cannot be written: {self._failure}"
                 f" (valid: a disk with free space; {self._ring.released} rows are safe)"
             ) from self._failure
@@ -229,11 +239,14 @@ def open_directory(directory: Path) -> RunLock:
 
     Raises:
         BadInput: It cannot be written, is being written, or holds recorded rows already.
+        NotRecorded: The disk is full.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
         lock = RunLock.acquire(directory)
     except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise NotRecorded(f"{directory}: cannot be written: {error.strerror}") from error
         raise BadInput(
             f"{directory}: cannot be written: {error} (valid: a new or empty directory)"
         ) from error

@@ -16,8 +16,9 @@ from impedance_modules.control.loop import Interrupt, no_collections, run_loop
 from impedance_modules.control.signals import as_interrupt
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.episode.reader import read_episode
+from impedance_modules.episode.run_folder import PICTURE, RECORDING, recorded
 from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
-from impedance_modules.errors import SafetyStop
+from impedance_modules.errors import NotRecorded, SafetyStop
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.recorder import Recorder
 from impedance_modules.runs.run_summary import Summary
@@ -140,9 +141,9 @@ def carry_out(
             found = files.close(options.out, interrupted=interrupt.asked)
     if not recorder.writer.rows:
         raise SafetyStop(f"nothing moved: {supervisor.reason or 'the run ended before its first cycle'}")
-    write_picture(
-        read_episode(options.out, PICTURE_KINDS, most_samples=PICTURE_SAMPLES), options.out / "picture.png"
-    )
+    drawn = read_episode(options.out, PICTURE_KINDS, most_samples=PICTURE_SAMPLES)
+    with recorded(options.out / PICTURE):
+        write_picture(drawn, options.out / PICTURE)
     return RunResult(supervisor.ending, supervisor.reason, interrupt.asked, options.out, found)
 
 
@@ -176,13 +177,22 @@ class _Files:
             self._recorder.writer.background.free_for(self._free)
 
     def close(self, directory: Path, *, interrupted: bool) -> dict[str, object]:
-        """Finishes all files and returns the summary; nothing is left of a run without a cycle."""
-        try:
+        """Finishes all files and returns the summary; nothing is left of a run without a cycle.
+
+        Raises:
+            NotRecorded: One of them cannot be written. What was recorded before can be read.
+        """
+        with ExitStack() as last:
+            # In this order: the view's last samples are written by the thread that the recorder stops.
+            last.callback(self._view.close)
+            last.callback(self._recorder.abandon)
             if not self._recorder.writer.rows:
-                self._recorder.abandon()
                 return {}
             found = self._summary.write(directory, interrupted=interrupted)
             self._recorder.close(str(found["ending"]), str(found["reason"]))
-            return found
-        finally:
-            self._view.close()
+        if self._view.failure is not None:
+            raise NotRecorded(
+                f"{directory / RECORDING}: cannot be written: {self._view.failure} (valid: a disk with free space;"
+                f" the episode is whole)"
+            )
+        return found

@@ -65,6 +65,11 @@ class SceneView:
         name = assembly.task.name
         self._view = RecordingView(directory, self.scene, background, name=name, live=live)
 
+    @property
+    def failure(self) -> Exception | None:
+        """Why the recording could not be written, or None."""
+        return self._view.failure
+
     def add(self, state: RobotState, effort: Array) -> None:
         """Queues a sample when one is due."""
         if self._view.due(state.time):

@@ -32,6 +32,7 @@ own position mode. RELEASE is zero torque; the robot's own gravity compensation 
 | state_lost | hold | - | no state for so long that damping would be guessing |
 | memory_short | hold | - | the computer has no memory left for the law |
 | plant_not_finite | hold | - | a number of the simulated robot's state is not finite: there is nothing left to brake |
+| not_recorded | hold | - | the files of the run cannot be written: what it did would not be known |
 | hold_refused | release | - | the robot cannot hold, or the tank cannot cover a hold |
 | robot_disabled | release | - | disabled or emergency stop: stop sending at once, never enable it again |
 | backend_lost | release | - | nothing can be sent any more |
@@ -77,6 +78,7 @@ class Event(StrEnum):
     STATE_LOST = "state_lost"
     MEMORY_SHORT = "memory_short"
     PLANT_NOT_FINITE = "plant_not_finite"
+    NOT_RECORDED = "not_recorded"
     HOLD_REFUSED = "hold_refused"
     ROBOT_DISABLED = "robot_disabled"
     BACKEND_LOST = "backend_lost"
@@ -103,6 +105,7 @@ LEVEL_OF: Mapping[Event, StopLevel] = {
     Event.STATE_LOST: StopLevel.HOLD,
     Event.MEMORY_SHORT: StopLevel.HOLD,
     Event.PLANT_NOT_FINITE: StopLevel.HOLD,
+    Event.NOT_RECORDED: StopLevel.HOLD,
     Event.HOLD_REFUSED: StopLevel.RELEASE,
     Event.ROBOT_DISABLED: StopLevel.RELEASE,
     Event.BACKEND_LOST: StopLevel.RELEASE,

@@ -146,7 +146,7 @@ def test_a_damaged_part_is_named(crashed):
     dead, _ = crashed
     bad = part_paths(dead)[1]
     bad.write_bytes(bad.read_bytes()[:-20])
-    with pytest.raises(BadInput, match=f"{bad.name}: damaged part"):
+    with pytest.raises(BadInput, match=f"is damaged: {bad.name}: "):
         read_episode(dead)
     assert len(part_paths(dead)) >= 2  # nothing was thrown away
 

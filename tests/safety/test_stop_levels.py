@@ -59,6 +59,7 @@ TABLE = {
     Event.STATE_LOST: (StopLevel.HOLD, None),
     Event.MEMORY_SHORT: (StopLevel.HOLD, None),
     Event.PLANT_NOT_FINITE: (StopLevel.HOLD, None),
+    Event.NOT_RECORDED: (StopLevel.HOLD, None),
     Event.HOLD_REFUSED: (StopLevel.RELEASE, None),
     Event.ROBOT_DISABLED: (StopLevel.RELEASE, None),
     Event.BACKEND_LOST: (StopLevel.RELEASE, None),
