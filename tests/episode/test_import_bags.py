@@ -5,14 +5,19 @@ import numpy as np
 import pytest
 
 from impedance_modules.errors import BadInput
-from tests.support.import_logs import EPOCH, Bag, imported, motion
+from tests.support.import_logs import EPOCH, Bag, imported, map_of, motion
 
-JOINTS = [
-    f"right_{short}" for short in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")
-]  # alphabetic, as published
+# Alphabetic, as published, and from the base outwards.
+JOINTS = [f"right_{short}" for short in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")]
 ORDER = [f"right_{short}" for short in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
 KINDS = ["bag", "bag-lz4", "db3", "mcap", "mcap-zstd"]
 STATES = "/robot/joint_states"
+
+
+def imported_bag(folder, bag, kind="bag", data=None):
+    """The one episode of a recording, and what the import says of it."""
+    ((episode,), (done,)) = imported(folder, [bag.write(folder / "log", kind)], data)
+    return episode, done
 
 
 def arm_motion(samples=300):
@@ -34,8 +39,7 @@ def arm_bag(samples=300, stamp=True):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_recording_of_a_shipped_robot_needs_no_map(tmp_path, kind):
-    source = arm_bag().write(tmp_path / "log", kind)
-    ((episode,), (done,)) = imported(tmp_path, [source])
+    episode, done = imported_bag(tmp_path, arm_bag(), kind)
     time, q, v = arm_motion()
     np.testing.assert_allclose(episode.time, time, atol=1e-9)
     assert episode.joints == tuple(ORDER)
@@ -59,14 +63,13 @@ def test_reordered_names_are_matched_by_name(tmp_path):
     for index, t in enumerate(time):
         order = np.roll(np.arange(7), index % 3)
         bag.state(STATES, t, [JOINTS[i] for i in order], position=q[index][order])
-    ((episode,), (done,)) = imported(tmp_path, [bag.write(tmp_path / "log", "bag")])
+    episode, done = imported_bag(tmp_path, bag)
     np.testing.assert_array_equal(episode.matrix("position", JOINTS), q)
     assert done.kinds == ("position",)  # empty velocity and effort arrays are absent
 
 
 def test_messages_without_a_stamp_take_the_time_of_reception(tmp_path):
-    source = arm_bag(stamp=False).write(tmp_path / "log", "mcap")
-    ((episode,), (done,)) = imported(tmp_path, [source])
+    episode, done = imported_bag(tmp_path, arm_bag(stamp=False), "mcap")
     np.testing.assert_allclose(np.diff(episode.time), 0.01, atol=1e-8)
     assert any("received" in note for note in done.notes)
 
@@ -75,28 +78,20 @@ def test_unfilled_effort_is_absent(tmp_path):
     bag = Bag()
     for t, q, v in zip(*arm_motion(), strict=True):
         bag.state(STATES, t, JOINTS, position=q, velocity=v, effort=np.full(7, np.nan))
-    ((episode,), (done,)) = imported(tmp_path, [bag.write(tmp_path / "log", "db3")])
+    episode, done = imported_bag(tmp_path, bag, "db3")
     assert not episode.effort and episode.effort_source is None and episode.velocity
     assert any("effort" in note for note in done.notes)
 
 
 def bag_map_data(**more):
     springs = "/limb/springs"
-    return {
-        "format": 1,
-        "robot": "nobody",
-        "joints": ["a", "b"],
-        "gravity_compensation": "robot",
-        "tables": [
-            {
-                "position": {"columns": "/states.position.{joint}", "unit": "rad"},
-                "velocity": {"columns": "/states.velocity.{joint}", "unit": "rad/s"},
-                "effort_command": {"columns": f"{springs}.commanded_effort.{{joint}}", "unit": "N.m"},
-                "extra": {"hysteresis": {"columns": f"{springs}.hysteresis_model_effort.{{joint}}"}},
-                **more,
-            }
-        ],
+    table = {
+        "position": {"columns": "/states.position.{joint}", "unit": "rad"},
+        "velocity": {"columns": "/states.velocity.{joint}", "unit": "rad/s"},
+        "effort_command": {"columns": f"{springs}.commanded_effort.{{joint}}", "unit": "N.m"},
+        "extra": {"hysteresis": {"columns": f"{springs}.hysteresis_model_effort.{{joint}}"}},
     }
+    return map_of(table | more, gravity_compensation="robot")
 
 
 def two_rates(gap=False):
@@ -106,19 +101,15 @@ def two_rates(gap=False):
     for t, row, speed in zip(time, q, v, strict=True):
         bag.state("/states", t, ["a"], position=row[:1], velocity=speed[:1])
         bag.state("/states", t + 0.003, ["b"], position=row[1:], velocity=speed[1:])
-    for step in range(10, 80):
-        if gap and 40 <= step < 60:
-            continue
+    for step in (*range(10, 40 if gap else 60), *range(60, 80)):
         t = 0.04 * step
-        bag.springs(
-            "/limb/springs", t, ["b", "a"], commanded_effort=[-step, step], hysteresis_model_effort=[2 * t, t]
-        )
+        fields = {"commanded_effort": [-step, step], "hysteresis_model_effort": [2 * t, t]}
+        bag.springs("/limb/springs", t, ["b", "a"], **fields)
     return bag
 
 
 def test_streams_are_brought_to_one_clock(tmp_path):
-    source = two_rates().write(tmp_path / "log", "bag")
-    ((episode,), (done,)) = imported(tmp_path, [source], bag_map_data())
+    episode, done = imported_bag(tmp_path, two_rates(), data=bag_map_data())
     start = np.array(episode.metadata["imported"]["start_ns"] - EPOCH) * 1e-9
     time = episode.time + start
     assert time[0] >= 0.4 and time[-1] <= 0.04 * 79 + 1e-9  # where every stream has spoken
@@ -135,8 +126,7 @@ def test_streams_are_brought_to_one_clock(tmp_path):
 
 
 def test_no_value_is_made_up_across_a_gap(tmp_path):
-    source = two_rates(gap=True).write(tmp_path / "log", "mcap")
-    ((episode,), (done,)) = imported(tmp_path, [source], bag_map_data())
+    episode, done = imported_bag(tmp_path, two_rates(gap=True), "mcap", bag_map_data())
     steps = np.diff(episode.time)
     assert steps.max() == pytest.approx(0.84, abs=0.02) and np.sort(steps)[-2] < 0.011
     assert any("left out" in note for note in done.notes)
@@ -166,13 +156,6 @@ def test_bags_that_would_mislead(tmp_path, bag, data, words):
     assert not (tmp_path / "out").exists()
 
 
-def bad_bag(*rows):
-    bag = Bag()
-    for index, (topic, stamp, names, fields) in enumerate(rows):
-        bag.state(topic, stamp, names, received=0.01 * index, **fields)
-    return bag
-
-
 def silent():
     bag = Bag()
     bag.state("/nobody", 0.0, [])
@@ -181,14 +164,11 @@ def silent():
 
 def states(stamps, topics=(STATES,), names=JOINTS, **fixed):
     _, q, v = arm_motion(len(stamps))
-    rows = enumerate(stamps)
-    return bad_bag(
-        *(
-            (topic, t, names, {"position": q[i][: len(names)], "velocity": v[i][: len(names)], **fixed})
-            for i, t in rows
-            for topic in topics
-        )
-    )
+    bag, n = Bag(), len(names)
+    for k, (topic, i) in enumerate((topic, i) for i in range(len(stamps)) for topic in topics):
+        fields = {"position": q[i, :n], "velocity": v[i, :n], **fixed}
+        bag.state(topic, stamps[i], names, received=0.01 * k, **fields)
+    return bag
 
 
 def unstamped():

@@ -20,12 +20,10 @@ from typing import Any, TypeVar, cast
 from impedance_modules.backends.baxter.ros.messages import String
 from impedance_modules.backends.baxter.ros.socket_transport import SocketTransport
 from impedance_modules.backends.baxter.simulator.simulator_node import FAULT_TOPIC
+from tests.support.ros_master import until
 
 START = 90.0
-
-
 IMPEDANCE = [sys.executable, "-m", "impedance_modules"]
-
 
 BUSY = re.compile(
     "no state|controller was silent|late cycles|tank starved|overspeed|no fresh state|come at|silent for"
@@ -87,29 +85,17 @@ def _favour(pid: int, *, most: bool = False) -> None:
         return
 
 
-def start(*arguments: str, most: bool = False) -> subprocess.Popen[str]:
+def start(*words: str, most: bool = False, errors: int = subprocess.STDOUT) -> subprocess.Popen[str]:
     """Starts a verb, with real-time priority for ``most``; ``end`` ends it."""
-    process = subprocess.Popen(
-        [*IMPEDANCE, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
+    command, pipes = [*IMPEDANCE, *words], {"stdout": subprocess.PIPE, "stderr": errors}
+    process = subprocess.Popen(command, **pipes, text=True, start_new_session=True)
     _favour(process.pid, most=most)
     return process
 
 
 def impedance(*arguments: str, seconds: float = 60.0) -> subprocess.CompletedProcess[str]:
     """Runs a verb to its end."""
-    process = subprocess.Popen(
-        [*IMPEDANCE, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    _favour(process.pid)
+    process = start(*arguments, errors=subprocess.PIPE)
     try:
         out, err = process.communicate(timeout=seconds)
     finally:
@@ -128,7 +114,7 @@ class SimulatorProcess:
 
     def fault(self, words: str) -> None:
         """Injects a fault now."""
-        assert _until(lambda: self._faults.connections() > 0, 5.0)
+        assert until(lambda: self._faults.connections() > 0, 5.0)
         self._faults.send(String(words))
 
     def lines(self) -> list[dict[str, Any]]:
@@ -138,21 +124,20 @@ class SimulatorProcess:
 
     def wait_for(self, event: str, seconds: float = 10.0) -> dict[str, Any]:
         """Waits for the first event that contains a text."""
-        assert _until(lambda: self._find(event) is not None, seconds), (
-            f"no '{event}' in {[line['event'] for line in self.lines() if line['event']]}; {self.said}"
-        )
-        found = self._find(event)
-        assert found is not None
-        return found
+        found: list[dict[str, Any]] = []
+
+        def happened() -> bool:
+            found[:] = [line for line in self.lines() if event in line["event"]]
+            return bool(found)
+
+        assert until(happened, seconds), f"no '{event}'; {self.said}"
+        return found[0]
 
     def last(self) -> dict[str, Any]:
         """Waits for the log's next line of a second and returns it: what happened before is in it."""
         count = len(self.lines())
-        assert _until(lambda: len(self.lines()) > count + 1, 10.0), self.said
+        assert until(lambda: len(self.lines()) > count + 1, 10.0), self.said
         return self.lines()[-1]
-
-    def _find(self, event: str) -> dict[str, Any] | None:
-        return next((line for line in self.lines() if event in line["event"]), None)
 
     def _read(self) -> None:
         assert self.process.stdout is not None
@@ -168,8 +153,8 @@ def simulator(folder: Path, master: str, *options: str) -> Iterator[SimulatorPro
     node = SocketTransport(f"/test_{os.getpid()}_{time.monotonic_ns()}", master)
     try:
         found = SimulatorProcess(process, log, node)
-        assert _until(lambda: any("Ctrl-C ends it" in line for line in found.said), START), found.said
-        assert _until(lambda: log.exists() and found.lines() != [], 10.0), found.said
+        assert until(lambda: any("Ctrl-C ends it" in line for line in found.said), START), found.said
+        assert until(lambda: log.exists() and found.lines() != [], 10.0), found.said
         yield found
     finally:
         node.close()
@@ -185,12 +170,3 @@ def end(process: subprocess.Popen[str]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait(5)
-
-
-def _until(condition: Any, seconds: float) -> bool:
-    limit = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > limit:
-            return False
-        time.sleep(0.02)
-    return True

@@ -41,7 +41,7 @@ class InProcessMaster:
 
 
 class InProcessTransport:
-    """One node on an ``InProcessMaster``; ``send`` runs the callbacks before it returns."""
+    """One node on an ``InProcessMaster``, with the methods of ``Transport``; sending runs the callbacks at once."""
 
     def __init__(self, master: InProcessMaster, node_name: str) -> None:
         self._master = master
@@ -49,7 +49,6 @@ class InProcessTransport:
         self._closed = False
 
     def advertise(self, topic: str, message_type: type[M], *, latch: bool = False) -> _Publisher[M]:
-        """Becomes a publisher of a topic."""
         self._check()
         publisher = _Publisher(self._master, self._node_name, topic, message_type, latch)
         with self._master.lock:
@@ -69,33 +68,26 @@ class InProcessTransport:
         return subscription
 
     def get_parameter(self, name: str) -> ParameterValue | None:
-        """Returns a parameter, or None if nobody has set it."""
         self._check()
         return self._master.parameters.get(name)
 
     def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Sets a parameter."""
         self._check()
         self._master.parameters[name] = value
 
     def publishers_of(self, topic: str) -> tuple[str, ...]:
-        """Names the publishers of a topic, sorted."""
         return tuple(sorted({publisher.node for publisher in self._offers(topic)}))
 
     def publisher_info(self, topic: str) -> tuple[PublisherInfo, ...]:
-        """Says what every other publisher of a topic sends."""
         return tuple(publisher for publisher in self._offers(topic) if publisher.node != self._node_name)
 
     def close(self) -> None:
-        """Withdraws everything this node has registered."""
         self._closed = True
         with self._master.lock:
-            mine = [p for p in self._master.publishers if p.node == self._node_name]
-            heard = [s for s in self._master.subscriptions if s.node == self._node_name]
-        for publisher in mine:
-            publisher.close()
-        for subscription in heard:
-            subscription.close()
+            ends = [*self._master.publishers, *self._master.subscriptions]
+        for end in ends:
+            if end.node == self._node_name:
+                end.close()
 
     def _offers(self, topic: str) -> list[PublisherInfo]:
         self._check()
@@ -120,7 +112,6 @@ class InProcessNetwork:
         self._master = master
 
     def connect(self, node_name: str) -> Transport:
-        """Brings a node up."""
         return InProcessTransport(self._master, node_name)
 
     def register_dead(self, topic: str, ros_type: str, on: bool) -> None:
@@ -150,12 +141,10 @@ class _Publisher(Generic[M]):
             subscription.deliver(data)
 
     def connections(self) -> int:
-        """Counts the listeners."""
         with self._master.lock:
             return len(self._listeners()) if self in self._master.publishers else 0
 
     def close(self) -> None:
-        """Stops publishing."""
         with self._master.lock:
             if self in self._master.publishers:
                 self._master.publishers.remove(self)
@@ -176,12 +165,10 @@ class _Subscription(Generic[M]):
         return publisher.topic == self.topic and checksum_of(publisher.kind) == checksum_of(self.kind)
 
     def deliver(self, data: bytes) -> None:
-        """Hands a message to the callback."""
         if self in self._master.subscriptions:
             self._callback(decode(self.kind, data), self._master.clock())
 
     def close(self) -> None:
-        """Stops listening."""
         with self._master.lock:
             if self in self._master.subscriptions:
                 self._master.subscriptions.remove(self)

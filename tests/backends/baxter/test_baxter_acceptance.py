@@ -39,12 +39,16 @@ TIME_OUT = 0.05
 """What a run at 200 Hz sets."""
 
 
+RUN = ("run", "soft-hold", "--backend", "baxter", "--rate", str(RATE))
+READY = ("--posture", "soft-hold", "--enabled")
+
+
 @contextmanager
 def running(
     tmp_path: Path, master: str, *options: str, transport: str = "sockets"
 ) -> Iterator[tuple[SimulatorProcess, subprocess.Popen[str]]]:
     """A simulated Baxter that a task has been commanding for half a second."""
-    with simulator(tmp_path, master, "--posture", "soft-hold", "--enabled", *options) as robot:
+    with simulator(tmp_path, master, *READY, *options) as robot:
         process = start_run(robot, transport, tmp_path)
         try:
             yield robot, process
@@ -56,10 +60,7 @@ def running(
 def start_run(robot: SimulatorProcess, transport: str, folder: Path) -> subprocess.Popen[str]:
     """Starts a task and waits until it is under way; tries again where a busy machine has made it give up."""
     for attempt in range(ATTEMPTS):
-        process = start(
-            *("run", "soft-hold", "--backend", "baxter", "--rate", str(RATE), "--transport", transport),
-            *("--out", str(folder / f"run-{attempt}")),
-        )
+        process = start(*RUN, "--transport", transport, "--out", str(folder / f"run-{attempt}"))
         seen = robot.lines()[-1]["commands"]["right"]
         while process.poll() is None and robot.lines()[-1]["commands"]["right"] < seen + 300:
             signal.sigtimedwait([], 0.02)
@@ -163,12 +164,12 @@ def test_a_person_ends_the_run_and_the_arms_are_held(tmp_path: Path, master: str
 
 REFUSED = [
     (["--posture", "soft-hold"], "baxter enable"),
-    (["--posture", "soft-hold", "--enabled", "--fault", "duplicate"], "/another_robot"),
-    (["--posture", "soft-hold", "--enabled", "--fault", "wrong-md5"], "std_msgs/Bool"),
-    (["--posture", "soft-hold", "--enabled", "--fault", "partial"], "never reported"),
-    (["--posture", "soft-hold", "--enabled", "--fault", "nan"], "not finite"),
-    (["--posture", "soft-hold", "--enabled", "--software-version", "1.1.1"], "1.1.1"),
-    (["--posture", "soft-hold", "--enabled", "--mount-offset", "left=0,0,0.09"], "mount"),
+    ([*READY, "--fault", "duplicate"], "/another_robot"),
+    ([*READY, "--fault", "wrong-md5"], "std_msgs/Bool"),
+    ([*READY, "--fault", "partial"], "never reported"),
+    ([*READY, "--fault", "nan"], "not finite"),
+    ([*READY, "--software-version", "1.1.1"], "1.1.1"),
+    ([*READY, "--mount-offset", "left=0,0,0.09"], "mount"),
     (["--posture", "tucked", "--enabled"], "untuck"),
     (["--posture", "neutral", "--enabled"], "--approach"),
 ]
@@ -178,9 +179,7 @@ REFUSED = [
 @pytest.mark.parametrize(("options", "reason"), REFUSED, ids=[reason for _, reason in REFUSED])
 def test_an_unfit_robot_is_refused_before_anything_is_sent(tmp_path, master, options, reason) -> None:
     with simulator(tmp_path, master, *options) as robot:
-        run = impedance(
-            *("run", "soft-hold", "--backend", "baxter", "--rate", str(RATE), "--out", str(tmp_path / "run"))
-        )
+        run = impedance(*RUN, "--out", str(tmp_path / "run"))
         assert run.returncode == 2 and reason in run.stderr, run.stdout + run.stderr
         assert "Traceback" not in run.stderr
         assert robot.last()["commands"]["right"] == 0 and not (tmp_path / "run" / "episode.parquet").exists()
@@ -189,7 +188,7 @@ def test_an_unfit_robot_is_refused_before_anything_is_sent(tmp_path, master, opt
 @pytest.mark.long
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_limits_that_disagree_are_refused_before_anything_is_sent(tmp_path, master, transport) -> None:
-    with simulator(tmp_path, master, "--posture", "soft-hold", "--enabled") as robot:
+    with simulator(tmp_path, master, *READY) as robot:
         client = MasterClient(master, "/somebody")
         served = str(client.get_parameter("/robot_description"))
         client.set_parameter("/robot_description", served.replace('lower="-2.147"', 'lower="-1.147"'))
@@ -220,25 +219,32 @@ def test_zero_torque_holds_the_pose(tmp_path: Path, master: str) -> None:
         assert len(arms) > 100 and moved.max() < 5e-3
 
 
+def refuse(words: str, *reasons: str) -> None:
+    """A verb of the Baxter ends with exit 2 and these reasons."""
+    refused = impedance("baxter", *words.split())
+    assert refused.returncode == 2, refused.stdout + refused.stderr
+    assert all(reason in refused.stderr for reason in reasons), refused.stderr
+
+
+def switch(said: str, *words: str) -> None:
+    """A verb of the Baxter says just that."""
+    done = impedance("baxter", *words)
+    assert (done.returncode, done.stdout) == (0, f"{said}\n"), done.stderr
+
+
 def test_power_goes_on_and_off_only_as_told(master: str, tmp_path: Path) -> None:
     with simulator(tmp_path, master) as robot:
-        refused = impedance("baxter", "enable")
-        assert refused.returncode == 2 and "--tucked" in refused.stderr
-        assert "right_s1 at -2.1" in refused.stderr and not robot.last()["enabled"]
-        on = impedance("baxter", "enable", "--tucked")
-        assert (on.returncode, on.stdout) == (0, "enabled\n"), on.stderr
+        refuse("enable", "--tucked", "right_s1 at -2.1")
+        assert not robot.last()["enabled"]
+        switch("enabled", "enable", "--tucked")
         robot.fault("estop")
-        pressed = impedance("baxter", "enable", "--reset", "--tucked")
-        assert pressed.returncode == 2 and "turn the e-stop button" in pressed.stderr
+        refuse("enable --reset --tucked", "turn the e-stop button")
         robot.fault("estop-release")
         robot.wait_for("estop-release")
-        released = impedance("baxter", "enable", "--tucked")
-        assert released.returncode == 2 and "enable --reset" in released.stderr
+        refuse("enable --tucked", "enable --reset")
         assert not robot.lines()[-1]["enabled"]
-        on = impedance("baxter", "enable", "--reset", "--tucked", "--transport", "sockets")
-        assert (on.returncode, on.stdout) == (0, "enabled\n"), on.stderr
-        off = impedance("baxter", "disable")
-        assert (off.returncode, off.stdout) == (0, "disabled\n"), off.stderr
+        switch("enabled", "enable", "--reset", "--tucked", "--transport", "sockets")
+        switch("disabled", "disable")
 
 
 @pytest.mark.long
@@ -248,23 +254,20 @@ def test_power_goes_on_and_off_only_as_told(master: str, tmp_path: Path) -> None
 )
 def test_another_robot_gets_no_power(master: str, tmp_path: Path, options: list[str], reason: str) -> None:
     with simulator(tmp_path, master, "--posture", "tucked", *options) as robot:
-        for verb in (("enable", "--tucked"), ("untuck", "--enable")):
-            refused = impedance("baxter", *verb)
-            assert refused.returncode == 2 and reason in refused.stderr and "(valid: " in refused.stderr
+        for words in ("enable --tucked", "untuck --enable"):
+            refuse(words, reason, "(valid: ")
         assert not robot.last()["enabled"]
         assert not [line for line in robot.lines() if "enabled" in line["event"]]
 
 
 def test_two_robots_are_refused(master: str, tmp_path: Path) -> None:
     with simulator(tmp_path, master, "--posture", "neutral", "--fault", "duplicate"):
-        refused = impedance("baxter", "enable")
-        assert refused.returncode == 2 and "/another_robot" in refused.stderr
+        refuse("enable", "/another_robot")
 
 
 def test_no_robot_on_the_master(master: str) -> None:
     # Whether it says "nobody" or names somebody long gone depends on what earlier tests left with the master.
-    silent = impedance("baxter", "enable")
-    assert silent.returncode == 2 and "no /robot/state" in silent.stderr and "ROS_MASTER_URI" in silent.stderr
+    refuse("enable", "no /robot/state", "ROS_MASTER_URI")
 
 
 def test_invalid_simulator_options_are_refused_before_it_starts(master: str) -> None:
@@ -283,5 +286,4 @@ def test_invalid_simulator_options_are_refused_before_it_starts(master: str) -> 
 def test_no_master_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
     for verb in ("fake", "enable", "disable"):
-        refused = impedance("baxter", verb)
-        assert refused.returncode == 2 and "127.0.0.1:9" in refused.stderr, refused.stderr
+        refuse(verb, "127.0.0.1:9")

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The simulated Baxter against the facts about the real robot: modes, time-outs, power, collisions, topics, faults."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,92 +14,111 @@ from impedance_modules.backends.baxter.simulator.build_simulator import build_si
 from impedance_modules.backends.baxter.simulator.fault_injection import parse_fault
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, LimbActivity
 from impedance_modules.backends.baxter.simulator.parameters import SPRINGS, STOP_MARGIN, SimulatorOptions
+from impedance_modules.backends.baxter.simulator.publishers import MessageBuilder
 from impedance_modules.backends.baxter.simulator.real_time import Pacer
 from impedance_modules.backends.baxter.simulator.simulated_baxter import SimulatedBaxter
 from impedance_modules.backends.baxter.simulator.simulator_node import SimulatorNode
 from impedance_modules.errors import BadInput
+from impedance_modules.spec.robot_reader import read_robot
 from tests.support.in_process_transport import InProcessMaster, InProcessNetwork, InProcessTransport
 
 ON = SimulatorOptions(enabled=True, springs=SPRINGS)
 
 
-def fake(options: SimulatorOptions = ON, posture: str = "neutral") -> SimulatedBaxter:
-    return build_simulator("baxter", posture, None, options).robot
+def fake(posture: str = "neutral", **options) -> SimulatedBaxter:
+    return build_simulator("baxter", posture, None, replace(ON, **options)).robot
 
 
-def live(robot: SimulatedBaxter, seconds: float) -> None:
-    for _ in range(round(seconds * 1000)):
-        robot.tick()
+class LeftArm:
+    """The left arm of a simulated Baxter, and what happens to it."""
+
+    def __init__(self, **options) -> None:
+        self.robot = fake(**options)
+        self.drive = self.robot.limbs["left"]
+        self.joints, self.names = self.drive.limb.joints, self.drive.limb.joint_names
+        self.start = self.robot.state.position
+
+    def command(self, mode: CommandMode, values: Mapping[str, float] | np.ndarray) -> None:
+        """One command, to the joints that are named or to all, and one tick."""
+        named = values if isinstance(values, Mapping) else dict(zip(self.names, values, strict=True))
+        self.robot.command("left", mode, list(named), list(named.values()))
+        self.robot.tick()
+
+    def torque(self, seconds: float, **values: float) -> None:
+        """Torque for so long; none on joints that are not named."""
+        for _ in range(round(seconds * 1000)):
+            self.command(CommandMode.TORQUE, dict.fromkeys(self.names, 0.0) | values)
+
+    def live(self, seconds: float) -> None:
+        for _ in range(round(seconds * 1000)):
+            self.robot.tick()
+
+    @property
+    def position(self) -> np.ndarray:
+        return self.robot.position(self.drive)
+
+    @property
+    def velocity(self) -> np.ndarray:
+        return self.robot.state.velocity[self.joints]
+
+    @property
+    def moved(self) -> float:
+        """Largest distance of any joint of the robot from its start [rad]."""
+        return float(np.abs(self.robot.state.position - self.start).max())
 
 
-def torque(robot: SimulatedBaxter, values: dict[str, float], seconds: float) -> None:
-    names = robot.limbs["left"].limb.joint_names
-    for _ in range(round(seconds * 1000)):
-        robot.command("left", CommandMode.TORQUE, names, [values.get(name, 0.0) for name in names])
-        robot.tick()
+@pytest.fixture
+def arm() -> LeftArm:
+    return LeftArm()
 
 
-def test_no_torque_holds_the_pose_because_the_robot_carries_weight_and_springs() -> None:
-    robot = fake()
-    start = robot.state.position
-    torque(robot, {}, 1.0)
-    assert np.abs(robot.state.position - start).max() < 2e-3
+def test_no_torque_holds_the_pose_because_the_robot_carries_weight_and_springs(arm) -> None:
+    arm.torque(1.0)
+    assert arm.moved < 2e-3
     # What the robot adds: g(q) less what the counterbalance carries.
-    sea = messages_of(robot)
-    assert sea.gravity_only[1] == pytest.approx(-47.6, abs=0.3)
-    assert sea.actual_effort[1] == pytest.approx(
-        sea.gravity_only[1] - sea.hysteresis_model_effort[1], abs=0.5
-    )
+    sea = MessageBuilder(arm.robot).sea_joints(arm.drive.limb, 0)
+    gravity, springs = sea.gravity_only[1], sea.hysteresis_model_effort[1]
     stiffness, preload = SPRINGS["s1"]
-    assert sea.hysteresis_model_effort[1] == pytest.approx(preload + 0.55 * stiffness, abs=0.1)
+    assert gravity == pytest.approx(-47.6, abs=0.3)
+    assert sea.actual_effort[1] == pytest.approx(gravity - springs, abs=0.5)
+    assert springs == pytest.approx(preload + 0.55 * stiffness, abs=0.1)
 
 
-def messages_of(robot: SimulatedBaxter) -> messages.SEAJointState:
-    from impedance_modules.backends.baxter.simulator.publishers import MessageBuilder
-
-    return MessageBuilder(robot).sea_joints(robot.limbs["left"].limb, 0)
-
-
-def test_gravity_compensation_suppressed_lets_the_arm_fall_and_lapses() -> None:
-    robot = fake()
-    start = robot.state.position
-    joints = robot.limbs["left"].limb.joints
+def test_gravity_compensation_suppressed_lets_the_arm_fall_and_lapses(arm) -> None:
     for _ in range(150):
-        robot.suppressions["left"].request("suppress_gravity_compensation", robot.now)
-        torque(robot, {}, 0.001)
-    fallen = np.abs(robot.state.velocity[joints]).max()
-    live(robot, 0.25)
-    acting = robot.plant.state.joints["assist"][joints]
+        arm.robot.suppressions["left"].request("suppress_gravity_compensation", arm.robot.now)
+        arm.torque(0.001)
+    fallen = np.abs(arm.velocity).max()
+    arm.live(0.25)
+    acting = arm.robot.plant.state.joints["assist"][arm.joints]
     assert fallen > 0.1 and np.abs(acting).max() > 5.0
-    assert np.abs(robot.state.position - start).max() < 1.0
+    assert arm.moved < 1.0
 
 
 @pytest.mark.parametrize("result", ["hold", "disable", "float"])
 def test_silence_of_the_controller_ends_its_mode_within_the_time_out(result: str) -> None:
-    robot = fake(replace(ON, time_out_result=result))
-    robot.limbs["left"].set_time_out(0.05)
-    torque(robot, {"left_s0": 6.0}, 0.3)
-    last = robot.now
+    arm = LeftArm(time_out_result=result)
+    arm.drive.set_time_out(0.05)
+    arm.torque(0.3, left_s0=6.0)
+    robot, last = arm.robot, arm.robot.now
     while "no command" not in (robot.events[-1][1] if robot.events else ""):
         robot.tick()
         assert robot.now - last < 0.07
-    live(robot, 1.0)
-    speed = np.abs(robot.state.velocity).max()
+    arm.live(1.0)
     if result == "hold":
-        assert robot.limbs["left"].activity is LimbActivity.HOLDS and speed < 0.05
+        assert arm.drive.activity is LimbActivity.HOLDS and np.abs(robot.state.velocity).max() < 0.05
     elif result == "disable":
         assert not robot.machine.state.enabled
     else:
-        assert robot.limbs["left"].activity is LimbActivity.FLOATS and robot.machine.state.enabled
+        assert arm.drive.activity is LimbActivity.FLOATS and robot.machine.state.enabled
         # Only the motor's own friction brakes it.
-        assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) > 0.05
+        assert abs(arm.velocity[0]) > 0.05
 
 
-def test_time_out_is_clipped_to_what_the_robot_accepts() -> None:
-    drive = fake().limbs["left"]
+def test_time_out_is_clipped_to_what_the_robot_accepts(arm) -> None:
     for wish, gets in ((-1.0, 0.0), (0.3, 0.3), (7.0, 1.0), (float("nan"), 1.0)):
-        drive.set_time_out(wish)
-        assert drive.time_out == gets
+        arm.drive.set_time_out(wish)
+        assert arm.drive.time_out == gets
 
 
 @pytest.mark.parametrize(
@@ -111,57 +131,45 @@ def test_time_out_is_clipped_to_what_the_robot_accepts() -> None:
         (CommandMode.TORQUE, [], []),
     ],
 )
-def test_invalid_commands_are_ignored(wish: tuple) -> None:
-    robot = fake()
-    robot.command("left", *wish)
-    assert robot.limbs["left"].ignored == 1 and robot.limbs["left"].activity is LimbActivity.HOLDS
+def test_invalid_commands_are_ignored(arm, wish: tuple) -> None:
+    arm.robot.command("left", *wish)
+    assert arm.drive.ignored == 1 and arm.drive.activity is LimbActivity.HOLDS
 
 
-def test_torque_beyond_the_boards_is_clamped_or_faults() -> None:
-    robot = fake()
-    robot.command("left", CommandMode.TORQUE, ["left_w2", "left_s0"], [99.0, -99.0])
-    assert sorted(robot.limbs["left"].command)[0] == -50.0 and max(robot.limbs["left"].command) == 15.0
-    robot = fake(replace(ON, over_torque="fault"))
+def test_torque_beyond_the_boards_is_clamped_or_faults(arm) -> None:
+    arm.robot.command("left", CommandMode.TORQUE, ["left_w2", "left_s0"], [99.0, -99.0])
+    assert (min(arm.drive.command), max(arm.drive.command)) == (-50.0, 15.0)
+    robot = fake(over_torque="fault")
     robot.command("left", CommandMode.TORQUE, ["left_w2"], [15.1])
     state = robot.machine.state
     assert state.stopped and state.estop_source == state.SOURCE_FAULT and not state.enabled
 
 
 @pytest.mark.parametrize("mode", [CommandMode.POSITION, CommandMode.RAW_POSITION])
-def test_position_modes_arrive_and_only_the_safe_one_eases(mode: CommandMode) -> None:
-    robot = fake()
-    drive = robot.limbs["left"]
-    target = robot.position(drive) + 0.1
+def test_position_modes_arrive_and_only_the_safe_one_eases(arm, mode: CommandMode) -> None:
+    target = arm.position + 0.1
     for _ in range(3000):
-        robot.command("left", mode, drive.limb.joint_names, target)
-        robot.tick()
-        if robot.now == 0.2:
-            early = np.abs(drive.reference.position - target).max()
-    assert np.abs(robot.position(drive) - target).max() < 2e-3
+        arm.command(mode, target)
+        if arm.robot.now == 0.2:
+            early = np.abs(arm.drive.reference.position - target).max()
+    assert np.abs(arm.position - target).max() < 2e-3
     assert (early > 0.05) == (mode is CommandMode.POSITION)
 
 
-def test_position_mode_trails_a_moving_target_as_a_real_arm_did() -> None:
-    robot = fake()
-    drive = robot.limbs["left"]
-    start, speed = robot.position(drive), 0.23
+def test_position_mode_trails_a_moving_target_as_a_real_arm_did(arm) -> None:
+    start, speed = arm.position[0], 0.23
     for k in range(3000):
-        robot.command("left", CommandMode.POSITION, ["left_s0"], [start[0] + speed * k * 1e-3])
-        robot.tick()
-    assert start[0] + speed * 3.0 - robot.position(drive)[0] == pytest.approx(0.094, abs=0.01)
+        arm.command(CommandMode.POSITION, {"left_s0": start + speed * k * 1e-3})
+    assert start + speed * 3.0 - arm.position[0] == pytest.approx(0.094, abs=0.01)
 
 
-def test_velocity_mode_runs_at_the_speed_and_stops_at_the_limit() -> None:
-    robot = fake()
-    drive = robot.limbs["left"]
+def test_velocity_mode_runs_at_the_speed_and_stops_at_the_limit(arm) -> None:
     speeds = []
-    for k in range(4500):
-        robot.command("left", CommandMode.VELOCITY, ["left_s0"], [0.5])
-        robot.tick()
-        if 2000 <= k < 2500:
-            speeds.append(robot.state.velocity[drive.limb.joints[0]])
-    assert np.mean(speeds) == pytest.approx(0.5, abs=0.01)
-    assert robot.position(drive)[0] == pytest.approx(1.70168, abs=5e-3)
+    for _ in range(4500):
+        arm.command(CommandMode.VELOCITY, {"left_s0": 0.5})
+        speeds.append(arm.velocity[0])
+    assert np.mean(speeds[2000:2500]) == pytest.approx(0.5, abs=0.01)
+    assert arm.position[0] == pytest.approx(1.70168, abs=5e-3)
 
 
 def test_power_follows_the_sdk() -> None:
@@ -182,15 +190,14 @@ def test_power_follows_the_sdk() -> None:
 
 
 def test_without_power_the_arm_sinks_slowly_and_ignores_commands() -> None:
-    robot = fake(replace(ON, enabled=False))
-    start = robot.state.position
-    torque(robot, {"left_s0": 20.0}, 1.0)
-    assert robot.limbs["left"].ignored == 1000
-    assert 0.02 < np.abs(robot.state.position - start).max() < 0.5
+    arm = LeftArm(enabled=False)
+    arm.torque(1.0, left_s0=20.0)
+    assert arm.drive.ignored == 1000
+    assert 0.02 < arm.moved < 0.5
 
 
 def test_tucked_arms_can_only_be_powered_while_their_force_field_is_suppressed() -> None:
-    robot = fake(replace(ON, enabled=False), "tucked")
+    robot = fake("tucked", enabled=False)
     assert robot.field.near["left"] and robot.field.near["right"]
     robot.enable(True)
     assert not robot.machine.state.enabled and "force field" in robot.machine.refusal
@@ -200,77 +207,68 @@ def test_tucked_arms_can_only_be_powered_while_their_force_field_is_suppressed()
     assert robot.machine.state.enabled
 
 
-@pytest.mark.parametrize(("force", "kind"), [((0.0, 0.0, -60.0), "impact"), ((0.0, 0.0, -1.0), "")])
-def test_a_push_is_a_collision_if_it_is_hard(force: tuple, kind: str) -> None:
-    robot = fake()
-    node = SimulatorNode(robot, InProcessNetwork(InProcessMaster()), "")
-    node.inject(parse_fault(f"push left {force[0]} {force[1]} {force[2]} 0.2", ("left", "right")))
-    live(robot, 0.1)
-    assert robot.colliding["left"] == kind
+@pytest.mark.parametrize(("force", "kind"), [(-60.0, "impact"), (-1.0, "")])
+def test_a_push_is_a_collision_if_it_is_hard(arm, force: float, kind: str) -> None:
+    node = SimulatorNode(arm.robot, InProcessNetwork(InProcessMaster()), "")
+    node.inject(parse_fault(f"push left 0.0 0.0 {force} 0.2", ("left", "right")))
+    arm.live(0.1)
+    assert arm.robot.colliding["left"] == kind
     if kind:
-        torque(robot, {}, 0.5)
-        assert robot.limbs["left"].activity is LimbActivity.HOLDS and robot.limbs["left"].ignored == 500
-        live(robot, 1.5)
-        torque(robot, {}, 0.01)
-        assert robot.limbs["left"].activity is LimbActivity.COMMANDED and not robot.colliding["left"]
+        arm.torque(0.5)
+        assert arm.drive.activity is LimbActivity.HOLDS and arm.drive.ignored == 500
+        arm.live(1.5)
+        arm.torque(0.01)
+        assert arm.drive.activity is LimbActivity.COMMANDED and not arm.robot.colliding["left"]
 
 
-def test_a_squeezed_cuff_makes_the_arm_yield() -> None:
-    robot = fake()
-    robot.cuffs["left"] = True
-    torque(robot, {"left_s0": 20.0}, 0.2)
-    assert robot.limbs["left"].activity is LimbActivity.FLOATS
-    assert abs(robot.state.velocity[robot.model.joint_names.index("left_s0")]) < 0.1
+def test_a_squeezed_cuff_makes_the_arm_yield(arm) -> None:
+    arm.robot.cuffs["left"] = True
+    arm.torque(0.2, left_s0=20.0)
+    assert arm.drive.activity is LimbActivity.FLOATS
+    assert abs(arm.velocity[0]) < 0.1
 
 
-def test_a_joint_driven_into_its_end_meets_a_stop() -> None:
-    robot = fake()
-    joint = robot.model.joint_names.index("left_s0")
-    low = robot.model.column("position_min")[joint]
+def test_a_joint_driven_into_its_end_meets_a_stop(arm) -> None:
+    low = arm.robot.model.column("position_min")[arm.joints[0]]
     reached = []
     for _ in range(30):
-        torque(robot, {"left_s0": -25.0}, 0.1)
-        reached.append(robot.state.position[joint])
+        arm.torque(0.1, left_s0=-25.0)
+        reached.append(arm.robot.state.position[arm.joints[0]])
     # Without a stop 25 N.m would have turned it by tens of radians; it bounces, and comes to rest there.
     assert min(reached) > low - STOP_MARGIN - 0.1
     assert reached[-1] == pytest.approx(low - STOP_MARGIN, abs=0.03)
 
 
 def test_readings_lie_on_the_grids_of_public_logs_and_are_noisy_only_if_wished() -> None:
-    noisy, other, clean = (
-        fake(replace(ON, noise=noise, seed=seed)) for noise, seed in ((1, 1), (1, 2), (0, 1))
-    )
-    read = {robot: [] for robot in (noisy, other, clean)}
-    for robot, states in read.items():
+    def readings(noise: float, seed: int) -> np.ndarray:
+        robot, states = fake(noise=noise, seed=seed), []
         for _ in range(100):
             robot.tick()
             states.append(np.concatenate([robot.state.position, robot.state.effort]))
-    n = noisy.model.n
-    grid = np.concatenate([np.full(n, 2.0 * np.pi / 16384), np.full(n, 0.004)])
-    for states in read.values():
-        steps = np.array(states) / grid
+        steps = np.array(states) / np.repeat([2.0 * np.pi / 16384, 0.004], robot.model.n)
         assert np.abs(steps - np.round(steps)).max() < 1e-6
-    scatter = {robot: np.std(states, axis=0) for robot, states in read.items()}
-    assert (scatter[noisy] > 3.0 * scatter[clean]).mean() > 0.8
-    assert not np.array_equal(read[noisy], read[other])
+        return np.array(states)
+
+    noisy, other, clean = readings(1, 1), readings(1, 2), readings(0, 1)
+    assert (np.std(noisy, axis=0) > 3.0 * np.std(clean, axis=0)).mean() > 0.8
+    assert not np.array_equal(noisy, other)
 
 
 def test_a_torque_acts_after_the_transport_delay_and_not_before() -> None:
-    robot = fake(replace(ON, noise=False))
-    torque(robot, {}, 0.1)
-    still = robot.state.effort.copy()
-    moved = []
+    arm = LeftArm(noise=False)
+    arm.torque(0.1)
+    joint, timing = arm.joints[arm.names.index("left_w1")], arm.robot.model.spec.timing
+    still, moved = arm.robot.state.effort[joint], []
     for _ in range(12):
-        torque(robot, {"left_w1": 4.0}, 0.001)
-        moved.append(abs(robot.state.effort - still)[robot.model.joint_names.index("left_w1")])
-    delay = round(robot.model.spec.timing.command_delay * 1000)
+        arm.torque(0.001, left_w1=4.0)
+        moved.append(abs(arm.robot.state.effort[joint] - still))
+    delay = round(timing.command_delay * 1000)
     assert max(moved[:delay]) < 0.02 < 0.1 < max(moved)
 
 
 def test_calibrated_mounts_are_served_and_used() -> None:
-    built = build_simulator(
-        "baxter", "neutral", None, replace(ON, mount_offset={"left": (0.0, 0.001, -0.0095)})
-    )
+    offset = replace(ON, mount_offset={"left": (0.0, 0.001, -0.0095)})
+    built = build_simulator("baxter", "neutral", None, offset)
     moved = built.robot.kinematics.pose("left_hand").translation
     plain = fake().kinematics.pose("left_hand").translation
     np.testing.assert_allclose(moved - plain, [0.0, 0.001, -0.0095], atol=2e-3)
@@ -295,8 +293,6 @@ def test_invalid_faults_are_refused(text: str, part: str) -> None:
 
 
 def test_postures_by_name_and_by_task() -> None:
-    from impedance_modules.spec.robot_reader import read_robot
-
     spec = read_robot("baxter")
     assert named_posture(spec, "untucked")["right"]["s0"] == 0.08
     assert named_posture(spec, "joint-springs")["right"]["s0"] == 0.5462
@@ -318,27 +314,30 @@ def test_pacer_has_no_drift_and_reports_its_lag() -> None:
 
 
 class Network:
-    """A simulator on a network, and a node that can subscribe to every topic."""
+    """A simulator on a network, and a node that can subscribe to every topic and inject faults."""
 
     def __init__(self, options: SimulatorOptions = ON) -> None:
         built = build_simulator("baxter", "neutral", None, options)
-        self.master = InProcessMaster()
+        master = InProcessMaster()
         self.robot = built.robot
-        self.node = SimulatorNode(built.robot, InProcessNetwork(self.master), built.description)
+        self.node = SimulatorNode(built.robot, InProcessNetwork(master), built.description)
         self.node.open()
-        self.user = InProcessTransport(self.master, "/user")
-        self.heard: dict[str, list] = {}
+        self.user = InProcessTransport(master, "/user")
+        self._fault = self.user.advertise("/fake_baxter/fault", messages.String)
 
     def hear(self, topic: str, kind: type) -> list:
-        return self.hear_all(topic, kind, self.heard.setdefault(topic, []))
-
-    def hear_all(self, topic: str, kind: type, found: list) -> list:
-        self.user.subscribe(topic, kind, lambda m, _: found.append(m))
-        return found
+        heard: list = []
+        self.user.subscribe(topic, kind, lambda message, _: heard.append(message))
+        return heard
 
     def live(self, seconds: float) -> None:
         for _ in range(round(seconds * 1000)):
             self.node.tick()
+
+    def fault(self, words: str, seconds: float) -> None:
+        """Injects a fault and waits."""
+        self._fault.send(messages.String(words))
+        self.live(seconds)
 
 
 def test_two_publishers_share_the_joint_states_in_the_real_order() -> None:
@@ -377,13 +376,11 @@ def test_endpoint_and_joints_agree_with_each_other() -> None:
 def test_faults_of_messages() -> None:
     net = Network()
     heard = net.hear("/robot/joint_states", messages.JointState)
-    fault = net.user.advertise("/fake_baxter/fault", messages.String)
 
-    def after(words: str, seconds: float = 0.3) -> list:
-        fault.send(messages.String(words))
-        net.live(0.02)
+    def after(words: str) -> list:
+        net.fault(words, 0.02)
         heard.clear()
-        net.live(seconds)
+        net.live(0.3)
         return [m for m in heard if "left_s0" in m.name]
 
     assert not after("silence")
@@ -407,11 +404,9 @@ def test_faults_of_messages() -> None:
 
 def test_faults_of_nodes() -> None:
     net = Network()
-    fault = net.user.advertise("/fake_baxter/fault", messages.String)
 
     def offers(words: str) -> list:
-        fault.send(messages.String(words))
-        net.live(0.01)
+        net.fault(words, 0.01)
         return [(o.node, o.ros_type, o.problem is None) for o in net.user.publisher_info("/robot/state")]
 
     plain = ("/realtime_loop", "baxter_core_msgs/AssemblyState", True)
