@@ -345,7 +345,7 @@ class Timekeeper:
 def stop_limits(period: float) -> StopLimits:
     """The thresholds of stops at a control period [s]; times follow facts of Baxter's own time-outs."""
     return StopLimits(
-        damping_time=1.0,
+        damping_time=0.5,
         blind_damping_time=max(0.02, 2.0 * period),
         rest_speed=0.05,
         speed_growth=1.5,

@@ -25,14 +25,14 @@ safety: {{tank: {{initial: 5, max: 10, floor: 0.5}}}}
 phases: [{{name: hold, duration: 5}}]
 """
 
-HOLD = 1.0
+HOLD = 1.5
 """Of the robot's own mode after the brake [s]."""
 
 STOP_BUDGET = 0.05
 """What a stop may add to the energy in spite of all: sensors see positions on a grid and with noise [J]."""
 
 CALM_TIME = 2.0
-"""From the stop's begin until less than 1 % of the energy is left: at most 1 s of braking, then the hold [s]."""
+"""From the stop's begin until less than 1 % of the energy is left: at most 0.5 s of braking, then the hold [s]."""
 
 PULSE = 0.1
 """Largest torque that is still under way when the stop begins, as part of the limit."""
