@@ -11,7 +11,7 @@ from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import ReplayMismatch
-from impedance_modules.runs.execution import RunOptions, carry_out
+from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.verify import verify
 from impedance_modules.safety.stop_levels import StopLevel
@@ -31,17 +31,13 @@ class LossyRobot:
     """The plant, but some states are lost; reports two extra columns."""
 
     def __init__(self, robot: SimBackend) -> None:
-        self._robot = robot
+        self._robot, self.start, self.write = robot, robot.start, robot.write
         self._random = np.random.default_rng(1)
         self.extra_reads = self._reads = 0
         self.finished: list[str] = []
-        self.warm_up = None
 
     def warm_up_with(self, cycle) -> None:
         self.warm_up = cycle
-
-    def start(self) -> FirstState:
-        return self._robot.start()
 
     def newest(self) -> FirstState:
         return FirstState(self._robot.plant.sense(), self._robot.plant.start_command.copy())
@@ -52,9 +48,6 @@ class LossyRobot:
         self.warm_up()
         lost = self._random.random() < 0.05 or GAP[0] <= self._reads < GAP[1]
         return None if lost else state
-
-    def write(self, effort) -> None:
-        self._robot.write(effort)
 
     def finish(self, how) -> None:
         self.finished.append(how)
@@ -82,14 +75,18 @@ def test_the_model_has_the_mount_that_was_found(assembly: Assembly) -> None:
     assert np.array_equal(*left)
 
 
+def run(assembly, robot, folder) -> RunResult:
+    out = folder / "run"
+    options = RunOptions(out=out, seed=0, duration=4.0, live=False, read_only=False, backend="sim")
+    return carry_out(assembly, robot, options, lambda time, phase: None)
+
+
 def test_a_run_with_gaps_is_replayed_bit_for_bit_on_the_mounts_it_had(assembly, tmp_path) -> None:
     robot = LossyRobot(sim_backend(assembly, 0))
-    out = tmp_path / "run"
-    options = RunOptions(out=out, seed=0, duration=4.0, live=False, read_only=False, backend="sim")
-    result = carry_out(assembly, robot, options, lambda time, phase: None)
+    result = run(assembly, robot, tmp_path)
     assert robot.finished[0] == "hold"
     assert "stale state" in result.reason
-    episode = read_episode(out)
+    episode = read_episode(tmp_path / "run")
     missed = np.asarray(episode.extra["missed"])
     gap = int(np.argmax(missed))
     assert 16 <= missed[gap] <= 19
@@ -110,16 +107,12 @@ def test_a_robot_that_cannot_be_started_leaves_no_episode_and_is_released(assemb
     robot = LossyRobot(sim_backend(assembly, 0))
 
     def broken() -> FirstState:
-        first = FirstState(robot._robot.plant.sense(), np.zeros(assembly.model.n))
-        return FirstState(
-            dataclasses.replace(first.state, position=np.full(assembly.model.n, np.nan)), first.acting
-        )
+        nothing = np.full(assembly.model.n, np.nan)
+        state = dataclasses.replace(robot._robot.plant.sense(), position=nothing)
+        return FirstState(state, np.zeros(assembly.model.n))
 
     robot.newest = broken
-    options = RunOptions(
-        out=tmp_path / "run", seed=0, duration=4.0, live=False, read_only=False, backend="sim"
-    )
     with pytest.raises(Exception, match="not finite"):
-        carry_out(assembly, robot, options, lambda time, phase: None)
+        run(assembly, robot, tmp_path)
     assert robot.finished == ["hold"]
     assert not list((tmp_path / "run").glob("*.parquet"))
