@@ -195,7 +195,7 @@ class Supervisor:
             names = self.assembly.model.joint_names
             return [
                 Occurrence(Event.POSITION_LIMIT, self._arm_of(j), f"{names[j]} beyond the joint's range")
-                for j in np.flatnonzero(outside)
+                for j in map(int, np.flatnonzero(outside))
             ]
         self._unseen = state
         return []
