@@ -162,11 +162,13 @@ def save_intact(found: Survey, folder: Path, name: str) -> tuple[tuple[Path, str
     saved = []
     for number, stretch in enumerate(stretches, start=1):
         target = folder / (f"{name}.parquet" if len(stretches) == 1 else f"{name}-{number}.parquet")
+        if target.exists():
+            raise BadInput(f"{found.place}: another source makes {target.name}, too (valid: one at a time)")
         schema = _schema_of_saved(stretch, str(found.place), target.stem)
         tables = (table for piece in stretch for table in piece.tables())
         write_merged(target, tables, schema)
         rows = _rows(stretch[0].first, sum(piece.rows for piece in stretch))
-        saved.append((target, f"saved from a damaged recording: {rows}; {'; '.join(found.problems)}"))
+        saved.append((target, f"a damaged or unfinished recording: {rows} of it"))
     return tuple(saved)
 
 

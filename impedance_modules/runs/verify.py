@@ -46,6 +46,12 @@ def reassemble(episode: Episode) -> Assembly:
         BadFile: The task does not fit the robot as it is described today.
     """
     metadata = episode.metadata
+    saved = metadata.get("saved")
+    if isinstance(saved, Mapping) and saved.get("first_row") != 0:
+        raise BadInput(
+            f"{episode.name}: saved from the middle of a damaged recording; its torques depend on what came before"
+            " and cannot be recomputed (valid: the stretch that begins with row 0)"
+        )
     text = metadata.get("task")
     if not isinstance(text, str):
         raise BadInput(f"{episode.name}: the recording carries no task, so its torques cannot be recomputed")

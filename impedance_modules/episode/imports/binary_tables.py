@@ -103,7 +103,7 @@ class ParquetTable:
         try:
             if path.stat().st_size == 0:
                 raise BadInput(f"{path}: the file is empty (valid: Parquet)")
-            self._file = pq.ParquetFile(path)
+            self._file = pq.ParquetFile(path, page_checksum_verification=True)
         except FileNotFoundError:
             raise BadInput(f"{path}: no such file") from None
         except (pa.ArrowException, OSError) as error:

@@ -8,7 +8,7 @@ import math
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 import pyarrow as pa
 
 from impedance_modules.episode.columns import JOINT_KINDS, TIME, parse_columns
+from impedance_modules.episode.damage import save_intact, survey
 from impedance_modules.episode.file_format import episode_schema, is_required, write_merged
 from impedance_modules.episode.imports.binary_tables import ParquetTable
 from impedance_modules.episode.imports.convert import MappedTable, blocks, column_order, decimated, map_table
@@ -62,13 +63,14 @@ def import_sources(
     _refuse_twice(sources)
     mapping = read_map(map_path) if map_path is not None else None
     recordings = mapped_recordings(sources, mapping) if mapping is not None else plain_recordings(sources)
-    _refuse_present(recordings, out)
+    _refuse_present([recording.name for recording in recordings], out)
     with _staging(out) as folder:
         done = [
-            _import_one(recording, mapping, rate, folder / (recording.name + SUFFIX))
+            imported
             for recording in recordings
+            for imported in _import_one(recording, mapping, rate, folder / (recording.name + SUFFIX))
         ]
-        _refuse_present(recordings, out)
+        _refuse_present([imported.path.stem for imported in done], out)
         return tuple(_into_place(imported, out) for imported in done)
 
 
@@ -148,15 +150,42 @@ def import_recording(
     )
 
 
+def copy_or_save(path: Path, target: Path) -> tuple[Imported, ...]:
+    """Checks an episode, or a run's directory, and copies it; of a damaged or unfinished one, saves what is intact.
+
+    Raises:
+        BadInput: It is no episode, or one that would mislead, or nothing of it is intact.
+    """
+    if path.is_dir():
+        with suppress(BadInput):  # damaged: what is intact comes next
+            open_source(path)  # merges the parts of a killed run
+    found = survey(path)
+    file = path / EPISODE if path.is_dir() else path
+    if file.exists() and not found.problems:
+        return (copy_episode(file, target),)
+    saved = save_intact(found, target.parent, target.stem)
+    return tuple(
+        dataclasses.replace(check_episode(file), notes=(note, *found.problems)) for file, note in saved
+    )
+
+
 def copy_episode(path: Path, target: Path) -> Imported:
-    """Checks an episode, or a run's directory, and copies it.
+    """Checks an episode's file and copies it.
 
     Raises:
         BadInput: It is no episode, or one that would mislead.
     """
-    if path.is_dir():
-        open_source(path)  # merges the parts of a killed run
-        path = path / EPISODE
+    checked = check_episode(path)
+    shutil.copyfile(path, target)
+    return dataclasses.replace(checked, path=target, notes=("an episode already: checked and copied",))
+
+
+def check_episode(path: Path) -> Imported:
+    """Checks an episode's file.
+
+    Raises:
+        BadInput: It is no episode, or one that would mislead.
+    """
     table = ParquetTable(path)
     layout = parse_columns(table.names, str(path))
     decode_metadata(table.metadata, str(path), has_effort=bool(layout.joints["effort"]))
@@ -164,16 +193,15 @@ def copy_episode(path: Path, target: Path) -> Imported:
     for chunk in table.chunks([name for name in table.names if is_required(name)]):
         clock.take(Block(chunk.columns[TIME], chunk.columns, chunk.places))
     clock.finish()
-    shutil.copyfile(path, target)
     return Imported(
-        path=target,
+        path=path,
         samples=clock.samples,
         duration=clock.duration,
         rate=clock.rate,
         rate_stated=False,
         joints=len(layout.joints["position"]),
         kinds=tuple(kind for kind in JOINT_KINDS if layout.joints[kind]),
-        notes=("an episode already: checked and copied",),
+        notes=(),
     )
 
 
@@ -282,9 +310,9 @@ def _metadata(
 
 def _import_one(
     recording: RecordingFiles, mapping: ImportMap | None, rate: float | None, target: Path
-) -> Imported:
+) -> tuple[Imported, ...]:
     if mapping is not None:
-        return import_recording(recording, mapping, rate, target)
+        return (import_recording(recording, mapping, rate, target),)
     path = recording.paths[0]
     kind = kind_of(path)
     if kind in ("run", "parquet"):
@@ -292,14 +320,14 @@ def _import_one(
             raise BadInput(
                 f"{path}: it has a time of its own, so --rate {rate:g} has no effect (valid: no --rate)"
             )
-        return copy_episode(path, target)
+        return copy_or_save(path, target)
     if kind not in ("bag", "text"):
         what_it_is = "a folder without a recording" if kind == "folder" else "arrays that no map describes"
         raise BadInput(f"{path}: {what_it_is} (valid: --map FILE, see docs/import.md)")
     text, notes = bag_map(path) if kind == "bag" else recorder_map(path)
     own = parse_map(Path(f"{path} (its own map)"), text)
     own = dataclasses.replace(own, notes=(*own.notes, *notes))
-    return import_recording(recording, own, rate, target)
+    return (import_recording(recording, own, rate, target),)
 
 
 def _refuse_twice(sources: Sequence[Path]) -> None:
@@ -309,14 +337,14 @@ def _refuse_twice(sources: Sequence[Path]) -> None:
             raise BadInput(f"{source}: given twice (valid: each source once)")
 
 
-def _refuse_present(recordings: Sequence[RecordingFiles], out: Path) -> None:
+def _refuse_present(names: Sequence[str], out: Path) -> None:
     existing = _closest_existing(out)
     if not existing.is_dir():
         raise BadInput(
             f"{out}: {existing} is a file, and episodes go into a directory (valid: another --out)"
         )
-    for recording in recordings:
-        target = out / (recording.name + SUFFIX)
+    for name in names:
+        target = out / (name + SUFFIX)
         if target.exists():
             raise BadInput(f"{target}: already there (valid: another --out, or remove it)")
 
