@@ -138,7 +138,7 @@ def update_slipping_palms(plant: PlantState) -> None:
             lever[k] = hand.lever[k] + displacement[i, k] - displacement[held, k]
             hand.angular_deflection[k] += displacement[held, 3 + k] - displacement[i, 3 + k]
         _meet_face(hand, plant.body, plant.body.rotation_now, lever)
-        bound = hand.friction * hand.least_normal_force if hand.depth > 0.0 else 0.0
+        bound = hand.friction * hand.least_normal_force
         _slip_along(hand, plant.body.rotation_now, lever, bound)
         _slip_about(hand, plant.body.rotation_now, bound * hand.palm_radius)
 

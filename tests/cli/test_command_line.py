@@ -136,6 +136,21 @@ def test_a_phase_not_met_is_exit_3_with_the_reason(folder: Path) -> None:
     assert read_episode(folder / "unmet").complete
 
 
+def test_an_unstable_loop_runs_in_a_simulation_that_allows_it(folder: Path) -> None:
+    """At 200 Hz box-hold is refused with its line; allowed, it ends with exit 3, says so, and can be computed again."""
+    found = impedance("run", "box-hold", "--rate", "200", "--out", "no", cwd=folder, code=2)
+    assert "box-hold.yaml:13:7: arms.right.springs" in found.stderr and "unstable" in found.stderr
+    assert not (folder / "no").exists()
+    allowed = ("run", "box-hold", "--rate", "200", "--allow-unstable")
+    found = impedance(*allowed, "--out", "shaken", cwd=folder, code=3)
+    summary, episode = summary_of(folder / "shaken"), read_episode(folder / "shaken")
+    assert summary["allow_unstable"] is True and episode.metadata["allow_unstable"] is True
+    assert summary["reason"] and summary["reason"].split("(")[0] in found.stdout
+    impedance("replay", "--verify", "shaken", cwd=folder)
+    found = impedance(*allowed, "--backend", "baxter", "--out", "real", cwd=folder, code=2)
+    assert "--allow-unstable" in found.stderr
+
+
 def test_the_time_given_to_a_run_ends_it_safely(folder: Path) -> None:
     impedance("run", "short.yaml", "--duration", "0.2", "--out", "timed", cwd=folder)
     assert read_episode(folder / "timed").time[-1] < 0.5

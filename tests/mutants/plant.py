@@ -7,13 +7,17 @@ GRASP = "impedance_modules/plant/grasp.py"
 INTEGRATOR = "impedance_modules/plant/integrator.py"
 JOINTS = "impedance_modules/plant/joints.py"
 LINKS = "impedance_modules/plant/links.py"
+OBJECT = "impedance_modules/plant/rigid_object.py"
+PALM = "impedance_modules/plant/palm.py"
 POINT = "impedance_modules/plant/point_contact.py"
 SENSORS = "impedance_modules/plant/sensors.py"
 SHEET = "impedance_modules/plant/sheet.py"
 WOOD = "impedance_modules/plant/wood.py"
 
 LAWS = ("tests/plant/test_plant_laws.py", "tests/plant/test_plant_equations.py")
-TESTS = dict.fromkeys((EQUATIONS, GRASP, INTEGRATOR, JOINTS, LINKS, POINT, SENSORS, SHEET, WOOD), LAWS)
+PALMS = ("tests/plant/test_palm.py", *LAWS)
+TESTS = dict.fromkeys((EQUATIONS, INTEGRATOR, JOINTS, LINKS, POINT, SENSORS, SHEET, WOOD), LAWS)
+TESTS |= dict.fromkeys((GRASP, OBJECT, PALM), PALMS)
 
 MUTANTS = (
     # Springs, rotors, stops.
@@ -46,12 +50,37 @@ MUTANTS = (
     (POINT, "= -contact.stiffness * stretch - contact.damping * slide", "= -contact.stiffness * stretch"),
     # Grasp and object.
     (GRASP, "            reaction[3 + k] += moment[k]\n", ""),
-    (GRASP, "turn_back(body.rotation_now, stage", "turn(body.rotation_now, stage"),
-    (GRASP, "= body.gravity[k] +", "= -body.gravity[k] +"),
-    (GRASP, "((0, bound), (3, bound * hand.palm_radius))", "((0, 2.0 * bound), (3, bound * hand.palm_radius))"),
-    (GRASP, "hand.normal_force * hand.palm_radius", "hand.normal_force * 2.0 * hand.palm_radius"),
-    (GRASP, "hand.rest_point[k] -= (1.0 - bound / length)", "hand.rest_point[k] += (1.0 - bound / length)"),
-    (GRASP, "(body.step_rotation, body.rotation, body.rotation_now)\n    for r", "(body.rotation, body.step_rotation, body.rotation_now)\n    for r"),
+    (GRASP, "+ hand.linear_damping * rate[k]", "- hand.linear_damping * rate[k]"),
+    (GRASP, "+ hand.angular_damping * spin", "- hand.angular_damping * spin"),
+    (GRASP, "        lever[k] -= deflection[k]\n", ""),
+    (GRASP, "            hand.least_normal_force = math.inf\n", ""),
+    (OBJECT, "turn_back(body.rotation_now, stage", "turn(body.rotation_now, stage"),
+    (OBJECT, "= body.gravity[k] +", "= -body.gravity[k] +"),
+    (OBJECT, "(body.step_rotation, body.rotation, body.rotation_now)\n    for r", "(body.rotation, body.step_rotation, body.rotation_now)\n    for r"),
+    (OBJECT, "gap = half[k] + margin", "gap = half[k] - margin"),
+    (OBJECT, "if gap < depth:", "if gap > depth:"),
+    (OBJECT, "if cap < side:", "if cap > side:"),
+    (OBJECT, "= -1.0 if point[axis] >= 0.0 else 1.0", "= -1.0"),
+    (OBJECT, "half[0] + margin - math.hypot", "half[2] + margin - math.hypot"),
+    # Palms.
+    (PALM, "stretch[k] -= along * hand.normal[k]", "stretch[k] += 0.0 * along"),
+    (PALM, "displacement[i, k] - displacement[held, k]\n    _meet", "displacement[held, k] - displacement[i, k]\n    _meet"),
+    (PALM, "add_cross(lever, plant.twist[held, 3:], velocity)", "add_cross(plant.twist[held, 3:], lever, velocity)"),
+    (PALM, "push + min(max(hand.linear_damping * approach, -push), push)", "max(0.0, push + hand.linear_damping * approach)"),
+    (PALM, "push + min(max(hand.linear_damping * approach, -push), push)", "push - min(max(hand.linear_damping * approach, -push), push)"),
+    (PALM, "hand.linear_stiffness * max(0.0, hand.depth)", "hand.linear_stiffness * abs(hand.depth)"),
+    (PALM, "min(hand.least_normal_force, hand.normal_force)", "hand.normal_force"),
+    (PALM, "            velocity[k] -= approach * normal[k]\n", "            velocity[k] -= 0.0 * approach * normal[k]\n"),
+    (PALM, "plant.grasp_wrench[i, k] -= hand.normal_force * normal[k]", "plant.grasp_wrench[i, k] += hand.normal_force * normal[k]"),
+    (PALM, "bound = hand.friction * hand.normal_force\n", "bound = 2.0 * hand.friction * hand.normal_force\n"),
+    (PALM, "wrench[k] -= hand.linear_damping * slide[k]", "wrench[k] += hand.linear_damping * slide[k]"),
+    (PALM, "(twist[held, 3 + k] - twist[i, 3 + k])\n", "(twist[i, 3 + k] - twist[held, 3 + k])\n"),
+    (PALM, "    _cut(wrench[:3], bound)\n    _cut(wrench[3:], bound * hand.palm_radius)\n    for k", "    for k"),
+    (PALM, "    _cut(wrench[:3], bound)\n    _cut(wrench[3:], bound * hand.palm_radius)\n\n", "\n"),
+    (PALM, "return longest / length if", "return 2.0 * longest / length if"),
+    (PALM, "_slip_about(hand, plant.body.rotation_now, bound * hand.palm_radius)", "_slip_about(hand, plant.body.rotation_now, bound)"),
+    (PALM, "point[k] + share * stretch[k]", "point[k] - share * stretch[k]"),
+    (PALM, "excess[k] = (share - 1.0) *", "excess[k] = (1.0 - share) *"),
     # All together.
     (EQUATIONS, "plant.grasp_wrench[h, r] + plant.push_wrench[h, r]", "plant.grasp_wrench[h, r]"),
     (EQUATIONS, "(stage.position[i] - start.position[i])", "stage.position[i]"),
