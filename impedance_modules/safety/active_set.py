@@ -158,22 +158,24 @@ def _shift_bounds(problem: FilterProblem, active: ActiveSet) -> int:
     """
     n, inside, usable = problem.desired.size, True, is_problem(problem)
     low, high, weight = active.low, active.high, active.weight
+    desired, metric, matrix = problem.desired, problem.metric, problem.matrix
+    lower, upper, penalty, reach = problem.lower, problem.upper, problem.penalty, problem.reach
     for i in range(n):
-        low[i] = -problem.effort_max[i] - problem.desired[i]
-        high[i] = problem.effort_max[i] - problem.desired[i]
-        weight[i] = problem.metric[i, i]
+        low[i] = -problem.effort_max[i] - desired[i]
+        high[i] = problem.effort_max[i] - desired[i]
+        weight[i] = metric[i, i]
         inside = inside and low[i] <= 0.0 <= high[i]
-        usable = usable and problem.metric[i, i] > 0.0
-    for r in range(problem.lower.size):
+        usable = usable and metric[i, i] > 0.0
+    for r in range(lower.size):
         c, value, square, present = n + r, 0.0, 0.0, False
-        hard = problem.penalty[r] == np.inf
-        for j in range(problem.reach[0, r], problem.reach[1, r]):
-            value += problem.matrix[r, j] * problem.desired[j]
-            present = present or problem.matrix[r, j] != 0.0
+        hard = penalty[r] == np.inf
+        for j in range(reach[0, r], reach[1, r]):
+            value += matrix[r, j] * desired[j]
+            present = present or matrix[r, j] != 0.0
             if hard:
-                square += problem.matrix[r, j] * problem.matrix[r, j] / problem.metric[j, j]
-        low[c], high[c] = problem.lower[r] - value, problem.upper[r] - value
-        weight[c] = problem.penalty[r] / problem.kappa[r]
+                square += matrix[r, j] * matrix[r, j] / metric[j, j]
+        low[c], high[c] = lower[r] - value, upper[r] - value
+        weight[c] = penalty[r] / problem.kappa[r]
         if hard:
             weight[c] = 1.0 / square if square > 0.0 else 0.0
         elif not present:
@@ -346,14 +348,14 @@ def _write_change(coupled: IndexMatrix, active: ActiveSet) -> None:
 @compiled
 def _write_values(problem: FilterProblem, active: ActiveSet) -> None:
     """Writes a . d of every constraint that is present."""
-    n = active.change.size
+    n, change, matrix, reach = active.change.size, active.change, problem.matrix, problem.reach
     for i in range(n):
-        active.values[i] = active.change[i]
-    for r in range(problem.matrix.shape[0]):
+        active.values[i] = change[i]
+    for r in range(matrix.shape[0]):
         total = 0.0
         if active.low[n + r] > -np.inf or active.high[n + r] < np.inf:
-            for j in range(problem.reach[0, r], problem.reach[1, r]):
-                total += problem.matrix[r, j] * active.change[j]
+            for j in range(reach[0, r], reach[1, r]):
+                total += matrix[r, j] * change[j]
         active.values[n + r] = total
 
 
@@ -363,20 +365,21 @@ def _holds(problem: FilterProblem, active: ActiveSet) -> bool:
 
     Written so that a comparison with NaN counts as a failure.
     """
-    n, change = active.change.size, active.change
-    for c in range(active.values.size):
-        if active.low[c] == -np.inf and active.high[c] == np.inf:
+    n, change, matrix, reach = active.change.size, active.change, problem.matrix, problem.reach
+    low, high, values, duals = active.low, active.high, active.values, active.duals
+    for c in range(values.size):
+        if low[c] == -np.inf and high[c] == np.inf:
             continue
         terms, slack = abs(change[c]) if c < n else 0.0, 0.0
         if c >= n:
-            for j in range(problem.reach[0, c - n], problem.reach[1, c - n]):
-                terms += abs(problem.matrix[c - n, j] * change[j])
-            slack = active.duals[c] / problem.penalty[c - n]
-        value, allowed = active.values[c] - slack, HOLDS * (terms + abs(slack))
-        if not active.low[c] - allowed <= value <= active.high[c] + allowed:
+            for j in range(reach[0, c - n], reach[1, c - n]):
+                terms += abs(matrix[c - n, j] * change[j])
+            slack = duals[c] / problem.penalty[c - n]
+        value, allowed = values[c] - slack, HOLDS * (terms + abs(slack))
+        if not low[c] - allowed <= value <= high[c] + allowed:
             return False
-        met = active.high[c] if active.duals[c] > 0.0 else active.low[c]
-        if active.duals[c] != 0.0 and not abs(value - met) <= allowed:
+        met = high[c] if duals[c] > 0.0 else low[c]
+        if duals[c] != 0.0 and not abs(value - met) <= allowed:
             return False
     return True
 
@@ -388,20 +391,21 @@ def _sharp(problem: FilterProblem, active: ActiveSet) -> bool:
     Multipliers of nearly parallel rows lose the root of what is left of a row beside the others; a metric loses what is
     left of a joint beside the others when it is divided by.
     """
-    push, change, least, left = 0.0, 0.0, 1.0, 1.0
+    push, square, least, left = 0.0, 0.0, 1.0, 1.0
     for k in range(active.count):
         push += abs(active.multiplier[k])
         least = min(least, active.half[k, k])
     for i in range(active.change.size):
-        left = min(left, active.factor[i, i] / math.sqrt(problem.metric[i, i]))
-        change = max(change, abs(active.change[i]) * math.sqrt(problem.metric[i, i]))
-    lost = ROUNDING * (push / least + change) / (left * left)
+        left = min(left, active.factor[i, i] * active.factor[i, i] / problem.metric[i, i])
+        square = max(square, active.change[i] * active.change[i] * problem.metric[i, i])
+    change = math.sqrt(square)
+    lost = ROUNDING * (push / least + change) / left
     for i in range(active.change.size):
-        size = change / math.sqrt(problem.metric[i, i])
-        scale = max(abs(active.effort[i]), min(size, problem.effort_max[i]))
-        moved = lost / math.sqrt(problem.metric[i, i]) + ROUNDING * abs(problem.desired[i])
-        if abs(active.effort[i]) != problem.effort_max[i] and not moved <= SHARP * scale:
-            return False
+        if abs(active.effort[i]) != problem.effort_max[i]:
+            root = math.sqrt(problem.metric[i, i])
+            scale = max(abs(active.effort[i]), min(change / root, problem.effort_max[i]))
+            if not lost / root + ROUNDING * abs(problem.desired[i]) <= SHARP * scale:
+                return False
     return True
 
 

@@ -62,15 +62,18 @@ class PlainProblem(Record):
 def write_plain(form: ExactForm, size: float, plain: PlainProblem) -> None:
     """Writes a problem in plain floats, bounds in parts of ``size``."""
     n = form.joints
-    plain.metric[:, :] = form.metric
+    for i in range(n):
+        for j in range(n):
+            plain.metric[i, j] = form.metric[i, j]
     for c in range(plain.lower.size):
         # A torque limit stands in the joint's own units, other bounds in those of their row.
         scale = size * form.rows[c, c] if c < n else size
         plain.lower[c] = max(form.low[0, c] / scale, -INFINITE)
         plain.upper[c] = min(form.high[0, c] / scale, INFINITE)
         plain.softness[c] = form.give[0, c] * form.give[0, c]
-        if c >= n:
-            plain.matrix[c - n, :] = form.rows[c]
+        for j in range(n):
+            if c >= n:
+                plain.matrix[c - n, j] = form.rows[c, j]
 
 
 class DaqpSolver(ProvingSolver):

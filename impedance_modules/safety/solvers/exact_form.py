@@ -80,18 +80,27 @@ def make_form(n: int, m: int) -> ExactForm:
 
 @compiled
 def is_problem(problem: FilterProblem) -> bool:
-    """Tells whether all numbers are numbers, bounds are in order and penalties positive; anywhere, used or not."""
-    n, fine, bad = problem.desired.size, True, 0
+    """Tells whether all numbers are numbers, bounds are in order and penalties positive; anywhere, used or not.
+
+    Written so that a comparison with NaN counts as a failure.
+    """
+    n, metric, matrix = problem.desired.size, problem.metric, problem.matrix
+    lower, upper = problem.lower, problem.upper
     for i in range(n):
-        fine = fine and abs(problem.desired[i]) < np.inf and problem.effort_max[i] >= 0.0
+        if not (abs(problem.desired[i]) < np.inf and problem.effort_max[i] >= 0.0):
+            return False
         for j in range(n):
-            bad += not abs(problem.metric[i, j]) < np.inf
-    for r in range(problem.lower.size):
-        fine = fine and problem.lower[r] <= problem.upper[r] and problem.penalty[r] > 0.0
-        fine = fine and problem.lower[r] < np.inf and problem.upper[r] > -np.inf and problem.kappa[r] > 0.0
+            if not abs(metric[i, j]) < np.inf:
+                return False
+    for r in range(lower.size):
+        if not (lower[r] <= upper[r] and lower[r] < np.inf and upper[r] > -np.inf):
+            return False
+        if not (problem.penalty[r] > 0.0 and problem.kappa[r] > 0.0):
+            return False
         for j in range(n):
-            bad += not abs(problem.matrix[r, j]) < np.inf
-    return fine and bad == 0
+            if not abs(matrix[r, j]) < np.inf:
+                return False
+    return True
 
 
 @compiled
@@ -107,8 +116,8 @@ def write_form(problem: FilterProblem, form: ExactForm) -> int:
         return NOT_DEFINITE
     n = form.joints
     for i in range(n):
-        form.rows[i, :] = 0.0
-        form.rows[i, i] = form.unit[i]
+        for j in range(n):
+            form.rows[i, j] = form.unit[i] if i == j else 0.0
         _scale_row(form, i)
         form.give[0, i] = form.give[1, i] = 0.0
         _write_bound(form.low, i, -problem.effort_max[i], (problem.desired[i], 0.0), form.row_unit[i])

@@ -155,7 +155,8 @@ def write_answer(problem: FilterProblem, exact: ExactSearch, effort: Vector, dua
         change = (exact.change[0, i] * exact.form.unit[i], exact.change[1, i] * exact.form.unit[i])
         tau = add((problem.desired[i], 0.0), change)
         effort[i] = min(max(tau[0], -problem.effort_max[i]), problem.effort_max[i])
-    duals[:] = 0.0
+    for c in range(duals.size):
+        duals[c] = 0.0
     for k in range(exact.count):
         c = exact.acting[k]
         side = exact.side[c]
@@ -223,10 +224,11 @@ def _project(exact: ExactSearch) -> Long:
     form, basis, triangle, last = exact.form, exact.basis, exact.triangle, exact.count - 1
     n = form.joints
     for part in range(2):
-        basis[part, last, :n] = exact.rows[part, last]
-        basis[part, last, n : n + last] = 0.0
+        for i in range(n):
+            basis[part, last, i] = exact.rows[part, last, i]
+        for s in range(last):
+            basis[part, last, n + s] = triangle[part, s, last] = 0.0
         basis[part, last, n + last] = form.give[part, exact.acting[last]]
-        triangle[part, :last, last] = 0.0
     for _ in range(2):
         for s in range(last):
             share = _product(basis, s, last, n + s + 1)
@@ -290,7 +292,8 @@ def _leave(exact: ExactSearch, which: int) -> None:
         for part in range(2):
             exact.bound[part, k] = exact.bound[part, k + 1]
             exact.multiplier[part, k] = exact.multiplier[part, k + 1]
-            exact.rows[part, k] = exact.rows[part, k + 1]
+            for i in range(exact.form.joints):
+                exact.rows[part, k, i] = exact.rows[part, k + 1, i]
     for k in range(which, others):
         exact.count = k + 1
         _extend(exact, _project(exact))

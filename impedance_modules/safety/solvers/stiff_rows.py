@@ -83,8 +83,8 @@ def _stack(stiff: StiffRows, rows: Array3, bound: Matrix, give: Matrix, count: i
     """Writes rows and right side, each times its stiffness, stiffest first; then those of |y|^2."""
     n = rows.shape[2]
     smallest = 1.0
-    stiff.taken[:] = 0
     for k in range(count):
+        stiff.taken[k] = 0
         if give[0, k] > 0.0:
             smallest = min(smallest, give[0, k])
     for place in range(count):
@@ -100,8 +100,9 @@ def _stack(stiff: StiffRows, rows: Array3, bound: Matrix, give: Matrix, count: i
         entry = divide((bound[0, stiffest], bound[1, stiffest]), softness)
         stiff.system[0, place, n], stiff.system[1, place, n] = entry
     for i in range(n):
-        stiff.system[:, count + i, :] = 0.0
-        stiff.system[0, count + i, i] = 1.0
+        for j in range(n + 1):
+            stiff.system[0, count + i, j] = 1.0 if i == j else 0.0
+            stiff.system[1, count + i, j] = 0.0
 
 
 @compiled
