@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contact judged from what the hands feel: made, lost, reported, and by how much it was missed."""
+"""Contact judged from the measured wrenches of the hands: made, lost, reported, and by how much it was missed."""
 
 import numpy as np
 import pytest
@@ -23,8 +23,8 @@ def weight(supervisor: Supervisor) -> float:
     return 9.81 * supervisor.controller.modules.held.spec.mass
 
 
-def feel(supervisor: Supervisor, table: float) -> None:
-    """Two hands share an object's weight and a table's push, and feel the squeeze of 15 N."""
+def set_wrenches(supervisor: Supervisor, table: float) -> None:
+    """Two hands share an object's weight, a table's push and the squeeze of 15 N."""
     wrench = supervisor.hand_wrenches.wrench
     wrench[:] = 0.0
     wrench[:, 2] = 0.5 * (table - weight(supervisor))
@@ -40,9 +40,9 @@ def test_an_object_pressed_on_a_table_is_in_contact_until_it_is_lifted(superviso
     lost = ContactLoss(supervisor.controller, supervisor.hand_wrenches)
     # Share by share the weight of 1.2 kg hides 5.9 of the 12 N: that is no loss of contact.
     for table in (0.0, 2.0 * PRESS, 1.1 * PRESS, 2.0 * PRESS):
-        feel(supervisor, table)
+        set_wrenches(supervisor, table)
         assert lost.look() == []
-    feel(supervisor, 0.0)
+    set_wrenches(supervisor, 0.0)
     hands = ("left.hand", "right.hand")
     assert sorted(lost.look()) == [f"force axis z of {hand} lost contact" for hand in hands]
     assert lost.look() == []
@@ -63,7 +63,7 @@ def test_contact_counts_once_it_has_lasted(supervisor: Supervisor, present: bool
     judge, met = judge_of(supervisor, 2.5 * supervisor.hand_wrenches.period, present=present), []
     # Force of the table on the object, look by look: a gap in between starts the count anew.
     for force in (0.0, 9.0, 9.0, 0.0, 9.0, 9.0, 9.0, 0.0, 0.0, 0.0):
-        feel(supervisor, force)
+        set_wrenches(supervisor, force)
         met.append(judge.met())
     assert met == [k == (6 if present else 9) for k in range(10)]
 
@@ -71,7 +71,7 @@ def test_contact_counts_once_it_has_lasted(supervisor: Supervisor, present: bool
 def test_contact_that_did_not_come_says_what_was_felt_and_what_is_asked_for(supervisor: Supervisor) -> None:
     judge = judge_of(supervisor, 0.05)
     for force in (1.0, 5.0, 3.0):
-        feel(supervisor, force)
+        set_wrenches(supervisor, force)
         assert not judge.met()
     told = judge.account()
     assert "3.0 N on object" in told

@@ -117,10 +117,10 @@ def test_what_leaves_is_the_filters_optimum_within_the_budget(assembly) -> None:
             - limits.effort_rate_max * assembly.period
         )
         np.testing.assert_allclose(cycle.problem.lower[controller.layout.rate], lowest, atol=1e-9)
-        spare = max(0.0, controller.tank.level - assembly.tank.floor)
+        available = max(0.0, controller.tank.level - assembly.tank.floor)
         speed = float(np.linalg.norm(cycle.motor.velocity))
         if speed > 0.0:
-            assert cycle.problem.upper[0] * speed * horizon == pytest.approx(spare, rel=1e-9, abs=1e-12)
+            assert cycle.problem.upper[0] * speed * horizon == pytest.approx(available, rel=1e-9, abs=1e-12)
         if controller.changed and limited < 12:
             expected = filter_reference.solve(cycle.problem)
             np.testing.assert_allclose(controller.solution.effort, expected, rtol=1e-6, atol=1e-6)
@@ -128,7 +128,7 @@ def test_what_leaves_is_the_filters_optimum_within_the_budget(assembly) -> None:
         scaled = cycle.effort_scale * controller.solution.effort
         np.testing.assert_allclose(controller.effort, scaled, rtol=1e-12, atol=1e-12)
         needed = float(np.abs(controller.effort) @ assembly.tank.speed_bound) * horizon
-        assert needed <= spare + 1e-9
+        assert needed <= available + 1e-9
         previous = controller.effort.copy()
         np.testing.assert_array_equal(cycle.previous, previous)
     assert limited > 2

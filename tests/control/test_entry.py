@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a run begins on a robot that stands beside the start: no torque, no push, nothing that the tank did not pay."""
+"""How a run begins on a robot that stands beside the start: no jump of torque, no push, no energy from nowhere."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -143,6 +143,6 @@ def tank_after(task: str, late: float, seconds: float) -> Tank:
 
 @pytest.mark.parametrize("task", ["elbow-swing", "hand-over-hand"])
 def test_late_states_do_not_starve_a_shipped_tank(task: str) -> None:
-    quiet, busy = (tank_after(task, late, 2.5) for late in (0.0, 0.2))
-    assert busy.assumed == 0.0
-    assert abs(busy.work - quiet.work) < 0.1
+    punctual, late = (tank_after(task, share, 2.5) for share in (0.0, 0.2))
+    assert late.assumed == 0.0
+    assert abs(late.work - punctual.work) < 0.1

@@ -71,7 +71,7 @@ class ScriptedRobot:
         return FirstState(self._state(), np.zeros(n))
 
     def _state(self) -> RobotState:
-        # The joints' springs are wound by the torque that holds them: motors stand still when links do.
+        # The joints' springs are deflected by the torque that holds them: motors stand still when links do.
         period = self.assembly.period
         return RobotState(self.reads * period, self.q.copy(), self.v.copy(), np.zeros_like(self.q))
 

@@ -202,12 +202,12 @@ def test_damaged_recordings_are_refused_in_a_sentence(tmp_path, kind):
     source = arm_bag(60).write(tmp_path / "log", kind)
     file = source if source.is_file() else next(p for p in source.iterdir() if p.suffix != ".yaml")
     whole = file.read_bytes()
-    dice = np.random.default_rng(3)
+    random = np.random.default_rng(3)
     refused = 0
     for attempt in range(12):
-        damaged = bytearray(whole[: dice.integers(1, len(whole))] if attempt % 2 else whole)
-        for place in dice.integers(0, len(damaged), 20):
-            damaged[place] ^= int(dice.integers(1, 256))
+        damaged = bytearray(whole[: random.integers(1, len(whole))] if attempt % 2 else whole)
+        for place in random.integers(0, len(damaged), 20):
+            damaged[place] ^= int(random.integers(1, 256))
         broken = tmp_path / f"broken-{attempt}{file.suffix}"
         broken.write_bytes(damaged)
         try:

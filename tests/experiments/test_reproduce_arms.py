@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Experiments on the arms: feel of one arm, limits of stiffness, two arms on a box, folding links, water."""
+"""Experiments on the arms: one arm, limits of stiffness, two arms on a box, folding links, water."""
 
 from pathlib import Path
 

@@ -43,13 +43,13 @@ def test_wood_must_feel_smooth_in_both_ways() -> None:
         "band": np.concatenate([np.full(50, 0.12), np.full(50, 0.062)]),
         "friction": np.concatenate([np.full(50, 0.8), np.full(50, 1.3)]),
     }
-    feel = smooth_statistics(smooth)
-    apart, together = feel.worst(smooth), feel.worst(rough)
+    measures = smooth_statistics(smooth)
+    apart, together = measures.worst(smooth), measures.worst(rough)
     bound = set_bound(apart, together)
     assert (apart < bound).all() and not (together < bound).any()
     for measure, scores in smooth.items():
         assert roc_curve(scores, rough[measure]).area < 0.95
     assert roc_curve(apart, together).area == 1.0
-    limits = feel.bounds(bound)
+    limits = measures.bounds(bound)
     both = (rough["band"] < limits["band"]) & (rough["friction"] < limits["friction"])
     assert not both.any() and (smooth["band"] < limits["band"]).all()

@@ -204,10 +204,10 @@ def test_arms_elsewhere_are_refused_or_brought_there_slowly(robot) -> None:
     robot = StubBaxter(SPEC)
     with driving(robot, start=far, approach=True) as drive:
         started(drive)
-        way = np.array([command.values[0] for command in robot.commands if command.mode == POSITION])
-        assert way[-1] == pytest.approx(0.5, abs=ARRIVED)  # it ends by holding where the arm is
-        assert way.max() <= 0.5 + ARRIVED
-        assert (np.diff(way[way < 0.499]) >= -1e-9).all()
+        path = np.array([command.values[0] for command in robot.commands if command.mode == POSITION])
+        assert path[-1] == pytest.approx(0.5, abs=ARRIVED)  # it ends by holding where the arm is
+        assert path.max() <= 0.5 + ARRIVED
+        assert (np.diff(path[path < 0.499]) >= -1e-9).all()
 
 
 def test_an_arm_that_drifts_at_zero_torque_is_not_driven(robot) -> None:
@@ -273,18 +273,20 @@ def test_cpu_idle_states_are_inhibited_during_a_run_only(robot, tmp_path) -> Non
 
 @pytest.mark.parametrize(("pause", "waits"), [(2.0 * PROCESS_PAUSE, True), (0.0, False)])
 def test_after_a_pause_of_the_process_messages_are_read_before_the_watchdog_acts(pause, waits) -> None:
-    naps: list[float] = []
+    pauses: list[float] = []
     seen: list[int] = []
-    dog = Watchdog(lambda: seen.append(len(naps)))
+    checker = Watchdog(lambda: seen.append(len(pauses)))
     clock = iter(k * pause for k in range(1000))
     with (
         mock.patch.object(watchdog.time, "monotonic", lambda: next(clock)),
-        mock.patch.object(watchdog.time, "sleep", naps.append),
-        mock.patch.object(dog._wake, "wait", lambda seconds: setattr(dog, "_stopped", len(seen) == 3)),
+        mock.patch.object(watchdog.time, "sleep", pauses.append),
+        mock.patch.object(
+            checker._wake, "wait", lambda seconds: setattr(checker, "_stopped", len(seen) == 3)
+        ),
     ):
-        dog._watch()
+        checker._watch()
     assert seen == ([1, 2, 3] if waits else [0, 0, 0])
-    assert naps == [CHECK_PERIOD] * (3 if waits else 0)
+    assert pauses == [CHECK_PERIOD] * (3 if waits else 0)
 
 
 class StubSupervisor:

@@ -256,10 +256,10 @@ def test_the_other_arm_may_be_commanded_by_somebody_else(robot) -> None:
 RATE = 200.0
 
 
-def feeling(folder: Path, *, springs_known: bool) -> Assembly:
-    """``touch-and-stop``, two seconds of feeling long, and nothing there to be felt."""
+def contact_task(folder: Path, *, springs_known: bool) -> Assembly:
+    """``touch-and-stop``, two seconds long, and nothing there to touch."""
     text = find_task("touch-and-stop").read_text()
-    task = folder / "feel.yaml"
+    task = folder / "contact.yaml"
     task.write_text(text.replace("duration: 6,", "duration: 2,"))
     assert task.read_text() != text
     effects = PATCH if springs_known else None
@@ -274,12 +274,12 @@ def at_rest(assembly: Assembly, effects: Path | None = None, springs=SPRINGS) ->
 
 
 def test_a_robot_whose_springs_the_model_lacks_is_refused_with_the_remedy(tmp_path: Path) -> None:
-    assembly = feeling(tmp_path, springs_known=False)
+    assembly = contact_task(tmp_path, springs_known=False)
     results = contact_checks(assembly, at_rest(assembly).read())
     with pytest.raises(RobotRefused, match=r"right_s1 measures .* --effects .*counterbalance-springs.yaml"):
         refuse_failed(results, commanding=True)
     # Springs of other numbers than the patch's, and exactly the patch's.
-    known = feeling(tmp_path, springs_known=True)
+    known = contact_task(tmp_path, springs_known=True)
     for simulator in (at_rest(known), at_rest(known, effects=PATCH, springs={})):
         (result,) = contact_checks(known, simulator.read())
         assert result.passed, result
@@ -290,7 +290,7 @@ def test_a_task_that_waits_for_no_contact_is_not_asked() -> None:
     assert contact_checks(assembly, at_rest(assembly).read()) == ()
 
 
-def feel(assembly: Assembly, out: Path, push: float = 0.0) -> tuple[str, dict[str, float]]:
+def run_task(assembly: Assembly, out: Path, push: float = 0.0) -> tuple[str, dict[str, float]]:
     """Why the run ended, and how long its phases took [s]; a person pushes the palm after half a second."""
 
     def prepare(simulator: LockstepSimulator) -> None:
@@ -305,10 +305,10 @@ def feel(assembly: Assembly, out: Path, push: float = 0.0) -> tuple[str, dict[st
 
 
 def test_contact_is_detected_at_the_hand_and_not_from_the_springs(tmp_path: Path) -> None:
-    known = feeling(tmp_path, springs_known=True)
-    reason, _ = feel(known, tmp_path / "nothing")
+    known = contact_task(tmp_path, springs_known=True)
+    reason, _ = run_task(known, tmp_path / "nothing")
     assert "no contact within its 2 s" in reason
-    _, ended = feel(known, tmp_path / "pushed", push=9.0)
+    _, ended = run_task(known, tmp_path / "pushed", push=9.0)
     assert 0.4 < ended["feel"] < 0.8, ended
-    _, ended = feel(feeling(tmp_path, springs_known=False), tmp_path / "unknown")
+    _, ended = run_task(contact_task(tmp_path, springs_known=False), tmp_path / "unknown")
     assert ended["feel"] < 0.2

@@ -290,7 +290,7 @@ def test_a_silent_node_counts_as_running(socket_world: World, master: str) -> No
 
 @pytest.fixture
 def not_under_nohup() -> Iterator[None]:
-    """Has programs started meanwhile heed SIGHUP, also where the tests themselves run under ``nohup``."""
+    """Lets SIGHUP end programs started meanwhile, also where the tests themselves run under ``nohup``."""
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGHUP, before)
