@@ -157,6 +157,15 @@ def test_baxter_has_a_start_from_which_its_heaviest_joint_may_move() -> None:
     assert {"ladder", "reversals", "chirp"} <= set(safe)
 
 
+def test_joints_that_no_recording_had_are_asked_about_as_well() -> None:
+    found = answer(*PAIRS[0])
+    gaps = [gap for gap in found["gap"]["per_port"] if gap["joint"] == JOINT]
+    nothing_open = {**found, "gap": {"per_port": gaps}, "causes": []}
+    probe = propose_probe(nothing_open, model_of_spec(SPEC, [JOINT, "port_bend"]), SPEC.urdf, None)
+    assert {question.joints for question in probe.request.questions} == {(JOINT,), ("port_bend",)}
+    assert all(expected.separation.chi_square > 0.0 for expected in probe.proposal.expected)
+
+
 def test_a_rival_of_bodies_is_a_question_about_its_link_and_minor_causes_are_none() -> None:
     open_one = answer("torque_offset", "link", {"c": (3.0, "N.m")}, "payload")
     slight = {**open_one, "causes": [{**open_one["causes"][0], "weight": 0.001}]}

@@ -27,6 +27,7 @@ from impedance_modules.diagnosis.experiment_design.probe_questions import (
     ProbeRequest,
     general_request,
     request_of_diagnosis,
+    with_assumed_noise,
 )
 from impedance_modules.diagnosis.experiment_design.separation import (
     RATE,
@@ -91,7 +92,7 @@ def propose_probe(
     request = (
         general_request(model.joints, _assumed(limits))
         if answer is None
-        else request_of_diagnosis(answer, model.tree)
+        else with_assumed_noise(request_of_diagnosis(answer, model.tree), _assumed(limits))
     )
     clearance = None if spec is None else Clearance(spec, model.joints)
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)

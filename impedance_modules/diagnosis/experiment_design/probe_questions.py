@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
@@ -130,6 +130,21 @@ def general_request(joints: Sequence[str], noise: Mapping[tuple[Residual, str], 
     residuals = tuple(dict.fromkeys(name for name, _ in noise))
     gap = {joint: UNKNOWN_GAP * size for (_, joint), size in noise.items()}
     return ProbeRequest("see every joint in every way", general_questions(joints), residuals, noise, {}, gap)
+
+
+def with_assumed_noise(request: ProbeRequest, assumed: Mapping[tuple[Residual, str], float]) -> ProbeRequest:
+    """Adds what is assumed of joints that the diagnosed recordings lack, so that they can be asked about, too.
+
+    Args:
+        request: Of a diagnosis.
+        assumed: (residual, joint) -> rms of a torque's noise [N.m], of every joint of the model.
+    """
+    seen = {joint for _, joint in request.noise}
+    sizes = {joint: size for (_, joint), size in assumed.items() if joint not in seen}
+    torques = [residual for residual in request.residuals if residual != "velocity"]
+    noise = {(residual, joint): size for joint, size in sizes.items() for residual in torques}
+    gap = {joint: UNKNOWN_GAP * size for joint, size in sizes.items()}
+    return replace(request, noise={**request.noise, **noise}, gap={**request.gap, **gap})
 
 
 def general_questions(joints: Sequence[str]) -> tuple[ProbeQuestion, ...]:
