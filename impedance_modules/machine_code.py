@@ -148,11 +148,27 @@ def _hand_out(_: RecordType, pointer: Any, c: Any) -> Any:
     return record
 
 
-_UNREADABLE = (pickle.UnpicklingError, AttributeError, ImportError, EOFError, TypeError, ValueError, KeyError)
+_UNREADABLE = (
+    pickle.UnpicklingError,
+    AttributeError,
+    ImportError,
+    EOFError,
+    OSError,
+    TypeError,
+    ValueError,
+    KeyError,
+    IndexError,
+)
 
 
 class _Index(IndexDataCacheFile):
-    """What is kept of one law; one that cannot be read, as from an older text of this file, is empty."""
+    """What is kept of one law; what cannot be read, cut off or from an older text of this file, is not there."""
+
+    def load(self, key: Any) -> Any:
+        """Returns what is kept under a key, None where there is nothing."""
+        with contextlib.suppress(*_UNREADABLE):
+            return super().load(key)
+        return None
 
     def _load_index(self) -> dict[Any, str]:
         with contextlib.suppress(*_UNREADABLE):
