@@ -158,24 +158,22 @@ def _shift_bounds(problem: FilterProblem, active: ActiveSet) -> int:
     """
     n, inside, usable = problem.desired.size, True, is_problem(problem)
     low, high, weight = active.low, active.high, active.weight
-    desired, metric, matrix = problem.desired, problem.metric, problem.matrix
-    lower, upper, penalty, reach = problem.lower, problem.upper, problem.penalty, problem.reach
     for i in range(n):
-        low[i] = -problem.effort_max[i] - desired[i]
-        high[i] = problem.effort_max[i] - desired[i]
-        weight[i] = metric[i, i]
+        low[i] = -problem.effort_max[i] - problem.desired[i]
+        high[i] = problem.effort_max[i] - problem.desired[i]
+        weight[i] = problem.metric[i, i]
         inside = inside and low[i] <= 0.0 <= high[i]
-        usable = usable and metric[i, i] > 0.0
-    for r in range(lower.size):
+        usable = usable and problem.metric[i, i] > 0.0
+    for r in range(problem.lower.size):
         c, value, square, present = n + r, 0.0, 0.0, False
-        hard = penalty[r] == np.inf
-        for j in range(reach[0, r], reach[1, r]):
-            value += matrix[r, j] * desired[j]
-            present = present or matrix[r, j] != 0.0
+        hard = problem.penalty[r] == np.inf
+        for j in range(problem.reach[0, r], problem.reach[1, r]):
+            value += problem.matrix[r, j] * problem.desired[j]
+            present = present or problem.matrix[r, j] != 0.0
             if hard:
-                square += matrix[r, j] * matrix[r, j] / metric[j, j]
-        low[c], high[c] = lower[r] - value, upper[r] - value
-        weight[c] = penalty[r] / problem.kappa[r]
+                square += problem.matrix[r, j] * problem.matrix[r, j] / problem.metric[j, j]
+        low[c], high[c] = problem.lower[r] - value, problem.upper[r] - value
+        weight[c] = problem.penalty[r] / problem.kappa[r]
         if hard:
             weight[c] = 1.0 / square if square > 0.0 else 0.0
         elif not present:
@@ -348,14 +346,14 @@ def _write_change(coupled: IndexMatrix, active: ActiveSet) -> None:
 @compiled
 def _write_values(problem: FilterProblem, active: ActiveSet) -> None:
     """Writes a . d of every constraint that is present."""
-    n, change, matrix, reach = active.change.size, active.change, problem.matrix, problem.reach
+    n = active.change.size
     for i in range(n):
-        active.values[i] = change[i]
-    for r in range(matrix.shape[0]):
+        active.values[i] = active.change[i]
+    for r in range(problem.matrix.shape[0]):
         total = 0.0
         if active.low[n + r] > -np.inf or active.high[n + r] < np.inf:
-            for j in range(reach[0, r], reach[1, r]):
-                total += matrix[r, j] * change[j]
+            for j in range(problem.reach[0, r], problem.reach[1, r]):
+                total += problem.matrix[r, j] * active.change[j]
         active.values[n + r] = total
 
 
@@ -365,21 +363,20 @@ def _holds(problem: FilterProblem, active: ActiveSet) -> bool:
 
     Written so that a comparison with NaN counts as a failure.
     """
-    n, change, matrix, reach = active.change.size, active.change, problem.matrix, problem.reach
-    low, high, values, duals = active.low, active.high, active.values, active.duals
-    for c in range(values.size):
-        if low[c] == -np.inf and high[c] == np.inf:
+    n, change = active.change.size, active.change
+    for c in range(active.values.size):
+        if active.low[c] == -np.inf and active.high[c] == np.inf:
             continue
         terms, slack = abs(change[c]) if c < n else 0.0, 0.0
         if c >= n:
-            for j in range(reach[0, c - n], reach[1, c - n]):
-                terms += abs(matrix[c - n, j] * change[j])
-            slack = duals[c] / problem.penalty[c - n]
-        value, allowed = values[c] - slack, HOLDS * (terms + abs(slack))
-        if not low[c] - allowed <= value <= high[c] + allowed:
+            for j in range(problem.reach[0, c - n], problem.reach[1, c - n]):
+                terms += abs(problem.matrix[c - n, j] * change[j])
+            slack = active.duals[c] / problem.penalty[c - n]
+        value, allowed = active.values[c] - slack, HOLDS * (terms + abs(slack))
+        if not active.low[c] - allowed <= value <= active.high[c] + allowed:
             return False
-        met = high[c] if duals[c] > 0.0 else low[c]
-        if duals[c] != 0.0 and not abs(value - met) <= allowed:
+        met = active.high[c] if active.duals[c] > 0.0 else active.low[c]
+        if active.duals[c] != 0.0 and not abs(value - met) <= allowed:
             return False
     return True
 

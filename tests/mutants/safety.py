@@ -14,7 +14,7 @@ TESTS = {
     PORT: (T + "tank.py", T + "tank_ledger.py", T + "sensing_charge.py"),
     ROWS: (T + "filter_problem.py", T + "rows.py"),
     METRIC: (T + "filter_metric.py",),
-    ACTIVE: (T + "active_set.py", T + "degenerate_problems.py"),
+    ACTIVE: (T + "active_set.py", T + "certificate.py"),
     STOP: (T + "stop_levels.py",),
     LIMITS: (T + "limits.py",),
     PROBLEM: (T + "filter_problem.py", T + "filter.py"),
