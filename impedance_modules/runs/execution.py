@@ -141,10 +141,19 @@ def carry_out(
             found = files.close(options.out, interrupted=interrupt.asked)
     if not recorder.writer.rows:
         raise SafetyStop(f"nothing moved: {supervisor.reason or 'the run ended before its first cycle'}")
-    drawn = read_episode(options.out, PICTURE_KINDS, most_samples=PICTURE_SAMPLES)
-    with recorded(options.out / PICTURE):
-        write_picture(drawn, options.out / PICTURE)
+    draw_run(options.out)
     return RunResult(supervisor.ending, supervisor.reason, interrupt.asked, options.out, found)
+
+
+def draw_run(directory: Path) -> None:
+    """Draws the picture of a run whose episode is written.
+
+    Raises:
+        NotRecorded: It cannot be written.
+    """
+    drawn = read_episode(directory, PICTURE_KINDS, most_samples=PICTURE_SAMPLES)
+    with recorded(directory / PICTURE):
+        write_picture(drawn, directory / PICTURE)
 
 
 class _Files:

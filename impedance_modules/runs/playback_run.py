@@ -9,6 +9,7 @@ is done on the built-in plant only.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,6 @@ from impedance_modules.episode.columns import joint_columns, pose_columns, wrenc
 from impedance_modules.episode.metadata import episode_metadata, library_versions
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_folder import write_summary
-from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput, PlantNotFinite
 from impedance_modules.plant.joint_servos import DrivenPlant
@@ -33,7 +33,7 @@ from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.plant.playback import TICK, JointPath, Playback, PlaybackMode
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.execution import RunOptions, carry_out
+from impedance_modules.runs.execution import RunOptions, carry_out, draw_run
 from impedance_modules.runs.recorder import write_poses
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.spec.task import TaskPlayback
@@ -120,30 +120,43 @@ def play_back(
     Raises:
         ImpedanceError: The files cannot be written.
     """
-    state = playback.start()
-    recorder = _Recorder(assembly, playback, options)
+    first = playback.start()
+    recorder, interrupt = _Recorder(assembly, playback, options), Interrupt()
+    with ExitStack() as ending:
+        ending.callback(recorder.abandon)
+        with interrupt.listening():
+            recorder.add(first)
+            _play(assembly, playback, options, recorder, interrupt, on_progress)
+        summary = recorder.close(interrupted=interrupt.asked)
+    draw_run(options.out)
+    return PlaybackResult(playback.stopped, interrupt.asked, options.out, summary)
+
+
+def _play(
+    assembly: Assembly,
+    playback: Playback,
+    options: RunOptions,
+    recorder: _Recorder,
+    interrupt: Interrupt,
+    on_progress: Callable[[float, str], None],
+) -> None:
+    """Plays on and records until the path or its time ends, somebody interrupts, or the robot stops."""
     end = (
         playback.path.duration if options.duration is None else min(options.duration, playback.path.duration)
     )
     every = max(1, round(assembly.period / TICK))
-    interrupt, ticks = Interrupt(), 0
-    with interrupt.listening():
-        recorder.add(state)
-        while not (playback.done or interrupt.asked or playback.now >= end - 0.5 * TICK):
-            try:
-                state = playback.tick()
-            except PlantNotFinite as stop:
-                playback.stopped = str(stop)
-                break
-            ticks += 1
-            if ticks % every == 0:
-                recorder.add(state)
-            if ticks % 100 == 0:
-                on_progress(playback.now, PHASE)
-    summary = recorder.close(interrupted=interrupt.asked)
-    episode = read_episode(options.out, PICTURE_KINDS)
-    write_picture(episode, options.out / "picture.png")
-    return PlaybackResult(playback.stopped, interrupt.asked, options.out, summary)
+    ticks = 0
+    while not (playback.done or interrupt.asked or playback.now >= end - 0.5 * TICK):
+        try:
+            state = playback.tick()
+        except PlantNotFinite as stop:
+            playback.stopped = str(stop)
+            break
+        ticks += 1
+        if ticks % every == 0:
+            recorder.add(state)
+        if ticks % 100 == 0:
+            on_progress(playback.now, PHASE)
 
 
 class _Recorder:
@@ -215,6 +228,10 @@ class _Recorder:
             wrench.ravel(),
         )
         self._writer.append(np.concatenate([[state.time], *parts, paused]), PHASE)
+
+    def abandon(self) -> None:
+        """Gives the directory back; what was recorded stays as parts."""
+        self._writer.abandon()
 
     def close(self, *, interrupted: bool) -> dict[str, Any]:
         """Merges the episode and writes the summary."""

@@ -20,7 +20,7 @@ use_machine_code()
 print(laws.fill_all(laws.new().tank, 0.25), laws.__file__, len(laws.fill_all.machine_code.stats.cache_hits))
 """
 
-PACKAGES = ("impedance_modules", "tests/support")
+PACKAGES = ("impedance_modules", "tests/support", "tasks", "robots", "schemas")
 
 
 @pytest.fixture
@@ -48,12 +48,14 @@ def as_a_user() -> list[str]:
     return ["setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all"]
 
 
-def run(folder: Path, *before: str, **environment: str) -> subprocess.CompletedProcess[str]:
+def run(
+    folder: Path, *before: str, words: tuple[str, ...] = ("-c", PROGRAM), **environment: str
+) -> subprocess.CompletedProcess[str]:
     kept = {
         name: value for name, value in os.environ.items() if not name.startswith(("XDG_", "NUMBA_", "HOME"))
     }
     return subprocess.run(
-        [*before, sys.executable, "-c", PROGRAM],
+        [*before, sys.executable, *words],
         cwd=folder,
         env={**kept, "PYTHONPATH": str(folder), **environment},
         capture_output=True,
@@ -70,6 +72,26 @@ def test_without_any_place_to_keep_code_laws_are_compiled_and_not_kept(installed
     assert ended.returncode == 0, ended.stderr
     number, where, hits = ended.stdout.split()
     assert where.startswith(str(folder)) and hits == "0" and np.isfinite(float(number))
+    assert list(place.iterdir()) == [] and not list(folder.rglob("*.nbi"))
+
+
+@pytest.mark.long
+def test_a_run_without_any_place_to_keep_code_is_a_run(installed, tmp_path):
+    folder, place = installed
+    words = (
+        "-m",
+        "impedance_modules",
+        "run",
+        "soft-hold",
+        "--duration",
+        "0.3",
+        "--out",
+        str(tmp_path / "run"),
+    )
+    ended = run(folder, *as_a_user(), words=words, HOME=str(place))
+    assert ended.returncode == 0, ended.stderr
+    names = {"episode.parquet", "picture.png", "recording.rrd", "summary.json"}
+    assert {path.name for path in (tmp_path / "run").iterdir()} == names
     assert list(place.iterdir()) == [] and not list(folder.rglob("*.nbi"))
 
 
