@@ -218,7 +218,8 @@ def open_session(robot: StubBaxter) -> Iterator[Session]:
         try:
             yield found
         finally:
-            found.close()
+            found.link.close()
+            found.transport.close()
 
 
 SPEC = read_task("joint-springs")[1]

@@ -69,10 +69,6 @@ class Power:
         self.state: AssemblyState | None = None
         self._subscription = transport.subscribe(topics.ROBOT_STATE, AssemblyState, self._on_state)
 
-    def close(self) -> None:
-        """Stops listening."""
-        self._subscription.close()
-
     def wait(self) -> AssemblyState:
         """Waits for the robot's state.
 

@@ -97,11 +97,6 @@ class Session:
         stops = Stops(thresholds, {name: limb.joints for name, limb in limbs.items()})
         return BaxterBackend(self.link, limbs, stops, options, check)
 
-    def close(self) -> None:
-        """Stops listening and withdraws from the network."""
-        self.link.close()
-        self.transport.close()
-
 
 class DeferredSession:
     """A session that begins while a task is assembled: the task names the robot folder that it is compared with."""
