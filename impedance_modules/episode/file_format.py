@@ -118,12 +118,15 @@ def write_merged(path: Path, tables: Iterator[pa.Table], schema: pa.Schema) -> N
         held: list[pa.Table] = []
         for table in tables:
             held.append(table.replace_schema_metadata(schema.metadata))
-            while sum(map(len, held)) >= ROWS_PER_GROUP:
-                together = pa.concat_tables(held)
-                file.write(together.slice(0, ROWS_PER_GROUP))
-                held = [together.slice(ROWS_PER_GROUP)]
+            if sum(map(len, held)) < ROWS_PER_GROUP:
+                continue
+            together = pa.concat_tables(held)
+            whole = len(together) - len(together) % ROWS_PER_GROUP
+            for first in range(0, whole, ROWS_PER_GROUP):
+                file.write(together.slice(first, ROWS_PER_GROUP).combine_chunks())
+            held = [together.slice(whole)]
         if sum(map(len, held)):
-            file.write(pa.concat_tables(held))
+            file.write(pa.concat_tables(held).combine_chunks())
 
 
 def merge_parts(directory: Path, metadata: Mapping[str, Any] | None) -> Path:
@@ -188,7 +191,7 @@ def _read(path: Path) -> pa.Table:
         tables = [table for group in groups for table in part.tables(group, ROWS_PER_GROUP)]
     except UNREADABLE as error:
         raise BadInput(f"{path}: damaged part of an episode: {error}") from error
-    return pa.concat_tables([part.schema.empty_table(), *tables])
+    return pa.concat_tables(tables) if tables else part.schema.empty_table()
 
 
 def _array(name: str, values: NDArray[np.float64] | Sequence[str | None]) -> pa.Array:

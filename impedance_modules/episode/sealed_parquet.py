@@ -17,9 +17,11 @@ column of every row group. Files of other programs have none, and are read all t
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from types import TracebackType
@@ -146,28 +148,27 @@ class CheckedFile:
             One of `UNREADABLE`: It is damaged.
         """
         self._check(group, range(len(self.schema.names)))
+        if self.metadata.row_group(group).num_rows <= rows:
+            yield self._file.read_row_group(group, use_threads=False)
+            return
         for batch in self._file.iter_batches(rows, row_groups=[group], use_threads=False):
             yield pa.Table.from_batches([batch], schema=self.schema)
 
     def _bytes(self, first: int, stop: int) -> bytes:
         with self._path.open("rb", buffering=0) as stream:
-            stream.seek(self._start + first)
-            return stream.read(stop - first)
+            return _read(stream, self._start, first, stop)
 
     def _check(self, group: int, columns: Iterable[int]) -> None:
         """Compares the bytes of columns with their checksums, where the file has any."""
         if not self._checksums:
             return
-        width = len(self.schema.names)
-        for number in columns:
-            at = _CHECKSUM * (group * width + number)
-            if (
-                _checksum(self._bytes, self.metadata.row_group(group).column(number))
-                != self._checksums[at : at + _CHECKSUM]
-            ):
-                raise pa.ArrowInvalid(
-                    f"column '{self.schema.names[number]}' is damaged: the checksum differs"
-                )
+        said, names = self.metadata.row_group(group), self.schema.names
+        with self._path.open("rb", buffering=0) as stream:
+            for number in columns:
+                at = _CHECKSUM * (group * len(names) + number)
+                found = _checksum(partial(_read, stream, self._start), said.column(number))
+                if found != self._checksums[at : at + _CHECKSUM]:
+                    raise pa.ArrowInvalid(f"column '{names[number]}' is damaged: the checksum differs")
 
 
 def encode_block(table: pa.Table, **encoding: Any) -> bytes:
@@ -177,7 +178,7 @@ def encode_block(table: pa.Table, **encoding: Any) -> bytes:
     with _writer(sink, table.schema, encoding) as writer:
         writer.write_table(table, row_group_size=max(1, len(table)))
         _note(writer, b"0" * (width * _CHECKSUM))
-    data = sink.getvalue().to_pybytes()
+    data: bytes = sink.getvalue().to_pybytes()
     footer = _footer_before(_from(data), len(data))
     group = _parse(footer).row_group(0)
     found = b"".join(_checksum(_from(data), group.column(number)) for number in range(width))
@@ -209,6 +210,11 @@ def _writer(sink: pa.NativeFile, schema: pa.Schema, encoding: Mapping[str, Any])
 
 def _note(writer: pq.ParquetWriter, checksums: bytes) -> None:
     writer.add_key_value_metadata({SEAL.decode(): (b"0" * _DIGEST + checksums).decode()})
+
+
+def _read(stream: io.FileIO, start: int, first: int, stop: int) -> bytes:
+    stream.seek(start + first)
+    return stream.read(stop - first)
 
 
 def _from(content: bytes | mmap) -> Callable[[int, int], bytes]:
