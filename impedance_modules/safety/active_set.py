@@ -164,6 +164,8 @@ def _shift_bounds(problem: FilterProblem, active: ActiveSet) -> int:
         weight[i] = problem.metric[i, i]
         inside = inside and low[i] <= 0.0 <= high[i]
         usable = usable and problem.metric[i, i] > 0.0
+    if not usable:
+        return UNDECIDED
     for r in range(problem.lower.size):
         c, value, square, present = n + r, 0.0, 0.0, False
         hard = problem.penalty[r] == np.inf
@@ -361,6 +363,7 @@ def _write_values(problem: FilterProblem, active: ActiveSet) -> None:
 def _holds(problem: FilterProblem, active: ActiveSet) -> bool:
     """Whether every row holds but for its slack, and is met where it acts, to HOLDS of its own terms.
 
+    A hard row must hold of the torque as it leaves as well: next to a demand of 1e15 N.m a limit of 50 N.m is nothing.
     Written so that a comparison with NaN counts as a failure.
     """
     n, change = active.change.size, active.change
@@ -378,12 +381,24 @@ def _holds(problem: FilterProblem, active: ActiveSet) -> bool:
         met = active.high[c] if active.duals[c] > 0.0 else active.low[c]
         if active.duals[c] != 0.0 and not abs(value - met) <= allowed:
             return False
+        if c >= n and problem.penalty[c - n] == np.inf and not _obeys(problem, active.effort, c - n):
+            return False
     return True
 
 
 @compiled
+def _obeys(problem: FilterProblem, effort: Vector, r: int) -> bool:
+    """Whether a torque obeys a hard row."""
+    value, terms = 0.0, 0.0
+    for j in range(effort.size):
+        value += problem.matrix[r, j] * effort[j]
+        terms += abs(problem.matrix[r, j] * effort[j])
+    return problem.lower[r] - HOLDS * terms <= value <= problem.upper[r] + HOLDS * terms
+
+
+@compiled
 def _sharp(problem: FilterProblem, active: ActiveSet) -> bool:
-    """Whether rounding can have moved no joint's torque by more than SHARP of its own scale.
+    """Whether neither rounding nor a breach that counts as none can have moved a joint's torque by SHARP of its scale.
 
     Multipliers of nearly parallel rows lose the root of what is left of a row beside the others; a metric loses what is
     left of a joint beside the others when it is divided by.
@@ -396,9 +411,9 @@ def _sharp(problem: FilterProblem, active: ActiveSet) -> bool:
         left = min(left, active.factor[i, i] * active.factor[i, i] / problem.metric[i, i])
         square = max(square, active.change[i] * active.change[i] * problem.metric[i, i])
     change = math.sqrt(square)
-    lost = ROUNDING * (push / least + change) / left
+    lost = ROUNDING * (push / least + change) / left + TOLERANCE * change
     for i in range(active.change.size):
-        if abs(active.effort[i]) != problem.effort_max[i]:
+        if problem.effort_max[i] > 0.0:
             root = math.sqrt(problem.metric[i, i])
             scale = max(abs(active.effort[i]), min(change / root, problem.effort_max[i]))
             if not lost / root + ROUNDING * abs(problem.desired[i]) <= SHARP * scale:

@@ -46,13 +46,13 @@ def test_many_degenerate_problems_are_certified() -> None:
 def test_long_rows_with_small_penalties_get_no_wrong_certificate() -> None:
     """Their breach in units of the penalty says nothing."""
     random, counted = np.random.default_rng(11), 0
-    for _ in range(100):
+    for _ in range(150):
         problem = spoiled(random, row_scales if random.random() < 0.5 else several, 4, 0.0)
         claimed = certified(problem)
         if claimed is not None:
             counted += 1
             check(problem, claimed, exact_filter.solve(problem))
-    assert counted > 15
+    assert counted > 10
 
 
 def test_rows_of_zeros_neither_act_nor_hinder() -> None:
@@ -109,3 +109,18 @@ def test_nothing_is_certified_of_what_is_no_number(field: str) -> None:
 
 def test_a_calm_problem_is_inside() -> None:
     assert solve(calm(), make_active_set(fp.N, fp.LAYOUT.m))[0] == INSIDE
+
+
+@pytest.mark.parametrize("hard", [True, False])
+def test_a_huge_demand_does_not_hide_a_broken_row(hard: bool) -> None:
+    """Two joints at their limits of 50 N.m, where a row allows 45 N.m; seen from 1e15 N.m the rest is rounding."""
+    problem = fp.changed(fp.blank(), effort_max=np.full(fp.N, 50.0))
+    row = 0 if hard else 1
+    problem.matrix[row] = 0.0
+    problem.matrix[row, 0] = 1.0
+    problem.upper[row], problem.penalty[row] = 45.0, np.inf if hard else 1e25
+    for demand in (60.0, 1e3, 1e6, 1e10, 1e15):
+        problem.desired[:2] = demand
+        claimed = certified(problem)
+        assert claimed is None or claimed[0][0] == pytest.approx(45.0, rel=1e-9)
+        assert claimed is not None or demand > 100.0

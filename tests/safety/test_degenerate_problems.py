@@ -15,7 +15,7 @@ from tests.reference import exact_filter
 from tests.reference.exact_filter import FLAT, OPTIMUM, TOUCHING
 from tests.support import filter_problems as fp
 from tests.support.both_ways import machine_code  # noqa: F401
-from tests.support.degenerate_problems import FAMILIES, SPOILERS, Spoiler, small, spoiled
+from tests.support.degenerate_problems import FAMILIES, SPOILERS, Spoiler, contradicting_power, small, spoiled
 from tests.support.filter_answers import FIELDS, calm, check, in_other_units, scale_of
 
 pytestmark = pytest.mark.usefixtures("machine_code")
@@ -86,9 +86,8 @@ def test_a_row_said_twice_with_half_the_penalty_is_the_same_row(name: str) -> No
     for _ in range(15):
         problem = small(random)
         n, m = problem.desired.size, problem.lower.size
-        layout = FilterLayout(
-            tuple(f"j{i}" for i in range(n)), tuple(f"p{i}" for i in range(2 * m - 1 - 3 * n))
-        )
+        joints = tuple(f"j{i}" for i in range(n))
+        layout = FilterLayout(joints, tuple(f"p{i}" for i in range(2 * m - FilterLayout(joints, ()).m)))
         twice = make_problem(layout, problem.effort_max)
         twice.desired[:], twice.metric[:] = problem.desired, problem.metric
         for array, of in (
@@ -137,3 +136,11 @@ def test_a_demand_of_a_hundred_million_is_met_by_the_limits(solvers: dict[str, S
         for solver in solvers.values():
             answer = solved(solver, problem)
             check(problem, answer, exact_filter.solve(problem))
+
+
+def test_hard_limits_that_contradict_each_other_are_called_that(solvers: dict[str, Solver]) -> None:
+    random = np.random.default_rng(12)
+    for _ in range(10):
+        problem = spoiled(random, contradicting_power, 4, 0.0)
+        for solver in solvers.values():
+            assert "contradict" in solver.solve(problem).status

@@ -36,6 +36,8 @@ def small(rng: Random, largest: int = 6) -> FilterProblem:
     problem.upper[POWER_ROW] = rng.choice([0.0, 1.0, 10.0, 1e3])
     problem.matrix[layout.distance] = rng.normal(size=(pairs, n)) * 0.3
     problem.matrix[layout.position] = problem.matrix[layout.velocity] = problem.metric
+    empty = ~problem.matrix.any(axis=1)
+    problem.matrix[empty] = rng.normal(size=(int(empty.sum()), n))
     soft = slice(1, layout.m)
     room = 10.0 ** rng.uniform(-1.0, 2.0, layout.m)[soft]
     middle = problem.matrix[soft] @ (rng.uniform(-1.0, 1.0, n) * effort)

@@ -37,8 +37,13 @@ from impedance_modules.safety.solvers.stiff_rows import StiffRows, make_stiff_ro
 PROVEN, CONTRADICTORY, UNPROVEN = range(3)
 """How a search ended: the optimum; hard bounds contradict each other; neither could be shown."""
 
-TOLERANCE = 1e-12
-"""Most that a constraint may be broken in the end, as a part of the terms of its own sum."""
+TOLERANCE = 1e-20
+"""Most that a constraint may be broken in the end, as a part of the terms of its own sum.
+
+Far below a float's rounding: demands of 1e15 N.m must not hide that a limit of 50 N.m is broken."""
+
+CARRIED = 1e-12
+"""Most that the multipliers may miss of the change's cost, as a part of the terms of that sum."""
 
 STEPS = 20
 """Steps before the search gives up, per constraint."""
@@ -486,7 +491,7 @@ def _write_soft_multipliers(exact: ExactSearch) -> None:
 
 @compiled
 def _carried(exact: ExactSearch) -> bool:
-    """Whether y = -sum lambda g, each coordinate to TOLERANCE of its terms."""
+    """Whether y = -sum lambda g, each coordinate to CARRIED of its terms."""
     for i in range(exact.form.joints):
         total = (exact.point[0, i], exact.point[1, i])
         terms = abs(total[0])
@@ -494,7 +499,7 @@ def _carried(exact: ExactSearch) -> bool:
             push = (-exact.multiplier[0, k], -exact.multiplier[1, k])
             total = subtract_product(total, (exact.rows[0, k, i], exact.rows[1, k, i]), push)
             terms += abs(exact.rows[0, k, i] * exact.multiplier[0, k])
-        if not abs(total[0]) <= TOLERANCE * terms + exact.noise:
+        if not abs(total[0]) <= CARRIED * terms + exact.noise:
             return False
     return True
 
