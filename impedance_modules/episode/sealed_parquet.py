@@ -78,7 +78,7 @@ class BlockFile:
         # The same pages again, for the footer of a file that holds nothing else.
         alone = encode_block(table, **self._encoding)
         footer = _footer_before(_from(alone), len(alone))
-        self._checksums.append(_checksums_in(footer))
+        self._checksums.append(_checksums_in(footer, _parse(footer)))
         self._sink.write(alone[-_END - len(footer) :])
 
     def __enter__(self) -> BlockFile:
@@ -125,11 +125,11 @@ class CheckedFile:
         footer = _footer_before(self._bytes, stop - self._start)
         if SEAL in footer and not _is_intact(footer):
             raise pa.ArrowInvalid("its footer is not what was written: the checksum differs")
-        self._checksums = _checksums_in(footer) if SEAL in footer else b""
         source = path if span is None else pa.BufferReader(self._bytes(0, stop - self._start))
         # Columns are read one by one from a disk nearby: reading ahead would only hold memory.
         self._file = pq.ParquetFile(source, pre_buffer=False, page_checksum_verification=True)
         self.schema, self.metadata = self._file.schema_arrow, self._file.metadata
+        self._checksums = _checksums_in(footer, self.metadata) if SEAL in footer else b""
 
     def column(self, name: str) -> pa.ChunkedArray:
         """Reads one column.
@@ -276,8 +276,7 @@ def _is_intact(footer: bytes) -> bool:
         return False
 
 
-def _checksums_in(footer: bytes) -> bytes:
+def _checksums_in(footer: bytes, said: pq.FileMetaData) -> bytes:
     """Returns the checksums of a seal, one row group after the other."""
-    group = _parse(footer)
     at = _place(footer) + _DIGEST
-    return footer[at : at + _CHECKSUM * group.num_columns * group.num_row_groups]
+    return footer[at : at + _CHECKSUM * said.num_columns * said.num_row_groups]

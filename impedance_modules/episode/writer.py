@@ -21,7 +21,7 @@ from impedance_modules.episode.columns import PHASE, TIME, parse_columns
 from impedance_modules.episode.file_format import episode_schema, merge_parts, rows_to_table, write_part
 from impedance_modules.episode.metadata import check_metadata
 from impedance_modules.episode.run_folder import EPISODE, RunLock, part_path, part_paths, recorded
-from impedance_modules.errors import BadInput, NotRecorded, SafetyStop
+from impedance_modules.errors import BadInput, NotRecorded
 
 FLUSH_PERIOD = 0.5
 """Wall time, and episode time, after which rows are on their way to a part [s]."""
@@ -97,8 +97,8 @@ class EpisodeWriter:
 
         Raises:
             BadInput: A row of another shape, or a phase where no ``phase`` column was declared.
-            NotRecorded: The recording cannot be written (disk full ...).
-            SafetyStop: On a robot, the disk has been stuck for so long that rows would be lost.
+            NotRecorded: The recording cannot be written (disk full ...); on a robot also: the disk has been stuck
+                for so long that rows would be lost.
         """
         if row.shape != self._shape:
             raise BadInput(
@@ -200,7 +200,7 @@ class EpisodeWriter:
     def _wait(self, now: float) -> None:
         """Lets a simulation that has outrun the disk wait for it; stops a robot rather than lose rows."""
         if not self._wait_for_disk:
-            raise SafetyStop(
+            raise NotRecorded(
                 f"{self.directory}: the disk has not taken a row for too long; the record would be lost"
             )
         while self._ring.full or (now > self._last_time_allowed and not self._ring.empty):
