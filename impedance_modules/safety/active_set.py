@@ -393,7 +393,8 @@ def _obeys(problem: FilterProblem, effort: Vector, r: int) -> bool:
     for j in range(effort.size):
         value += problem.matrix[r, j] * effort[j]
         terms += abs(problem.matrix[r, j] * effort[j])
-    return problem.lower[r] - HOLDS * terms <= value <= problem.upper[r] + HOLDS * terms
+    low, high = problem.lower[r] - HOLDS * terms, problem.upper[r] + HOLDS * terms
+    return bool(low <= value <= high)
 
 
 @compiled

@@ -41,7 +41,9 @@ def _stationarity(problem: FilterProblem, effort: np.ndarray, duals: np.ndarray)
     size = size + abs(matrix).T @ abs(force[n:]) + abs(force[:n])
     # A joint that costs nothing, in numbers known to rounding, may cost a little.
     diagonal = np.diagonal(problem.metric)
-    least = Decimal(float(diagonal[diagonal > 0.0].min(initial=np.inf))) if (diagonal > 0.0).any() else Decimal(0)
+    least = (
+        Decimal(float(diagonal[diagonal > 0.0].min(initial=np.inf))) if (diagonal > 0.0).any() else Decimal(0)
+    )
     size = size + np.where(diagonal > 0.0, 0, 1) * least * abs(change)
     return max((r / s if s else r) for r, s in zip(rest, size, strict=True))
 

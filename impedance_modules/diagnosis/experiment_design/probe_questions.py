@@ -142,7 +142,9 @@ def with_assumed_noise(request: ProbeRequest, assumed: Mapping[tuple[Residual, s
     seen = {joint for _, joint in request.noise}
     sizes = {joint: size for (_, joint), size in assumed.items() if joint not in seen}
     torques = [residual for residual in request.residuals if residual != "velocity"]
-    noise = {(residual, joint): size for joint, size in sizes.items() for residual in torques}
+    noise: dict[tuple[Residual, str], float] = {
+        (residual, joint): size for joint, size in sizes.items() for residual in torques
+    }
     gap = {joint: UNKNOWN_GAP * size for joint, size in sizes.items()}
     return replace(request, noise={**request.noise, **noise}, gap={**request.gap, **gap})
 
