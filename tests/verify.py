@@ -3,9 +3,10 @@
 
     python -m tests.verify [--jobs N] [--match TEXT]
 
-Lint, types, the reference, every test file in a process of its own with all of its tests, all mutants, all experiments
-of the thesis. Each has a result in ``out/verify/TREE/``, where TREE is a digest of all files that git knows or does not
-ignore. What has passed on the same tree is not run again; what failed or was interrupted is. Exit 1 if anything failed.
+Lint, types, the reference, every test file in a process of its own with all of its tests, all mutants, every verb
+with every option, all experiments of the thesis. Each has a result in ``out/verify/TREE/``, where TREE is a digest
+of all files that git knows or does not ignore. What has passed on the same tree is not run again; what failed or was
+interrupted is. Exit 1 if anything failed.
 """
 
 from __future__ import annotations
@@ -96,7 +97,8 @@ def all_jobs(folder: Path) -> list[Job]:
         )
         for name in EXPERIMENTS
     ]
-    return [*lint, *_tests(), *mutants, *experiments]
+    seen = Job("functions that commands call", (PYTHON, "-m", "tests.seen_functions"), alone=True)
+    return [*lint, *_tests(), *mutants, seen, *experiments]
 
 
 def _tests() -> list[Job]:

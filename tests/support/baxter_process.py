@@ -71,7 +71,7 @@ def ended(process: subprocess.Popen[str], reason: str) -> tuple[int, str]:
     return process.returncode, said
 
 
-def _favour(pid: int, *, most: bool = False) -> None:
+def favour(pid: int, *, most: bool = False) -> None:
     """Raises a process's priority where the system allows it, so that a busy machine does not fail the test.
 
     Real-time priority (``most``) only for one that leaves its core some time: Linux suspends others for 50 ms.
@@ -89,7 +89,7 @@ def start(*words: str, most: bool = False, errors: int = subprocess.STDOUT) -> s
     """Starts a verb, with real-time priority for ``most``; ``end`` ends it."""
     command, pipes = [*IMPEDANCE, *words], {"stdout": subprocess.PIPE, "stderr": errors}
     process = subprocess.Popen(command, **pipes, text=True, start_new_session=True)
-    _favour(process.pid, most=most)
+    favour(process.pid, most=most)
     return process
 
 

@@ -67,7 +67,7 @@ class Power:
         self._transport = transport
         self._received = threading.Event()
         self.state: AssemblyState | None = None
-        self._subscription = transport.subscribe(topics.ROBOT_STATE, AssemblyState, self._on_state)
+        transport.subscribe(topics.ROBOT_STATE, AssemblyState, self._on_state)
 
     def wait(self) -> AssemblyState:
         """Waits for the robot's state.
