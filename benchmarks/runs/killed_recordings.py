@@ -74,6 +74,9 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             if record_and_kill(kind, Path(folder) / "run", rng.uniform(0.0, longest[kind])):
                 found[kind].append(look(Path(folder) / "run"))
+                print(
+                    f"\r{sum(map(len, found.values()))} of {given.kills}", end="", file=sys.stderr, flush=True
+                )
     print_table(found)
 
 
