@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -43,9 +42,8 @@ class TaskPrediction:
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
-    A sine that the control rate cannot follow; a torque beyond a joint's limit, in motion or at rest; a speed beyond a
-    joint's limit; a tank that holds less than the task needs; a loop that is unstable at this rate and delay, unless
-    the assembly allows it.
+    A sine that the control rate cannot follow; a torque beyond a joint's limit, in motion or at rest; a tank that
+    holds less than the task needs; a loop that is unstable at this rate and delay, unless the assembly allows it.
 
     Returns:
         What was predicted.
@@ -62,7 +60,6 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     prediction = TaskPrediction(motion, rests, tank, loops)
     problems = [
         *_efforts_beyond_limits(assembly, prediction),
-        *_speeds_beyond_limits(assembly, motion),
         *_need_beyond_tank(assembly, prediction.tank),
         *([] if assembly.allow_unstable else unstable_loops(assembly, motion, loops)),
     ]
@@ -96,25 +93,6 @@ def _efforts_beyond_limits(assembly: Assembly, prediction: TaskPrediction) -> It
                 f"phase '{phase.name}' asks {demand[worst]:.1f} N.m of {assembly.model.joint_names[worst]},"
                 f" whose limit is {limit[worst]:g} N.m: bring its equilibrium nearer, make its springs softer"
                 " or its forces smaller",
-            )
-
-
-def _speeds_beyond_limits(assembly: Assembly, motion: MotionPrediction) -> Iterator[Problem]:
-    """Finds joints that the motion itself, before any filter, would make faster than their limit."""
-    limit = assembly.limits.velocity_max
-    for index, phase in enumerate(motion.phases):
-        samples = motion.samples[phase.samples]
-        speeds = np.array([np.abs(sample.velocity) / limit for sample in samples])
-        at, worst = np.unravel_index(int(np.argmax(speeds)), speeds.shape)
-        excess = float(speeds[at, worst])
-        if excess > 1.0:
-            duration = assembly.task.phases[index].duration
-            yield assembly.task.document.problem(
-                ("phases", index),
-                f"phase '{phase.name}' moves {assembly.model.joint_names[worst]} at"
-                f" {excess * limit[worst]:.2f} rad/s (at {samples[at].time:.1f} s), whose limit is"
-                f" {limit[worst]:g} rad/s: give it about {math.ceil(10.0 * excess * duration) / 10.0:g} s instead of"
-                f" {duration:g} s, let its sines be {1.0 / excess:.2f} times as fast, or move its equilibrium less",
             )
 
 

@@ -33,8 +33,6 @@ class FilterLimits(Record):
         period: Control period [s].
         delay: From a state sample to its torque acting, beyond the period [s].
         horizon: Time over which position, velocity and distance rows look ahead, at least one period [s].
-        reflected_inertia: (n,) of the motors [kg.m^2].
-        compliance: (n,) of the springs between motors and links [rad/(N.m)], 0 for a rigid joint.
     """
 
     effort_max: Vector
@@ -51,8 +49,6 @@ class FilterLimits(Record):
     period: Scalar
     delay: Scalar
     horizon: Scalar
-    reflected_inertia: Vector
-    compliance: Vector
 
 
 def limits_of(
@@ -66,10 +62,9 @@ def limits_of(
 ) -> FilterLimits:
     """The limits of a robot file at a control rate.
 
-    Look-ahead: horizon = look_ahead * period + delay, so that a torque which acts late still acts in time, and at least
-    as long as the slowest drive needs from full torque one way to full torque the other. Pairs close in four times
-    that, or in `GENTLE_APPROACH` if that is longer. A joint outside its range is asked back at a tenth of its speed
-    limit, a pair at 0.1 m/s with at most 5 m/s^2.
+    Look-ahead: horizon = look_ahead * period + delay, so that a torque which acts late still acts in
+    time; pairs close in four times that, or in `GENTLE_APPROACH` if that is longer. A joint outside its
+    range is asked back at a tenth of its speed limit, a pair at 0.1 m/s with at most 5 m/s^2.
 
     Args:
         joints: In the order of the torque vector.
@@ -83,8 +78,7 @@ def limits_of(
         ValueError: If a limit is not positive or the look-ahead is shorter than a period.
     """
     period = 1.0 / rate
-    reversal = max(2.0 * joint.effort_max / joint.effort_rate_max for joint in joints)
-    horizon = max(look_ahead * period + timing.command_delay, reversal)
+    horizon = look_ahead * period + timing.command_delay
     velocity_max = np.array([joint.velocity_max for joint in joints])
     limits = FilterLimits(
         effort_max=np.array([joint.effort_max for joint in joints]),
@@ -101,10 +95,6 @@ def limits_of(
         period=period,
         delay=timing.command_delay,
         horizon=horizon,
-        reflected_inertia=np.array([joint.reflected_inertia for joint in joints]),
-        compliance=np.array(
-            [0.0 if j.spring_stiffness is None else 1.0 / j.spring_stiffness for j in joints]
-        ),
     )
     _check(limits)
     return limits
