@@ -11,6 +11,7 @@ import pytest
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile
 from impedance_modules.modules.held_object import OBJECT
+from impedance_modules.modules.spring import displacement_of
 from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.prediction.forecast import Forecast, forecast_task
@@ -49,7 +50,8 @@ def test_rest_is_where_the_potential_energy_is_stationary(tmp_path: Path, seed: 
             total += 0.5 * float(turned @ (arm.bias.stiffness * turned))
             for spring in arm.springs:
                 target = phase.equilibrium.springs[spring.name]
-                total += spring.energy(mechanism.kinematics.pose(spring.frame), target)
+                moved = displacement_of(mechanism.kinematics.pose(spring.frame), target)
+                total += 0.5 * float(moved @ (spring.world_stiffness @ moved))
         for contact, _ in mechanism.contacts(0.0):
             total += 0.5 * contact.surface.stiffness * contact.depth**2
         return total
