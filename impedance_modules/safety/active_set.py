@@ -39,7 +39,7 @@ TOLERANCE = 1e-11
 """Most that a constraint may be broken, as a part of the largest demand, in the metric's units."""
 
 HOLDS = 1e-10
-"""Most that a constraint may be missed in the end, as a part of the terms of its own sum."""
+"""Most that a constraint may be missed in the end, as a part of the torques of its joints."""
 
 SHARP = 1e-9
 """Most that rounding may have moved the torque of a joint, as a part of its limit or of its change."""
@@ -361,45 +361,40 @@ def _write_values(problem: FilterProblem, active: ActiveSet) -> None:
 
 @compiled
 def _holds(problem: FilterProblem, active: ActiveSet) -> bool:
-    """Whether every row holds but for its slack, and is met where it acts, to HOLDS of its own terms.
+    """Whether every row holds but for its slack, and is met where it acts, to HOLDS of its joints' own torques.
 
-    A hard row must hold of the torque as it leaves as well: next to a demand of 1e15 N.m a limit of 50 N.m is nothing.
+    Not of the change: next to a demand of 1e15 N.m a limit of 50 N.m is nothing.
     Written so that a comparison with NaN counts as a failure.
     """
-    n, change = active.change.size, active.change
+    n = active.change.size
     for c in range(active.values.size):
         if active.low[c] == -np.inf and active.high[c] == np.inf:
             continue
-        terms, slack = abs(change[c]) if c < n else 0.0, 0.0
-        if c >= n:
+        size, slack = 0.0, 0.0
+        if c < n:
+            size = _own_torque(problem, active.effort, c)
+        else:
             for j in range(problem.reach[0, c - n], problem.reach[1, c - n]):
-                terms += abs(problem.matrix[c - n, j] * change[j])
+                size += abs(problem.matrix[c - n, j]) * _own_torque(problem, active.effort, j)
             slack = active.duals[c] / problem.penalty[c - n]
-        value, allowed = active.values[c] - slack, HOLDS * (terms + abs(slack))
+        value, allowed = active.values[c] - slack, HOLDS * (size + abs(slack))
         if not active.low[c] - allowed <= value <= active.high[c] + allowed:
             return False
         met = active.high[c] if active.duals[c] > 0.0 else active.low[c]
         if active.duals[c] != 0.0 and not abs(value - met) <= allowed:
             return False
-        if c >= n and problem.penalty[c - n] == np.inf and not _obeys(problem, active.effort, c - n):
-            return False
     return True
 
 
 @compiled
-def _obeys(problem: FilterProblem, effort: Vector, r: int) -> bool:
-    """Whether a torque obeys a hard row."""
-    value, terms = 0.0, 0.0
-    for j in range(effort.size):
-        value += problem.matrix[r, j] * effort[j]
-        terms += abs(problem.matrix[r, j] * effort[j])
-    low, high = problem.lower[r] - HOLDS * terms, problem.upper[r] + HOLDS * terms
-    return bool(low <= value <= high)
+def _own_torque(problem: FilterProblem, effort: Vector, joint: int) -> float:
+    """What a joint gives, or is asked for as far as it may give it [N.m]."""
+    return max(abs(effort[joint]), min(abs(problem.desired[joint]), problem.effort_max[joint]))
 
 
 @compiled
 def _sharp(problem: FilterProblem, active: ActiveSet) -> bool:
-    """Whether neither rounding nor a breach that counts as none can have moved a joint's torque by SHARP of its scale.
+    """Whether rounding can have moved no joint's torque by more than SHARP of its scale.
 
     Multipliers of nearly parallel rows lose the root of what is left of a row beside the others; a metric loses what is
     left of a joint beside the others when it is divided by.
@@ -412,7 +407,7 @@ def _sharp(problem: FilterProblem, active: ActiveSet) -> bool:
         left = min(left, active.factor[i, i] * active.factor[i, i] / problem.metric[i, i])
         square = max(square, active.change[i] * active.change[i] * problem.metric[i, i])
     change = math.sqrt(square)
-    lost = ROUNDING * (push / least + change) / left + TOLERANCE * change
+    lost = ROUNDING * (push / least + change) / left
     for i in range(active.change.size):
         if problem.effort_max[i] > 0.0:
             root = math.sqrt(problem.metric[i, i])
