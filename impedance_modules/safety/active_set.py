@@ -389,7 +389,7 @@ def _holds(problem: FilterProblem, active: ActiveSet) -> bool:
 @compiled
 def _own_torque(problem: FilterProblem, effort: Vector, joint: int) -> float:
     """What a joint gives, or is asked for as far as it may give it [N.m]."""
-    return max(abs(effort[joint]), min(abs(problem.desired[joint]), problem.effort_max[joint]))
+    return float(max(abs(effort[joint]), min(abs(problem.desired[joint]), problem.effort_max[joint])))
 
 
 @compiled
