@@ -156,7 +156,7 @@ main()
 """
 
 
-@pytest.mark.parametrize(("largest", "some"), [(600_000, True), (20_000, False)])
+@pytest.mark.parametrize(("largest", "some"), [(1_000_000, True), (20_000, False)])
 def test_a_run_whose_files_cannot_grow_ends_with_exit_3_and_its_parts(tmp_path, largest, some):
     run = tmp_path / "run"
     words = ["run", "soft-hold", "--duration", "3", "--out", str(run)]
