@@ -89,6 +89,7 @@ def all_jobs(folder: Path) -> list[Job]:
         if not area.stem.startswith(("_", "test_"))
     ]
     pages, kept = str(folder / "thesis"), str(folder / "recordings")
+    chance = Job("random mutants", (PYTHON, "-m", "tests.random_mutants", "--count", "24", "--seed", "2"))
     experiments = [
         Job(
             f"reproduce {name}",
@@ -98,7 +99,7 @@ def all_jobs(folder: Path) -> list[Job]:
         for name in EXPERIMENTS
     ]
     seen = Job("functions that commands call", (PYTHON, "-m", "tests.seen_functions"), alone=True)
-    return [*lint, *_tests(), *mutants, seen, *experiments]
+    return [*lint, *_tests(), *mutants, chance, seen, *experiments]
 
 
 def _tests() -> list[Job]:
