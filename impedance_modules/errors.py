@@ -7,9 +7,30 @@ The command line turns each class into one exit code, so a caller never parses t
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+_UNPRINTABLE = re.compile(
+    "[\x00-\x08\x0a-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""Control characters, those that turn the direction of text, and halves of characters."""
+
+
+def printable(text: str, *, lines: bool = False) -> str:
+    r"""Returns a text in which nothing commands a terminal: ESC becomes the four characters ``\x1b``.
+
+    Args:
+        text: May hold names that somebody else chose.
+        lines: Leaves ends of lines as they are; without it they are written out, too.
+    """
+
+    def written_out(found: re.Match[str]) -> str:
+        sign = found.group()
+        return sign if lines and sign == "\n" else sign.encode("unicode_escape").decode("ascii")
+
+    return _UNPRINTABLE.sub(written_out, text)
 
 
 @dataclass(frozen=True, order=True)
@@ -36,7 +57,7 @@ class Problem:
         place = f"{self.file}:{self.line}:{self.column}: "
         where = f"{self.path}: " if self.path else ""
         choices = f" (valid: {', '.join(self.valid)})" if self.valid else ""
-        return f"{place}{where}{self.message}{choices}"
+        return printable(f"{place}{where}{self.message}{choices}")
 
 
 class ImpedanceError(Exception):

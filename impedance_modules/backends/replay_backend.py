@@ -13,6 +13,9 @@ from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput, EndOfRecording
 from impedance_modules.robot.state import RobotState
 
+LONGEST_GAP = 60.0
+"""Longest time between two states of a recording that is fed back [s]; a run is stopped long before."""
+
 
 class ReplayBackend:
     """Returns an episode's states, sample by sample.
@@ -30,8 +33,9 @@ class ReplayBackend:
             acting: (n,) torque in force when the recording began [N.m].
 
         Raises:
-            BadInput: A joint's position, velocity or effort was not recorded.
+            BadInput: A joint's position, velocity or effort was not recorded, or the time is not in seconds.
         """
+        _check_steps(episode)
         self._time = episode.time
         self._position = _columns(episode.position, joint_names, "position")
         self._velocity = _columns(episode.velocity, joint_names, "velocity")
@@ -64,6 +68,18 @@ class ReplayBackend:
     def _state(self) -> RobotState:
         k = self.sample
         return RobotState(float(self._time[k]), self._position[k], self._velocity[k], self._effort[k])
+
+
+def _check_steps(episode: Episode) -> None:
+    """Refuses a time whose steps no run has: every period of a gap is booked one by one."""
+    with np.errstate(over="ignore"):
+        steps = np.abs(np.diff(episode.time))
+    if steps.size and steps.max() > LONGEST_GAP:
+        row = int(np.argmax(steps))
+        raise BadInput(
+            f"{episode.source}: {steps[row]:.6g} s between the samples {row} and {row + 1} (valid: time in seconds,"
+            f" without a gap of more than {LONGEST_GAP:g} s)"
+        )
 
 
 def _columns(recorded: Mapping[str, Array], names: tuple[str, ...], kind: str) -> Array:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 PATH = click.Path(path_type=Path)
 
+LARGEST_DIAGNOSIS = 100_000_000
+"""Bytes of an answer that is read."""
+
 UNTESTED_NEED = 50.0
 """Tank with which a probe's energy need is predicted [J]."""
 
@@ -68,14 +71,16 @@ def _model(robot: str | None, urdf: Path | None) -> tuple[RobotSpec | None, Nomi
 
 def _answer(path: Path) -> dict[str, Any]:
     """Reads a diagnosis as `impedance diagnose --json` writes it."""
+    from impedance_modules.input_files import read_input
     from impedance_modules.spec.schema import first_schema_error
+    from impedance_modules.strict_json import parse_json
 
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read: {error} (valid: what diagnose --json wrote)") from error
+        found = parse_json(read_input(path, LARGEST_DIAGNOSIS))
     except json.JSONDecodeError as error:
         raise BadInput(f"{path}:{error.lineno}:{error.colno}: not JSON: {error.msg}") from error
+    except ValueError as error:
+        raise BadInput(f"{path}: not JSON: {error} (valid: what diagnose --json wrote)") from error
     deviation = first_schema_error(found, "diagnosis")
     if deviation is not None:
         raise BadInput(f"{path}: {deviation} (valid: what diagnose --json wrote)")

@@ -73,7 +73,7 @@ class RigidModel:
         """
         try:
             full = pin.buildModelFromUrdf(str(urdf))
-        except ValueError as error:
+        except (ValueError, RuntimeError) as error:
             raise BadInput(f"{urdf}: not a robot description that can be read: {error}") from None
         known = tuple(full.names)[1:]
         for name in joint_names:

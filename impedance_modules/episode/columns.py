@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from impedance_modules.errors import BadInput
+from impedance_modules.errors import BadInput, printable
 
 TIME = "time"
 PHASE = "phase"
@@ -79,12 +79,15 @@ def parse_columns(names: Sequence[str], place: str) -> EpisodeColumns:
         place: File the names come from, for messages.
 
     Raises:
-        BadInput: No ``time``, a name twice, a joint column without a joint, or no ``position.<joint>`` at
-            all.
+        BadInput: No ``time``, a name twice or with control characters, a joint column without a joint, or no
+            ``position.<joint>`` at all.
     """
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise BadInput(f"{place}: column '{twice[0]}' occurs more than once (valid: each column once)")
+    strange = next((name for name in names if printable(name) != name), None)
+    if strange is not None:
+        raise BadInput(f"{place}: column {strange[:60]!r} has control characters in its name (valid: none)")
     if TIME not in names:
         raise BadInput(f"{place}: no column 'time' (valid: 'time' in seconds; present: {_some(names)})")
     joints: dict[str, dict[str, str]] = {kind: {} for kind in JOINT_KINDS}

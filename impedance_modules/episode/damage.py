@@ -21,6 +21,7 @@ from impedance_modules.episode.metadata import decode_metadata, encode_metadata
 from impedance_modules.episode.run_folder import EPISODE, part_index, part_paths
 from impedance_modules.episode.sealed_parquet import UNREADABLE, CheckedFile, Span, find_blocks
 from impedance_modules.errors import BadInput
+from impedance_modules.input_files import check_file
 
 ROWS_AT_ONCE = 8192
 """Rows that are held in memory while all are looked at."""
@@ -117,8 +118,13 @@ def survey(path: Path) -> Survey:
 
     Args:
         path: An episode's file, or a run's directory.
+
+    Raises:
+        BadInput: No such file, or no regular one.
     """
     search = _Search()
+    if not path.is_dir():
+        check_file(path)
     if path.is_dir() and not (path / EPISODE).exists():
         _search_parts(path, search)
     else:

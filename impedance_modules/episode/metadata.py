@@ -8,10 +8,14 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from impedance_modules.episode.metadata_values import check_values, is_name
 from impedance_modules.errors import BadInput, nearest
+from impedance_modules.strict_json import parse_json
 
 METADATA_KEY = "impedance_modules"
 FORMAT = 1
+LONGEST = 50_000_000
+"""Bytes of metadata that are read."""
 EFFORT_SOURCES: tuple[str, ...] = ("joint_sensor", "motor")
 GRAVITY_COMPENSATIONS: tuple[str, ...] = ("robot", "command", "none")
 LIBRARIES: tuple[str, ...] = ("impedance-modules", "pin", "coal", "numpy", "scipy", "pyarrow")
@@ -100,8 +104,10 @@ def decode_metadata(raw: Mapping[bytes, bytes] | None, place: str, *, has_effort
             f"{place}: no schema metadata '{METADATA_KEY}', so robot and sensors are unknown"
             " (valid: an episode; 'impedance import' turns other logs into one)"
         )
+    if len(text) > LONGEST:
+        raise BadInput(f"{place}: metadata '{METADATA_KEY}' has {len(text)} bytes (valid: at most {LONGEST})")
     try:
-        metadata = json.loads(text)
+        metadata = parse_json(text)
     except ValueError as error:
         raise BadInput(f"{place}: metadata '{METADATA_KEY}' is not JSON: {error}") from error
     if not isinstance(metadata, dict):
@@ -109,6 +115,7 @@ def decode_metadata(raw: Mapping[bytes, bytes] | None, place: str, *, has_effort
             f"{place}: metadata '{METADATA_KEY}' is a {type(metadata).__name__} (valid: an object)"
         )
     check_metadata(metadata, place, has_effort=has_effort)
+    check_values(metadata, place)
     return metadata
 
 
@@ -121,8 +128,8 @@ def check_metadata(metadata: Mapping[str, Any], place: str, *, has_effort: bool)
     if metadata.get("format") != FORMAT or isinstance(metadata.get("format"), bool):
         raise BadInput(f"{place}: metadata 'format' is {metadata.get('format')!r} (valid: {FORMAT})")
     for key in ("robot", "episode"):
-        if not isinstance(metadata.get(key), str) or not metadata[key]:
-            raise BadInput(f"{place}: metadata '{key}' is {metadata.get(key)!r} (valid: a name)")
+        if not is_name(metadata.get(key)):
+            raise BadInput(f"{place}: metadata '{key}' is {metadata.get(key)!r} (valid: a name, of one line)")
     _check_choice(metadata, "gravity_compensation", GRAVITY_COMPENSATIONS, place)
     if has_effort or metadata.get("effort_source") is not None:
         _check_choice(metadata, "effort_source", EFFORT_SOURCES, place)

@@ -27,11 +27,13 @@ from impedance_modules.episode.columns import (
 )
 from impedance_modules.episode.damage import refusal, survey
 from impedance_modules.episode.data import Episode, Matrix, Texts, Vector
+from impedance_modules.episode.exact_numbers import exact_doubles, refuse_many_rows
 from impedance_modules.episode.file_format import is_required, merge_parts, read_parts
 from impedance_modules.episode.metadata import decode_metadata
 from impedance_modules.episode.run_folder import EPISODE, RunLock, part_paths
 from impedance_modules.episode.sealed_parquet import UNREADABLE, CheckedFile
 from impedance_modules.errors import BadInput
+from impedance_modules.input_files import check_file
 
 KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, "extra")
 ReadColumn = Callable[[str], pa.ChunkedArray]
@@ -169,7 +171,7 @@ class _Columns:
     def _decoded(self, name: str, kind: pa.DataType) -> pa.ChunkedArray:
         read = self._read(name)
         try:
-            return read.cast(kind)
+            return exact_doubles(self._place, name, read) if kind == pa.float64() else read.cast(kind)
         except pa.ArrowException as error:
             raise BadInput(f"{self._place}: column '{name}' cannot be read: {error}") from error
 
@@ -220,11 +222,10 @@ def _merge_if_over(directory: Path) -> bool:
 
 
 def _open_file(path: Path) -> tuple[pa.Schema, int, ReadColumn]:
-    if not path.exists():
-        raise BadInput(f"{path}: no such file (valid: an episode's Parquet file or a run's directory)")
-    if path.stat().st_size == 0:
+    if check_file(path, near=" (valid: an episode's Parquet file or a run's directory)") == 0:
         raise BadInput(f"{path}: the file is empty (valid: an episode as Parquet)")
     file = _checked(path, lambda: CheckedFile(path))
+    refuse_many_rows(path, file.metadata.num_rows)
 
     def read(name: str) -> pa.ChunkedArray:
         return _checked(path, lambda: file.column(name))

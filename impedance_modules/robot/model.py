@@ -160,7 +160,10 @@ class RobotModel:
 
     def geometry(self) -> pin.GeometryModel:
         """Builds the collision shapes of all links, fresh and without pairs; for robot/ and plant/ only."""
-        shapes = pin.buildGeomFromUrdf(self._full, str(self.spec.urdf), pin.GeometryType.COLLISION)
+        try:
+            shapes = pin.buildGeomFromUrdf(self._full, str(self.spec.urdf), pin.GeometryType.COLLISION)
+        except (ValueError, RuntimeError) as error:
+            raise BadInput(f"{self.spec.urdf}: a collision shape cannot be read: {error}") from None
         _, reduced = pin.buildReducedModel(self._full, shapes, self._locked, self._reference)
         for shape in reduced.geometryObjects:
             shape.geometry.computeLocalAABB()
@@ -168,9 +171,12 @@ class RobotModel:
 
 
 def _full_model(spec: RobotSpec) -> pin.Model:
-    if not spec.joint_origins:
-        return pin.buildModelFromUrdf(str(spec.urdf))
-    return pin.buildModelFromXML(calibrated_description(spec.urdf, spec.joint_origins))
+    try:
+        if not spec.joint_origins:
+            return pin.buildModelFromUrdf(str(spec.urdf))
+        return pin.buildModelFromXML(calibrated_description(spec.urdf, spec.joint_origins))
+    except (ValueError, RuntimeError) as error:
+        raise BadInput(f"{spec.urdf}: not a robot description that can be read: {error}") from None
 
 
 def add_to_body(model: pin.Model, change: BodyChange) -> None:

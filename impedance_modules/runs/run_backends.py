@@ -46,8 +46,17 @@ def replay_backend(assembly: Assembly, log: Path) -> ReplayBackend:
 
 
 def acting_in(episode: Episode, n: int) -> Array:
-    """Returns the torque (n,) that acted when a recording began [N.m]; zero where it does not say."""
-    return np.array(episode.metadata.get("acting", [0.0] * n), dtype=float)
+    """Returns the torque (n,) that acted when a recording began [N.m]; zero where it does not say.
+
+    Raises:
+        BadInput: It says so of another number of joints.
+    """
+    acting = np.array(episode.metadata.get("acting", [0.0] * n), dtype=float)
+    if acting.shape != (n,):
+        raise BadInput(
+            f"{episode.source}: metadata 'acting' has {acting.size} torques (valid: {n}, one per joint)"
+        )
+    return acting
 
 
 def make_backend(assembly: Assembly, *, backend: str, log: Path | None, seed: int) -> Backend:

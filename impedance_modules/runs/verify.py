@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
-from impedance_modules.backends.replay_backend import ReplayBackend
+from impedance_modules.backends.replay_backend import LONGEST_GAP, ReplayBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode
@@ -55,12 +56,17 @@ def reassemble(episode: Episode) -> Assembly:
     text = metadata.get("task")
     if not isinstance(text, str):
         raise BadInput(f"{episode.name}: the recording carries no task, so its torques cannot be recomputed")
+    for key in ("rate", "scale"):
+        if key not in metadata:
+            raise BadInput(
+                f"{episode.name}: metadata '{key}' is missing (valid: a recording of 'impedance run')"
+            )
     with tempfile.TemporaryDirectory() as folder:
         task = _beside_original(Path(folder), metadata, text)
         effects = None
         if metadata.get("effects") is not None:
             effects = Path(folder) / "patch.yaml"
-            effects.write_text(metadata["effects"])
+            effects.write_text(metadata["effects"], encoding="utf-8", errors="replace")
         return assemble(
             str(task),
             effects=effects,
@@ -82,12 +88,19 @@ def _origins(metadata: Mapping[str, object]) -> dict[str, JointOrigin]:
 def _beside_original(folder: Path, metadata: Mapping[str, object], text: str) -> Path:
     """Writes the task's text where its robot is found: beside the original when that is still there."""
     original = Path(str(metadata.get("task_path", "")))
-    robots = next((place / "robots" for place in original.parents if (place / "robots").is_dir()), None)
+    robots = next((place / "robots" for place in original.parents if _is_folder(place / "robots")), None)
     if robots is not None:
         (folder / "robots").symlink_to(robots.resolve(), target_is_directory=True)
     task = folder / "task.yaml"
-    task.write_text(text)
+    task.write_text(text, encoding="utf-8", errors="replace")
     return task
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False  # a name that no folder can have
 
 
 def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verification:
@@ -104,10 +117,10 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
     assembly = reassemble(episode)
     names = assembly.model.joint_names
     backend = ReplayBackend(episode, names, acting_in(episode, assembly.model.n))
-    recorded = np.column_stack([episode.effort_command[name] for name in names])
-    late, asked = (np.asarray(episode.extra[name]) > 0.0 for name in ("late", "interrupt"))
+    recorded = episode.matrix("effort_command", names)
+    late, asked = (_marks(episode, name) for name in ("late", "interrupt"))
     dropped = np.append(late[1:], False)
-    missed = np.asarray(episode.extra.get(MISSED, np.zeros(len(late))), dtype=int)
+    missed = _missed_cycles(episode, assembly.rate)
     supervisor = Supervisor(assembly)
     first = backend.start()
     supervisor.start(first)
@@ -142,6 +155,26 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
             f" {supervisor.reason or 'the task is done'}"
         )
     return Verification(done, len(names), _other_versions(episode))
+
+
+def _marks(episode: Episode, name: str) -> NDArray[np.bool_]:
+    """Reads a column of marks, (N,)."""
+    if name not in episode.extra:
+        raise BadInput(f"{episode.name}: no column '{name}' (valid: a recording of 'impedance run')")
+    return np.asarray(episode.extra[name] > 0.0)
+
+
+def _missed_cycles(episode: Episode, rate: float) -> NDArray[np.int64]:
+    """Reads how many cycles without a state came before each sample, (N,); none where nothing is said of it."""
+    said = np.asarray(episode.extra.get(MISSED, np.zeros(len(episode))))
+    most = LONGEST_GAP * rate
+    wrong = ~((said >= 0.0) & (said <= most))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise BadInput(
+            f"{episode.name}: column '{MISSED}' is {said[row]} in row {row} (valid: 0 to {most:g})"
+        )
+    return said.astype(np.int64)
 
 
 def _difference(episode: Episode, names: tuple[str, ...], k: int, now: Array, then: Array) -> str:

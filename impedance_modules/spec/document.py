@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import stat
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any
 import yaml
 
 from impedance_modules.errors import BadFile, BadInput, Problem
+from impedance_modules.input_files import read_input
 from impedance_modules.spec.yaml_tree import Fault, Node, Place, TreeBuilder, TreeError
 
 LARGEST_FILE = 1_000_000
@@ -149,26 +149,16 @@ def _child(node: Node, step: str | int) -> Node | None:
 def _read_text(path: Path) -> str:
     """Reads a regular file of bounded size as UTF-8."""
     try:
-        status = path.stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise BadInput(f"{path}: is a directory, not a file{_files_in(path)}")
-        if not stat.S_ISREG(status.st_mode):
-            raise BadInput(f"{path}: is not a regular file")
-        if status.st_size > LARGEST_FILE:
-            raise BadInput(f"{path}: {status.st_size} bytes; at most {LARGEST_FILE} are read")
-        with path.open("rb") as stream:
-            raw = stream.read(LARGEST_FILE + 1)
-    except FileNotFoundError:
-        raise BadInput(f"{path}: no such file{_near_files(path)}") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise BadInput(f"{path}: cannot be read: {reason}") from None
-    return _decode(path, raw)
+        near = "" if path.exists() else _near_files(path)
+        folder = path.is_dir()
+    except OSError:
+        near, folder = "", False  # a name that no file can have: reading says why
+    if folder:
+        raise BadInput(f"{path}: is a directory, not a file{_files_in(path)}")
+    return _decode(path, read_input(path, LARGEST_FILE, near=near))
 
 
 def _decode(path: Path, raw: bytes) -> str:
-    if len(raw) > LARGEST_FILE:
-        raise BadInput(f"{path}: grows while it is read; at most {LARGEST_FILE} bytes are read")
     if b"\0" in raw:
         raise BadInput(
             f"{path}: holds binary data (a zero byte at {raw.index(0)}); expected YAML as UTF-8 text"

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from impedance_modules.errors import BadFile, Problem, nearest
+from impedance_modules.input_files import is_file
 from impedance_modules.spec.document import Document, scan_document
 from impedance_modules.spec.locate import ROBOT_FILE, find_robot
 from impedance_modules.spec.robot_spec import (
@@ -49,7 +50,7 @@ def read_robot(name_or_folder: str | Path, beside: Path | None = None) -> RobotS
     problems = [*document.yaml_problems, *schema_problems(document, "robot")]
     if problems:
         raise BadFile(problems)
-    if not (folder / document.data["urdf"]).is_file():
+    if not is_file(folder / document.data["urdf"]):
         present = sorted(file.name for file in folder.glob("*.urdf"))
         raise BadFile(
             [document.problem(("urdf",), f"{folder} has no file '{document.data['urdf']}'", present)]

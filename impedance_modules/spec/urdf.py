@@ -7,20 +7,20 @@ the URDF is reported at its own place.
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from xml.parsers import expat
 
-from impedance_modules.errors import BadFile, BadInput, Problem
+from impedance_modules.errors import BadFile, Problem, printable
+from impedance_modules.spec.located_xml import Faults, parse_xml
+from impedance_modules.spec.urdf_numbers import check_numbers
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """What a URDF joint may be."""
 
-LARGEST_FILE = 10_000_000
-"""Bytes; a file beyond this is refused unread."""
+MOST_LINKS = 500
+"""A robot with more links is refused: no arm has so many, and a chain of them is walked joint by joint."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def read_urdf(path: Path) -> UrdfFacts:
     """Reads a URDF.
 
     Raises:
-        BadInput: The file is missing or cannot be read.
+        BadInput: The file is missing, no regular file, too large or cannot be read.
         BadFile: It is no well-formed URDF tree; all problems at once.
     """
     root, lines = parse_xml(path)
@@ -117,12 +117,16 @@ def read_urdf(path: Path) -> UrdfFacts:
     if root.tag != "robot":
         faults.add(root, f"the top element is <{root.tag}>; a URDF begins with <robot>")
         raise BadFile(faults.problems)
+    if (count := max(len(root.findall(tag)) for tag in ("link", "joint"))) > MOST_LINKS:
+        faults.add(root, f"{count} links or joints (valid: at most {MOST_LINKS})")
+        raise BadFile(faults.problems)
     links = _named(root, "link", faults)
     joints = {
         name: _joint(name, element, links, faults) for name, element in _named(root, "joint", faults).items()
     }
     without_inertia = frozenset(name for name, link in links.items() if not _has_inertia(link, faults))
     _check_tree(links, joints, root, faults)
+    check_numbers(root, faults)
     if faults.problems:
         raise BadFile(faults.problems)
     return UrdfFacts(
@@ -137,66 +141,6 @@ def read_urdf(path: Path) -> UrdfFacts:
     )
 
 
-class Faults:
-    """Collects problems at the lines of their elements."""
-
-    def __init__(self, path: Path, lines: Mapping[ET.Element, int]) -> None:
-        self.path, self.lines = path, lines
-        self.problems: list[Problem] = []
-
-    def add(self, element: ET.Element, message: str) -> None:
-        """Notes a problem at an element."""
-        self.problems.append(Problem(self.path, self.lines[element], 1, "", message))
-
-    def number(self, element: ET.Element, key: str) -> float:
-        """Reads a finite number; a fault otherwise, and NaN, which no check lets pass."""
-        text = element.get(key, "")
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            found = f"found {text!r}" if text else "it is missing"
-            self.add(element, f"<{element.tag}> needs a finite number '{key}'; {found}")
-            return math.nan
-        return value
-
-
-def parse_xml(path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
-    """Parses an XML file into its top element and the line of every element.
-
-    Entity declarations are refused: a robot needs none, and they can be made to fill the memory.
-
-    Raises:
-        BadInput: The file is missing, too large or cannot be read.
-        BadFile: It is not well-formed.
-    """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise BadInput(f"{path}: larger than {LARGEST_FILE} bytes; no robot description is")
-        raw = path.read_bytes()
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
-    builder, lines = ET.TreeBuilder(), dict[ET.Element, int]()
-    parser = expat.ParserCreate()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
-
-    def entity(*_: object) -> None:
-        raise BadFile([Problem(path, parser.CurrentLineNumber, 1, "", "XML entities are not accepted")])
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = builder.end
-    parser.EntityDeclHandler = entity
-    try:
-        parser.Parse(raw, True)
-    except expat.ExpatError as error:
-        message = f"not XML: {expat.ErrorString(error.code)}"
-        raise BadFile([Problem(path, error.lineno, error.offset + 1, "", message)]) from None
-    return builder.close(), lines
-
-
 def _named(root: ET.Element, tag: str, faults: Faults) -> dict[str, ET.Element]:
     """Collects elements by name; a missing or repeated name is a fault."""
     found: dict[str, ET.Element] = {}
@@ -204,6 +148,8 @@ def _named(root: ET.Element, tag: str, faults: Faults) -> dict[str, ET.Element]:
         name = element.get("name", "")
         if not name:
             faults.add(element, f"a <{tag}> has no name")
+        elif printable(name) != name:
+            faults.add(element, f"the {tag} {name[:60]!r} has control characters in its name (valid: none)")
         elif name in found:
             faults.add(element, f"the {tag} '{name}' is described twice")
         else:
@@ -219,7 +165,12 @@ def _joint(name: str, element: ET.Element, links: Mapping[str, ET.Element], faul
     limit = element.find("limit")
     limits = None
     if limit is not None and kind in ("revolute", "prismatic"):
-        limits = UrdfLimits(*(faults.number(limit, key) for key in ("lower", "upper", "velocity", "effort")))
+        limits = UrdfLimits(
+            *(faults.number(limit, key) for key in ("lower", "upper")),
+            *(faults.number(limit, key, least=0.0) for key in ("velocity", "effort")),
+        )
+        if limits.lower > limits.upper:
+            faults.add(limit, f"<limit> has 'lower' {limits.lower:g} above 'upper' {limits.upper:g}")
     return UrdfJoint(kind, ends[0], ends[1], limits, faults.lines[element])
 
 
@@ -260,6 +211,6 @@ def _inertia_numbers(link: ET.Element, faults: Faults) -> Iterator[float]:
     if mass is None or inertia is None:
         yield 0.0
         return
-    yield faults.number(mass, "value")
+    yield faults.number(mass, "value", least=0.0)
     for key in ("ixx", "iyy", "izz"):
         yield faults.number(inertia, key)

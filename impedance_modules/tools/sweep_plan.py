@@ -125,7 +125,7 @@ def read_range(text: str) -> Range:
         points = int(parts[2]) if len(parts) == 3 else POINTS
     except ValueError:
         raise BadInput(f"--vary {text}: not a path with a range ({valid})") from None
-    if not path or len(parts) > 3 or not (math.isfinite(low) and math.isfinite(high)):
+    if not path or len(parts) > 3 or not math.isfinite(high - low):
         raise BadInput(f"--vary {text}: not a path with a range ({valid})")
     if low > high or points < 1 or (points == 1 and low < high):
         raise BadInput(f"--vary {text}: not a range from LO up to HI in N steps, N at least 2 ({valid})")
@@ -145,9 +145,10 @@ def make_jobs(plan: SweepPlan) -> list[SweepJob]:
     numbers = {found.path: _find_number(found, task, patch) for found in plan.ranges}
     if len(numbers) < len(plan.ranges):
         raise BadInput("--vary names the same path twice (valid: each path once)")
+    count = math.prod(found.points for found in plan.ranges) if plan.draws is None else plan.draws
+    if count * plan.seeds > MOST_RUNS:
+        raise BadInput(f"{count * plan.seeds} runs are too many (valid: up to {MOST_RUNS})")
     points = plan.points()
-    if len(points) * plan.seeds > MOST_RUNS:
-        raise BadInput(f"{len(points) * plan.seeds} runs are too many (valid: up to {MOST_RUNS})")
     files = _SourceTexts(task, patch, numbers)
     return [
         _job(plan, files, number, point, seed)

@@ -180,7 +180,7 @@ def test_what_is_no_file_is_refused(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 def test_a_pipe_is_refused_instead_of_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(BadInput, match="not a regular file"):
+    with pytest.raises(BadInput, match="is a FIFO, not a file"):
         read_document(tmp_path / "pipe")
 
 
@@ -190,6 +190,6 @@ def test_an_unreadable_file_says_why(tmp_path, monkeypatch):
     def refuse(*_args, **_options):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr("impedance_modules.input_files.os.open", refuse)
     with pytest.raises(BadInput, match="cannot be read: Permission denied"):
         read_document(path)

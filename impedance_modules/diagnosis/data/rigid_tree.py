@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.spec.urdf import UrdfLimits, parse_xml, read_urdf
+from impedance_modules.spec.located_xml import parse_xml
+from impedance_modules.spec.urdf import UrdfLimits, read_urdf
 
 TOLERANCE = 1e-6
 """Negative eigenvalue that round-off in a robot description explains, as a part of the largest one."""
@@ -222,8 +223,8 @@ def _inertia(link: ET.Element, rotation: Array, translation: Array) -> Array:
     mass = 0.0 if mass_element is None else float(mass_element.attrib["value"])
     turn, shift = _origin(element.find("origin"))
     R, c = rotation @ turn, translation + rotation @ shift
-    values = {} if tensor is None else {key: float(value) for key, value in tensor.attrib.items()}
-    xx, xy, xz, yy, yz, zz = (values.get(key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (0.0 if tensor is None else float(tensor.get(key, "0")) for key in keys)
     about = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
     about = about + mass * (c @ c * np.eye(3) - np.outer(c, c))
     second = about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]

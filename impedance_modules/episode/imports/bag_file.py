@@ -23,6 +23,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
 from impedance_modules.errors import BadInput
+from impedance_modules.input_files import check_file
 
 if sys.version_info >= (3, 14):
     from compression.zstd import ZstdError
@@ -176,6 +177,9 @@ def open_bag(path: Path) -> Iterator[BagFile]:
     Raises:
         BadInput: Damaged, cut off, not indexed, or no recording.
     """
+    for file in sorted(path.iterdir()) if path.is_dir() else (path,):
+        if not file.is_dir():
+            check_file(file)
     with reporting_damage(path):
         reader = Reader1(path) if path.is_file() and path.suffix not in {".mcap", ".db3"} else Reader2(path)
         reader.open()

@@ -3,22 +3,35 @@
 
 from __future__ import annotations
 
+import math
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from impedance_modules.episode.exact_numbers import (
+    LARGEST_EXACT,
+    exact_doubles,
+    refuse_many_rows,
+    too_large_whole,
+)
 from impedance_modules.episode.imports.table import CHUNK_ROWS, Chunk, Vector, refuse_nonfinite
+from impedance_modules.episode.sealed_parquet import UNREADABLE
 from impedance_modules.errors import BadInput
+from impedance_modules.input_files import check_file, open_input
 
 LARGEST_FILE = 1_000_000_000
 """Bytes; these formats can only be read whole."""
+
+LARGEST_CONTENT = 4_000_000_000
+"""Bytes of a compressed file once it is unpacked."""
 
 _DEEPEST = 4
 """Structs within structs."""
@@ -30,6 +43,9 @@ _DAMAGE = (
     IndexError,
     OverflowError,
     EOFError,
+    MemoryError,
+    RecursionError,
+    struct.error,
     zlib.error,
     zipfile.BadZipFile,
 )
@@ -76,11 +92,16 @@ class ArrayTable:
             )
         for start in range(0, max(lengths.values(), default=0), CHUNK_ROWS):
             columns = {
-                name: self._series[name][start : start + CHUNK_ROWS].astype(np.float64) for name in wanted
+                name: self._doubles(name, self._series[name][start : start + CHUNK_ROWS]) for name in wanted
             }
             count = len(next(iter(columns.values())))
             places = np.arange(start + 1, start + 1 + count, dtype=np.int64)
             yield refuse_nonfinite(self.path, self.row_word, Chunk(columns, places))
+
+    def _doubles(self, name: str, values: Vector) -> Vector:
+        if values.dtype.kind in "iu" and values.size and _largest(values) > LARGEST_EXACT:
+            raise BadInput(f"{self.path}: {too_large_whole(name)}")
+        return values.astype(np.float64)
 
 
 class ParquetTable:
@@ -101,14 +122,13 @@ class ParquetTable:
         self.row_word = "sample"
         self.notes: list[str] = []
         try:
-            if path.stat().st_size == 0:
+            if check_file(path) == 0:
                 raise BadInput(f"{path}: the file is empty (valid: Parquet)")
             self._file = pq.ParquetFile(path, page_checksum_verification=True)
-        except FileNotFoundError:
-            raise BadInput(f"{path}: no such file") from None
-        except (pa.ArrowException, OSError) as error:
+            schema = self._file.schema_arrow
+        except UNREADABLE as error:
             raise BadInput(f"{path}: not a whole Parquet file: {error}") from error
-        schema = self._file.schema_arrow
+        refuse_many_rows(path, self._file.metadata.num_rows)
         self.names = tuple(field.name for field in schema if _is_number(field.type))
         self.metadata: Mapping[bytes, bytes] = schema.metadata or {}
 
@@ -118,28 +138,21 @@ class ParquetTable:
         try:
             for batch in self._file.iter_batches(CHUNK_ROWS, columns=list(wanted), use_threads=False):
                 columns = {
-                    name: batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False)
+                    name: exact_doubles(self.path, name, batch.column(name)).to_numpy(zero_copy_only=False)
                     for name in wanted
                 }
                 places = np.arange(start, start + len(batch), dtype=np.int64)
                 start += len(batch)
                 yield refuse_nonfinite(self.path, self.row_word, Chunk(columns, places))
-        except (pa.ArrowException, OSError) as error:
+        except UNREADABLE as error:
             raise BadInput(f"{self.path}: damaged: {error}") from error
 
 
 def _variables(path: Path) -> Mapping[str, Any]:
     try:
-        size = path.stat().st_size
-        if size == 0:
+        if check_file(path, LARGEST_FILE) == 0:
             raise BadInput(f"{path}: the file is empty (valid: a .mat or .npz file)")
-        if size > LARGEST_FILE:
-            raise BadInput(
-                f"{path}: {size} bytes, and it can only be read whole (valid: up to {LARGEST_FILE})"
-            )
         return _load(path)
-    except FileNotFoundError:
-        raise BadInput(f"{path}: no such file") from None
     except NotImplementedError as error:
         raise BadInput(f"{path}: a MATLAB 7.3 file (valid: save it again with save(..., '-v7'))") from error
     except OSError as error:
@@ -151,8 +164,11 @@ def _variables(path: Path) -> Mapping[str, Any]:
 
 def _load(path: Path) -> Mapping[str, Any]:
     if path.suffix == ".npz":
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+        with open_input(path, LARGEST_FILE) as stream:
+            _check_arrays(stream)
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as archive:
+                return {name: archive[name] for name in archive.files}
     from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and few logs need it
     from scipy.io.matlab import MatReadError  # noqa: PLC0415
 
@@ -161,6 +177,31 @@ def _load(path: Path) -> Mapping[str, Any]:
     except MatReadError as error:
         raise BadInput(f"{path}: no MATLAB file, or cut off: {error}") from error
     return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _check_arrays(stream: BinaryIO) -> None:
+    """Compares what the arrays of an .npz file say of their size with what the file holds, before they are made."""
+    with zipfile.ZipFile(stream) as archive:
+        if sum(member.file_size for member in archive.infolist()) > LARGEST_CONTENT:
+            raise ValueError(f"unpacked, it has more than {LARGEST_CONTENT} bytes")
+        for member in archive.infolist():
+            if not member.filename.endswith(".npy"):
+                continue
+            with archive.open(member) as array:
+                version = np.lib.format.read_magic(array)
+                read = _HEADERS.get(version)
+                if read is None:
+                    raise ValueError(f"{member.filename} is of the unknown version {version}")
+                shape, _, kind = read(array)
+            if math.prod(shape) * kind.itemsize > member.file_size:
+                raise ValueError(f"{member.filename} is cut off, or says that it is larger than it is")
+
+
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
+def _largest(values: Vector) -> int:
+    return max(int(values.max()), -int(values.min()))
 
 
 def _numeric(variables: Mapping[str, Any], depth: int) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -17,6 +17,7 @@ from impedance_modules.episode.imports.table import LogTable
 from impedance_modules.episode.imports.text_table import TextTable
 from impedance_modules.episode.run_folder import EPISODE, part_paths
 from impedance_modules.errors import BadFile, BadInput
+from impedance_modules.input_files import open_input
 
 EPISODE_MARK = "{episode}"
 
@@ -52,10 +53,8 @@ def kind_of(path: Path) -> str:
             return "run"
         return "bag" if (path / "metadata.yaml").exists() else "folder"
     try:
-        with path.open("rb") as stream:
+        with open_input(path, near="" if path.exists() else _neighbours(path)) as stream:
             start = stream.read(32)
-    except FileNotFoundError:
-        raise BadInput(f"{path}: no such file{_neighbours(path)}") from None
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from error
     if not start:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from impedance_modules.episode.imports.import_map import TextLayout
 from impedance_modules.episode.imports.table import CHUNK_ROWS, Chunk, refuse_nonfinite
 from impedance_modules.errors import BadInput
+from impedance_modules.input_files import open_input
 
 SEPARATORS: Mapping[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": None}
 LONGEST_LINE = 1_000_000
@@ -171,13 +173,11 @@ def open_text(path: Path) -> Iterator[TextIO]:
     """Opens a text file.
 
     Raises:
-        BadInput: It is missing or cannot be read, also while it is open.
+        BadInput: It is missing, no regular file, or cannot be read, also while it is open.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline=None) as stream:
+        with open_input(path) as raw, io.TextIOWrapper(raw, encoding="utf-8-sig", newline=None) as stream:
             yield stream
-    except FileNotFoundError:
-        raise BadInput(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
         raise BadInput(f"{path}: no text file: {error} (valid: a table as UTF-8 text)") from error
     except OSError as error:
