@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 TASK ?= press-and-slide
 OUT ?= out/$(TASK)
 
-.PHONY: run test lint docs verify lock clean
+.PHONY: run test lint docs verify audit lock clean
 run: $(VENV)/run.stamp
 	@rm -rf "$(OUT)"
 	$(BIN)/impedance run $(TASK) --out "$(OUT)"
@@ -30,6 +30,17 @@ docs: $(VENV)/docs.stamp
 verify: $(VENV)/develop.stamp $(VENV)/docs.stamp
 	$(BIN)/python -m tests.verify $(VERIFY_ARGS)
 
+# Known vulnerabilities of all locked versions, asked of pypi.org; --strict: what could not be looked up is a failure.
+audit: out/audit/stamp
+	for file in requirements/*.txt; do \
+		echo "$$file" && out/audit/bin/pip-audit --strict --require-hashes --disable-pip -r "$$file" || exit 1; \
+	done
+
+out/audit/stamp: requirements/audit.txt
+	$(PYTHON) -m venv out/audit
+	out/audit/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/audit.txt
+	@touch $@
+
 # Versions and hashes come from requirements/*.txt; nothing is resolved on the user's machine.
 $(VENV)/run.stamp: requirements/run.txt pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "impedance_modules needs Python 3.11 or newer, this is " + sys.version.split()[0])'
@@ -52,6 +63,7 @@ lock:
 	uv pip compile pyproject.toml --group build --group test --group lint --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/develop.txt
 	uv pip compile pyproject.toml --group benchmark --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/benchmark.txt
 	uv pip compile pyproject.toml --group docs --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/docs.txt
+	uv pip compile --group audit --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/audit.txt
 
 clean:
 	rm -rf $(VENV) out build dist
