@@ -5,12 +5,12 @@
 
 Mutants are drawn over the statements of the folders below, all statements alike. Each is applied in a copy of the
 checkout, and the tests that call the changed function run there, the fastest first, until one fails. FILE gets a line
-of JSON for every mutant; started again with the same FILE, seed and tree, it goes on where it was stopped. Survivors
-that change nothing a user could see are judged one by one in ``survivors.yaml``. Exit 1 if fewer than 85 % of the
-others were killed.
+of JSON for every mutant; started again with the same FILE, seed and laws, it goes on where it was stopped, and tries
+survivors again if tests have changed. Survivors that change nothing a user could see are judged one by one in
+``survivors.yaml``. Exit 1 if fewer than 85 % of the others were killed.
 
 Which test calls which function is found first, by running the tests of the folders once; that takes some minutes and
-is kept beside FILE.
+is kept beside FILE, for each file of tests by itself.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -80,6 +80,8 @@ FIRST_TESTS = 25.0
 PATIENCE = 240.0
 """Tests of one mutant that take longer have noticed: something became endless [s]."""
 
+NOTICED = ("killed", "timed out")
+
 JUDGED = Path(__file__).parent / "survivors.yaml"
 
 
@@ -88,13 +90,17 @@ def area_of(file: str) -> tuple[str, Area]:
     return next((folder, area) for folder, area in AREAS.items() if file.startswith(f"{folder}/"))
 
 
-def digest(folders: Sequence[str]) -> str:
-    """Names the text of the changed folders and of all tests."""
+def digest(paths: Iterable[Path]) -> str:
+    """Names the text of files, and the version of Python."""
     summed = hashlib.sha256(sys.version.encode())
-    for folder in (*folders, "tests"):
-        for path in sorted((CHECKOUT / folder).rglob("*.py")):
-            summed.update(str(path.relative_to(CHECKOUT)).encode() + b"\0" + path.read_bytes())
+    for path in paths:
+        summed.update(str(path.relative_to(CHECKOUT)).encode() + b"\0" + path.read_bytes())
     return summed.hexdigest()[:16]
+
+
+def sources(*folders: str) -> list[Path]:
+    """All Python files of folders."""
+    return [path for folder in folders for path in sorted((CHECKOUT / folder).rglob("*.py"))]
 
 
 def files_of_tests(area: Area) -> list[str]:
@@ -108,22 +114,29 @@ def files_of_tests(area: Area) -> list[str]:
 
 
 def covering(folder: str, copy: Path, kept: Path) -> Covering:
-    """What the tests of an area call, from an earlier run or from one now."""
-    lines = kept.with_name(f"{kept.stem}-{folder.rpartition('/')[2]}-calls.jsonl")
-    if lines.exists():
-        return Covering.read(lines)
-    unfinished = lines.with_suffix(".part")
-    unfinished.unlink(missing_ok=True)
-    area = AREAS[folder]
+    """What the tests of an area call, from earlier runs of the same files or from one now."""
+    area, kept = AREAS[folder], kept.absolute()
+    kept.mkdir(parents=True, exist_ok=True)
+    found = Covering()
     for file in files_of_tests(area):
-        began = time.perf_counter()
-        arguments = [file, "-m", "not long and not ros"]
-        watcher = Watcher(copy, (f"{folder}/",), unfinished.absolute())
-        work = partial(run_pytest, arguments, watcher)
-        code = as_child(copy, work, MAPPING_PATIENCE, machine_code=area.machine_code)
-        print(f"{time.perf_counter() - began:7.1f} s  exit {code}  {file}", flush=True)
-    unfinished.replace(lines)
-    return Covering.read(lines)
+        shared = sources(folder, "tests/support", "tests/reference")
+        lines = kept / f"{Path(file).stem}-{digest([*shared, CHECKOUT / file])}.jsonl"
+        if not lines.exists():
+            _watch(file, area, Watcher(copy, (f"{folder}/",), lines.with_suffix(".part")), copy)
+            lines.with_suffix(".part").touch()
+            lines.with_suffix(".part").replace(lines)
+        found.read(lines)
+    return found
+
+
+def _watch(file: str, area: Area, watcher: Watcher, copy: Path) -> None:
+    """Runs a file of tests and writes down what they call."""
+    watcher.lines.unlink(missing_ok=True)
+    began = time.perf_counter()
+    work = partial(run_pytest, [file, "-m", "not long and not ros"], watcher)
+    patience = MAPPING_PATIENCE * (3.0 if area.machine_code else 1.0)
+    code = as_child(copy, work, patience, machine_code=area.machine_code)
+    print(f"{time.perf_counter() - began:7.1f} s  exit {code}  {file}", flush=True)
 
 
 def try_mutant(mutant: Mutant, copy: Path, calls: Covering) -> dict[str, object]:
@@ -171,19 +184,25 @@ def is_equivalent(result: dict[str, object]) -> bool:
 
 
 def earlier(out: Path, head: dict[str, object]) -> list[dict[str, object]]:
-    """Results of an earlier run on the same tree; writes the head of a new file.
+    """Results of an earlier run that still hold; writes the head of the file.
+
+    What was killed stays killed when there are more tests; what survived is tried again if they have changed.
 
     Raises:
-        SystemExit: The file is of another tree or seed.
+        SystemExit: The file is of other laws or another seed.
     """
-    if not out.exists():
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(head) + "\n")
-        return []
-    first, *rest = [json.loads(line) for line in out.read_text().splitlines()]
-    if first != head:
-        raise SystemExit(f"{out} is of {first}, this is {head} (valid: another --out, or the tree as it was)")
-    return rest
+    results = []
+    if out.exists():
+        first, *results = [json.loads(line) for line in out.read_text().splitlines()]
+        if first | {"tests": ""} != head | {"tests": ""}:
+            raise SystemExit(
+                f"{out} is of {first}, this is {head} (valid: another --out, or the laws as they were)"
+            )
+        if first != head:
+            results = [result for result in results if result["outcome"] in NOTICED]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("".join(json.dumps(line) + "\n" for line in (head, *results)))
+    return results
 
 
 def table(results: Sequence[dict[str, object]]) -> str:
@@ -206,7 +225,7 @@ def table(results: Sequence[dict[str, object]]) -> str:
 
 def survivors(results: Sequence[dict[str, object]]) -> list[dict[str, object]]:
     """Results whose mutants no test noticed."""
-    return [result for result in results if result["outcome"] in ("survived", "not covered")]
+    return [result for result in results if result["outcome"] not in NOTICED]
 
 
 def line_of(result: dict[str, object]) -> str:
@@ -216,22 +235,25 @@ def line_of(result: dict[str, object]) -> str:
     return f"{result['outcome']!s:<11} {result['seconds']:6} s  {place}: {result['kind']}: {old} -> {new}"
 
 
-def run(drawn: Sequence[Mutant], out: Path, done: list[dict[str, object]]) -> list[dict[str, object]]:
-    """Tries the mutants that are missing, in the order in which they were drawn."""
-    found: dict[str, Covering] = {}
+def run(drawn: Sequence[Mutant], out: Path, done: Sequence[dict[str, object]]) -> list[dict[str, object]]:
+    """Tries the mutants that are missing, in the order in which they were drawn; returns all results in that order."""
+    covered: dict[str, Covering] = {}
+    found = {(result["file"], result["start"], result["old"], result["new"]): result for result in done}
     with tempfile.TemporaryDirectory() as top:
         copy = Path(top)
         copy_checkout(copy)
-        for mutant in drawn[len(done) :]:
+        for number, mutant in enumerate(drawn, 1):
+            place = (mutant.file, mutant.start, mutant.old, mutant.new)
+            if place in found:
+                continue
             folder = area_of(mutant.file)[0]
-            if folder not in found:
-                found[folder] = covering(folder, copy, out)
-            result = try_mutant(mutant, copy, found[folder])
-            done.append(result)
+            if folder not in covered:
+                covered[folder] = covering(folder, copy, out.with_name("calls"))
+            found[place] = try_mutant(mutant, copy, covered[folder])
             with out.open("a") as lines:
-                lines.write(json.dumps(result) + "\n")
-            print(f"{len(done):4} {line_of(result)}", flush=True)
-    return done
+                lines.write(json.dumps(found[place]) + "\n")
+            print(f"{number:4} {line_of(found[place])}", flush=True)
+    return [found[mutant.file, mutant.start, mutant.old, mutant.new] for mutant in drawn]
 
 
 def main() -> int:
@@ -240,12 +262,12 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=400)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--folder", nargs="+", choices=tuple(AREAS), default=list(AREAS), metavar="FOLDER")
-    parser.add_argument("--out", type=Path, default=None, help="out/random-mutants/TREE.jsonl")
+    parser.add_argument("--out", type=Path, default=None, help="out/random-mutants/LAWS-SEED.jsonl")
     options = parser.parse_args()
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
-    tree = digest(options.folder)
-    out = options.out or CHECKOUT / "out" / "random-mutants" / f"{tree}-{options.seed}.jsonl"
-    done = earlier(out, {"tree": tree, "seed": options.seed, "folders": options.folder})
+    laws, tests = digest(sources(*options.folder)), digest(sources("tests"))
+    out = options.out or CHECKOUT / "out" / "random-mutants" / f"{laws}-{options.seed}.jsonl"
+    done = earlier(out, {"laws": laws, "tests": tests, "seed": options.seed, "folders": options.folder})
     load_libraries()
     results = run(draw(CHECKOUT, options.folder, options.count, options.seed), out, done)
     for result in survivors(results):

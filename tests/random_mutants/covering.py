@@ -30,18 +30,12 @@ class Covering:
     functions: dict[str, list[str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
-    @classmethod
-    def read(cls, path: Path) -> Covering:
-        """Reads the lines that a ``Watcher`` wrote, a test each; only tests that passed cover anything."""
-        found = cls()
-        for line in path.read_text().splitlines() if path.exists() else ():
+    def read(self, path: Path) -> None:
+        """Takes in the lines that a ``Watcher`` wrote, a test each; only tests that passed cover anything."""
+        for line in path.read_text().splitlines():
             seen = json.loads(line)
             if seen["passed"]:
-                found.functions[seen["test"]], found.seconds[seen["test"]] = (
-                    seen["functions"],
-                    seen["seconds"],
-                )
-        return found
+                self.functions[seen["test"]], self.seconds[seen["test"]] = seen["functions"], seen["seconds"]
 
     def tests_of(self, file: str, function: str) -> list[str]:
         """Tests that call a function, the fastest first; for text outside functions those that call any of its file."""
@@ -60,7 +54,7 @@ class Watcher:
     """A plugin of pytest that writes a line for every test as soon as it is over."""
 
     def __init__(self, root: Path, watched: tuple[str, ...], lines: Path) -> None:
-        self._root, self._watched, self._lines = f"{root}/", watched, lines
+        self._root, self._watched, self.lines = f"{root}/", watched, lines
         self._names: dict[CodeType, str | None] = {}
         self._called: set[str] = set()
         self._by_fixture: dict[str, set[str]] = defaultdict(set)
@@ -78,7 +72,7 @@ class Watcher:
         seconds = round(time.perf_counter() - began, 4)
         passed = item.nodeid in self._passed
         seen = {"test": item.nodeid, "seconds": seconds, "passed": passed, "functions": sorted(called)}
-        with self._lines.open("a") as lines:
+        with self.lines.open("a") as lines:
             lines.write(json.dumps(seen) + "\n")
 
     def pytest_runtest_logreport(self, report: Any) -> None:

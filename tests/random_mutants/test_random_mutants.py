@@ -116,7 +116,8 @@ def test_tests_of_a_function_are_those_that_call_it_the_fastest_first(tmp_path: 
     path = tmp_path / "calls.jsonl"
     keys = ("test", "seconds", "passed", "functions")
     path.write_text("".join(json.dumps(dict(zip(keys, line, strict=True))) + "\n" for line in lines))
-    calls = Covering.read(path)
+    calls = Covering()
+    calls.read(path)
     assert calls.tests_of("f.py", "A.b") == ["fast", "slow"]
     assert calls.tests_of("f.py", "c") == ["fast"]
     assert calls.tests_of("f.py", "") == ["fast", "slow"]
@@ -125,12 +126,17 @@ def test_tests_of_a_function_are_those_that_call_it_the_fastest_first(tmp_path: 
     assert list(parts([], {})) == []
 
 
-def test_results_of_another_tree_are_not_gone_on_with(tmp_path: Path) -> None:
-    out = tmp_path / "results.jsonl"
-    assert earlier(out, {"tree": "a", "seed": 1}) == []
-    assert earlier(out, {"tree": "a", "seed": 1}) == []
+def test_what_was_killed_stays_so_and_what_survived_is_tried_again_with_other_tests(tmp_path: Path) -> None:
+    out, head = tmp_path / "new" / "results.jsonl", {"laws": "a", "tests": "x", "seed": 1}
+    assert earlier(out, head) == []
+    results = [{"outcome": outcome} for outcome in ("killed", "survived", "timed out", "not covered")]
+    with out.open("a") as lines:
+        lines.writelines(json.dumps(result) + "\n" for result in results)
+    assert earlier(out, head) == results
+    assert earlier(out, head | {"tests": "y"}) == results[::2]
+    assert earlier(out, head | {"tests": "y"}) == results[::2]
     with pytest.raises(SystemExit, match="another --out"):
-        earlier(out, {"tree": "b", "seed": 1})
+        earlier(out, head | {"laws": "b"})
 
 
 def test_the_table_counts_what_was_killed() -> None:
