@@ -6,7 +6,6 @@ from __future__ import annotations
 import hashlib
 import multiprocessing
 import os
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, is_dataclass
@@ -18,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import impedance_modules
+from impedance_experiments.kept_results import read_result, write_result
 from impedance_modules.spec.locate import data_folder
 
 Job = TypeVar("Job")
@@ -34,12 +34,12 @@ def carry_out_all(
     """Carries runs out on as many processes as there are processors (at most four); results in order.
 
     Args:
-        run: Of a module, not a closure.
+        run: Of a module, not a closure; a dataclass that it returns is its stated return type, of plain data.
         jobs: Plain data: dataclasses, arrays, numbers, texts, paths.
         folder: Results are written there as they come, and read again by a later call of the same program.
         on_done: Called with how many are done.
     """
-    places = [folder / f"{run.__name__}-{_digest((program(), job))}.pickle" for job in jobs]
+    places = [folder / f"{run.__name__}-{_digest((program(), job))}.npz" for job in jobs]
     missing = [index for index, place in enumerate(places) if not place.is_file()]
     done = len(jobs) - len(missing)
     count = min(MOST_PROCESSES, os.cpu_count() or 1)
@@ -53,15 +53,13 @@ def carry_out_all(
         with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool:
             for number, _ in enumerate(pool.map(_carry_out, work)):
                 on_done(done + number + 1)
-    return [pickle.loads(place.read_bytes()) for place in places]
+    return [read_result(run, place) for place in places]
 
 
 def _carry_out(work: tuple[Callable[[Any], object], Any, Path]) -> None:
     """Does one job and writes its result, whole or not at all."""
     run, job, place = work
-    part = place.with_suffix(".part")
-    part.write_bytes(pickle.dumps(run(job)))
-    part.replace(place)
+    write_result(run(job), place)
 
 
 @cache

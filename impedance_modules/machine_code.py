@@ -13,10 +13,15 @@ call, and the values of globals: here kept code is used again only if none of th
 from __future__ import annotations
 
 import contextlib
+import grp
 import hashlib
 import operator
+import os
 import pickle
+import pwd
+import stat
 import sys
+import warnings
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
@@ -162,7 +167,10 @@ _UNREADABLE = (
 
 
 class _Index(IndexDataCacheFile):
-    """What is kept of one law; what cannot be read, cut off or from an older text of this file, is not there."""
+    """What is kept of one law; what cannot be read, cut off or from an older text of this file, is not there.
+
+    Nor is what somebody else may have written: numba unpickles these files, and what they hold is executed.
+    """
 
     def load(self, key: Any) -> Any:
         """Returns what is kept under a key, None where there is nothing."""
@@ -170,8 +178,13 @@ class _Index(IndexDataCacheFile):
             return super().load(key)
         return None
 
+    def _load_data(self, name: str) -> Any:
+        _refuse_foreign(Path(self._data_path(name)))
+        return super()._load_data(name)
+
     def _load_index(self) -> dict[Any, str]:
         with contextlib.suppress(*_UNREADABLE):
+            _refuse_foreign(Path(self._index_path))
             return dict(super()._load_index())
         return {}
 
@@ -181,12 +194,50 @@ class _Kept(FunctionCache):
 
     def __init__(self, law: Law[..., Any]) -> None:
         super().__init__(law.python)
+        if not is_ours_alone(Path(self._cache_path)):
+            _warn_of(self._cache_path)
+            raise RuntimeError(f"others may write into {self._cache_path}")
         self._cache_file = _Index(self._cache_path, self._impl.filename_base, stamp(law))
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keeps code if it can be kept: a full disk stops nothing."""
         with contextlib.suppress(OSError):
             super().save_overload(signature, data)
+
+
+def _refuse_foreign(place: Path) -> None:
+    if not is_ours_alone(place):
+        raise PermissionError(f"others may write {place}")
+
+
+def is_ours_alone(place: Path) -> bool:
+    """Says whether a file or folder belongs to this user, or to root, and nobody else may write into it.
+
+    Members of a group may where that group is the user's own (umask 002 on many systems).
+    """
+    status = place.stat()
+    if status.st_uid not in (os.geteuid(), 0) or status.st_mode & stat.S_IWOTH:
+        return False
+    return not status.st_mode & stat.S_IWGRP or _own_group(status.st_gid)
+
+
+@cache
+def _own_group(group: int) -> bool:
+    """Says whether a group has this user's name and no other member."""
+    try:
+        found, user = grp.getgrgid(group), pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return False
+    return found.gr_name == user and set(found.gr_mem) <= {user}
+
+
+@cache
+def _warn_of(folder: str) -> None:
+    warnings.warn(
+        f"{folder}: kept machine code is not used, others may write there; every run compiles anew"
+        f" (valid: a folder of your own: chmod go-w {folder}, or set NUMBA_CACHE_DIR)",
+        stacklevel=2,
+    )
 
 
 def dispatcher(law: Law[..., Any]) -> Any:

@@ -112,6 +112,16 @@ def become_a_folder(path: Path) -> None:
     path.mkdir()
 
 
+def let_others_write(path: Path) -> None:
+    path.chmod(0o666)
+
+
+def belong_to_somebody(path: Path) -> None:
+    if os.geteuid() != 0:
+        pytest.skip("only root can give files away")
+    os.chown(path, 12345, -1)
+
+
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     """A folder of kept code, and what the program printed that made it."""
@@ -130,6 +140,10 @@ def kept(tmp_path_factory):
         ("nbc", cut_off),
         ("nbc", empty),
         ("nbc", become_a_folder),
+        ("nbi", let_others_write),
+        ("nbc", let_others_write),
+        ("nbi", belong_to_somebody),
+        ("nbc", belong_to_somebody),
     ],
 )
 def test_kept_code_that_cannot_be_read_is_compiled_anew(kept, tmp_path, kind, spoil):
@@ -144,3 +158,15 @@ def test_kept_code_that_cannot_be_read_is_compiled_anew(kept, tmp_path, kind, sp
     number, _, hits = again.stdout.split()
     assert number == printed[0]
     assert (hits != "0") == (spoil is spoil_nothing)
+
+
+def test_code_in_a_folder_where_others_may_write_is_neither_run_nor_kept(kept, tmp_path):
+    """Numba unpickles what it keeps: whoever can write there could have anything executed."""
+    folder, printed = kept
+    shutil.copytree(folder, tmp_path / "kept")
+    for place in (tmp_path / "kept").iterdir():
+        place.chmod(0o777)
+    again = run(CHECKOUT, NUMBA_CACHE_DIR=str(tmp_path / "kept"))
+    number, _, hits = again.stdout.split()
+    assert (number, hits) == (printed[0], "0")
+    assert "kept machine code is not used, others may write there" in again.stderr
