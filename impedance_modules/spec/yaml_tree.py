@@ -36,7 +36,8 @@ LONGEST_INTEGER = 15
 """Digits that a float64 holds exactly."""
 
 _INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
-_FLOAT = re.compile(r"[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+][0-9]+)?")
+_FLOAT = re.compile(r"(?:[-+]?[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+][0-9]+)?")
+_SIGNED_POINT = re.compile(r"[-+]\.[0-9]+(?:[eE][-+]?[0-9]+)?")
 _SHORT_EXPONENT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))[eE]([-+]?)([0-9]+)")
 
 _LOOKALIKES = (
@@ -297,6 +298,9 @@ def _read_number(word: str) -> tuple[Scalar, str | None]:
         return _integer(word)
     if _FLOAT.fullmatch(word):
         return _finite(word)
+    if _SIGNED_POINT.fullmatch(word):
+        longhand = f"{word[0]}0{word[1:]}"
+        return float(word), f"'{word}' is read as text by some YAML readers; write {longhand}"
     if match := _SHORT_EXPONENT.fullmatch(word):
         return _short_exponent(word, *match.groups())
     for pattern, explain in _LOOKALIKES:
