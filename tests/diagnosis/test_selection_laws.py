@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trials and screening on random rows: what the shortcuts give is what fitting everything anew gives."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_rel
+
+from impedance_modules.diagnosis.model_selection.candidate_trial import (
+    CandidateTrial,
+    add_to_fit,
+    losses,
+    significance,
+    try_term,
+)
+from impedance_modules.diagnosis.model_selection.cause_search import validated_on_holdout
+from impedance_modules.diagnosis.model_selection.screening import Screening
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
+from tests.support.selection_samples import (
+    FOLDS,
+    GROUPS,
+    NUISANCE,
+    fitted,
+    layout,
+    least_squares,
+    random_design,
+    with_cause,
+)
+
+KNOWN = layout(("known", "a", "link"), {0: 0, 1: 0}, 2, scale=[2.0, 0.5], precision=[0.3, 0.0])
+NEW = layout(("new", "b", "link"), {1: 2, 2: 0}, 2, scale=[0.5, 3.0], precision=[0.0, 0.7])
+STEADY = layout(("steady", "b", "link"), {0: 2, 1: 4}, 1, fixed=True)
+LAYOUTS = (KNOWN, NEW, STEADY)
+SEEDS = pytest.mark.parametrize("seed", range(4))
+
+
+def sample(seed: int, cause: tuple[float, ...] = (1.0, -2.0), new=NEW) -> tuple[ModelFit, ModelTerm]:
+    """A model with one known cause, and a second cause that it lacks."""
+    design = random_design(np.random.default_rng(seed), LAYOUTS)
+    design = with_cause(with_cause(design, KNOWN, [0.8, 0.4]), new, cause)
+    return fitted(design, term_of(design, KNOWN)), term_of(design, new)
+
+
+@SEEDS
+@pytest.mark.parametrize("new", [NEW, STEADY], ids=["plain", "with a part that has no coefficient"])
+def test_a_term_that_is_added_has_the_coefficients_of_a_fit_of_everything(seed: int, new) -> None:
+    model_fit, term = sample(seed, (0.7,) * new.shaped.size, new)
+    for recordings, base in ((model_fit.fitted, model_fit.whole), (model_fit.train(1), model_fit.without[1])):
+        beside, own, covariance = add_to_fit(model_fit, recordings, base, term)
+        all_of_it, inverse = least_squares(model_fit, [*model_fit.model, term], recordings)
+        size = term.shaped.size
+        assert np.allclose(beside, all_of_it[:-size], atol=1e-6)
+        assert np.allclose(own, all_of_it[-size:], atol=1e-6)
+        assert np.allclose(covariance, inverse[-size:, -size:], rtol=1e-5)
+
+
+def squares(trial: CandidateTrial, with_it: bool) -> np.ndarray:
+    """(folds, groups), by a fit of everything without each fold."""
+    model_fit, terms = trial.model_fit, [*trial.model_fit.model, *([trial.term] if with_it else [])]
+    out = np.zeros((len(FOLDS), len(GROUPS)))
+    for fold, recordings in enumerate(FOLDS):
+        found, _ = least_squares(model_fit, terms, model_fit.train(fold))
+        for r in recordings:
+            for g in range(len(GROUPS)):
+                left = model_fit.design.y[r][g] - model_fit.design.Z[r][g] @ found[:NUISANCE]
+                first = NUISANCE
+                for term in terms:
+                    if g in term.columns[r]:
+                        left = left - term.columns[r][g] @ found[first : first + term.shaped.size]
+                        left = left - term.fixed[r].get(g, 0.0)
+                    first += term.shaped.size
+                out[fold, g] += left @ left
+    return out
+
+
+@SEEDS
+def test_what_a_trial_says_of_unseen_recordings_follows_from_the_squares_it_leaves(seed: int) -> None:
+    model_fit, term = sample(seed)
+    trial = try_term(model_fit, term)
+    before, after = squares(trial, False), squares(trial, True)
+    gone = before - after
+    n, w = model_fit.counts, model_fit.weights
+    gain = 0.5 * np.sum(n * np.log(before.sum(axis=0) / after.sum(axis=0)))
+    assert trial.unseen_gain == pytest.approx(gain, rel=1e-6)
+    assert trial.powers == pytest.approx(gone.sum(axis=0), rel=1e-5, abs=1e-5)
+    assert trial.reach == pytest.approx(gone.sum(), rel=1e-6)
+    assert trial.reach_on([2]) == pytest.approx(gone[:, 2].sum(), rel=1e-6)
+    assert trial.folds == pytest.approx(0.5 * gone @ w, rel=1e-6)
+    parts = 1.0 - after.sum(axis=0) / before.sum(axis=0)
+    assert trial.reduction == pytest.approx(max(parts[1], parts[2]), rel=1e-6)
+    assert trial.narrow == pytest.approx((gone.sum(axis=0) * w).max() / (gone.sum(axis=0) @ w), rel=1e-6)
+    assert trial.gain == min(trial.unseen_gain, trial.in_sample.gain)
+
+
+@SEEDS
+def test_the_gain_of_all_recordings_counts_what_the_prior_costs(seed: int) -> None:
+    model_fit, term = sample(seed)
+    found, _ = least_squares(model_fit, [*model_fit.model, term], model_fit.fitted)
+    joined = ModelFit(model_fit.design, FOLDS, [*model_fit.model, term])
+    after = joined.squares(found, model_fit.fitted)
+    before = model_fit.left
+    prior = np.concatenate([np.ones(NUISANCE), KNOWN.precision, NEW.precision])
+    old = np.concatenate([model_fit.whole.coefficients, [0.0, 0.0]])
+    gain = 0.5 * (model_fit.counts @ np.log(before / after) + prior @ (old**2 - found**2))
+    trial = try_term(model_fit, term).in_sample
+    assert trial.gain == pytest.approx(gain, rel=1e-5)
+    assert np.allclose(trial.own, found[-2:], atol=1e-6) and np.allclose(trial.beside, found[:-2], atol=1e-6)
+
+
+@SEEDS
+def test_what_falls_on_other_groups_is_the_rest_of_the_predicted_power(seed: int) -> None:
+    model_fit, term = sample(seed)
+    trial = try_term(model_fit, term)
+    power = np.zeros(len(GROUPS))
+    for fold, recordings in enumerate(FOLDS):
+        for r in recordings:
+            for g in (1, 2):
+                torque = term.columns[r][g] @ trial.coefficients[fold]
+                power[g] += model_fit.weights[g] * torque @ torque
+    assert trial.spread == pytest.approx(power.min(where=power > 0, initial=np.inf) / power.sum(), rel=1e-9)
+
+
+def test_a_mean_coefficient_outside_its_bounds_is_seen() -> None:
+    model_fit, term = sample(0)
+    trial = try_term(model_fit, term)
+    mean = trial.coefficients.mean(axis=0) / term.layout.scale
+    for lower, upper, outside in ((-1.0, 1.0, False), (1e-3, 1.0, True), (-1.0, -1e-3, True)):
+        shaped = replace(term.shaped, lower=mean + lower, upper=mean + upper)
+        moved = replace(term, layout=replace(term.layout, shaped=shaped))
+        assert replace(trial, term=moved).outside is outside
+
+
+def test_joints_that_agree_are_told_from_joints_that_do_not() -> None:
+    """One column of two actuators' groups: the same number in both, or opposite ones."""
+    one = layout(("clock", "log", "timing"), {0: 0, 1: 0}, 1)
+    for sign, most, least in ((1.0, 0.1, -1.0), (-0.5, np.inf, 1.0)):
+        design = random_design(np.random.default_rng(5), [one])
+        y = [list(found) for found in design.y]
+        for r, X in enumerate(design.X):
+            y[r][0] = y[r][0] + 2.0 * X[0][:, 0]
+            y[r][1] = y[r][1] + 2.0 * sign * X[1][:, 0]
+        rows = tuple(tuple(found) for found in y)
+        design = replace(design, y=rows, raw=rows)
+        trial = try_term(fitted(design), term_of(design, one))
+        assert least < trial.discord < most
+    assert try_term(*sample(0)).discord == 0.0
+
+
+def test_discord_is_what_separate_numbers_gain_less_what_they_cost() -> None:
+    one = layout(("clock", "log", "timing"), {0: 0, 2: 0}, 1)
+    design = with_cause(random_design(np.random.default_rng(6), [one]), one, [1.5])
+    model_fit = fitted(design)
+    term = term_of(design, one)
+    left = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in model_fit.fitted}
+
+    def apart(groups: tuple[int, ...]) -> float:
+        right = np.array(
+            [model_fit.weights[g] * sum(term.columns[r][g][:, 0] @ left[r][g] for r in left) for g in groups]
+        )
+        own = np.array(
+            [model_fit.weights[g] * sum(float(np.sum(term.columns[r][g] ** 2)) for r in left) for g in groups]
+        )
+        common = right.sum() ** 2 / own.sum()
+        return float((np.sum(right**2 / own) - len(groups) - common) / common)
+
+    # A link's own errors would need a number of their own: only the actuator's group counts.
+    assert try_term(model_fit, term).discord == pytest.approx(apart((2,)), rel=1e-9)
+
+
+@SEEDS
+def test_significance_is_that_of_paired_differences(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    better, worse = random.random(30), random.random(30) + 0.3
+    assert significance(better, worse) == pytest.approx(ttest_rel(worse, better).statistic)
+    assert significance(better, better) == 0.0
+    assert significance(better[:1], worse[:1]) == 0.0
+
+
+def test_losses_are_weighted_squares_in_blocks_of_a_second() -> None:
+    model_fit, _ = sample(0)
+    model_fit.weights = np.array([1.0, 2.0, 5.0])
+    found = losses(model_fit, model_fit.unseen, [0, 2])
+    explicit = []
+    for left in model_fit.unseen.values():
+        total = left[0] ** 2 + 5.0 * left[2] ** 2
+        whole = len(total) // 20
+        blocks = [total[20 * k : 20 * (k + 1)].sum() for k in range(whole)]
+        blocks[-1] = total[20 * (whole - 1) :].sum()
+        explicit += blocks
+    assert found == pytest.approx(explicit)
+
+
+def test_a_trials_advantage_is_judged_where_it_acts() -> None:
+    model_fit, term = sample(1)
+    trial, other = try_term(model_fit, term), try_term(model_fit, term_of(model_fit.design, STEADY))
+    groups = term.groups
+    own = losses(model_fit, trial.unseen, groups)
+    assert trial.advantage(None) == significance(own, losses(model_fit, model_fit.unseen, groups))
+    assert trial.advantage(other) == significance(own, losses(model_fit, other.unseen, groups))
+    assert trial.advantage(None) > 3.0 and trial.advantage(trial) == 0.0
+
+
+@pytest.mark.parametrize("moments", [1, 17])
+def test_a_gain_in_a_few_moments_is_told_from_one_that_lasts(moments: int) -> None:
+    """The same power in one second of every recording, or in all of them."""
+    own = layout(("push", "a", "link"), {0: 0}, 1)
+    design = random_design(np.random.default_rng(7), [own], rate=5.0)
+    X = [list(found) for found in design.X]
+    for found in X:
+        shown = np.zeros(len(found[0]))
+        for k in range(moments):
+            shown[5 * k : 5 * k + 5] = 1.0 / np.sqrt(moments)
+        found[0] = (found[0] * shown[:, None]).astype(np.float32)
+    design = with_cause(replace(design, X=tuple(tuple(found) for found in X)), own, [12.0])
+    trial = try_term(fitted(design), term_of(design, own))
+    assert trial.unseen_gain > 50.0
+    assert trial.momentary(0.05, 3.0) is (moments == 1)
+    assert not trial.momentary(0.05, -1e9)
+
+
+def test_what_a_candidate_drives_out_of_its_bounds_is_named() -> None:
+    """Two nearly equal columns share one torque; the second takes it all, and the first becomes negative."""
+    first = layout(("first", "a", "link"), {0: 0}, 1, bounds=(0.0, np.inf))
+    second = layout(("second", "a", "link"), {0: 1}, 1)
+    design = random_design(np.random.default_rng(8), [first, second])
+    X = [list(found) for found in design.X]
+    for found in X:
+        found[0] = np.column_stack([found[0][:, 1] + 0.5 * found[0][:, 0], found[0][:, 1]]).astype(np.float32)
+    design = replace(design, X=tuple(tuple(found) for found in X))
+    for coefficients, displaced in (((-4.0, 8.0), True), ((4.0, 8.0), False)):
+        caused = with_cause(with_cause(design, first, coefficients[:1]), second, coefficients[1:])
+        model_fit = fitted(caused, term_of(caused, first))
+        found = try_term(model_fit, term_of(caused, second)).in_sample.displaced
+        assert (found is model_fit.model[0]) is displaced
+
+
+def test_contrasts_are_judged_by_walds_test() -> None:
+    rows = ((1.0, -1.0),)
+    effect = SimpleNamespace(contrasts=rows)
+    new = layout(
+        ("new", "b", "link"), {1: 2, 2: 0}, 2, scale=[0.5, 3.0], candidate=SimpleNamespace(effect=effect)
+    )
+    model_fit, _ = sample(2)
+    found = try_term(model_fit, term_of(model_fit.design, new)).in_sample
+    _, more, covariance = add_to_fit(
+        model_fit, model_fit.fitted, model_fit.whole, term_of(model_fit.design, new)
+    )
+    left = more[0] / 0.5 - more[1] / 3.0
+    L = np.array([1.0 / 0.5, -1.0 / 3.0])
+    joined = ModelFit(model_fit.design, FOLDS, [*model_fit.model, term_of(model_fit.design, new)])
+    after = joined.squares(np.concatenate([found.beside, found.own]), model_fit.fitted)
+    weights = 1.0 / np.maximum(after[[1, 2]] / model_fit.counts[[1, 2]], 1.0)
+    known = max(1.0, float(np.min(weights / model_fit.weights[[1, 2]])))
+    assert known > 1.5
+    assert found.contrast_chi_square == pytest.approx(known * left**2 / (L @ covariance @ L), rel=1e-6)
+    assert try_term(*sample(2)).in_sample.contrast_chi_square == np.inf
+
+
+# Screening: all candidates at once.
+
+
+@SEEDS
+def test_screening_gives_every_candidate_the_gain_of_a_fit_of_everything(seed: int) -> None:
+    model_fit, _ = sample(seed)
+    design = model_fit.design
+    ranked = Screening(design, model_fit.fitted).rank(model_fit)
+    assert {entry.layout.shaped.key[0] for entry in ranked} <= {"new", "steady"}
+    assert ranked[0].layout.shaped.key[0] == "new"
+    assert [entry.gain for entry in ranked] == sorted((entry.gain for entry in ranked), reverse=True)
+    for entry in ranked:
+        term = term_of(design, entry.layout)
+        found, _ = least_squares(model_fit, [*model_fit.model, term], model_fit.fitted)
+        joined = ModelFit(design, FOLDS, [*model_fit.model, term])
+
+        def cost(fit: ModelFit, coefficients: np.ndarray, prior: np.ndarray) -> float:
+            left = fit.squares(coefficients, model_fit.fitted)
+            return 0.5 * float(model_fit.weights @ left + prior @ coefficients**2)
+
+        prior = np.concatenate([np.ones(NUISANCE), KNOWN.precision])
+        gained = cost(model_fit, model_fit.whole.coefficients, prior) - cost(
+            joined, found, np.concatenate([prior, entry.layout.precision])
+        )
+        touched = list(entry.layout.groups)
+        samples = float(model_fit.counts[touched].sum())
+        assert entry.gain == pytest.approx(-0.5 * samples * np.log(1.0 - 2.0 * gained / samples), rel=1e-3)
+        assert entry.power == pytest.approx(2.0 * gained / model_fit.weights[touched].min(), rel=1e-3)
+        penalty = 0.5 * entry.layout.shaped.size * np.log(samples)
+        assert entry.worth == pytest.approx(entry.gain - penalty, rel=1e-9)
+        assert entry.physical
+
+
+@pytest.mark.parametrize(
+    ("bounds", "physical"), [((0.5, 1.5), True), ((1.5, 3.0), False), ((-3.0, 0.5), False)]
+)
+def test_screening_says_what_is_outside_its_bounds(bounds: tuple[float, float], physical: bool) -> None:
+    own = layout(("own", "a", "link"), {0: 0}, 1, bounds=bounds, scale=[2.0])
+    design = with_cause(random_design(np.random.default_rng(9), [own]), own, [2.0])
+    (entry,) = Screening(design, (0, 1, 2, 3)).rank(fitted(design))
+    assert entry.physical is physical
+
+
+def test_screening_leaves_out_what_the_model_holds_and_what_equals_it() -> None:
+    first = layout(("first", "a", "link"), {0: 0}, 1)
+    same = layout(("same", "a", "link"), {0: 1}, 1)
+    design = random_design(np.random.default_rng(10), [first, same])
+    X = [list(found) for found in design.X]
+    for found in X:
+        found[0][:, 1] = 3.0 * found[0][:, 0]
+    design = with_cause(replace(design, X=tuple(tuple(found) for found in X)), first, [2.0])
+    assert len(Screening(design, (0, 1, 2, 3)).rank(fitted(design))) == 2
+    assert Screening(design, (0, 1, 2, 3)).rank(fitted(design, term_of(design, first))) == []
+
+
+# The held-out recordings have the last word where no repeats measured the noise.
+
+
+def test_a_cause_that_the_held_out_recording_does_not_have_goes() -> None:
+    model_fit, new = sample(3)
+    design = model_fit.design
+    y = [list(found) for found in design.y]
+    last = len(y) - 1
+    for g, block in new.columns[last].items():
+        y[last][g] = y[last][g] - 2.0 * block @ np.array([1.0, -2.0])
+    rows = tuple(tuple(found) for found in y)
+    weak = SimpleNamespace(**{**vars(design.whitening), "weak": True})
+
+    def kept(y: tuple, whitening: SimpleNamespace) -> list[str]:
+        other = replace(design, y=y, raw=y, whitening=whitening)
+        terms = [term_of(other, KNOWN), term_of(other, NEW)]
+        found = validated_on_holdout(fitted(other, *terms), lambda model: fitted(other, *model), (last,))
+        return [term.key[0] for term in found]
+
+    assert kept(design.y, weak) == ["known", "new"]
+    assert kept(rows, weak) == ["known"]
+    assert kept(rows, design.whitening) == ["known", "new"]
