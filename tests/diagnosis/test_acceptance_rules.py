@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a candidate must show, one criterion at a time, and which of several that do as well is named."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impedance_modules.diagnosis.model_selection import rivals as rivalry
+from impedance_modules.diagnosis.model_selection.acceptance import (
+    best_of_each,
+    bic_penalty,
+    both_delay_torque,
+    by_merit,
+    promising,
+    rejection_reason,
+)
+from impedance_modules.effects.catalogue import CATALOGUE
+
+
+def trial(
+    effect: str = "viscous_friction",
+    key: str = "elbow",
+    port: str = "actuator",
+    *,
+    groups: tuple[int, ...] = (0,),
+    free: int = 1,
+    shapes: int = 1,
+    reach: float = 1000.0,
+    **numbers: object,
+) -> SimpleNamespace:
+    """A trial that passes all criteria, but for the numbers that are given."""
+    known = CATALOGUE.get(effect)
+    candidate = None
+    if known is not None:
+        candidate = SimpleNamespace(effect=known, key=key, port=port, joints=(key,), name=effect)
+    name = (effect, key, port)
+    term = SimpleNamespace(
+        key=name,
+        groups=groups,
+        generic=candidate is None,
+        candidate=candidate,
+        layout=SimpleNamespace(free=free),
+        shaped=SimpleNamespace(key=name),
+    )
+    model_fit = SimpleNamespace(counts=np.full(3, 1000.0), design=SimpleNamespace(shapes={name: shapes}))
+    good = {
+        "gain": 300.0, "folds": np.array([150.0, 150.0]), "reduction": 0.5, "outside": False, "spread": 0.0,
+        "narrow": 0.5,
+        "discord": 0.0, "in_sample": SimpleNamespace(displaced=None, contrast_chi_square=np.inf, own=np.ones(1)),
+        "momentary": lambda part, least: False, "reach_on": lambda chosen: reach, "advantage": lambda rival: 0.0,
+    }  # fmt: skip
+    return SimpleNamespace(term=term, model_fit=model_fit, reach=reach, **{**good, **numbers})
+
+
+PENALTY = 0.5 * np.log(1000.0)
+
+
+def test_the_penalty_counts_coefficients_and_shapes() -> None:
+    assert bic_penalty(trial()) == pytest.approx(PENALTY)
+    assert bic_penalty(trial(free=3, shapes=5)) == pytest.approx(3.0 * PENALTY + np.log(5.0))
+    few = trial(groups=(0, 2))
+    few.model_fit.counts = np.array([10.0, 1e9, 400.0])
+    assert bic_penalty(few) == pytest.approx(0.5 * np.log(400.0))
+    few.model_fit.counts = np.ones(3)
+    assert bic_penalty(few) == pytest.approx(0.5 * np.log(2.0))
+
+
+def test_what_passes_everything_passes() -> None:
+    assert rejection_reason(trial(), []) is None
+
+
+CRITERIA = {
+    "gains too little": ({"gain": PENALTY + 7.49}, {"gain": PENALTY + 7.51}),
+    "removes only": ({"reduction": 0.049}, {"reduction": 0.051}),
+    "harms on others": ({"folds": np.array([100.0, -15.1])}, {"folds": np.array([100.0, -14.9])}),
+    "a few moments": ({"momentary": lambda part, least: (part, least) == (0.05, 3.0)}, {}),
+    "end of what is physical": ({"outside": True}, {}),
+    "another cause would leave": ({"in_sample": SimpleNamespace(displaced=object())}, {}),
+    "helps on one alone": ({"spread": 0.31, "narrow": 0.951}, {"spread": 0.31, "narrow": 0.949}),
+    "do not agree": ({"key": "log", "discord": 0.31}, {"key": "log", "discord": 0.29}),
+}  # fmt: skip
+"""Part of a reason, numbers that are rejected for it, and numbers that just pass."""
+
+
+@pytest.mark.parametrize("reason", CRITERIA)
+def test_each_criterion_rejects_by_itself(reason: str) -> None:
+    for numbers, rejected in zip(CRITERIA[reason], (True, False), strict=True):
+        one = trial(**numbers)
+        said = rejection_reason(one, [])
+        assert (said is not None and reason in said) if rejected else said is None
+
+
+def test_what_spreads_little_may_gain_on_one_joint_and_one_number_of_a_joint_may_disagree() -> None:
+    assert rejection_reason(trial(spread=0.29, narrow=1.0), []) is None
+    assert rejection_reason(trial(discord=9.0), []) is None
+
+
+def test_what_is_brief_by_its_nature_may_come_from_a_few_moments() -> None:
+    brief = next(name for name, effect in CATALOGUE.items() if effect.brief)
+    assert rejection_reason(trial(brief, momentary=lambda part, least: True), []) is None
+
+
+@pytest.mark.parametrize(
+    ("numbers", "rejected"),
+    [
+        ({"reach": 900.0, "gain": 100.0}, False),
+        ({"reach": 1001.0, "gain": 100.0}, True),
+        ({"reach": 900.0, "gain": 293.0}, True),
+        ({"reach": 900.0, "gain": 291.0}, False),
+        ({"reach": 1001.0, "gain": 400.0, "free": 2}, False),
+        ({"reach": 1001.0, "gain": 400.0, "groups": (1,)}, False),
+    ],
+)
+def test_a_generic_function_that_does_as_well_rejects(numbers: dict, rejected: bool) -> None:
+    said = rejection_reason(trial(), [trial("generic", **numbers)])
+    assert ("not specific" in str(said)) is rejected
+
+
+# Which of several is named.
+
+
+def names(*trials: SimpleNamespace) -> list[str]:
+    return [one.term.key[0] for one in by_merit(trials)]
+
+
+def test_what_explains_most_comes_first_and_of_equals_the_simplest() -> None:
+    strong, weak = trial("coulomb_friction", reach=1000.0), trial("torque_offset", reach=900.0, gain=900.0)
+    assert names(weak, strong) == ["coulomb_friction", "torque_offset"]
+    near = trial("torque_offset", reach=951.0, gain=301.0)
+    assert names(strong, near) == ["torque_offset", "coulomb_friction"]
+    assert names(strong, trial("torque_offset", reach=951.0, free=2)) == ["coulomb_friction", "torque_offset"]
+    assert names() == []
+
+
+@pytest.mark.parametrize(("ahead", "first"), [(3.9, "coulomb_friction"), (4.1, "stribeck_friction")])
+def test_a_law_comes_before_a_simpler_one_in_it_only_if_it_is_clearly_better(
+    ahead: float, first: str
+) -> None:
+    assert set(CATALOGUE["coulomb_friction"].description.symbols) < set(
+        CATALOGUE["stribeck_friction"].description.symbols
+    )
+    richer = trial("stribeck_friction", gain=300.0 + ahead)
+    assert names(richer, trial("coulomb_friction"))[0] == first
+    # On another joint, or at another port, it is no special case.
+    elsewhere = trial("coulomb_friction", key="wrist")
+    assert names(richer, elsewhere)[0] == "stribeck_friction"
+    assert names(trial("coulomb_friction", gain=310.0), trial("stribeck_friction"))[0] == "coulomb_friction"
+
+
+@pytest.mark.parametrize(("reach", "first"), [(991.0, "link_inertia"), (989.0, "payload")])
+def test_a_body_that_is_heavier_in_proportion_comes_before_a_load_with_a_place(
+    reach: float, first: str
+) -> None:
+    load = trial("payload", key="fore", free=4, gain=330.0)
+    heavier = trial("link_inertia", key="fore", free=1, gain=300.0, reach=reach)
+    assert names(load, heavier)[0] == first
+    other = trial("link_inertia", key="upper", free=1, gain=300.0, reach=reach)
+    assert names(load, other)[0] == "payload"
+    assert names(load, trial("link_inertia", key="fore", free=2, gain=300.0, reach=reach))[0] == "payload"
+    assert names(load, trial("coulomb_friction", key="fore", gain=300.0, reach=reach))[0] == "payload"
+
+
+def screened(name: str, *, gain: float, worth: float, power: float, physical: bool = True) -> SimpleNamespace:
+    shaped = SimpleNamespace(key=(name, "elbow", "link"), candidate=None if name == "generic" else object())
+    return SimpleNamespace(
+        layout=SimpleNamespace(shaped=shaped, worth=worth),
+        gain=gain,
+        worth=worth,
+        power=power,
+        physical=physical,
+    )
+
+
+def test_of_each_candidate_the_physical_shape_that_is_worth_most_is_tried() -> None:
+    entries = [
+        screened("a", gain=9.0, worth=1.0, power=1.0),
+        screened("b", gain=8.0, worth=3.0, power=2.0),
+        screened("a", gain=7.0, worth=2.0, power=1.0),
+        screened("a", gain=6.0, worth=9.0, power=1.0, physical=False),
+        screened("generic", gain=5.0, worth=9.0, power=9.0),
+        screened("c", gain=1.0, worth=0.0, power=8.0),
+    ]
+    assert best_of_each(entries, 9) == [entries[2], entries[1], entries[5]]
+    assert best_of_each(entries, 1) == [entries[2]]
+    # By likelihood a, by power c; each once.
+    assert [layout.shaped.key[0] for layout in promising(entries, 1)] == ["a", "c"]
+    assert [layout.shaped.key[0] for layout in promising(entries, 3)] == ["a", "b", "c"]
+
+
+def test_delay_and_lag_of_one_joint_are_the_pair_that_is_told_apart_with_care() -> None:
+    delay, lag = trial("command_delay"), trial("actuator_lag")
+    assert both_delay_torque(delay, lag) and both_delay_torque(lag, delay)
+    for other in (
+        trial("command_delay"),
+        trial("actuator_lag", key="wrist"),
+        trial("torque_gain"),
+        trial("generic"),
+    ):
+        assert not both_delay_torque(delay, other)
+
+
+# Rivals.
+
+
+def compared(rival: SimpleNamespace, own: SimpleNamespace | None = None, ahead: float = 0.0) -> bool:
+    own = trial(advantage=lambda _: ahead) if own is None else own
+    return rivalry._equal(own, rival)
+
+
+@pytest.mark.parametrize(
+    ("reach", "behind", "sigma", "equal"),
+    [
+        (995.0, 100.0, 2.9, True),
+        (995.0, 14.9, 3.1, True),
+        (995.0, 15.1, 3.1, False),
+        (989.0, 100.0, 2.9, True),
+        (989.0, 151.0, 2.9, False),
+        (989.0, 14.0, 3.1, False),
+        (949.0, 1.0, 0.0, False),
+        (951.0, 1.0, 0.0, True),
+        (1500.0, 0.0, 0.0, True),
+    ],
+)
+def test_rivals_are_equal_where_the_recordings_cannot_tell(reach, behind, sigma, equal) -> None:
+    assert compared(trial("torque_offset", reach=reach, gain=300.0 - behind), ahead=sigma) is equal
+
+
+@pytest.mark.parametrize(
+    ("behind", "sigma", "equal"), [(7.4, 9.0, True), (7.6, 2.9, True), (7.6, 3.1, False)]
+)
+def test_a_delay_is_told_from_a_lag_by_its_gain_and_its_errors(behind, sigma, equal) -> None:
+    own = trial("command_delay", advantage=lambda _: sigma)
+    assert compared(trial("actuator_lag", reach=100.0, gain=300.0 - behind), own) is equal
+
+
+def test_nothing_equals_what_explains_nothing() -> None:
+    assert not compared(trial("torque_offset"), trial(reach=0.0))
+
+
+def test_a_richer_law_of_the_same_joint_contains_the_cause() -> None:
+    own, richer = trial("coulomb_friction"), trial("stribeck_friction", free=3)
+    assert rivalry.contains(richer, own) and not rivalry.contains(own, richer)
+    assert not rivalry.contains(trial("stribeck_friction", key="wrist", free=3), own)
+    # Bodies are compared by what the recordings say of them, not by their symbols.
+    load, body = trial("payload", key="fore", free=4), trial("link_inertia", key="fore", free=1)
+    assert rivalry.contains(load, body) and not rivalry.contains(body, load)
+
+
+def test_a_law_whose_contrast_is_not_there_contains_the_simpler_one() -> None:
+    name = next(n for n, e in CATALOGUE.items() if e.contrasts and "joint" in e.description.keys)
+    own = trial("torque_offset")
+    unlike = not set(CATALOGUE[name].description.symbols) > set(
+        CATALOGUE["torque_offset"].description.symbols
+    )
+    for chi_square, empty in ((11.9, True), (12.1, False)):
+        rival = trial(name, in_sample=SimpleNamespace(contrast_chi_square=chi_square))
+        if unlike:
+            assert rivalry.contains(rival, own) is empty
+
+
+@pytest.mark.parametrize(
+    ("rival", "reason"),
+    [
+        (trial("torque_offset", reach=0.0), "explains nothing"),
+        (trial("stribeck_friction", free=3), "contains the cause"),
+        (trial("torque_offset", reach=1001.0, free=2), "further parameters cost"),
+        (trial("torque_offset", reach=1001.0), "explains 100 %"),
+        (trial("torque_offset", reach=640.0, free=2), "explains 64 %"),
+    ],
+)
+def test_a_rival_is_told_why_it_lost(rival, reason: str) -> None:
+    assert reason in rivalry._reason(trial("coulomb_friction"), rival)
+
+
+def test_one_effect_on_the_same_joints_is_one_answer() -> None:
+    one, other = trial("torque_gain").term.candidate, trial("torque_gain", port="sensor").term.candidate
+    assert rivalry.same_name(one, other)
+    assert not rivalry.same_name(one, trial("torque_gain", key="wrist").term.candidate)
+    assert not rivalry.same_name(one, trial("torque_offset").term.candidate)

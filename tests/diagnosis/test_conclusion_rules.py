@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From accepted causes to the verdict; what makes a remainder more than noise; pushes; regimes of motion."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impedance_modules.diagnosis.model_selection import conclusion, external_pushes, gap_location
+from impedance_modules.diagnosis.model_selection import lack_of_fit as remainder
+from impedance_modules.diagnosis.model_selection.conclusion import propose_motion
+from impedance_modules.diagnosis.model_selection.evidence import above_negligible, negligible
+from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush, Forces
+from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit
+from impedance_modules.diagnosis.result import Cause, JointGap, Remainder, Rival
+from impedance_modules.effects.catalogue import CATALOGUE
+
+RIVAL = Rival("torque_offset", ("elbow",), "fits as well")
+
+
+def cause(weight: float, *equivalent: Rival, effect: str = "viscous_friction", joint: str = "elbow") -> Cause:
+    span = {joint: (-weight, weight)}
+    return Cause(effect, (joint,), "link", {joint: {}}, weight, None, equivalent, (RIVAL,), span, span)
+
+
+@pytest.mark.parametrize(
+    ("causes", "explained", "near", "verdict"),
+    [
+        ([], True, True, "no_gap"),
+        ([], False, True, "unexplained"),
+        ([cause(0.9)], True, False, "explained"),
+        ([cause(0.9)], False, True, "partly_explained"),
+        ([cause(0.9, RIVAL)], True, False, "ambiguous"),
+        ([cause(0.9, RIVAL)], False, True, "ambiguous"),
+        ([cause(0.9, RIVAL)], False, False, "partly_explained"),
+        ([cause(0.49, RIVAL)], False, True, "partly_explained"),
+        ([cause(0.5, RIVAL)], False, True, "ambiguous"),
+        ([cause(0.9), cause(0.049, RIVAL)], True, True, "explained"),
+        ([cause(0.9), cause(0.05, RIVAL)], True, True, "ambiguous"),
+        ([cause(0.3), cause(0.3, RIVAL)], False, True, "ambiguous"),
+    ],
+)
+def test_the_verdict_follows_from_causes_rivals_and_remainder(causes, explained, near, verdict) -> None:
+    assert conclusion._verdict(causes, Remainder(1.0, explained, ""), near=near) == verdict
+
+
+@pytest.mark.parametrize(
+    ("ratio", "weak", "passes"),
+    [
+        ((1.9, 0.9), False, True),
+        ((2.1, 0.9), False, False),
+        ((5.9, 0.9), True, True),
+        ((1.0, 6.1), True, False),
+    ],
+)
+def test_on_a_weak_floor_more_power_may_be_left(ratio, weak, passes) -> None:
+    lack = LackOfFit(np.array(ratio), np.array([2.0, 1.0]), "a tone")
+    assert conclusion._power_passes(lack, weak=weak) is passes
+
+
+def gap(before: float, after: float, floor: float) -> JointGap:
+    return JointGap("elbow", "link", before, after, floor, "N.m")
+
+
+def test_the_shrink_adds_squares_in_units_of_each_floor() -> None:
+    gaps = [gap(5.0, 2.0, 1.0), gap(0.6, 0.3, 0.1), gap(0.9, 4.0, 1.0)]
+    start, left = (25.0 - 1.0) + (36.0 - 1.0), (4.0 - 1.0) + (9.0 - 1.0)
+    assert conclusion._shrink(gaps) == pytest.approx(1.0 - np.sqrt(left / start))
+    assert conclusion._shrink([gap(5.0, 0.5, 1.0)]) == 1.0
+    assert conclusion._shrink([gap(1.0, 0.5, 1.0)]) is None
+    assert conclusion._shrink([]) is None
+
+
+def test_one_effect_on_several_joints_is_one_cause() -> None:
+    other = Rival("payload", (), "fits as well")
+    both = conclusion._merge(cause(0.6, RIVAL), cause(0.2, other, RIVAL, joint="wrist"))
+    assert (both.joints, both.weight) == (("elbow", "wrist"), 0.8)
+    assert both.equivalent == (RIVAL, other) and both.rivals == (RIVAL,)
+    assert both.parameters == {"elbow": {}, "wrist": {}}
+    assert both.position_range == {"elbow": (-0.6, 0.6), "wrist": (-0.2, 0.2)} == both.velocity_range
+    for weight, counted in ((0.059, ()), (0.061, (other,))):
+        assert conclusion._merge(cause(0.6), cause(weight, other, joint="wrist")).equivalent == counted
+        assert conclusion._merge(cause(weight, other, joint="wrist"), cause(0.6)).equivalent == counted
+
+
+def test_the_next_motion_asks_for_what_is_open() -> None:
+    model = SimpleNamespace(joints=("shoulder", "elbow"))
+    nothing, weak = SimpleNamespace(weak_joints=()), SimpleNamespace(weak_joints=("wrist",))
+    start = {"elbow": 0.3}
+    asked = propose_motion([cause(0.5), cause(0.4, RIVAL)], weak, model, start)
+    assert asked["purpose"] == "tell viscous_friction, torque_offset apart"
+    assert (asked["joints"], asked["start"]) == (["elbow"], start)
+    for name in ("viscous_friction", "torque_offset"):
+        assert CATALOGUE[name].description.excitation in asked["excitation"]
+    asked = propose_motion([cause(0.5)], weak, model, start)
+    assert asked["joints"] == ["wrist"] and "reversals" in asked["excitation"]
+    assert propose_motion([cause(0.5)], nothing, model, start)["purpose"] == "none needed"
+
+
+# What is left.
+
+RATE = 100.0
+
+
+def test_a_tone_in_the_remainder_is_found_at_its_frequency() -> None:
+    random = np.random.default_rng(0)
+    time = np.arange(3000) / RATE
+    noise = [random.standard_normal(3000 + 50 * k) for k in range(3)]
+    assert remainder._tone(noise, RATE)[1] < remainder.TONE_MAX
+    series = [part[:3000] + 0.4 * np.sin(2 * np.pi * 7.0 * time + k) for k, part in enumerate(noise)]
+    frequency, ratio = remainder._tone(series, RATE)
+    assert frequency == pytest.approx(7.0, abs=0.04) and ratio > 100.0
+    # A constant is no tone.
+    assert remainder._tone([part + 5.0 for part in noise], RATE)[1] < remainder.TONE_MAX
+    power = np.sum([np.abs(np.fft.rfft(part[:3000])) ** 2 for part in noise], axis=0)
+    assert remainder._tone(noise, RATE)[1] == pytest.approx(power[1:].max() / np.median(power))
+
+
+def test_a_moment_in_the_remainder_is_found() -> None:
+    random = np.random.default_rng(1)
+    noise = [random.standard_normal(1000), random.standard_normal(720)]
+    quiet = remainder._moment(noise, RATE)
+    assert quiet < 3.0
+    blocks = [np.sum(noise[0][50 * k : 50 * (k + 1)] ** 2) for k in range(20)]
+    blocks += [np.sum(noise[1][50 * k : 50 * (k + 1)] ** 2) for k in range(13)] + [
+        np.sum(noise[1][650:] ** 2)
+    ]
+    assert quiet == pytest.approx(max(blocks) / np.median(blocks))
+    noise[0][300:320] += 12.0
+    assert remainder._moment(noise, RATE) > 20.0
+
+
+def test_orders_go_from_one_period_over_the_travel_to_what_the_samples_follow() -> None:
+    q = np.linspace(0.0, 2.0, 101)
+    orders = remainder._orders([q[:60], q[60:]])
+    assert orders[0] * 2.0 == pytest.approx(2.5) and np.allclose(np.diff(orders) * 2.0, 2.5)
+    assert orders[-1] * 0.02 < 1.0 and len(orders) == 30
+    coarse = remainder._orders([np.linspace(0.0, 2.0, 21)])
+    assert coarse[-1] * 0.1 < 1.0 <= (coarse[-1] + 1.25) * 0.1 + 0.13 and len(coarse) == 7
+    assert remainder._orders([np.full(9, 0.3)]).size == 0
+    assert remainder._orders([np.concatenate([np.zeros(99), np.ones(2)])]).size == 0
+
+
+def test_the_worse_of_two_tests_counts_and_structure_fails() -> None:
+    assert remainder._worse((3.0, 2.0), (2.0, 1.0)) == (2.0, 1.0)
+    assert remainder._worse((3.0, 1.0), (2.0, 1.0)) == (3.0, 1.0)
+    for ratio, structure, passed in (
+        (1.0, "", True),
+        (2.0, "", True),
+        (2.1, "", False),
+        (1.0, "a tone", False),
+    ):
+        assert LackOfFit(np.array([0.5, ratio]), np.array([1.0, 2.0]), structure).passed is passed
+
+
+def test_a_gap_is_negligible_below_a_thousandth_of_load_and_speed() -> None:
+    items = [
+        SimpleNamespace(load=np.full((n, 2), [3.0, 40.0]), velocity=np.full((n, 2), [0.5, 2.0]))
+        for n in (5, 9)
+    ]
+    found = negligible(items, (("link", 0), ("actuator", 1), ("velocity", 1), ("velocity", 0)))
+    assert found == pytest.approx([3e-3, 40e-3, 2e-3, 0.5e-3])
+
+
+def test_a_term_counts_if_it_is_more_than_negligible_in_any_group() -> None:
+    terms = [SimpleNamespace(groups=groups) for groups in ((0,), (0, 1), (1,))]
+    sizes = ({0: 0.9}, {0: 0.1, 1: 2.1}, {1: 1.9})
+    plain = SimpleNamespace(
+        torque=lambda fit, index, r: {g: np.full(7, size) for g, size in sizes[index].items()}
+    )
+    model_fit = SimpleNamespace(model=terms, design=SimpleNamespace(raw=(0, 1)))
+    assert above_negligible(model_fit, plain, np.array([1.0, 2.0])) == [terms[1]]
+
+
+# Pushes.
+
+
+def test_runs_bridge_one_gap_and_end_at_two() -> None:
+    def runs(text: str) -> list[tuple[int, int]]:
+        return external_pushes._runs(np.array([letter == "x" for letter in text]))
+
+    assert runs("..xx..x.") == [(2, 4), (6, 7)]
+    assert runs("x.x..x.x") == [(0, 3), (5, 8)]
+    assert runs("xxx") == [(0, 3)] and runs("...") == []
+
+
+def test_quiet_times_give_the_size_of_noise_beneath_a_push() -> None:
+    noise = 2.0 * np.random.default_rng(2).standard_normal(40_000)
+    noise[:15_000] += 30.0
+    assert external_pushes._quiet_rms(noise[15_000:]) == pytest.approx(2.0, rel=0.03)
+    assert 2.0 < external_pushes._quiet_rms(noise) < 4.0
+    assert external_pushes._quiet_rms(0.1 * noise[15_000:]) == 1.0
+
+
+def forces(**more: object) -> Forces:
+    given = {
+        "body": "fore",
+        "force": np.zeros((4, 3)),
+        "covariance": np.eye(12),
+        "joints": np.ones(6),
+        "gain": 1.0,
+    }
+    return Forces(**{**given, **more})
+
+
+@pytest.mark.parametrize(
+    ("joints", "least"), [([1.0] * 3, 1.0), ([1.0] * 6, 0.85), ([1.0] * 6 + [0.01], 0.85)]
+)
+def test_a_force_must_explain_more_than_three_numbers_do_by_chance(joints, least) -> None:
+    assert external_pushes._pattern_min(forces(joints=np.array(joints))) == pytest.approx(least)
+
+
+def test_the_chi_square_of_hats_is_walds() -> None:
+    random = np.random.default_rng(3)
+    root = random.standard_normal((12, 12))
+    found = forces(force=random.standard_normal((4, 3)), covariance=root @ root.T)
+    part = found.force[1:3].ravel()
+    wald = part @ np.linalg.inv((root @ root.T)[3:9, 3:9]) @ part
+    assert external_pushes.chi_square_of(found, slice(3, 9)) == pytest.approx(wald)
+
+
+def test_hats_are_a_partition_of_one_a_quarter_of_a_second_apart() -> None:
+    item = SimpleNamespace(time=5.0 + np.arange(300) / RATE, log=SimpleNamespace(start=5.0))
+    tips, hats = external_pushes.hat_functions(item, 300)
+    assert np.allclose(np.diff(tips), 0.25) and tips[0] == 0.0 and tips[-1] >= 2.99
+    assert np.allclose(hats.sum(axis=1), 1.0) and np.allclose(hats @ tips, np.arange(300) / RATE)
+    assert external_pushes.hat_functions(item, 250)[0][0] == pytest.approx(0.5)
+
+
+def push(
+    recording: int = 0, start: float = 1.0, end: float = 2.0, force=(4.0, 0.0, 0.0), gain: float = 90.0
+) -> ExternalPush:
+    return ExternalPush(recording, "fore", start, end, np.array(force), np.ones(3), gain)
+
+
+def recordings(*groups: str) -> list[SimpleNamespace]:
+    time = np.arange(301) / RATE
+    logs = [SimpleNamespace(start=0.0, group=group, name=f"run{k}") for k, group in enumerate(groups)]
+    return [SimpleNamespace(time=time, log=log, samples=len(time)) for log in logs]
+
+
+def test_what_a_repeat_shows_too_is_no_push() -> None:
+    items = recordings("a", "a", "b")
+    tips, _ = external_pushes.hat_functions(items[0], 301)
+    inside = ((tips >= 1.0) & (tips <= 2.0))[:, None]
+
+    def seen(there: Forces, at: int) -> bool:
+        return external_pushes._in_a_repeat(push(), items, {0: forces(), at: there})
+
+    def there(size: float, where: np.ndarray = inside, body: str = "fore") -> Forces:
+        return forces(force=np.where(where, [size, 0.0, 0.0], 0.0), body=body)
+
+    assert seen(there(4.0), 1) and seen(there(2.1), 1) and seen(there(5.9), 1)
+    assert not seen(there(1.9), 1) and not seen(there(6.1), 1)
+    assert (
+        not seen(there(4.0), 2) and not seen(there(4.0, ~inside), 1) and not seen(there(4.0, body="upper"), 1)
+    )
+    assert not external_pushes._in_a_repeat(push(), items, {0: there(4.0)})
+    # The tips at both ends of a push belong to it.
+    ends = np.isclose(tips, 1.0)[:, None] | np.isclose(tips, 2.0)[:, None]
+    strong = there(4.0 * inside.sum() / ends.sum(), ends)
+    assert seen(strong, 1)
+
+
+def test_a_push_is_masked_with_its_margin() -> None:
+    items = recordings("a", "b")
+    found = external_pushes.rows_without_pushes([push(1), push(1, 2.5, 2.6)], items)
+    time = items[1].time
+    masked = ((time >= 0.799) & (time <= 2.201)) | ((time >= 2.299) & (time <= 2.801))
+    assert list(found) == [1] and np.array_equal(~found[1], masked)
+
+
+def test_the_strongest_push_on_a_link_is_described() -> None:
+    items = recordings("a", "b")
+    found = external_pushes.cause_of_pushes(
+        [push(0, gain=99.0), push(1, 0.5, force=(9.0, 1.0, 2.0))], items, 0.3
+    )
+    numbers = found.parameters["fore"]
+    assert (numbers["fx"].value, numbers["start"].value, numbers["end"].value) == (4.0, 1.0, 2.0)
+    assert (found.effect, found.weight, found.joints, found.port) == ("external_contact", 0.3, (), "contact")
+    assert "run0 (1), run1 (1)" in found.rivals[0].reason
+
+
+# Regimes of motion.
+
+LIMITS = SimpleNamespace(lower=-1.0, upper=1.0)
+
+
+def regime(q: float, v: float, a: float, load: float = 1.0) -> str:
+    """Of a joint that moves evenly."""
+    many = 40
+    columns = {"position": q, "velocity": v, "acceleration": a, "load": load}
+    item = SimpleNamespace(
+        samples=many, **{name: np.full((many, 1), value) for name, value in columns.items()}
+    )
+    model = SimpleNamespace(tree=SimpleNamespace(bodies=[SimpleNamespace(limits=LIMITS)]), effort_max=[10.0])
+    (name,) = set(gap_location._regime_names(item, model, 0))
+    return name
+
+
+@pytest.mark.parametrize(
+    ("state", "name"),
+    [
+        ((0.0, 0.1, 0.0, 9.91), "saturated"),
+        ((0.0, 0.1, 0.0, -9.91), "saturated"),
+        ((0.0, 0.1, 0.0, 9.89), "slow"),
+        ((-0.951, 0.1, 0.0), "near_limit"),
+        ((0.951, 0.1, 0.0), "near_limit"),
+        ((0.949, 0.1, 0.0), "slow"),
+        ((-0.949, 0.1, 0.0), "slow"),
+        ((0.0, 0.049, 0.051), "reversal"),
+        ((0.0, 0.051, 0.051), "slow"),
+        ((0.0, 0.009, 0.049), "hold"),
+        ((0.0, -0.011, 0.049), "slow"),
+        ((0.0, 0.2, 0.91), "accelerating"),
+        ((0.0, 0.2, -0.91), "accelerating"),
+        ((0.0, 0.2, 0.89), "slow"),
+        ((0.0, 0.51, 0.0), "fast"),
+        ((0.0, -0.51, 0.0), "fast"),
+        ((0.0, 0.49, 0.0), "slow"),
+    ],
+)
+def test_a_sample_belongs_to_the_first_regime_that_fits(state, name: str) -> None:
+    assert regime(*state) == name
+
+
+def test_a_joint_that_turns_slowly_reverses() -> None:
+    many = 200
+    time = np.arange(many) / RATE
+    v = 0.04 * np.sin(2 * np.pi * time + 0.1)
+    item = SimpleNamespace(
+        samples=many, position=np.zeros((many, 1)), velocity=v[:, None], acceleration=np.zeros((many, 1)),
+        load=np.ones((many, 1)),
+    )  # fmt: skip
+    model = SimpleNamespace(tree=SimpleNamespace(bodies=[SimpleNamespace(limits=None)]), effort_max=[10.0])
+    found = gap_location.regimes(item, model, 0)
+    turns = np.flatnonzero(np.diff(np.sign(v)) != 0)
+    for turn in turns:
+        assert found["reversal"][turn - 2 : turn + 4].all()
+    assert 10 <= found["reversal"].sum() <= 9 * len(turns)
+    assert sum(mask.sum() for mask in found.values()) == many
+
+
+def test_the_band_holds_the_middle_four_fifths_of_the_power() -> None:
+    time = np.arange(4000) / RATE
+    tones = sum(np.sin(2 * np.pi * f * time) for f in (1.0, 2.0, 4.0, 8.0, 16.0))
+    item = SimpleNamespace(band=SimpleNamespace(step=2, rate=2.0 * RATE))
+    low, high = gap_location._band([tones, tones[:50]], item)
+    assert low == pytest.approx(1.0, abs=0.1) and high == pytest.approx(16.0, abs=0.1)
+    faint = tones + 3.0 * np.sin(2 * np.pi * 5.0 * time)
+    low, high = gap_location._band([faint], item)
+    assert low == pytest.approx(2.0, abs=0.1) and high == pytest.approx(8.0, abs=0.1)
