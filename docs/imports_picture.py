@@ -20,7 +20,16 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 DOCUMENT = CHECKOUT / "docs" / "architecture.md"
 EXPERIMENTS = "impedance_experiments"
 """A package beside the other; it is drawn as one box."""
-BOTTOM = {"arrays", "errors", "input_files", "strict_json", "compiled", "records", "machine_code"}
+BOTTOM = {
+    "arrays",
+    "errors",
+    "input_files",
+    "strict_json",
+    "plain_figures",
+    "compiled",
+    "records",
+    "machine_code",
+}
 EVERYWHERE = frozenset(BOTTOM | {"__init__", "__main__"})
 """Files that nearly every folder imports; their arrows would say nothing."""
 MARKED = re.compile(r"(<!-- imports (?P<folder>\S+) -->\n).*?(<!-- /imports -->)", re.DOTALL)

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.text import Text
 
+from impedance_modules.cli.plain_lines import say
+from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
@@ -58,8 +61,6 @@ def diagnose_command(
 
     Exit: 0 no gap or explained, 2 bad input, 5 partly or not explained, 6 ambiguous, 7 data insufficient.
     """
-    from rich.console import Console
-
     from impedance_modules.diagnosis.data.log import InsufficientData
     from impedance_modules.diagnosis.data.long_recordings import read_recordings
     from impedance_modules.diagnosis.diagnose import diagnose, insufficient
@@ -74,7 +75,7 @@ def diagnose_command(
     tested = [episode for found in read[len(logs) :] for episode in found]
     model, file = _model(robot, urdf, episodes)
     known = _applied(effects, model)
-    console = Console()
+    console = Terminal()
     try:
         with console.status("diagnosing") as status:
             found = diagnose(
@@ -85,7 +86,7 @@ def diagnose_command(
                 without=without,
                 under_water=under_water,
                 known_effects=known,
-                progress=status.update,
+                progress=lambda words: status.update(Text(words)),
             )
     except InsufficientData as error:
         found = insufficient(model.robot, [episode.name for episode in episodes], str(error))
@@ -148,7 +149,7 @@ def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch:
         from impedance_modules.diagnosis.report.diagnosis_files import patch_text
 
         if answer["patch"] is None:
-            click.echo(f"{patch}: not written, no effect shrank the held-out gap", err=True)
+            say(f"{patch}: not written, no effect shrank the held-out gap", err=True)
         else:
             _save(patch, patch_text(answer["patch"]))
 
@@ -158,7 +159,7 @@ def _write_recording(found: Diagnosis, path: Path | None) -> None:
     if path is None:
         return
     if not found.series:
-        click.echo(f"{path}: not written, there is no residual to show", err=True)
+        say(f"{path}: not written, there is no residual to show", err=True)
         return
     from impedance_modules.episode.residual_view import ResidualCurves, write_residual_curves
 
@@ -206,12 +207,12 @@ WORDS = {
 
 def print_diagnosis(found: Diagnosis, console: Console) -> None:
     """Prints verdict, gaps, causes, remainder and the next motion."""
-    console.print(f"[bold]{found.verdict}[/bold]: {WORDS[found.verdict]}")
+    console.print(styled("[bold]{}[/bold]: {}", found.verdict, WORDS[found.verdict]))
     if found.reason:
         console.print(found.reason)
     if found.data is not None:
         for warning in found.data.warnings:
-            console.print(f"[yellow]note:[/yellow] {warning}")
+            console.print(styled("[yellow]note:[/yellow] {}", warning))
     if found.gaps:
         console.print(_gaps(found))
         quiet = [gap.joint for gap in found.gaps if _quiet(gap)]
@@ -236,7 +237,8 @@ def _print_rollouts(found: Diagnosis, console: Console) -> None:
     for cause in found.causes:
         if cause.rollout is not None and cause.rollout.verdict == "worsens":
             console.print(
-                f"[yellow]note:[/yellow] {cause.effect} explains torque but makes the simulated motion worse,"
+                styled("[yellow]note:[/yellow] {}", cause.effect)
+                + " explains torque but makes the simulated motion worse,"
                 f" error power by {1.0 / cause.rollout.ratio:.3g}"
             )
 
@@ -281,11 +283,12 @@ def _print_causes(found: Diagnosis, console: Console) -> None:
         carriers = ", ".join(cause.joints) or ", ".join(cause.parameters)
         alone = "" if cause.shrink is None else f", alone it closes {100 * cause.shrink:.0f} % of the gap"
         console.print(
-            f"{rank}. [bold]{cause.effect}[/bold] on {carriers}, {cause.port} port: weight {cause.weight:.2f}{alone}"
+            styled("{}. [bold]{}[/bold] on {}, {} port", rank, cause.effect, carriers, cause.port)
+            + f": weight {cause.weight:.2f}{alone}"
         )
         for key, symbols in cause.parameters.items():
             numbers = (f"{symbol} {e.value:.4g} ± {e.std:.2g} {e.unit}" for symbol, e in symbols.items())
             console.print(f"   {key}: {', '.join(numbers)}", highlight=False)
         if cause.equivalent:
             others = ", ".join(f"{rival.effect} {' '.join(rival.joints)}" for rival in cause.equivalent)
-            console.print(f"   [yellow]or instead:[/yellow] {others}")
+            console.print(styled("   [yellow]or instead:[/yellow] {}", others))

@@ -30,12 +30,11 @@ def effects_command(effect: str | None) -> int:
 
     Exit: 0 fine, 2 no such effect.
     """
-    from rich.console import Console
-
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.effects.catalogue import CATALOGUE
     from impedance_modules.errors import BadInput, nearest
 
-    console = Console()
+    console = Terminal()
     if effect is None:
         console.print(_overview([entry.description for entry in CATALOGUE.values()]))
         console.print("impedance effects ID shows one of them in full", highlight=False)

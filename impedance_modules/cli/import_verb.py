@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from impedance_modules.cli.plain_lines import say
+
 if TYPE_CHECKING:
     from impedance_modules.episode.imports.pipeline import Imported
 
@@ -40,9 +42,9 @@ def import_command(sources: tuple[Path, ...], map_path: Path | None, rate: float
     from impedance_modules.episode.imports.pipeline import import_sources
 
     for imported in import_sources(sources, map_path, rate, out):
-        click.echo(_sentence(imported))
+        say(_sentence(imported))
         for note in imported.notes:
-            click.echo(f"  note: {note}")
+            say(f"  note: {note}")
     return 0
 
 

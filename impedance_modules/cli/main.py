@@ -13,6 +13,7 @@ from importlib import import_module
 import click
 
 import impedance_modules
+from impedance_modules.cli.plain_lines import say, say_error
 from impedance_modules.errors import ImpedanceError
 
 VERBS = {
@@ -64,13 +65,13 @@ def main() -> None:
     try:
         code = impedance.main(standalone_mode=False)
     except ImpedanceError as error:
-        click.echo(str(error), err=True)
+        say_error(error)
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        error.show()
+        say_error(error)
         sys.exit(2)
     except click.Abort:
-        click.echo("stopped by Ctrl-C", err=True)
+        say("stopped by Ctrl-C", err=True)
         sys.exit(130)
     sys.exit(code if isinstance(code, int) else 0)
 

@@ -11,8 +11,10 @@ from rich.box import SIMPLE
 from rich.columns import Columns
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from impedance_modules.arrays import Array
+from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.analysis import Analysis, FrameImpedance, carried_inertia
 from impedance_modules.spec.task import AXES
@@ -46,9 +48,11 @@ SLOWEST_MODES = 10
 
 def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
     """Prints inertia, damping and stiffness of every arm, and of the object."""
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     where = "at the start posture" if analysis.phase is None else f"at rest where '{analysis.phase}' ends"
-    console.print(f"[bold]{assembly.task.name}[/bold] on {assembly.robot.name}, {where}; world axes")
+    console.print(
+        styled("[bold]{}[/bold] on {}, {}; world axes", assembly.task.name, assembly.robot.name, where)
+    )
     for limb, frame_impedance in analysis.arms.items():
         console.rule(f"{limb}: {frame_impedance.frame}")
         _print_at_hand(console, frame_impedance, analysis)
@@ -70,7 +74,7 @@ def _print_at_hand(console: Console, frame_impedance: FrameImpedance, analysis: 
     if frame_impedance.frame == "object" and analysis.squeeze is not None:
         console.print(f"hands squeeze with {analysis.squeeze:.2f} N each")
     if frame_impedance.folds:
-        console.print("[red]folds[/red]: the springs cannot hold the load; no stiffness is given")
+        console.print(styled("[red]folds[/red]: the springs cannot hold the load; no stiffness is given"))
     matrices = [
         _matrix(name.replace("_", " "), unit, getattr(frame_impedance, name))
         for name, unit in QUANTITIES
@@ -121,7 +125,9 @@ def _across(matrix: Array | None, plane: str) -> str:
 
 def _matrix(title: str, unit: str, matrix: Array | None) -> Table:
     """Lays a (6, 6) out in its four blocks; the off-diagonal ones couple moving with turning."""
-    table = Table(title=f"{title} [dim]{unit}[/dim]", title_justify="left", box=SIMPLE, padding=(0, 0, 0, 1))
+    table = Table(
+        title=styled("{} [dim]{}[/dim]", title, unit), title_justify="left", box=SIMPLE, padding=(0, 0, 0, 1)
+    )
     table.add_column("")
     for axis in (*AXES[:3], "", *AXES[3:]):
         table.add_column(axis, justify="right", min_width=7 if axis else 1)
@@ -131,14 +137,14 @@ def _matrix(title: str, unit: str, matrix: Array | None) -> Table:
     largest = float(np.max(np.abs(matrix)))
     for index, axis in enumerate(AXES):
         entries = [_entry(value, largest) for value in matrix[index]]
-        table.add_row(axis, *entries[:3], "[dim]|[/dim]", *entries[3:])
+        table.add_row(axis, *entries[:3], styled("[dim]|[/dim]"), *entries[3:])
         if index == 2:
             table.add_section()
     return table
 
 
-def _entry(value: float, largest: float) -> str:
-    return "[dim]0[/dim]" if abs(value) < 1e-9 * largest else f"{value:.3g}"
+def _entry(value: float, largest: float) -> str | Text:
+    return styled("[dim]0[/dim]") if abs(value) < 1e-9 * largest else f"{value:.3g}"
 
 
 def _ellipsoids(frame_impedance: FrameImpedance) -> Table:

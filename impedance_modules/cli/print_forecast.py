@@ -6,9 +6,10 @@ from __future__ import annotations
 import math
 
 from rich.box import SIMPLE
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.forecast import Deflection, Forecast, JointLoad, PhaseForecast
 from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
@@ -19,18 +20,18 @@ TIGHT = 0.7
 
 def print_forecast(assembly: Assembly, forecast: Forecast) -> None:
     """Prints everything that is predicted of a task."""
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     task = assembly.task
     delay = assembly.tank.delay
     console.print(
-        f"[bold]{task.name}[/bold] on {assembly.robot.name}, {assembly.rate:g} Hz, torque acts {delay} period"
-        f"{'' if delay == 1 else 's'} late: the task is valid"
+        styled("[bold]{}[/bold] on {}", task.name, assembly.robot.name)
+        + f", {assembly.rate:g} Hz, torque acts {delay} period{'' if delay == 1 else 's'} late: the task is valid"
     )
     console.print(_loads(forecast))
     console.print(_loops(forecast))
     console.print(_tank(assembly, forecast))
     for note in forecast.notes:
-        console.print(f"[yellow]note[/yellow]: {note}", soft_wrap=True)
+        console.print(styled("[yellow]note[/yellow]: {}", note), soft_wrap=True)
 
 
 def _loads(forecast: Forecast) -> Table:
@@ -70,11 +71,11 @@ def _rows(phase: PhaseForecast) -> list[tuple[str, ...]]:
     return rows
 
 
-def _load(load: JointLoad) -> str:
+def _load(load: JointLoad) -> str | Text:
     text = f"{load.short} {load.torque:.1f} of {load.limit:g}"
     if load.share > 1.0:
-        return f"[red]{text}[/red]"
-    return f"[yellow]{text}[/yellow]" if load.share > TIGHT else text
+        return styled("[red]{}[/red]", text)
+    return styled("[yellow]{}[/yellow]", text) if load.share > TIGHT else text
 
 
 def _yields(deflection: Deflection | None) -> str:
@@ -106,18 +107,18 @@ def _loops(forecast: Forecast) -> Table:
     return table
 
 
-def _loop(loop: StabilityForecast) -> tuple[str, str, str, str]:
-    mode = "-"
+def _loop(loop: StabilityForecast) -> tuple[str, str | Text, str, str | Text]:
+    mode: str | Text = "-"
     if loop.frequency is not None and loop.damping_ratio is not None:
         mode = f"{loop.frequency:.1f} Hz ({loop.damping_ratio:.3f})"
     if not loop.stable:
-        mode = f"[red]unstable: {mode}[/red]"
+        mode = styled("[red]unstable: {}[/red]", mode)
     if loop.stiffness == 0.0:
         return loop.name, mode, "none", "-"
     if loop.scale is None:
-        highest = f"over {STIFFEST * loop.stiffness:.0f} (x {STIFFEST:g})"
+        highest: str | Text = f"over {STIFFEST * loop.stiffness:.0f} (x {STIFFEST:g})"
     elif loop.scale == 0.0:
-        highest = "[red]none, however soft[/red]"
+        highest = styled("[red]none, however soft[/red]")
     else:
         highest = f"{loop.scale * loop.stiffness:.0f} (x {loop.scale:.2f})"
     return loop.name, mode, f"{loop.stiffness:.0f}", highest

@@ -26,7 +26,7 @@ def progress(total: float, console: Console) -> Iterator[Callable[[float, str], 
         yield lambda *_: None
         return
     columns = (
-        TextColumn("{task.description:<16}"),
+        TextColumn("{task.description:<16}", markup=False),
         BarColumn(),
         TextColumn("{task.completed:6.1f} of at most {task.total:.1f} s"),
     )

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.text import Text
 
+from impedance_modules.cli.terminal import Terminal
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
@@ -39,17 +41,15 @@ def probe_command(diagnosis: Path | None, robot: str | None, urdf: Path | None, 
     `impedance run`, and DIR/probe.json; with --urdf DIR/motion.csv and DIR/postures.csv instead of the task.
     Exit: 0 done, 2 bad input.
     """
-    from rich.console import Console
-
     from impedance_modules.diagnosis.experiment_design.probe_choice import propose_probe
 
     if (robot is None) == (urdf is None):
         raise BadInput("probe needs to know what moves: give --robot NAME or --urdf FILE, one of them")
     spec, model, file = _model(robot, urdf)
     answer = None if diagnosis is None else _answer(diagnosis)
-    console = Console()
+    console = Terminal()
     with console.status("looking for a motion") as status:
-        probe = propose_probe(answer, model, file, spec, status.update)
+        probe = propose_probe(answer, model, file, spec, lambda words: status.update(Text(words)))
     written = _write(probe, spec, out)
     _print(probe, written, console)
     return 0

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from impedance_modules.cli.plain_lines import say
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -38,20 +40,19 @@ def reproduce_command(
 
     Exit: 0 done, 2 no such experiment.
     """
-    from rich.console import Console
-
     from impedance_experiments.thesis_experiments import EXPERIMENTS, find_experiment
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.errors import BadInput
 
     if listed or name is None:
         width = max(len(entry) for entry in EXPERIMENTS)
         for entry in EXPERIMENTS.values():
-            click.echo(f"{entry.name:<{width}}  {entry.section:<14}  {entry.question}")
+            say(f"{entry.name:<{width}}  {entry.section:<14}  {entry.question}")
         return 0
     if full and short:
         raise BadInput("--full and --short exclude each other")
     chosen = list(EXPERIMENTS.values()) if name == "all" else [find_experiment(name)]
-    _carry_out(chosen, _size(full=full, short=short), seed, out, keep, Console())
+    _carry_out(chosen, _size(full=full, short=short), seed, out, keep, Terminal())
     return 0
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from impedance_modules.cli.baxter.connection import transport_option
+from impedance_modules.cli.plain_lines import say
 from impedance_modules.cli.shared_options import (
     arm_option,
     effects_option,
@@ -82,9 +83,8 @@ def run_command(
 
     Exit: 0 done, 2 bad input, 3 stopped by safety, by a phase not met or by the robot itself, 130 after Ctrl-C.
     """
-    from rich.console import Console
-
     from impedance_modules.cli.print_run import print_run
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.control.assembly import assemble
     from impedance_modules.errors import BadInput
 
@@ -95,7 +95,7 @@ def run_command(
         raise BadInput(
             "--allow-unstable: a real robot runs no loop that is predicted to be unstable (valid: sim, replay)"
         )
-    console = Console()
+    console = Terminal()
     with ExitStack() as closing:
         found = closing.enter_context(_real_robot(transport)) if real else None
         assembly = assemble(
@@ -134,7 +134,7 @@ def replay_command(log: Path, view: bool, verify: bool) -> int:
     if view or not verify:
         from impedance_modules.episode.viewer import view_episode
 
-        click.echo(f"opened {view_episode(log)}")
+        say(f"opened {view_episode(log)}")
     return 0
 
 
@@ -159,9 +159,8 @@ def play_task_back(assembly: Assembly, options: RunRequest) -> int:
         BadInput: An option that a playback cannot follow, or a task that cannot be taught.
     """
     _refuse_playback(options)
-    from rich.console import Console
-
     from impedance_modules.cli.print_run import progress
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.prediction.feasibility import refuse_infeasible
 
@@ -169,7 +168,7 @@ def play_task_back(assembly: Assembly, options: RunRequest) -> int:
     from impedance_modules.runs.execution import RunOptions
     from impedance_modules.runs.playback_run import TAUGHT, make_playback, play_back, recorded_path, teach
 
-    console = Console()
+    console = Terminal()
     seconds = sum(phase.duration for phase in assembly.task.phases)
     if options.log is not None:
         path = recorded_path(assembly, options.log)
@@ -251,21 +250,21 @@ def _real_rate(read_only: bool) -> float:
 
 
 def _verify(log: Path) -> None:
-    from rich.console import Console
     from rich.progress import Progress
 
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.episode.reader import read_episode
 
     episode = read_episode(log)
-    console = Console()
+    console = Terminal()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         from impedance_modules.runs.verify import verify
 
         row = bar.add_task("recomputing", total=1.0)
         found = verify(episode, lambda part: bar.update(row, completed=part))
-    click.echo(f"{found.samples} samples of {found.joints} joints recomputed: every torque bit-equal")
+    say(f"{found.samples} samples of {found.joints} joints recomputed: every torque bit-equal")
     for name, (then, now) in found.other_versions.items():
-        click.echo(f"note: recorded with {name} {then}, recomputed with {now}")
+        say(f"note: recorded with {name} {then}, recomputed with {now}")
 
 
 def _refuse_playback(options: RunRequest) -> None:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from impedance_modules.cli.plain_lines import say
+
 if TYPE_CHECKING:
     from impedance_modules.episode.data import Episode
     from impedance_modules.tools.recorded_roughness import Roughness
@@ -121,24 +123,22 @@ def _compared(episode: Episode, found: SurfaceMap) -> tuple[TrueSurface, MapErro
 
 
 def _print_map(said: dict[str, Any], out: Path) -> None:
-    click.echo(
+    say(
         f"{said['cells']} cells of {1000 * said['cell']:g} mm touched by {said['hand']}:"
         f" {said['cells_with_shape_at_rest']} with a height at rest, {said['cells_with_stiffness']} with a stiffness"
     )
     if said["cells_with_shape_at_rest"] < said["cells"]:
-        click.echo(
-            "the others were pressed with nearly the same force all the time; stroke them at another one too"
-        )
+        say("the others were pressed with nearly the same force all the time; stroke them at another one too")
     errors = said.get("errors_against_the_plant")
     if errors is not None:
         rest, stiffness = errors["shape"], errors["stiffness"]
-        click.echo(f"against the plant: pressed height {1000 * errors['pressed']:.2f} mm RMS")
+        say(f"against the plant: pressed height {1000 * errors['pressed']:.2f} mm RMS")
         if rest is not None:
-            click.echo(f"  height at rest {1000 * rest:.2f} mm RMS over {errors['shape_cells']} cells")
+            say(f"  height at rest {1000 * rest:.2f} mm RMS over {errors['shape_cells']} cells")
         if stiffness is not None:
             worst = errors["stiffness_worst"]
-            click.echo(f"  stiffness {100 * stiffness:.0f} % off in the median, {100 * worst:.0f} % at worst")
-    click.echo(f"files: {out}/ (map.csv, map.json, map.png)")
+            say(f"  stiffness {100 * stiffness:.0f} % off in the median, {100 * worst:.0f} % at worst")
+    say(f"files: {out}/ (map.csv, map.json, map.png)")
 
 
 def _roughness_json(found: Roughness) -> dict[str, object]:
@@ -158,8 +158,9 @@ def _roughness_json(found: Roughness) -> dict[str, object]:
 
 
 def _print_roughness(found: Roughness) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from impedance_modules.cli.terminal import Terminal
 
     table = Table(title=f"{found.touched.hand}, force from {found.touched.source}", title_justify="left")
     for name in ("window from s", "15 to 25 Hz, N rms", "friction", "normal N", "travel mm"):
@@ -170,7 +171,7 @@ def _print_roughness(found: Roughness) -> None:
     columns = [found.of(name) for name in ("band", "friction", "normal", "travel")]
     table.add_row("mean", *_cells(0.0, *(float(column.mean()) for column in columns))[1:])
     table.add_row("deviation", *_cells(0.0, *(float(column.std()) for column in columns))[1:])
-    console = Console()
+    console = Terminal()
     console.print(table)
     for why, count in found.refused.items():
         console.print(f"{count} strokes gave no window: {why}")

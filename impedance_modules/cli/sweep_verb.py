@@ -70,8 +70,7 @@ def sweep_command(
     that begins with effects. is a number of the patch. Writes DIR/sweep.csv, a line for every run as it ends, and a
     plot over every PATH. A run that is refused or stops is a result, too. Exit: 0 done, 2 bad input.
     """
-    from rich.console import Console
-
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.tools.sweep_plan import SweepPlan, make_jobs, read_range
 
     _refuse_counts(draws=draws, seeds=seeds, jobs=jobs, duration=duration)
@@ -89,7 +88,7 @@ def sweep_command(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{folder}: cannot be written: {error.strerror} (valid: a writable folder)") from error
-    console = Console()
+    console = Terminal()
     rows = _collect(
         _running(todo, jobs, scheduler), len(todo), [found.path for found in ranges], folder, console
     )

@@ -95,8 +95,7 @@ def tune_command(
     The joint springs carry a force at the hand, anywhere in LO:HI. Below the stiffness found, K - Gamma is no longer
     positive definite: the links fold under the load. Exit: 0 found, 2 bad input or no posture can.
     """
-    from rich.console import Console
-
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.control.assembly import assemble
     from impedance_modules.tools.spring_tuning import tune
     from impedance_modules.tools.tuned_task import trial_task, tuned_task
@@ -117,7 +116,7 @@ def tune_command(
         texts[json_path] = json.dumps(_as_json(assembly.model, question, tuning), indent=1) + "\n"
     for path, text in texts.items():
         _write(path, text)
-    _print(assembly.model, question, tuning, Console())
+    _print(assembly.model, question, tuning, Terminal())
     return 0
 
 

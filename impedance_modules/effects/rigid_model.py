@@ -82,11 +82,15 @@ class RigidModel:
                     f"{urdf}: has no joint '{name}'{nearest(name, known)} (valid: {', '.join(known)})"
                 )
         others = [full.getJointId(name) for name in known if name not in joint_names]
-        return cls(pin.buildReducedModel(full, others, pin.neutral(full)), joint_names)
+        try:
+            reduced = pin.buildReducedModel(full, others, pin.neutral(full))
+        except (ValueError, RuntimeError) as error:  # a joint and a link of one name, say
+            raise BadInput(f"{urdf}: its joints cannot be fixed: {error}") from None
+        return cls(reduced, joint_names)
 
     def body_inertia(self, body: str) -> Array:
         """Ten nominal inertial parameters of what moves with a link, about the link's origin and in its axes."""
-        frame = self._model.frames[self._model.getFrameId(body)]
+        frame = self._model.frames[self._model.getFrameId(body, pin.FrameType.BODY)]
         return np.asarray(
             frame.placement.actInv(self._model.inertias[frame.parentJoint]).toDynamicParameters()
         )

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure, SubFigure
 from impedance_modules.episode.data import Episode, Vector
 from impedance_modules.episode.run_folder import whole_file
 from impedance_modules.episode.view_scene import LIMIT, css, series_colour
+from impedance_modules.plain_figures import plain_figure
 
 PICTURE_KINDS: tuple[str, ...] = (
     "position",
@@ -56,7 +57,7 @@ def write_picture(episode: Episode, path: Path) -> Path:
         episode: Any episode.
         path: Of the PNG file; written whole or not at all.
     """
-    figure = Figure(
+    figure = plain_figure(
         figsize=(WIDTH, 1.2 + PANEL_HEIGHT * max(len(_time_panels(episode)), 3)), layout="constrained"
     )
     figure.suptitle(_title(episode), fontsize=12, x=0.01, ha="left")

@@ -61,7 +61,10 @@ class RobotModel:
         for name, angle in spec.locked.items():
             reference[full.joints[full.getJointId(name)].idx_q] = angle
         self._full, self._locked, self._reference = full, locked, reference
-        self.pin_model: pin.Model = pin.buildReducedModel(full, locked, reference)
+        try:
+            self.pin_model: pin.Model = pin.buildReducedModel(full, locked, reference)
+        except (ValueError, RuntimeError) as error:  # a joint and a link of one name, say
+            raise BadInput(f"{spec.urdf}: its locked joints cannot be fixed: {error}") from None
         self.joint_names: tuple[str, ...] = tuple(self.pin_model.names)[1:]
         self.joints: tuple[JointSpec, ...] = tuple(spec.joints[name] for name in self.joint_names)
         self.reflected_inertia: Array = self.column("reflected_inertia")

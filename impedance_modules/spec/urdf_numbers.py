@@ -14,7 +14,7 @@ from impedance_modules.input_files import is_file
 from impedance_modules.spec.located_xml import Faults
 
 _OF_ORIGIN = ("xyz", "rpy")
-_PRODUCTS = ("ixy", "ixz", "iyz")
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _SIZES = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 _OF_JOINT = {
     "dynamics": ("damping", "friction"),
@@ -39,7 +39,7 @@ def check_numbers(root: ET.Element, faults: Faults) -> None:
         for part in _parts(link):
             _check_origins(part, faults)
             _check_shapes(part, faults)
-        _check_optional(link.findall("inertial/inertia"), _PRODUCTS, faults)
+        _check_optional(link.findall("inertial/inertia"), _INERTIA, faults)
 
 
 def _parts(link: ET.Element) -> Iterator[ET.Element]:

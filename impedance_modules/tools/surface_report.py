@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from impedance_modules.errors import BadInput
+from impedance_modules.plain_figures import plain_figure
 from impedance_modules.tools.surface_fit import SurfaceMap, Touches
 from impedance_modules.tools.surface_truth import MapErrors, TrueSurface
 
@@ -129,7 +130,7 @@ def draw_map(found: SurfaceMap, truth: TrueSurface | None) -> Figure:
         found: The map.
         truth: What the plant really had, or None.
     """
-    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
+    figure = plain_figure(figsize=(8.0, 6.4), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     _draw_shape(above, found, truth)
     _draw_stiffness(below, found, truth)

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from impedance_modules.arrays import Array
+from impedance_modules.plain_figures import plain_figure
 from impedance_modules.tools.sweep_runs import SweepRow
 
 
@@ -75,7 +76,7 @@ def draw(rows: Sequence[SweepRow], paths: Sequence[str], folder: Path) -> list[P
 
 
 def _over(rows: Sequence[SweepRow], path: str, names: Sequence[str]) -> Figure:
-    figure = Figure(figsize=(7.0, 1.9 * len(names)), layout="constrained")
+    figure = plain_figure(figsize=(7.0, 1.9 * len(names)), layout="constrained")
     x = np.array([row.values[path] for row in rows])
     done = np.array([row.ending == "done" for row in rows])
     for axes, name in zip(np.atleast_1d(figure.subplots(len(names), 1, sharex=True)), names, strict=True):
@@ -99,7 +100,7 @@ def _middle(axes: Axes, x: Array, y: Array) -> None:
 
 
 def _map(rows: Sequence[SweepRow], paths: Sequence[str], names: Sequence[str]) -> Figure:
-    figure = Figure(figsize=(6.0, 3.2 * len(names)), layout="constrained")
+    figure = plain_figure(figsize=(6.0, 3.2 * len(names)), layout="constrained")
     x, y = (np.array([row.values[path] for row in rows]) for path in paths)
     for axes, name in zip(np.atleast_1d(figure.subplots(len(names), 1)), names, strict=True):
         dots = axes.scatter(x, y, c=[row.results[name] for row in rows], s=40)

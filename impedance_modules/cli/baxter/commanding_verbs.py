@@ -9,6 +9,7 @@ from __future__ import annotations
 import click
 
 from impedance_modules.cli.baxter.connection import node, robot_option, stop_request, transport_option
+from impedance_modules.cli.plain_lines import say
 
 
 @click.command("enable")
@@ -41,7 +42,7 @@ def enable(robot: str, reset: bool, tucked: bool, transport: str) -> int:
         if reset:
             power.reset()
         power.enable(limbs if tucked else ())
-        click.echo(describe(power.wait()))
+        say(describe(power.wait()))
     return 0
 
 
@@ -57,7 +58,7 @@ def disable(transport: str) -> int:
     with node(transport, "disable") as found:
         power = Power(found)
         power.disable()
-        click.echo(describe(power.wait()))
+        say(describe(power.wait()))
     return 0
 
 
@@ -105,5 +106,5 @@ def untuck(robot: str, posture: str, enable: bool, transport: str) -> int:
         others = [result for name, result in results.items() if name != "range"]
         refuse_failed(others, commanding=True)
         arrived = PostureMover(session, tucked, asked_to_stop).go(session.model.position(goal))
-    click.echo(f"the arms are {posture}" if arrived else "stopped by Ctrl-C; the arms are held")
+    say(f"the arms are {posture}" if arrived else "stopped by Ctrl-C; the arms are held")
     return 0 if arrived else 130

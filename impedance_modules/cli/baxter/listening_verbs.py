@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from impedance_modules.cli.baxter.connection import node, robot_option, stop_request, transport_option
+from impedance_modules.cli.plain_lines import say
 from impedance_modules.errors import BadInput, RobotRefused
 
 if TYPE_CHECKING:
@@ -29,17 +30,16 @@ def check(robot: str, transport: str) -> int:
 
     Exit: 0 no check failed, 2 no robot or a check failed, with the remedy.
     """
-    from rich.console import Console
-
     from impedance_modules.backends.baxter.session import Session
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.spec.robot_reader import read_robot
 
     with node(transport, "check") as found:
         results = Session(found, read_robot(robot)).preflight(tuple(read_robot(robot).limbs))
-    Console().print(_results_table(results))
+    Terminal().print(_results_table(results))
     failed = [result for result in results if result.passed is False]
     for result in failed:
-        click.echo(f"{result.name}: {result.found} (valid: {result.remedy})", err=True)
+        say(f"{result.name}: {result.found} (valid: {result.remedy})", err=True)
     return 2 if failed else 0
 
 
@@ -64,13 +64,12 @@ def state(robot: str, transport: str) -> int:
 
     Exit: 0 shown, 2 no robot, or its arms say nothing.
     """
-    from rich.console import Console
-
     from impedance_modules.backends.baxter.power import Power, describe
     from impedance_modules.backends.baxter.session import LISTENING, Session
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.spec.robot_reader import read_robot
 
-    console = Console()
+    console = Terminal()
     with node(transport, "state") as found:
         power = describe(Power(found).wait())
         session = Session(found, read_robot(robot))
@@ -149,11 +148,10 @@ def record(
 
     Exit: 0 recorded, 2 no robot, or its states are unfit, or stop coming.
     """
-    from rich.console import Console
-
     from impedance_modules.backends.baxter.baxter_recorder import RecordOptions, record_episode
     from impedance_modules.backends.baxter.preflight_checks import refuse_failed
     from impedance_modules.backends.baxter.session import Session
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.spec.robot_reader import read_robot
 
     if duration is not None and not duration > 0.0:
@@ -162,12 +160,12 @@ def record(
     with node(transport, "record") as found, stop_request() as asked_to_stop:
         session = Session(found, read_robot(robot))
         refuse_failed(session.preflight(tuple(session.model.limbs)), commanding=False)
-        with Console().status("recording; Ctrl-C ends it") as status:
+        with Terminal().status("recording; Ctrl-C ends it") as status:
             episode = record_episode(
                 session,
                 RecordOptions(directory, duration, rate, repeat_of),
                 lambda t: status.update(f"recording, {t:.1f} s; Ctrl-C ends it"),
                 asked_to_stop,
             )
-    click.echo(f"recorded: {episode}")
+    say(f"recorded: {episode}")
     return 0

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TextIO, cast
 import click
 
 from impedance_modules.cli.baxter.connection import stop_request
+from impedance_modules.cli.plain_lines import say
 from impedance_modules.cli.shared_options import effects_option
 from impedance_modules.errors import BadInput
 
@@ -102,7 +103,7 @@ def fake(
     from impedance_modules.spec.patch_file import read_patch
 
     if list_faults:
-        click.echo(describe())
+        say(describe())
         return 0
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: some time is needed (valid: above 0 s)")
@@ -126,9 +127,9 @@ def fake(
         node = SimulatorNode(built.robot, RosNetwork(master), built.description)
         node.open()
         node.plan(script)
-        click.echo(f"a {built.robot.model.spec.name} stands {posture} at {master}; Ctrl-C ends it")
-        lag = run_in_real_time(node, EventLog(built.robot, log_file), click.echo, asked_to_stop, duration)
-    click.echo(f"ended after {built.robot.now:.1f} s; its clock fell behind by {lag:.3f} s")
+        say(f"a {built.robot.model.spec.name} stands {posture} at {master}; Ctrl-C ends it")
+        lag = run_in_real_time(node, EventLog(built.robot, log_file), say, asked_to_stop, duration)
+    say(f"ended after {built.robot.now:.1f} s; its clock fell behind by {lag:.3f} s")
     return 0
 
 

@@ -10,10 +10,13 @@ from collections.abc import Sequence
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from impedance_modules.errors import printable
+from impedance_modules.plain_figures import plain_figure
+
 
 def text(value: object) -> str:
-    """Escapes what must not be read as HTML."""
-    return html.escape(str(value))
+    """Escapes what must not be read as HTML, and writes control characters out."""
+    return html.escape(printable(str(value), lines=True))
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -64,7 +67,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[
 
 def new_figure(width: float, height: float) -> Figure:
     """A figure of a size [in] whose parts do not overlap."""
-    return Figure(figsize=(width, height), layout="constrained")
+    return plain_figure(figsize=(width, height), layout="constrained")
 
 
 def drawing(figure: Figure, caption: str) -> str:
@@ -73,7 +76,7 @@ def drawing(figure: Figure, caption: str) -> str:
     # Text stays text, and the same diagnosis gives the same file.
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "impedance_modules"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
-    svg = buffer.getvalue()
+    svg = printable(buffer.getvalue(), lines=True)
     svg = svg[svg.index("<svg") :].replace("<svg ", "<svg role='img' ", 1)
     return f"<figure>{svg}<figcaption>{text(caption)}</figcaption></figure>"
 

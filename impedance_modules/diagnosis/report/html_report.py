@@ -230,7 +230,7 @@ def _cause(cause: dict[str, Any]) -> str:
     equal = [[r["effect"], ", ".join(r["joints"])] for r in cause["equivalent"]]
     lost = [[r["effect"], ", ".join(r["joints"]), r["lost_because"]] for r in cause["rivals"]]
     parts = [
-        f"<h3>{cause['effect']} on {_place(cause)}</h3>",
+        f"<h3>{text(cause['effect'])} on {text(_place(cause))}</h3>",
         paragraph(words),
         _parameters(cause["parameters"]),
         _ranges(cause["range"]),
