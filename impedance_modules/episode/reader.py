@@ -164,8 +164,12 @@ class _Columns:
                 f"{self._place}: column '{name}' holds {self._schema.field(name).type} (valid: text)"
             )
         encoded = self._decoded(name, pa.string()).dictionary_encode().combine_chunks()
+        try:
+            texts = encoded.dictionary.to_pylist()
+        except UnicodeDecodeError as error:
+            raise BadInput(f"{self._place}: column '{name}' is no UTF-8 text: {error}") from error
         # One object per name, and None, reached by code -1, where there is no text.
-        names = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
+        names = np.array([*texts, None], dtype=object)
         return _frozen(names[encoded.indices.fill_null(-1).to_numpy()[self._pick]])
 
     def _decoded(self, name: str, kind: pa.DataType) -> pa.ChunkedArray:

@@ -3,9 +3,12 @@
 
 import numpy as np
 import pytest
+from rosbags.typesys import get_types_from_msg
 
+from impedance_modules.episode.imports.bag_file import BagFile
+from impedance_modules.episode.imports.message_types import are_plain, is_type_name
 from impedance_modules.errors import BadInput
-from tests.support.import_logs import EPOCH, Bag, imported, map_of, motion
+from tests.support.import_logs import EPOCH, SEA_DEFINITION, Bag, imported, map_of, motion
 
 # Alphabetic, as published, and from the base outwards.
 JOINTS = [f"right_{short}" for short in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")]
@@ -216,3 +219,46 @@ def test_damaged_recordings_are_refused_in_a_sentence(tmp_path, kind):
             assert broken.name in str(error)
             refused += 1
     assert refused >= 6
+
+
+INJECTIONS = [
+    "a/msg/X:\n    import os; os.mkdir('PLACE')\nclass Y",
+    "a/msg/X\"\nimport os\nos.mkdir('PLACE')\n\"",
+    "a/msg/class",
+    "a/../X",
+    "X",
+]
+
+
+@pytest.mark.parametrize("name", INJECTIONS, ids=range(len(INJECTIONS)))
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_a_type_whose_name_is_a_program_is_not_executed(tmp_path, monkeypatch, kind, name):
+    """The library makes Python code of the definitions in a recording, with the names that stand there."""
+    path = arm_bag(5).write(tmp_path / "log", kind)
+    file = path if path.is_file() else path / "log.mcap"
+    harm = tmp_path / "harm"
+    planted = name.replace("PLACE", str(harm))
+    real = BagFile._register
+
+    def renamed(self, connection):
+        return real(self, connection._replace(msgtype=planted))
+
+    assert not is_type_name(planted)
+    monkeypatch.setattr(BagFile, "_register", renamed)
+    with pytest.raises(BadInput):
+        imported(tmp_path, [file])
+    assert not harm.exists()
+
+
+@pytest.mark.parametrize(
+    "definition",
+    [
+        "string[] name\nfloat64[99999999] x\n",
+        "string[] name\n" + "float64 x\n" * 3000,
+        "string[] name\nint8 A=[\n",
+    ],
+)
+def test_definitions_that_would_become_endless_code_are_left_out(definition):
+    types = get_types_from_msg(definition, "a/msg/X") if "=[" not in definition else {"a/msg/X'": ([], [])}
+    assert not are_plain(types)
+    assert are_plain(get_types_from_msg(SEA_DEFINITION.replace("std_msgs/Header", "string"), "a/msg/X"))

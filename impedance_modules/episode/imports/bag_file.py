@@ -22,6 +22,7 @@ from rosbags.rosbag2 import ReaderError as ReaderError2
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
+from impedance_modules.episode.imports.message_types import LONGEST_DEFINITION, are_plain, is_type_name
 from impedance_modules.errors import BadInput
 from impedance_modules.input_files import check_file
 
@@ -37,7 +38,7 @@ _NAME_LIST = re.compile(r"(string\[\]|sequence<string>)\s+(name|names|joint_name
 _DAMAGE = (
     *(ReaderError1, ReaderError2, SerdeError, TypesysError, ZstdError, apsw.Error, struct.error),
     *(OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError),
-    *(AssertionError, RuntimeError, MemoryError),
+    *(AssertionError, RuntimeError, MemoryError, SyntaxError),
 )
 """Errors that reading damaged bags raised in tests."""
 
@@ -144,6 +145,8 @@ class BagFile:
         extension = connection.ext
         if isinstance(extension, ConnectionExtRosbag2) and extension.serialization_format != "cdr":
             return False
+        if not is_type_name(connection.msgtype) or len(definition.data) > LONGEST_DEFINITION:
+            return False
         if connection.msgtype in self._types.fielddefs:
             return True
         if definition.format == MessageDefinitionFormat.NONE:
@@ -159,10 +162,13 @@ class BagFile:
         definition = connection.msgdef
         try:
             if definition.format == MessageDefinitionFormat.MSG:
-                self._types.register(get_types_from_msg(definition.data, connection.msgtype))
+                types = get_types_from_msg(definition.data, connection.msgtype)
             else:
-                self._types.register(get_types_from_idl(definition.data))
-        except TypesysError:
+                types = get_types_from_idl(definition.data)
+            if not are_plain(types):
+                return False
+            self._types.register(types)
+        except (TypesysError, SyntaxError, RecursionError):
             return False
         return connection.msgtype in self._types.fielddefs
 

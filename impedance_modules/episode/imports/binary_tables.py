@@ -22,16 +22,14 @@ from impedance_modules.episode.exact_numbers import (
     refuse_many_rows,
     too_large_whole,
 )
+from impedance_modules.episode.imports.matlab_file import LARGEST_CONTENT, NewerVersionError, read_variables
 from impedance_modules.episode.imports.table import CHUNK_ROWS, Chunk, Vector, refuse_nonfinite
 from impedance_modules.episode.sealed_parquet import UNREADABLE
 from impedance_modules.errors import BadInput
-from impedance_modules.input_files import check_file, open_input
+from impedance_modules.input_files import check_file, open_input, read_input
 
 LARGEST_FILE = 1_000_000_000
 """Bytes; these formats can only be read whole."""
-
-LARGEST_CONTENT = 4_000_000_000
-"""Bytes of a compressed file once it is unpacked."""
 
 _DEEPEST = 4
 """Structs within structs."""
@@ -153,8 +151,8 @@ def _variables(path: Path) -> Mapping[str, Any]:
         if check_file(path, LARGEST_FILE) == 0:
             raise BadInput(f"{path}: the file is empty (valid: a .mat or .npz file)")
         return _load(path)
-    except NotImplementedError as error:
-        raise BadInput(f"{path}: a MATLAB 7.3 file (valid: save it again with save(..., '-v7'))") from error
+    except NewerVersionError as error:
+        raise BadInput(f"{path}: {error} (valid: save it again with save(..., '-v7'))") from error
     except OSError as error:
         what = "damaged or cut off" if error.errno is None else "cannot be read"
         raise BadInput(f"{path}: {what}: {error}") from error
@@ -169,14 +167,7 @@ def _load(path: Path) -> Mapping[str, Any]:
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as archive:
                 return {name: archive[name] for name in archive.files}
-    from scipy.io import loadmat  # noqa: PLC0415 - slow to import, and few logs need it
-    from scipy.io.matlab import MatReadError  # noqa: PLC0415
-
-    try:
-        found: dict[str, Any] = loadmat(path, struct_as_record=False, squeeze_me=True)
-    except MatReadError as error:
-        raise BadInput(f"{path}: no MATLAB file, or cut off: {error}") from error
-    return {name: value for name, value in found.items() if not name.startswith("__")}
+    return read_variables(read_input(path, LARGEST_FILE))
 
 
 def _check_arrays(stream: BinaryIO) -> None:
@@ -207,8 +198,8 @@ def _largest(values: Vector) -> int:
 def _numeric(variables: Mapping[str, Any], depth: int) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yields every real array under its dotted name."""
     for name, value in variables.items():
-        if hasattr(value, "_fieldnames"):
-            fields = {f"{name}.{field}": getattr(value, field) for field in value._fieldnames}
+        if isinstance(value, Mapping):
+            fields = {f"{name}.{field}": inner for field, inner in value.items()}
             if depth:
                 yield from _numeric(fields, depth - 1)
             continue
