@@ -101,7 +101,9 @@ def draw_task(
     initial = _log(random, 2.0, 60.0)
     task["safety"] = {"tank": {"initial": initial, "max": 2 * initial, "floor": 0.3}}
     if random.random() < 0.2:
-        height = min(float(place[2]) for place in near.values()) - _uniform(random, 0.02, 0.2)
+        # Limbs that take no part are there all the same, and must not start inside the plane.
+        hands = _near_hands(model, tuple(model.limbs), q).values()
+        height = min(float(place[2]) for place in hands) - _uniform(random, 0.02, 0.2)
         task["environment"] = [
             {"surface": "plane", "height": height, "stiffness": 10000, "damping": 100, "friction": 0.3}
         ]

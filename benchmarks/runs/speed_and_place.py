@@ -165,6 +165,9 @@ def judged(robots: Robots, seed: int, number: int, folder: Path) -> dict[str, An
     try:
         assembly = assembled(drawn, folder)
         forecast = forecast_task(assembly, refuse_infeasible(assembly))
+    except np.linalg.LinAlgError as error:
+        # A prediction that diverges so far that its numbers end is no accepted task.
+        return line | {"refused": f"the prediction fails: {error}"}
     except BadInput as error:
         return line | {"refused": str(error).splitlines()[0].replace(str(folder), "")}
     line["growth"] = round(max(loop.growth for phase in forecast.phases for loop in phase.loops), 6)
