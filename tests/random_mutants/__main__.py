@@ -180,7 +180,7 @@ def judged() -> list[dict[str, str]]:
 
 def judgement_of(place: Mapping[str, object]) -> str | None:
     """What was judged of a mutant, or of a result's; None where nobody has looked at it."""
-    keys = ("file", "function", "old", "new")
+    keys = ("file", "function", "statement", "old", "new")
     return next((one["judgement"] for one in judged() if all(place[key] == one[key] for key in keys)), None)
 
 

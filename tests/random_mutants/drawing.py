@@ -22,6 +22,7 @@ class Mutant:
         file: From the checkout's root.
         function: ``Class.method`` or ``function`` it stands in; empty outside all of them.
         line: Where it stands, from 1.
+        statement: First line of the statement that it changes.
         kind: What was done, in words.
         old, new: The text replaced, and what stands there instead.
         start: Byte of the file where it stands.
@@ -30,6 +31,7 @@ class Mutant:
     file: str
     function: str
     line: int
+    statement: str
     kind: str
     old: str
     new: str
@@ -70,13 +72,12 @@ def draw(root: Path, folders: Sequence[str], count: int, seed: int) -> list[Muta
 def _of(root: Path, path: Path) -> Iterator[list[Mutant]]:
     """Of every statement of a file that can be changed, its mutants."""
     content = path.read_text(encoding="utf-8")
-    text, tree = Text(content), ast.parse(content)
+    text, tree, lines = Text(content), ast.parse(content), content.splitlines()
     file = str(path.relative_to(root))
     for statement, function in _statements(tree.body, ()):
+        place = (file, function, statement.lineno, lines[statement.lineno - 1].strip())
         mutants = [
-            Mutant(
-                file, function, statement.lineno, change.kind, _old(text, change), change.new, change.start
-            )
+            Mutant(*place, change.kind, _old(text, change), change.new, change.start)
             for change in changes_of(statement, text)
         ]
         if mutants:

@@ -107,7 +107,7 @@ def test_every_mutant_is_python_and_another_program() -> None:
 
 def test_a_change_of_another_text_is_refused() -> None:
     with pytest.raises(ValueError, match=r"law\.py:3"):
-        Mutant("law.py", "", 3, "", "a", "b", 5).applied("x = 1")
+        Mutant("law.py", "", 3, "", "", "a", "b", 5).applied("x = 1")
 
 
 def test_tests_of_a_function_are_those_that_call_it_the_fastest_first(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_what_was_killed_stays_so_and_what_survived_is_tried_again_with_other_te
 
 
 def test_the_table_counts_what_was_killed() -> None:
-    one = {"file": f"{FOLDERS[0]}/tank.py", "function": "f", "old": "a", "new": "b"}
+    one = {"file": f"{FOLDERS[0]}/tank.py", "function": "f", "statement": "a", "old": "a", "new": "b"}
     results = [{**one, "outcome": outcome} for outcome in ("killed", "timed out", "survived", "not covered")]
     assert table(results).splitlines()[-1] == "all | 4 | 1 | 1 | 2 | 0 | 50.0 %"
 
@@ -152,7 +152,8 @@ def test_all_test_files_of_the_areas_exist() -> None:
 
 def test_judged_survivors_stand_in_the_code_and_have_a_reason() -> None:
     for entry in judged():
-        assert set(entry) == {"file", "function", "old", "new", "judgement", "why"}
+        assert set(entry) == {"file", "function", "statement", "old", "new", "judgement", "why"}
         assert entry["judgement"] in ("equivalent", "left") and len(entry["why"]) > 20
         text = (CHECKOUT / entry["file"]).read_text()
-        assert entry["old"] in text, f"{entry['file']} no longer has {entry['old']!r}: remove its judgement"
+        assert entry["statement"] in text, f"{entry['file']} no longer has {entry['statement']!r}: judge anew"
+        assert entry["old"] in text
