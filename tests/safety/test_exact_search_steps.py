@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Single steps of the exact search where rounding matters: what random problems reach too seldom."""
+"""Single steps of the exact search that random problems reach too seldom, or whose mistakes its proof makes good."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from impedance_modules.safety.solvers.daqp_solver import PlainProblem, write_plain
+from impedance_modules.safety.solvers.exact_form import make_form
 from impedance_modules.safety.solvers.exact_search import _push, make_search
 from tests.support.both_ways import ways  # noqa: F401
 
@@ -20,3 +23,27 @@ def test_a_multiplier_that_rounding_would_make_negative_becomes_zero() -> None:
     assert (exact.multiplier[0, 0], exact.multiplier[1, 0]) == (0.0, 0.0)
     assert exact.multiplier[0, 1] == 7.0 and exact.multiplier[1, 1] == pytest.approx(1e-20 + 2e-18, rel=1e-6)
     assert exact.multiplier[0, 2] == 1.25 and exact.multiplier[1, 2] == pytest.approx(1e-20 + 1e-18, rel=1e-6)
+
+
+@pytest.mark.usefixtures("ways")
+@pytest.mark.parametrize("size", [1.0, 8.0])
+def test_the_guessing_solver_is_given_the_problem_itself(size: float) -> None:
+    """In parts of ``size``; a torque limit in the joint's own units, because DAQP takes limits without a row."""
+    random, n, m = np.random.default_rng(1), 3, 2
+    form = make_form(n, m)
+    form.metric[:] = random.standard_normal((n, n))
+    form.rows[:n] = np.diag([2.0, 0.5, 4.0])
+    form.rows[n:] = random.standard_normal((m, n))
+    form.low[0], form.high[0] = -random.random(n + m), random.random(n + m)
+    form.low[0, 1], form.high[0, 4] = -np.inf, np.inf
+    form.give[0] = random.random(n + m)
+    plain = PlainProblem(
+        metric=np.zeros((n, n)), matrix=np.zeros((m, n)), lower=np.zeros(n + m), upper=np.zeros(n + m),
+        softness=np.zeros(n + m),
+    )  # fmt: skip
+    write_plain(form, size, plain)
+    unit = size * np.array([2.0, 0.5, 4.0, 1.0, 1.0])
+    assert np.array_equal(plain.metric, form.metric) and np.array_equal(plain.matrix, form.rows[n:])
+    assert plain.lower == pytest.approx(np.maximum(form.low[0] / unit, -1e30))
+    assert plain.upper == pytest.approx(np.minimum(form.high[0] / unit, 1e30))
+    assert plain.softness == pytest.approx(form.give[0] ** 2)

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the search does around the selection: pushes masked and found again, and what the flexible model may use."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impedance_modules.diagnosis.model_selection import cause_search
+
+
+def term(name: str) -> SimpleNamespace:
+    return SimpleNamespace(name=name, candidate=name, shaped=SimpleNamespace(shape={}), layout=None)
+
+
+def selector(name: str, left: dict[str, float], lost: tuple[str, ...] = ()) -> SimpleNamespace:
+    """Fits a model to what is left by the names of its terms; some terms cannot be moved to its rows."""
+
+    def model_fit(model) -> SimpleNamespace:
+        names = "".join(sorted(one.name for one in model))
+        whole = SimpleNamespace(coefficients=f"{names} on {name}")
+        return SimpleNamespace(
+            name=f"{names} on {name}", left=np.array([0.25, 0.75]) * left.get(names, 1.0), whole=whole
+        )
+
+    refiner = SimpleNamespace(
+        term=lambda candidate, shape, layout: None if candidate in lost else term(candidate)
+    )
+    clear = {}
+    design = SimpleNamespace(groups=(), whitening=SimpleNamespace(clear=clear), without=lambda mask: mask)
+    return SimpleNamespace(model_fit=model_fit, refiner=refiner, design=design)
+
+
+@pytest.mark.parametrize(("again", "well"), [(100.0, True), (119.0, True), (121.0, False)])
+def test_causes_of_masked_rows_must_explain_them_about_as_well(again: float, well: bool) -> None:
+    masked = selector("masked", {"b": again, "a": 100.0, "ac": 50.0})
+    assert cause_search._fits_as_well(masked, [term("b")], [term("a")]) is well
+    # A first cause that cannot be moved to the masked rows is compared without.
+    masked = selector("masked", {"b": again, "a": 100.0, "ac": 50.0}, lost=("c",))
+    assert cause_search._fits_as_well(masked, [term("b")], [term("a"), term("c")]) is well
+
+
+def test_pushes_are_found_again_by_a_model_that_was_fitted_without_them(monkeypatch) -> None:
+    seen = []
+    monkeypatch.setattr(cause_search, "find_pushes", lambda *given: seen.append(given) or ("again",))
+    masked = selector("masked", {})
+    causes = [term("a"), term("b")]
+    assert cause_search._refitted_pushes(selector("all", {}), masked, causes, ["items"]) == ("again",)
+    ((model_fit, items, coefficients),) = seen
+    assert (model_fit.name, items, coefficients) == ("ab on all", ["items"], "ab on masked")
+    assert cause_search._refitted_pushes(selector("all", {}, lost=("b",)), masked, causes, []) == ()
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """Looks for pushes; the search on masked rows finds b, and the pushes again if it is told so."""
+
+    def run(pushes: tuple, well: bool, refitted: tuple):
+        monkeypatch.setattr(cause_search, "find_pushes", lambda model_fit, prepared: pushes)
+        monkeypatch.setattr(cause_search, "rows_of_link_residuals", lambda rows, groups: rows)
+        monkeypatch.setattr(cause_search, "rows_without_pushes", lambda pushes, prepared: {})
+        monkeypatch.setattr(cause_search, "intersect_masks", lambda one, other: {})
+        monkeypatch.setattr(cause_search, "_fits_as_well", lambda *given: well)
+        monkeypatch.setattr(cause_search, "_refitted_pushes", lambda *given: refitted)
+        first, masked = selector("all", {}), selector("masked", {})
+        masked.run = lambda progress: SimpleNamespace(causes=(term("b"),))
+        first.on = lambda design: masked
+        said = []
+        found = cause_search._without_pushes(first, SimpleNamespace(causes=(term("a"),)), [], said.append)
+        return "masked" if found[0] is masked else "all", found[1].causes[0].name, found[2], bool(said)
+
+    return run
+
+
+def test_without_a_push_the_first_search_stands(searched) -> None:
+    assert searched((), True, ("again",)) == ("all", "a", (), False)
+
+
+def test_with_a_push_the_search_is_done_again_on_masked_rows(searched) -> None:
+    assert searched(("push",), True, ("again",)) == ("masked", "b", ("again",), True)
+    assert searched(("push",), True, ()) == ("masked", "b", ("push",), True)
+
+
+def test_a_push_that_explains_less_than_the_first_causes_was_none(searched) -> None:
+    assert searched(("push",), False, ("again",)) == ("all", "a", (), True)
+
+
+def regressor(**more: object) -> SimpleNamespace:
+    effect = SimpleNamespace(proportional_to_command=lambda port: port == "timing")
+    given = {
+        "shape": {},
+        "width": 1,
+        "blocks": ({0: None},),
+        "candidate": SimpleNamespace(effect=effect, port="link"),
+    }
+    return SimpleNamespace(**{**given, **more})
+
+
+def test_the_flexible_model_uses_simple_candidates_of_one_joint() -> None:
+    simple = [regressor(), regressor(width=3), regressor(candidate=None)]
+    command = SimpleNamespace(effect=regressor().candidate.effect, port="timing")
+    others = [
+        regressor(width=4),
+        regressor(shape={"vs": 0.1}),
+        regressor(blocks=({0: None, 1: None},)),
+        regressor(candidate=command),
+    ]
+    assert cause_search._simple_candidates([*others[:2], *simple, *others[2:]]) == simple
+
+
+@pytest.mark.parametrize(
+    ("parameters", "replaces", "value", "kept"),
+    [(1, False, 1.16, True), (1, False, 1.14, False), (1, False, 0.84, True), (1, False, 0.86, False),
+     (2, False, 1.0, True), (1, True, 1.0, True)],
+)  # fmt: skip
+def test_a_single_number_must_differ_from_no_effect(monkeypatch, parameters, replaces, value, kept) -> None:
+    """By one and a half standard deviations, of 0.1 here; no effect is 1."""
+    described = SimpleNamespace(parameters=[SimpleNamespace(neutral=1.0)] * parameters)
+    one = SimpleNamespace(
+        candidate=SimpleNamespace(effect=SimpleNamespace(description=described, replaces=replaces))
+    )
+    found = {"s": SimpleNamespace(value=value, std=0.1)}
+    monkeypatch.setattr(cause_search, "estimates", lambda fit, refiner, index, *, prismatic: found)
+    assert cause_search.significant_terms(SimpleNamespace(model=[one]), None) == ([one] if kept else [])
