@@ -25,6 +25,9 @@ DRIFT = 1e-4
 
 NANO = 1e-9
 
+MOST_JOINTS = 200
+"""Joints of one message; one with more is no robot's, and is not kept."""
+
 
 @dataclass(frozen=True)
 class StateSample:
@@ -78,7 +81,8 @@ class JointStateMerger:
             received: When it arrived [s].
         """
         count = len(message.name)
-        if not count == len(message.position) == len(message.velocity) == len(message.effort):
+        lengths = {count, len(message.position), len(message.velocity), len(message.effort)}
+        if len(lengths) > 1 or count > MOST_JOINTS:
             self.malformed += 1
             return None
         ours, theirs = self._places(message.name)

@@ -14,21 +14,19 @@ its address decides; a node that cannot be proved to have ended counts as runnin
 
 from __future__ import annotations
 
-import http.client
 import os
 import socket
-import xmlrpc.client
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
-from xml.parsers.expat import ExpatError
 
 from impedance_modules.backends.baxter.ros.tcp_connection import (
     ANYTHING,
     CONNECT_TIME,
     LENGTH,
     LONGEST_HEADER,
+    NOT_XMLRPC,
     HeaderError,
     NoNodeError,
     NotPublishedError,
@@ -106,7 +104,7 @@ class MasterClient:
         Raises:
             NoMasterError: As in ``ask``.
         """
-        publishers, _, _ = self.ask("getSystemState")
+        publishers, _, _ = self._system_state()
         return tuple(sorted({node for name, nodes in publishers if name == topic for node in nodes}))
 
     def registrations_of(self, node: str) -> dict[str, list[str]]:
@@ -115,7 +113,7 @@ class MasterClient:
         Raises:
             NoMasterError: As in ``ask``.
         """
-        publishers, subscribers, _ = self.ask("getSystemState")
+        publishers, subscribers, _ = self._system_state()
         return {
             "unregisterSubscriber": [topic for topic, nodes in subscribers if node in nodes],
             "unregisterPublisher": [topic for topic, nodes in publishers if node in nodes],
@@ -130,20 +128,35 @@ class MasterClient:
         code, _, value = self._answer("lookupNode", node)
         return str(value) if code == SUCCESS else None
 
+    def _system_state(self) -> list[list[tuple[str, list[str]]]]:
+        """Asks who publishes, who listens and who offers services: (name, nodes) each."""
+        said = self.ask("getSystemState")
+        try:
+            state = [[(str(name), [str(node) for node in nodes]) for name, nodes in part] for part in said]
+        except (TypeError, ValueError):
+            state = []
+        if len(state) != 3:
+            raise NoMasterError(
+                f"what answers at {self.uri} is no ROS master: its state is {str(said)[:60]!r}"
+            )
+        return state
+
     def _answer(self, method: str, *arguments: Any) -> tuple[int, str, Any]:
         try:
             with remote(self.uri, ANSWER_TIME) as master:
                 answer: Any = getattr(master, method)(self._caller, *arguments)
         except OSError as error:
             raise NoMasterError(_unreachable(self.uri, error)) from error
-        except (xmlrpc.client.Error, http.client.HTTPException, ExpatError) as error:
+        except NOT_XMLRPC as error:
             raise NoMasterError(
                 f"what answers at {self.uri} is no ROS master ({type(error).__name__})"
                 " (valid: the address of the robot's master in ROS_MASTER_URI)"
             ) from error
         if not isinstance(answer, list) or len(answer) != 3:
             raise NoMasterError(f"what answers at {self.uri} is no ROS master: it says {str(answer)[:60]!r}")
-        return int(answer[0]), str(answer[1]), answer[2]
+        if type(answer[0]) is not int:
+            raise NoMasterError(f"what answers at {self.uri} is no ROS master: it says {str(answer)[:60]!r}")
+        return answer[0], str(answer[1]), answer[2]
 
 
 class MasterTransport:

@@ -7,6 +7,7 @@ publisher, keeps the newest message only, and connects again when a connection b
 
 from __future__ import annotations
 
+import re
 import socket
 import threading
 import time
@@ -24,6 +25,7 @@ from impedance_modules.backends.baxter.ros.tcp_connection import (
     cut_frames,
     pack_header,
 )
+from impedance_modules.backends.baxter.ros.timed_socket import TimedSocket
 from impedance_modules.backends.baxter.ros.transport import Callback, TransportClosedError
 from impedance_modules.backends.baxter.ros.wire import MessageError, checksum_of, decode, encode
 
@@ -33,6 +35,14 @@ PAUSES = (0.05, 0.1, 0.2, 0.5, 1.0)
 """Waits before trying a publisher again [s]; the last one repeats as long as the master lists it."""
 
 CHUNK = 1 << 16
+
+MOST_SUBSCRIBERS = 32
+"""Of one topic of this node; each takes a thread and three descriptors."""
+
+MOST_PUBLISHERS = 16
+"""Of one topic that are listened to; each takes a thread, and memory for a message."""
+
+NODE_ADDRESS = re.compile(r"http://[A-Za-z0-9._:%\[\]-]{1,253}:[0-9]{1,5}/?")
 
 
 class PublishedTopic:
@@ -64,6 +74,12 @@ class PublishedTopic:
         for subscriber in subscribers:
             subscriber.send(data)
 
+    def refuse_more(self) -> str | None:
+        """Says that there are too many subscribers, or None."""
+        return (
+            f"{self.topic} has {MOST_SUBSCRIBERS} subscribers" if self.count() >= MOST_SUBSCRIBERS else None
+        )
+
     def count(self) -> int:
         """Counts the subscribers."""
         with self._lock:
@@ -77,7 +93,7 @@ class PublishedTopic:
         other = header.get("type", "?")
         return f"{self.topic} is {self.kind.ros_type} ({own}), not {other} ({wanted})"
 
-    def accept(self, connection: socket.socket) -> None:
+    def accept(self, connection: TimedSocket) -> None:
         """Adds a subscriber."""
         fields = {
             "callerid": self._caller,
@@ -89,7 +105,7 @@ class PublishedTopic:
         }
         connection.sendall(pack_header(fields))
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        subscriber = SubscriberConnection(connection, self._forget)
+        subscriber = SubscriberConnection(connection.untimed(), self._forget)
         with self._lock:
             self._subscribers.append(subscriber)
             latched = self._latched
@@ -138,6 +154,14 @@ class SocketPublisher(Generic[M]):
             self._on_close()
 
 
+def node_addresses(said: object) -> list[str]:
+    """Returns what is an address of a node in what a master, or anybody, says of publishers; the first of many."""
+    if not isinstance(said, list | tuple | set | frozenset):
+        return []
+    found = [uri for uri in said if isinstance(uri, str) and NODE_ADDRESS.fullmatch(uri)]
+    return sorted(set(found))[:MOST_PUBLISHERS]
+
+
 class SocketSubscription(Generic[M]):
     """A subscription to all publishers of a topic.
 
@@ -160,7 +184,7 @@ class SocketSubscription(Generic[M]):
         with self._lock:
             if self._closed:
                 return
-            wanted = set(publishers)
+            wanted = set(node_addresses(publishers))
             for uri in [uri for uri in self._links if uri not in wanted]:
                 self._links.pop(uri).stop()
             for uri in wanted - set(self._links):
@@ -191,7 +215,7 @@ class SocketSubscription(Generic[M]):
                     if link.holds(connection):
                         self._read(connection, link)
             except (OSError, HeaderError, MessageError):
-                # Gone, not there yet, or another message type: only trying again can tell.
+                # No address, gone, not there yet, or another message type: only trying again can tell.
                 failures += 1
             link.stopped.wait(PAUSES[min(failures, len(PAUSES) - 1)])
 

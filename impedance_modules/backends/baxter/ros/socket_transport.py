@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import socket
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from socketserver import ThreadingMixIn
@@ -23,11 +24,12 @@ from impedance_modules.backends.baxter.ros.socket_topics import (
     SocketSubscription,
 )
 from impedance_modules.backends.baxter.ros.tcp_connection import (
-    CONNECT_TIME,
+    GREETING_TIME,
     HeaderError,
     pack_header,
     read_header,
 )
+from impedance_modules.backends.baxter.ros.timed_socket import TimedSocket
 from impedance_modules.backends.baxter.ros.transport import (
     Callback,
     NoMasterError,
@@ -36,6 +38,15 @@ from impedance_modules.backends.baxter.ros.transport import (
 M = TypeVar("M", bound=Message)
 
 Answer = tuple[int, str, Any]
+
+MOST_GREETERS = 32
+"""Connections at once that have not yet said what they want."""
+
+MOST_CALLS = 16
+"""Calls at once that are answered."""
+
+LONGEST_CALL = 1 << 20
+"""Bytes; a list of publishers is the longest call that there is."""
 
 LISTEN_TIME = 0.05
 """Longest time that closing a node takes [s]."""
@@ -208,7 +219,8 @@ class NodeServer:
         for name, method in _METHODS.items():
             self._xmlrpc.register_function(getattr(self, f"_{method}"), name)
         self.uri = f"http://{host}:{self._xmlrpc.server_address[1]}/"
-        self._closed = False
+        self._closed = self._asked_to_stop = False
+        self._greeters = threading.BoundedSemaphore(MOST_GREETERS)
         serve = threading.Thread(
             target=self._xmlrpc.serve_forever, args=(LISTEN_TIME,), daemon=True, name="node"
         )
@@ -230,26 +242,30 @@ class NodeServer:
             try:
                 connection, _ = self._tcp.accept()
             except OSError:
-                # The port was closed.
-                return
-            threading.Thread(
-                target=self._answer_header, args=(connection,), daemon=True, name="handshake"
-            ).start()
+                # The port was closed, or no descriptor is left: then there may be one later.
+                time.sleep(LISTEN_TIME)
+                continue
+            if not _start_one_of(self._greeters, self._answer_header, connection):
+                connection.close()
 
-    def _answer_header(self, connection: socket.socket) -> None:
+    def _answer_header(self, plain: socket.socket) -> None:
         """Passes a new subscriber to its topic, or answers why not."""
-        connection.settimeout(CONNECT_TIME)
+        connection = TimedSocket.of(plain, GREETING_TIME)
         try:
             header = read_header(connection)
             name = header.get("topic", "")
             topic = self._events.topic(name)
-            refusal = f"{name} is not published here" if topic is None else topic.refusal(header)
+            refusal = (
+                f"{name} is not published here"
+                if topic is None
+                else topic.refusal(header) or topic.refuse_more()
+            )
             if topic is not None and refusal is None:
                 topic.accept(connection)
                 return
             connection.sendall(pack_header({"error": str(refusal)}))
-        except (OSError, HeaderError):
-            # The other side has gone or does not speak TCPROS; no answer is possible.
+        except (OSError, HeaderError, RuntimeError):
+            # The other side has gone or does not speak TCPROS, or no thread is left; no answer is possible.
             connection.close()
             return
         connection.close()
@@ -261,12 +277,16 @@ class NodeServer:
             return 0, "only TCPROS is spoken here", 0
         return 1, "ready", ["TCPROS", self._host, self._tcp.getsockname()[1]]
 
-    def _publisher_update(self, caller: str, topic: str, publishers: list[str]) -> Answer:  # noqa: ARG002
+    def _publisher_update(self, caller: str, topic: str, publishers: object) -> Answer:  # noqa: ARG002
+        if not isinstance(publishers, list) or not isinstance(topic, str):
+            return -1, "publisherUpdate takes a topic and a list of addresses", 0
         self._events.publishers_changed(topic, publishers)
         return 1, "", 0
 
     def _shutdown(self, caller: str, reason: str = "") -> Answer:  # noqa: ARG002 - the slave API's signature
-        threading.Thread(target=self._events.asked_to_stop).start()
+        if not self._asked_to_stop:
+            self._asked_to_stop = True
+            threading.Thread(target=self._events.asked_to_stop, daemon=True, name="shutdown").start()
         return 1, "", 0
 
     def _pid(self, caller: str) -> Answer:  # noqa: ARG002 - the slave API's signature
@@ -285,8 +305,37 @@ class NodeServer:
         return 1, "", []
 
 
+def _start_one_of(places: threading.BoundedSemaphore, body: Callable[..., object], *arguments: Any) -> bool:
+    """Runs a function in a thread if there is a place for one more; says whether there was."""
+    if not places.acquire(blocking=False):
+        return False
+
+    def in_place() -> None:
+        try:
+            body(*arguments)
+        finally:
+            places.release()
+
+    try:
+        threading.Thread(target=in_place, daemon=True, name="handshake").start()
+    except RuntimeError:  # the system has no thread left
+        places.release()
+        return False
+    return True
+
+
 class _SilentHandler(SimpleXMLRPCRequestHandler):
     rpc_paths = ()
+
+    def do_POST(self) -> None:  # noqa: N802 - the name that the server calls
+        """Answers a call of bounded length."""
+        length = self.headers.get("content-length", "")
+        if not length.isascii() or not length.isdigit() or len(length) > 12 or int(length) > LONGEST_CALL:
+            self.send_error(413, f"a call has at most {LONGEST_CALL} bytes")
+        elif self.headers.get("content-encoding", "identity").lower() != "identity":
+            self.send_error(415, "calls are not compressed")
+        else:
+            super().do_POST()
 
     def log_message(self, *arguments: Any) -> None:
         """Logs nothing; calls are routine."""
@@ -297,3 +346,21 @@ class _Server(ThreadingMixIn, SimpleXMLRPCServer):
 
     def __init__(self, address: tuple[str, int]) -> None:
         super().__init__(address, requestHandler=_SilentHandler, logRequests=False, allow_none=True)
+        self._places = threading.BoundedSemaphore(MOST_CALLS)
+
+    def get_request(self) -> tuple[TimedSocket, Any]:
+        """Accepts a connection, which is over after a time."""
+        try:
+            connection, address = super().get_request()
+        except OSError:
+            time.sleep(LISTEN_TIME)  # no descriptor is left: it would be tried again at once
+            raise
+        return TimedSocket.of(connection, GREETING_TIME), address
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answers in a thread, as long as there are not too many; those beyond are closed."""
+        if not _start_one_of(self._places, self.process_request_thread, request, client_address):
+            self.shutdown_request(request)
+
+    def handle_error(self, *_: Any) -> None:
+        """Says nothing of callers that hang up or talk too slowly."""

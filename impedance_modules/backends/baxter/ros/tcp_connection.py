@@ -7,6 +7,7 @@ A length precedes every part of the stream; the connection header that opens it 
 from __future__ import annotations
 
 import http.client
+import re
 import select
 import socket
 import struct
@@ -16,6 +17,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from xml.parsers.expat import ExpatError
 
+from impedance_modules.backends.baxter.ros.timed_socket import TimedSocket
 from impedance_modules.errors import ImpedanceError
 
 LENGTH = struct.Struct("<I")
@@ -23,11 +25,27 @@ LENGTH = struct.Struct("<I")
 LONGEST_HEADER = 1 << 20
 """Longest connection header that is accepted [bytes]."""
 
-LONGEST_MESSAGE = 1 << 24
+LONGEST_MESSAGE = 1 << 22
 """Longest message that is accepted [bytes]."""
 
 CONNECT_TIME = 1.0
 """Longest wait for another node in each step of opening a connection [s]."""
+
+GREETING_TIME = 5.0
+"""Longest time that opening a connection takes altogether, however slowly the other side talks [s]."""
+
+LONGEST_ANSWER = 1 << 24
+"""Longest answer to a call that is read [bytes]; a robot's description is the longest that there is."""
+
+NOT_XMLRPC = (
+    *(xmlrpc.client.Error, http.client.HTTPException, ExpatError, ValueError, TypeError, LookupError),
+    *(AttributeError, ArithmeticError, RecursionError, AssertionError),
+)
+"""What Python's XML-RPC raises for answers that are none: its parser takes whatever comes for granted."""
+
+READS, WRITES = select.POLLIN, select.POLLOUT
+
+_HOST = re.compile(r"[A-Za-z0-9._:%-]{1,253}")
 
 ANYTHING = "*"
 """Type and checksum of a subscriber that accepts every message."""
@@ -70,7 +88,11 @@ def open_connection(
     address: tuple[str, int], caller: str, topic: str, fields: Mapping[str, str]
 ) -> tuple[socket.socket, dict[str, str]]:
     """Opens a connection to a node's topic port; arguments and errors as in ``connect_to_topic``."""
-    connection = socket.create_connection(address, CONNECT_TIME)
+    try:
+        plain = socket.create_connection(address, CONNECT_TIME)
+    except (ValueError, OverflowError) as error:  # no host has that name
+        raise HeaderError(f"{address[0][:60]!r}:{address[1]} is no address: {error}") from error
+    connection = TimedSocket.of(plain, GREETING_TIME)
     try:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         header = {"callerid": caller, "topic": topic, "tcp_nodelay": "1", **fields}
@@ -79,8 +101,7 @@ def open_connection(
     except (OSError, HeaderError):
         connection.close()
         raise
-    connection.settimeout(None)
-    return connection, answer
+    return connection.untimed(), answer
 
 
 def topic_address(node_uri: str, caller: str, topic: str) -> tuple[str, int]:
@@ -94,13 +115,21 @@ def topic_address(node_uri: str, caller: str, topic: str) -> tuple[str, int]:
     try:
         with remote(node_uri, CONNECT_TIME) as node:
             answer: Any = node.requestTopic(caller, topic, [["TCPROS"]])
-    except (xmlrpc.client.Error, http.client.HTTPException, ExpatError) as error:
+    except NOT_XMLRPC as error:
         raise NoNodeError(f"{node_uri} is no ROS node ({type(error).__name__})") from error
     if not isinstance(answer, list) or len(answer) != 3:
         raise NoNodeError(f"{node_uri} is no ROS node: it says {str(answer)[:60]!r}")
     if answer[0] != 1 or not isinstance(answer[2], list) or len(answer[2]) < 3:
         raise NotPublishedError(f"{node_uri} does not publish {topic}")
-    return str(answer[2][1]), int(answer[2][2])
+    host, port = answer[2][1], answer[2][2]
+    if (
+        not isinstance(host, str)
+        or not _HOST.fullmatch(host)
+        or type(port) is not int
+        or not 0 < port < 65536
+    ):
+        raise NoNodeError(f"{node_uri} is no ROS node: {str(answer[2])[:60]!r} is no address")
+    return host, port
 
 
 class SubscriberConnection:
@@ -157,14 +186,18 @@ class SubscriberConnection:
 
     def _watch(self) -> None:
         """Body of the thread: waits for the end of the connection, and writes what is left over."""
+        poll = select.poll()  # unlike select(), it takes descriptors of any number
+        poll.register(self._connection, READS)
+        poll.register(self._wake_receiver, READS)
         while not self._stopped:
-            wants = [self._connection] if self._rest else []
-            readable, writable, _ = select.select([self._connection, self._wake_receiver], wants, [])
-            if self._wake_receiver in readable:
+            poll.modify(self._connection, READS | WRITES if self._rest else READS)
+            events = dict(poll.poll())
+            if self._wake_receiver.fileno() in events:
                 self._wake_receiver.recv(64)
-            if self._connection in readable and self._is_closed():
+            own = events.get(self._connection.fileno(), 0)
+            if own & ~WRITES and self._is_closed():
                 break
-            if writable:
+            if own & WRITES:
                 with self._lock:
                     self._rest = self._push(self._rest)
                     if not self._rest and self._next is not None:
@@ -241,8 +274,23 @@ def cut_frames(buffer: bytearray) -> bytes | None:
     return data
 
 
+class _TimedConnection(http.client.HTTPConnection):
+    """HTTP on a connection that ends in time."""
+
+    def connect(self) -> None:
+        """Connects, and begins to count."""
+        super().connect()
+        self.sock = TimedSocket.of(self.sock, SLOWEST * float(self.timeout or CONNECT_TIME))
+
+
+SLOWEST = 3.0
+"""A whole call may take so many times as long as its connecting."""
+
+
 class TimedTransport(xmlrpc.client.Transport):
-    """XML-RPC with a time-out."""
+    """XML-RPC whose calls end in time, with answers of bounded length."""
+
+    accept_gzip_encoding = False  # a short answer could be unpacked to a long one
 
     def __init__(self, seconds: float) -> None:
         super().__init__()
@@ -250,9 +298,22 @@ class TimedTransport(xmlrpc.client.Transport):
 
     def make_connection(self, host: Any) -> http.client.HTTPConnection:
         """Connects with a time-out."""
-        connection = super().make_connection(host)
-        connection.timeout = self._seconds
+        name, *_ = self.get_host_info(host)
+        connection = _TimedConnection(name, timeout=self._seconds)
+        self._connection = host, connection  # closed with the proxy
         return connection
+
+    def parse_response(self, response: Any) -> Any:
+        """Reads an answer as it comes, up to its longest length."""
+        parser, target = self.getparser()
+        length = 0
+        while data := response.read1(1 << 16):
+            length += len(data)
+            if length > LONGEST_ANSWER:
+                raise xmlrpc.client.ResponseError(f"an answer of more than {LONGEST_ANSWER} bytes")
+            parser.feed(data)
+        parser.close()
+        return target.close()
 
 
 def remote(uri: str, seconds: float) -> xmlrpc.client.ServerProxy:
