@@ -43,6 +43,8 @@ _DAMAGE = (
     EOFError,
     MemoryError,
     RecursionError,
+    NotImplementedError,
+    RuntimeError,
     struct.error,
     zlib.error,
     zipfile.BadZipFile,
