@@ -108,7 +108,7 @@ class JointStateMerger:
     def _find_places(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Returns where a message's joints belong in the model's vectors, and where they stand in it."""
         own = {name: index for index, name in enumerate(self._names)}
-        self.seen |= set(names)
+        self.seen |= own.keys() & set(names)
         # Of a joint that is named twice the last numbers count.
         pairs = sorted({own[name]: index for index, name in enumerate(names) if name in own}.items())
         return (
