@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, cast, get_type_hints
 from zipfile import BadZipFile
 
 import numpy as np
@@ -25,7 +25,7 @@ LARGEST = 1_000_000_000
 """Bytes of a kept result."""
 
 _TREE = "tree"
-_DAMAGE = (ValueError, TypeError, KeyError, IndexError, EOFError, BadZipFile, OSError)
+_DAMAGE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, EOFError, BadZipFile, OSError)
 
 
 def write_result(result: object, place: Path) -> None:
@@ -102,7 +102,7 @@ def _made(tree: Any, kept: Mapping[str, Any]) -> Any:
 
 def _record(run: Callable[..., Any], values: dict[str, Any]) -> Any:
     """Makes the dataclass that ``run`` says it returns."""
-    kind = get_type_hints(run)["return"]
+    kind: Any = get_type_hints(run)["return"]
     if not is_dataclass(kind) or {each.name for each in fields(kind)} != set(values):
         raise ValueError(f"its fields are not those of a {getattr(kind, '__name__', kind)}")
-    return kind(**values)
+    return cast(Callable[..., Any], kind)(**values)

@@ -6,8 +6,6 @@ Names of tasks, joints, recordings and files come from anywhere; control charact
 
 from __future__ import annotations
 
-import io
-
 import click
 
 from impedance_modules.errors import BadFile, printable
@@ -24,10 +22,10 @@ def say(text: object, *, err: bool = False) -> None:
 def say_error(error: Exception) -> None:
     """Prints an error to stderr; lines after the first are indented, except of a list of places in files."""
     if isinstance(error, click.ClickException):
-        error.message = printable(error.message)
-        shown = io.StringIO()
-        error.show(shown)
-        say(shown.getvalue().rstrip("\n"), err=True)
+        context = error.ctx if isinstance(error, click.UsageError) else None
+        if context is not None:
+            say(f"{context.get_usage()}\nTry '{context.command_path} --help' for help.\n", err=True)
+        say(f"Error: {printable(error.format_message())}", err=True)
         return
     # A name with an end of line in it could pass for the place of another error.
     text = str(error) if isinstance(error, BadFile) else str(error).replace("\n", f"\n{INDENT}")

@@ -61,8 +61,8 @@ def _phase_cells(phase: PhaseForecast) -> tuple[str, str]:
     return played.name, f"{seconds}, met" if played.met else seconds
 
 
-def _rows(phase: PhaseForecast) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = [
+def _rows(phase: PhaseForecast) -> list[tuple[str | Text, ...]]:
+    rows: list[tuple[str | Text, ...]] = [
         (arm.limb, _load(arm.commanded), _load(arm.total), _yields(arm.deflection), _force(arm.contact_force))
         for arm in phase.arms
     ]
