@@ -278,3 +278,31 @@ def test_one_effect_on_the_same_joints_is_one_answer() -> None:
     assert rivalry.same_name(one, other)
     assert not rivalry.same_name(one, trial("torque_gain", key="wrist").term.candidate)
     assert not rivalry.same_name(one, trial("torque_offset").term.candidate)
+
+
+def with_contrasts(rows: tuple[tuple[float, ...], ...], **more: object) -> SimpleNamespace:
+    """A rival of three coefficients, of which contrasts say what makes it more than the cause."""
+    rival = trial("torque_offset", **more)
+    rival.term.candidate = SimpleNamespace(effect=SimpleNamespace(contrasts=rows))
+    return rival
+
+
+@pytest.mark.parametrize(("reach", "alone"), [(991.0, True), (989.0, False)])
+def test_what_makes_a_rival_more_may_do_as_well_by_itself(monkeypatch, reach: float, alone: bool) -> None:
+    monkeypatch.setattr(rivalry, "part_of", lambda term, kept: list(kept))
+    monkeypatch.setattr(
+        rivalry, "try_term", lambda fit, kept: trial(reach=reach) if kept == [1, 2] else trial(reach=2000.0)
+    )
+    found = rivalry._alone(with_contrasts(((0.0, 1.0, 0.0), (0.0, 0.0, 2.0))), trial())
+    assert found is alone
+    for rows in ((), ((1.0, -1.0, 0.0),)):
+        assert rivalry._alone(with_contrasts(rows), trial()) is False
+
+
+@pytest.mark.parametrize(("spread", "still"), [((0.1, 3.1), True), ((9.0, 2.9), False)])
+def test_what_makes_a_rival_more_may_be_as_large_as_the_cause_for_all_that_is_seen(spread, still) -> None:
+    own = trial(in_sample=SimpleNamespace(own=np.array([-3.0, 1.0])))
+    seen = SimpleNamespace(spread=np.array(spread))
+    assert rivalry._open(with_contrasts(((0.0, 1.0),), in_sample=seen), own) is still
+    assert rivalry._open(with_contrasts((), in_sample=seen), own) is False
+    assert rivalry._open(with_contrasts(((1.0, 1.0),), in_sample=seen), own) is False

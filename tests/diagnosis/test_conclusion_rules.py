@@ -87,7 +87,8 @@ def test_the_next_motion_asks_for_what_is_open() -> None:
     model = SimpleNamespace(joints=("shoulder", "elbow"))
     nothing, weak = SimpleNamespace(weak_joints=()), SimpleNamespace(weak_joints=("wrist",))
     start = {"elbow": 0.3}
-    asked = propose_motion([cause(0.5), cause(0.4, RIVAL)], weak, model, start)
+    later = cause(0.1, Rival("payload", (), "fits as well"), joint="wrist")
+    asked = propose_motion([cause(0.5), cause(0.4, RIVAL), later], weak, model, start)
     assert asked["purpose"] == "tell viscous_friction, torque_offset apart"
     assert (asked["joints"], asked["start"]) == (["elbow"], start)
     for name in ("viscous_friction", "torque_offset"):
@@ -95,6 +96,42 @@ def test_the_next_motion_asks_for_what_is_open() -> None:
     asked = propose_motion([cause(0.5)], weak, model, start)
     assert asked["joints"] == ["wrist"] and "reversals" in asked["excitation"]
     assert propose_motion([cause(0.5)], nothing, model, start)["purpose"] == "none needed"
+
+
+@pytest.mark.parametrize(
+    ("structure", "weak", "refused", "words"),
+    [
+        (
+            "",
+            False,
+            True,
+            "noise and parameters' uncertainty on wrist (actuator); 1 would pass; not explained",
+        ),
+        ("a tone", False, False, "1 would pass; a tone; not explained by the catalogue"),
+        (
+            "a tone",
+            True,
+            True,
+            "1 would pass; the noise floor is weak, no recording repeats another; a tone; not",
+        ),
+    ],
+)
+def test_the_remainder_is_said_in_words(structure: str, weak: bool, refused: bool, words: str) -> None:
+    lack = LackOfFit(np.array([1.5, 3.25]), np.array([2.0, 1.0]), structure)
+    nearest = SimpleNamespace(term=SimpleNamespace(candidate=SimpleNamespace(name="a payload")))
+    evidence = SimpleNamespace(
+        design=SimpleNamespace(groups=(("link", 0), ("actuator", 1))),
+        floor=SimpleNamespace(weak=weak),
+        refusal=SimpleNamespace(trial=nearest, reason="gains too little") if refused else None,
+    )
+    found = conclusion._remainder(lack, evidence, SimpleNamespace(joints=("elbow", "wrist")))
+    assert (found.lack_of_fit, found.explained) == (3.25, False)
+    assert found.structure.startswith("residual power is 3.25 times noise") and words in found.structure
+    assert ("(nearest: a payload, which gains too little)" in found.structure) is refused
+    passing = conclusion._remainder(
+        LackOfFit(np.ones(2), np.array([2.0, 1.5]), ""), evidence, SimpleNamespace(joints="ab")
+    )
+    assert passing.explained and "not explained" not in passing.structure
 
 
 # What is left.
