@@ -13,7 +13,10 @@ from tests.support.paths import CHECKOUT
 ENTRIES = ("impedance_modules.cli.main", "impedance_modules.__main__")
 """What a person calls; verbs are imported by the names in ``cli.main.VERBS``, experiments by those in their list."""
 
-REGISTERED = ("impedance_modules/machine_code.py", "impedance_modules/cli/", "baxter/ros/socket_transport.py")
+REGISTERED = (
+    *("impedance_modules/machine_code.py", "impedance_modules/cli/"),
+    *("baxter/ros/socket_transport.py", "baxter/ros/tcp_connection.py"),
+)
 """Files whose functions are called through a table: numba's decorators, click's verbs, ROS's XML-RPC."""
 
 REASONS = {
