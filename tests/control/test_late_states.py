@@ -15,50 +15,9 @@ from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.safety.tank import Tank, measure
-from tests.control.test_passivity_on_the_plant import ROUNDING, Books, check_books, run_in_world
+from tests.control.test_passivity_on_the_plant import ROUNDING, check_books, run_in_world
+from tests.support.adversity import Books, UnreliableRobot
 from tests.support.tank_worlds import Wire, filled_tank, limited, settings_of
-
-
-class UnreliableRobot:
-    """Its states come late, are overtaken, or are lost; a torque for a late one misses its period."""
-
-    def __init__(self, robot: SimBackend, seed: int, **shares: float) -> None:
-        self.robot, self.random, self.shares = robot, np.random.default_rng(seed), shares
-        self.kept: RobotState | None = None
-        self.too_late = False
-        self.seen = dict.fromkeys(shares, 0)
-
-        self.start, self.finish = robot.start, robot.finish
-
-    def write(self, effort: np.ndarray) -> None:
-        if not self.too_late:
-            self.robot.write(effort)
-
-    def read(self) -> RobotState | None:
-        self.too_late = self.kept is not None
-        if self.kept is not None:
-            state, self.kept = self.kept, None
-            return state
-        luck, state = self.random.random(), self.robot.read()
-        for what, share in self.shares.items():
-            luck -= share
-            if luck < 0.0:
-                self.seen[what] += 1
-                return getattr(self, what)(state)
-        return state
-
-    def late(self, state: RobotState) -> None:
-        """It comes, but only after it was given up."""
-        self.kept = state
-
-    def overtaken(self, state: RobotState) -> RobotState:
-        """The loop was asleep: it sees one or two states later, and was told of no miss."""
-        for _ in range(self.random.integers(1, 3)):
-            state = self.robot.read()
-        return state
-
-    def lost(self, state: RobotState) -> None:
-        """It never comes."""
 
 
 def run_unreliably(folder: Path, seed: int, shares: dict, **world) -> tuple[Books, dict[str, int]]:

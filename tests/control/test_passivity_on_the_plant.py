@@ -8,9 +8,8 @@ ever saw; the right side is what the ledger in the loop claims. Run with ``-s`` 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -21,13 +20,10 @@ from impedance_modules.control.assembly import assemble
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.effects.joint_motion import JointMotion
 from impedance_modules.plant.plant import Plant, PlantOptions
-from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.task import SurfaceSpec
-from tests.support.tank_worlds import sensing_uncertainty
+from tests.support.adversity import Books, Pushes, Random
 
-Random = np.random.Generator
 ROUNDING = 1e-6
 """Of the plant's quadrature of its own work [J]."""
 
@@ -65,47 +61,6 @@ def phases(random: Random, count: int) -> str:
             f" stiffness: {{right.hand: {soft}}}}}"
         )
     return "\n".join(lines)
-
-
-class Pushes:
-    """An environment that pushes every link at will, and pulls where the controller pushes, to make it work.
-
-    Both die down where a joint runs: the claim rests on the declared speed of the rotors.
-    """
-
-    port: Literal["link"] = "link"
-
-    def __init__(self, random: Random, n: int, size: float, greed: float) -> None:
-        weak = np.tile([1.0, 1.0, 1.0, 1.0, 0.2, 0.2, 0.2], 2)
-        self.size, self.greed = size * random.uniform(0.2, 1.0, n) * weak, greed * weak
-        self.rate, self.phase = random.uniform(1.0, 40.0, n), random.uniform(0.0, 6.0, n)
-
-    def torque(self, motion: JointMotion) -> np.ndarray:
-        push = self.size * np.sin(self.rate * motion.time + self.phase)
-        return push + self.greed * np.tanh(motion.command) - 3.0 * motion.velocity
-
-    def settle(self, motion: JointMotion) -> None:
-        """Remembers nothing."""
-
-
-@dataclass
-class Books:
-    """What the tank claims in one random world, beside what the plant's motors did."""
-
-    supervisor: Supervisor
-    plant: Plant
-    least_margin: float = np.inf
-    largest_error: float = 0.0
-    largest_bound: float = 0.0
-    cycles: int = 0
-
-    def watch(self, state: RobotState, effort: np.ndarray, late: bool, asked: bool) -> None:
-        tank, true = self.supervisor.controller.tank, self.plant.motor_work
-        self.least_margin = min(self.least_margin, tank.work_bound - true)
-        excess = abs(true - tank.work) - sensing_uncertainty(tank)
-        self.largest_error = max(self.largest_error, excess)
-        self.largest_bound = max(self.largest_bound, sensing_uncertainty(tank))
-        self.cycles += 1
 
 
 def random_surfaces(random: Random) -> tuple[SurfaceSpec, ...]:
