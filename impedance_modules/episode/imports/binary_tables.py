@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -44,6 +45,8 @@ _DAMAGE = (
     MemoryError,
     RecursionError,
     NotImplementedError,
+    SyntaxError,
+    TokenError,
     RuntimeError,
     struct.error,
     zlib.error,
