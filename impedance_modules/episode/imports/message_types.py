@@ -2,7 +2,8 @@
 """Message definitions of a recording, before a library makes Python code of them.
 
 The library that reads ROS recordings writes a class for each definition and executes it. The names in it come from the
-recording: one with a line break or a quotation mark would be a program. Only names that are nothing but names pass.
+recording. Its own grammar lets no program through that we know of, but names of which no class can be made; here only
+names pass that are nothing but names, and arrays for which not too much code is written.
 """
 
 from __future__ import annotations
