@@ -3,8 +3,8 @@
 
 Usage: python -m benchmarks.runs.adversarial_runs [--runs 1000] [--seed 1] [--out FILE] [--unpaid]
 
-Tasks of ``random_tasks`` that ``impedance check`` accepts run on the built-in plant, noise on, each in one of these
-worlds, in turn:
+Tasks of ``random_tasks`` that ``impedance check`` accepts run on the built-in plant, noise on, with a tank that holds
+0.1 to 1 J above its floor, less than most of them need, each in one of these worlds, in turn:
 
 - alone: nothing else happens;
 - pumping: every link is pushed to and fro, and pulled along wherever the controller pushes, so that it does work;
@@ -106,6 +106,8 @@ def wrong_sensor(random: np.random.Generator, assembly: Assembly, name: str) -> 
             for limb in assembly.model.limbs.values()
             for joint, other in zip(limb.joint_names[:-1], limb.joint_names[1:], strict=True)
         ]
+    if not keys:
+        raise BadInput(f"no joint of {assembly.robot.name} has a neighbour")
     entries: list[AppliedEffect] = []
     for key in keys:
         ends = {symbol: float(random.choice([low, high])) for symbol, low, high in bounds}
@@ -123,6 +125,8 @@ def judged(robots: Robots, seed: int, number: int, folder: Path, *, unpaid: bool
     try:
         assembly = assembled(drawn, folder)
         refuse_infeasible(assembly)
+        if world.sensor is not None:
+            assembly = wrong_sensor(np.random.default_rng([seed, number, 2]), assembly, world.sensor)
     except (BadInput, np.linalg.LinAlgError) as error:
         return line | {"refused": str(error).splitlines()[0]}
     books = carry_out(assembly, world, seed, number, unpaid=unpaid)
@@ -139,8 +143,8 @@ def judged(robots: Robots, seed: int, number: int, folder: Path, *, unpaid: bool
 def carry_out(assembly: Assembly, world: World, seed: int, number: int, *, unpaid: bool) -> Books:
     """Runs a task in a world, and keeps the books."""
     random = np.random.default_rng([seed, number, 1])
-    if world.sensor is not None:
-        assembly = wrong_sensor(random, assembly, world.sensor)
+    poor = assembly.tank.floor + float(random.uniform(0.1, 1.0))
+    assembly = replace(assembly, tank=replace(assembly.tank, initial=poor))
     backend = sim_backend(assembly, number)
     if world.pumping:
         n = assembly.model.n

@@ -113,7 +113,7 @@ def test_ctrl_c_brakes_holds_and_keeps_the_files(folder: Path) -> None:
     command = [*COMMAND, "run", "long.yaml", "--out", "stopped"]
     process = subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, **pipes)
     stopped = folder / "stopped"
-    for _ in range(600):
+    for _ in range(6000):
         if any(stopped.glob("episode.part-*")):
             break
         time.sleep(0.1)
