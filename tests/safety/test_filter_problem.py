@@ -103,7 +103,9 @@ def test_rows_bound_the_motion_that_the_torque_causes(spread: float) -> None:
         vdot = state.inverse_inertia @ (tau - state.bias)
         rate = state.gradient @ state.v
         allowed = np.minimum((limits.margin - state.distance) / limits.approach_time, limits.separation_speed)
-        needed = np.minimum((allowed - rate) / limits.pair_horizon - state.drift, limits.separation_acceleration)
+        needed = np.minimum(
+            (allowed - rate) / limits.pair_horizon - state.drift, limits.separation_acceleration
+        )
         below, above = slack(problem, WHERE.distance, tau)
         assert below == pytest.approx(state.gradient @ vdot - needed)
         assert np.all(above == np.inf)
