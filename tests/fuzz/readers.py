@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
+from unittest import mock
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -135,8 +136,8 @@ def _sweep(path: Path, _out: Path) -> None:
     ranges = tuple(
         read_range(line) for line in path.read_text("utf-8", "replace").split("\n") if line.strip()
     )
-    sweep_plan.MOST_RUNS = MOST_JOBS
-    make_jobs(SweepPlan(str(PRESS_BOX), ranges, None, None, 1, 0, None, None, None))
+    with mock.patch.object(sweep_plan, "MOST_RUNS", MOST_JOBS):
+        make_jobs(SweepPlan(str(PRESS_BOX), ranges, None, None, 1, 0, None, None, None))
 
 
 def _of_bag(data: bytes) -> str:
