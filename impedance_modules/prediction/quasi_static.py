@@ -92,7 +92,6 @@ class PredictedSample:
     Attributes:
         time: [s].
         q: (n,) [rad].
-        velocity: (n,) [rad/s].
         effort: (n,) torque that the modules ask for [N.m].
         potential: U of springs and joint bias [J].
         work: Of that torque on the joints [J].
@@ -103,7 +102,6 @@ class PredictedSample:
 
     time: float
     q: Array
-    velocity: Array
     effort: Array
     potential: float
     work: float
@@ -239,7 +237,6 @@ class _Integration:
             PredictedSample(
                 time=self._time,
                 q=self._q.copy(),
-                velocity=self._v.copy(),
                 effort=effort,
                 potential=potential,
                 work=self._work,
