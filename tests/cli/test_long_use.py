@@ -16,7 +16,7 @@ FEW = 16
 @pytest.mark.parametrize(
     ("drawn", "runs", "bound"),
     [
-        (False, FEW, 1.0),
+        (False, FEW, 3.0),
         pytest.param(False, 60, LARGEST_GROWTH[False], marks=pytest.mark.long),
         pytest.param(True, 60, LARGEST_GROWTH[True], marks=pytest.mark.long),
     ],
