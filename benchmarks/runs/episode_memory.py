@@ -40,6 +40,18 @@ def columns() -> list[str]:
     return [*names, "tank", "phase"]
 
 
+def any_metadata() -> dict[str, object]:
+    """Returns metadata of an episode without a task."""
+    return episode_metadata(
+        robot="any",
+        episode="any",
+        effort_source="joint_sensor",
+        gravity_compensation="robot",
+        repeat_of=None,
+        task=None,
+    )
+
+
 def memory() -> float:
     """Returns the largest resident memory of this process so far [MB]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
@@ -48,14 +60,7 @@ def memory() -> float:
 def main() -> None:
     """Records, merges, prints."""
     count = round(float(sys.argv[1] if len(sys.argv) > 1 else 10) * 60_000)
-    metadata = episode_metadata(
-        robot="any",
-        episode="memory",
-        effort_source="joint_sensor",
-        gravity_compensation="robot",
-        repeat_of=None,
-        task=None,
-    )
+    metadata = any_metadata()
     names = columns()
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(1024, len(names) - 1)) * 1e-3

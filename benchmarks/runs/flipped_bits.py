@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.runs.episode_memory import any_metadata
 from impedance_modules.episode import file_format
 from impedance_modules.episode.damage import survey
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.file_format import episode_schema, rows_to_table, write_merged, write_part
-from impedance_modules.episode.metadata import episode_metadata
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_folder import part_path
 from impedance_modules.errors import BadInput
@@ -34,15 +34,7 @@ def main() -> None:
     options.add_argument("--seed", type=int, default=0)
     rng = np.random.default_rng(options.parse_args().seed)
     file_format.ROWS_PER_GROUP = BLOCK
-    metadata = episode_metadata(
-        robot="any",
-        episode="flipped",
-        effort_source="motor",
-        gravity_compensation="none",
-        repeat_of=None,
-        task="name: any",
-    )
-    schema = episode_schema(NAMES, metadata, "benchmark")
+    schema = episode_schema(NAMES, any_metadata(), "benchmark")
     rows = np.column_stack([np.arange(ROWS) * 1e-3, rng.normal(size=(ROWS, 2))])
     tables = [
         rows_to_table(schema, part, np.zeros(len(part), np.int32), ["press"])

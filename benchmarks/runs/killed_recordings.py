@@ -24,8 +24,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from benchmarks.runs.episode_memory import columns
-from impedance_modules.episode.metadata import episode_metadata
+from benchmarks.runs.episode_memory import any_metadata, columns
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_folder import EPISODE, RECORDING
 from impedance_modules.episode.view_layout import TIMELINE
@@ -103,18 +102,6 @@ def record(kind: str, directory: Path) -> None:
         writer.append(row, "press")
         while kind == "robot" and time.perf_counter() - start < index * 1e-3:
             time.sleep(2e-4)
-
-
-def any_metadata() -> dict[str, object]:
-    """Returns metadata of an episode without a task."""
-    return episode_metadata(
-        robot="any",
-        episode="killed",
-        effort_source="joint_sensor",
-        gravity_compensation="robot",
-        repeat_of=None,
-        task=None,
-    )
 
 
 def start(kind: str, directory: Path) -> tuple[subprocess.Popen[bytes], np.ndarray]:

@@ -39,7 +39,7 @@ SHORT = 0.2
 PARTS = 10
 """Rows of a table."""
 
-LARGEST_GROWTH = {True: 5.0, False: 0.25}
+LARGEST_GROWTH = {True: 3.0, False: 0.25}
 """With and without the 3D recording, what a short run may leave behind in the process, once the first are over [MB]."""
 
 

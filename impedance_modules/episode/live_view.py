@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.episode.background import Background
-from impedance_modules.episode.rerun_writer import RerunRecording, open_stream
+from impedance_modules.episode.rerun_writer import RerunRecording, open_stream, refuse_short_disk
 from impedance_modules.episode.run_folder import RECORDING
 from impedance_modules.episode.view_scene import Scene, ViewSample, check_sample
 from impedance_modules.episode.viewer import open_live_stream
@@ -82,7 +82,8 @@ class RecordingView:
         self._queue: deque[ViewSample] = deque()
         # Two streams: the file must not depend on a window that somebody may close.
         self._live = RerunRecording(open_live_stream(name), scene, background.pause) if live else None
-        self._file = RerunRecording(open_stream(Path(directory) / RECORDING, name), scene, background.pause)
+        self._path = Path(directory) / RECORDING
+        self._file = RerunRecording(open_stream(self._path, name), scene, background.pause)
         background.register(self._drain)
 
     def due(self, time: float) -> bool:
@@ -129,6 +130,7 @@ class RecordingView:
             with contextlib.suppress(RuntimeError):
                 self._live.write(samples)
         try:
+            refuse_short_disk(self._path)
             self._file.write(samples)
         except (OSError, RuntimeError) as failure:
             self.failure = failure

@@ -7,6 +7,7 @@ Every message says what is wrong, where, and what would be valid.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -30,7 +31,7 @@ from impedance_modules.episode.data import Episode, Matrix, Texts, Vector
 from impedance_modules.episode.exact_numbers import exact_doubles, refuse_many_rows
 from impedance_modules.episode.file_format import is_required, merge_parts, read_parts
 from impedance_modules.episode.metadata import decode_metadata
-from impedance_modules.episode.run_folder import EPISODE, RunLock, part_paths
+from impedance_modules.episode.run_folder import EPISODE, RunLock, part_paths, remove_temporaries
 from impedance_modules.episode.sealed_parquet import UNREADABLE, CheckedFile
 from impedance_modules.errors import BadInput
 from impedance_modules.input_files import check_file
@@ -105,6 +106,9 @@ def open_source(path: Path) -> tuple[pa.Schema, int, ReadColumn]:
         BadInput: Nothing there, empty, not Parquet, or damaged: then also what of it is intact.
     """
     directory = path if path.is_dir() else path.parent
+    if path.is_dir():
+        with suppress(OSError):  # a read-only directory: what a kill left stays
+            remove_temporaries(directory)
     if path.is_dir() or (path.name == EPISODE and not path.exists()):
         if part_paths(directory) and not _merge_if_over(directory):
             table = _checked(directory, lambda: read_parts(directory))

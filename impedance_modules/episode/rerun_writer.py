@@ -3,12 +3,18 @@
 
 from __future__ import annotations
 
+import atexit
+import errno
+import os
+import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun_bindings
 
 from impedance_modules.arrays import Array
 from impedance_modules.episode import view_layout
@@ -31,6 +37,9 @@ from impedance_modules.errors import NotRecorded
 
 METRES_PER_NEWTON = 0.015
 METRES_PER_NEWTON_METRE = 0.1
+
+LEAST_FREE = 4_000_000
+"""What a disk must have left for a recording to go on [bytes]: more than a batch and what rerun holds back."""
 
 
 class RerunRecording:
@@ -76,14 +85,37 @@ class RerunRecording:
     def close(self, timeout: float) -> None:
         """Sends what is buffered and, to a file, its table of contents.
 
+        In a thread of its own: on a disk that became full rerun waits for ever, whatever the time-out, and once more
+        when the process ends.
+
         Args:
             timeout: How long to wait for the other end [s].
 
         Raises:
             RuntimeError: The other end did not take it all.
         """
-        self._stream.flush(timeout_sec=timeout)
-        self._stream.disconnect()
+        failures: list[RuntimeError] = []
+        finish = threading.Thread(target=self._finish, args=(timeout, failures), daemon=True)
+        finish.start()
+        finish.join(timeout + 1.0)
+        if finish.is_alive():
+            atexit.unregister(rr.rerun_shutdown)
+            failures.append(RuntimeError(f"the recording is not finished after {timeout:g} s"))
+        elif not failures:
+            # rerun keeps what it wrote until it is told to look for streams that nobody holds any more. It looks at all
+            # of them, and tells what became of others, a window that was closed.
+            del self._stream
+            with suppress(RuntimeError):
+                rerun_bindings.flush_and_cleanup_orphaned_recordings()
+        if failures:
+            raise failures[0]
+
+    def _finish(self, timeout: float, failures: list[RuntimeError]) -> None:
+        try:
+            self._stream.flush(timeout_sec=timeout)
+            self._stream.disconnect()
+        except RuntimeError as failure:
+            failures.append(failure)
 
     def _write_solids(self) -> None:
         world = rr.ViewCoordinates.RIGHT_HAND_Z_UP
@@ -204,14 +236,29 @@ def new_stream(name: str) -> rr.RecordingStream:
     return stream
 
 
+def refuse_short_disk(path: Path) -> None:
+    """Raises before rerun can meet a full disk, which stops its threads for ever.
+
+    Raises:
+        OSError: Less than `LEAST_FREE` is left where a file is written.
+    """
+    disk = os.statvfs(path.parent)
+    free = disk.f_bavail * disk.f_frsize
+    if free < LEAST_FREE:
+        raise OSError(
+            errno.ENOSPC, f"only {free / 1e6:.1f} MB are free, less than {LEAST_FREE / 1e6:g} MB", str(path)
+        )
+
+
 def open_stream(path: Path, name: str) -> rr.RecordingStream:
     """Opens a stream into a file, which is replaced if there; what was written survives a kill.
 
     Raises:
         NotRecorded: The file cannot be opened.
     """
-    stream = new_stream(name)
     try:
+        refuse_short_disk(path)
+        stream = new_stream(name)
         stream.save(str(path))
     except (OSError, RuntimeError) as error:
         raise NotRecorded(f"{path}: cannot be written: {error}") from error

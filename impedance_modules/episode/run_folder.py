@@ -8,7 +8,7 @@ import json
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -46,24 +46,41 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
     The bytes go to a hidden temporary name in the same directory, reach the disk (fsync), and take their name
     in one atomic step. An error in between leaves nothing; a kill leaves at most the hidden file, which goes when
-    the parts are merged (`remove_temporaries`).
+    the directory is read (`remove_temporaries`).
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
-        with temporary.open("w+b") as stream:
+        with _open_locked(temporary) as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
-        temporary.replace(path)
+            temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
 
 
+def _open_locked(path: Path) -> BinaryIO:
+    """Opens a file that `remove_temporaries` leaves alone as long as it is open."""
+    while True:
+        stream = path.open("w+b")
+        fcntl.flock(stream, fcntl.LOCK_SH)
+        # Whoever removed it between our open and our lock: then make a new one.
+        if path.exists() and path.stat().st_ino == os.fstat(stream.fileno()).st_ino:
+            return stream
+        stream.close()
+
+
 def remove_temporaries(directory: Path) -> None:
-    """Removes what a kill left of files that `whole_file` had not finished; nobody may be writing them."""
+    """Removes what a kill left of files that `whole_file` had not finished; those of a living process stay.
+
+    Raises:
+        OSError: The directory cannot be written.
+    """
     for pattern in (PART_PATTERN, EPISODE, SUMMARY, PICTURE):
         for temporary in directory.glob(f".{pattern}.tmp"):
-            temporary.unlink()
+            with suppress(FileNotFoundError, BlockingIOError), temporary.open("rb") as stream:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                temporary.unlink()
 
 
 @contextmanager

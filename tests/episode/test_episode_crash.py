@@ -16,7 +16,7 @@ import pytest
 from impedance_modules.episode import background as ring
 from impedance_modules.episode import writer
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.episode.run_folder import RunLock, part_paths
+from impedance_modules.episode.run_folder import RunLock, part_paths, whole_file
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput, SafetyStop
 from tests.support.log_metadata import log_metadata
@@ -130,6 +130,19 @@ def test_a_half_written_part_is_ignored(crashed):
     dead, rows = crashed
     (dead / ".episode.part-00099.parquet.tmp").write_bytes(b"PAR1 half")
     assert len(read_episode(dead)) == rows
+
+
+def test_what_a_kill_left_of_a_picture_goes_and_what_is_being_written_stays(crashed):
+    dead, rows = crashed
+    assert len(read_episode(dead)) == rows
+    left = dead / ".picture.png.tmp"
+    left.write_bytes(b"half")
+    read_episode(dead)
+    assert not left.exists()
+    with whole_file(dead / "picture.png") as stream:
+        stream.write(b"whole")
+        read_episode(dead)
+    assert (dead / "picture.png").read_bytes() == b"whole"
 
 
 def test_a_kill_while_the_merged_parts_are_removed_loses_and_doubles_nothing(crashed):

@@ -195,7 +195,7 @@ def test_a_playback_on_a_full_disk_stops_and_keeps_its_parts(tmp_path, full_disk
 
 ON_A_SMALL_DISK = """
 mount -t tmpfs -o size="$1" disk "$2" || exit 99
-"$3" -m impedance_modules run soft-hold --duration 4 --out "$2/run"
+"$3" -m impedance_modules run soft-hold --duration 6 --out "$2/run"
 ended=$?
 cp -a "$2/run" "$4"
 exit $ended
@@ -208,7 +208,7 @@ def small_disk(size: str, place: Path, copy: Path) -> subprocess.CompletedProces
     return subprocess.run(words, cwd=CHECKOUT, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("size", ["160k", "1200k", "2500k"])
+@pytest.mark.parametrize("size", ["160k", "4300k", "5m"])
 def test_a_run_on_a_small_disk(tmp_path, size):
     try:
         ended = small_disk(size, tmp_path / "disk", tmp_path / "copy")
