@@ -70,6 +70,7 @@ class ArmForecast:
         total: The same with the torque that carries the arm's own weight. The limit is the motor's; springs
             that help a real robot carry its arms are not in its description, so this is an upper bound.
         beyond: Joint -> how far it would leave its range [rad]; empty if none does.
+        too_fast: Joint -> speed that it would reach, beyond its limit [rad/s]; empty if none does.
         deflection: Of the hand at rest, against its springs; None without a spring there or without a rest.
         contact_force: Of the surfaces on the hand at rest [N]; None without a rest.
     """
@@ -78,6 +79,7 @@ class ArmForecast:
     commanded: JointLoad
     total: JointLoad
     beyond: Mapping[str, float]
+    too_fast: Mapping[str, float]
     deflection: Deflection | None
     contact_force: float | None
 
@@ -182,6 +184,7 @@ def _forecast_arm(
         commanded=_largest_load(model, limb, efforts),
         total=_largest_load(model, limb, loaded),
         beyond=_beyond_range(model, limb, [sample.q for sample in samples]),
+        too_fast=_too_fast(model, limb, [sample.velocity for sample in samples]),
         deflection=None if rest is None else _hand_deflection(mechanism, limb, phase, rest),
         contact_force=None if rest is None else float(np.linalg.norm(rest.pressure[limb.hand][:3])),
     )
@@ -202,6 +205,11 @@ def _beyond_range(model: RobotModel, limb: Limb, positions: Sequence[Array]) -> 
     low, high = model.column("position_min"), model.column("position_max")
     outside = np.max(np.maximum(low - q, q - high), axis=0)
     return {model.joint_names[j]: float(outside[j]) for j in limb.joints if outside[j] > 0.0}
+
+
+def _too_fast(model: RobotModel, limb: Limb, velocities: Sequence[Array]) -> dict[str, float]:
+    fastest, limit = np.max(np.abs(np.array(velocities)), axis=0), model.column("velocity_max")
+    return {model.joint_names[j]: float(fastest[j]) for j in limb.joints if fastest[j] > limit[j]}
 
 
 def _hand_deflection(
@@ -241,6 +249,8 @@ def _notes(phase: PhaseForecast) -> Iterator[str]:
     for arm in phase.arms:
         for joint, angle in arm.beyond.items():
             yield f"phase '{name}': {joint} would leave its range by {angle:.2f} rad; the run's limits stop it"
+        for joint, speed in arm.too_fast.items():
+            yield f"phase '{name}': {joint} would reach {speed:.2f} rad/s; the run keeps it to its limit, so it lags"
         if arm.total.share > 1.0:
             yield (
                 f"phase '{name}': {arm.total.joint} needs {arm.total.torque:.1f} N.m with the arm's own"

@@ -69,41 +69,58 @@ class StabilityForecast:
         return self.oscillating_growth <= 1.0 + ROUNDING
 
 
+@dataclass(frozen=True)
+class _Loop:
+    """One arm, or the arms that hold the object: plant, gains, and the hand's stiffness [N/m]."""
+
+    name: str
+    plant: SampledArm
+    fixed: Gains
+    scaled: Gains
+    stiffness: float
+
+    @property
+    def gains(self) -> Gains:
+        """All gains as they are now."""
+        return Gains(self.fixed.stiffness + self.scaled.stiffness, self.fixed.damping + self.scaled.damping)
+
+
 def forecast_stability(
     assembly: Assembly, modules: TaskModules, arms: Mapping[str, ArmImpedance], held: HeldImpedance | None
 ) -> tuple[StabilityForecast, ...]:
     """Predicts the loops of all arms with one phase's gains at one state."""
-    found = []
+    return tuple(_forecast(loop) for loop in _loops(assembly, modules, arms, held))
+
+
+def _loops(
+    assembly: Assembly, modules: TaskModules, arms: Mapping[str, ArmImpedance], held: HeldImpedance | None
+) -> Iterator[_Loop]:
     grouped: tuple[str, ...] = ()
     if held is not None and modules.held is not None:
         grouped = modules.held.limbs
-        found.append(_object_loop(assembly, modules, [arms[limb] for limb in grouped], held))
+        yield _object_loop(assembly, modules, [arms[limb] for limb in grouped], held)
     for arm in modules.arms:
         if arm.limb.name not in grouped:
             own = arms[arm.limb.name]
-            loop = sampled_arm(
+            plant = sampled_arm(
                 own.system.inertia,
                 drives_of(assembly.model, arm.limb.joints),
                 sampling_of(assembly.robot, assembly.rate, True),
                 None,
                 None,
             )
-            found.append(
-                _forecast(arm.limb.name, loop, own.fixed, own.scaled, _stiffest(modules, arm.limb.name))
-            )
-    return tuple(found)
+            yield _Loop(arm.limb.name, plant, own.fixed, own.scaled, _stiffest(modules, arm.limb.name))
 
 
 def _object_loop(
     assembly: Assembly, modules: TaskModules, holding: list[ArmImpedance], held: HeldImpedance
-) -> StabilityForecast:
+) -> _Loop:
     model = assembly.model
     joints = np.concatenate([modules.arm(arm.limb).limb.joints for arm in holding])
-    fixed, scaled = _stacked([arm.fixed for arm in holding]), _stacked([arm.scaled for arm in holding])
     own = modules.held
     inertia = np.zeros((6, 6)) if own is None else own.inertia(held.pose.rotation)
     twist = held.motion.twist
-    loop = sampled_arm(
+    plant = sampled_arm(
         block_diagonal([arm.system.inertia for arm in holding]),
         drives_of(model, joints),
         sampling_of(assembly.robot, assembly.rate, True),
@@ -111,20 +128,24 @@ def _object_loop(
         twist.T @ inertia @ twist,
     )
     stiffest = max(_stiffest(modules, arm.limb) for arm in holding)
-    return _forecast("object", loop, fixed, scaled, stiffest)
+    fixed, scaled = _stacked([arm.fixed for arm in holding]), _stacked([arm.scaled for arm in holding])
+    return _Loop("object", plant, fixed, scaled, stiffest)
 
 
-def _forecast(name: str, loop: SampledArm, fixed: Gains, scaled: Gains, stiffest: float) -> StabilityForecast:
-    now = Gains(fixed.stiffness + scaled.stiffness, fixed.damping + scaled.damping)
-    mode = least_damped([m for m in sampled_modes(loop, now) if m.frequency < math.pi * loop.sampling.rate])
+def _forecast(loop: _Loop) -> StabilityForecast:
+    plant, now = loop.plant, loop.gains
+    mode = least_damped([m for m in sampled_modes(plant, now) if m.frequency < math.pi * plant.sampling.rate])
+    scale = None
+    if loop.stiffness > 0.0:
+        scale = highest_stable_stiffness(plant, loop.fixed, loop.scaled, STIFFEST)
     return StabilityForecast(
-        name=name,
-        growth=spectral_radius(loop, now),
-        oscillating_growth=oscillating_growth(loop, now),
+        name=loop.name,
+        growth=spectral_radius(plant, now),
+        oscillating_growth=oscillating_growth(plant, now),
         frequency=None if mode is None else mode.frequency / (2.0 * math.pi),
         damping_ratio=None if mode is None else mode.damping_ratio,
-        scale=highest_stable_stiffness(loop, fixed, scaled, STIFFEST) if stiffest > 0.0 else None,
-        stiffness=stiffest,
+        scale=scale,
+        stiffness=loop.stiffness,
     )
 
 

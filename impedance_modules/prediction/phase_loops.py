@@ -10,7 +10,10 @@ from dataclasses import dataclass, replace
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import Problem
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.prediction.loop_stability import StabilityForecast, forecast_stability
+from impedance_modules.prediction.loop_stability import (
+    StabilityForecast,
+    forecast_stability,
+)
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
 from impedance_modules.prediction.statics import Analysed, Rest, analyse_state
@@ -24,29 +27,40 @@ RATE_PRECISION = 1.02
 
 @dataclass(frozen=True)
 class PhaseLoops:
-    """One phase: its arms and object where it comes to rest (or ends), and the loops with its gains."""
+    """The loops of phases with the same gains, where the least stable of them is judged.
 
+    Attributes:
+        phase: Index of that phase.
+        state: Its arms and object where it comes to rest (or ends).
+        loops: With its gains, there.
+    """
+
+    phase: int
     state: Analysed
     loops: tuple[StabilityForecast, ...]
+
+    @property
+    def growth(self) -> float:
+        """Of the fastest growing oscillation, per period."""
+        return max(loop.oscillating_growth for loop in self.loops)
 
 
 def judge_loops(
     assembly: Assembly, mechanism: Mechanism, motion: MotionPrediction, rests: Sequence[Rest | None]
 ) -> tuple[PhaseLoops, ...]:
-    """Judges the loops of every phase; phases with the same gains share one judgement."""
-    found: dict[bytes, tuple[StabilityForecast, ...]] = {}
-    judged = []
-    for phase, rest in zip(motion.phases, rests, strict=True):
+    """Judges the loops of every phase; phases with the same gains share the judgement of the least stable."""
+    shared: dict[bytes, PhaseLoops] = {}
+    for index, (phase, rest) in enumerate(zip(motion.phases, rests, strict=True)):
         state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
-        key = _gains_key(phase)
-        if key not in found:
-            found[key] = forecast_stability(assembly, phase.modules, state.arms, state.held)
-        judged.append(PhaseLoops(state, found[key]))
-    return tuple(judged)
+        found = PhaseLoops(index, state, forecast_stability(assembly, phase.modules, state.arms, state.held))
+        before = shared.get(_gains_key(phase))
+        if before is None or found.growth > before.growth:
+            shared[_gains_key(phase)] = found
+    return tuple(shared[_gains_key(phase)] for phase in motion.phases)
 
 
 def _gains_key(phase: PredictedPhase) -> bytes:
-    """Tells phases with different gains apart; postures within one task change a loop little."""
+    """Tells phases with different gains apart."""
     springs = [spring for arm in phase.modules.arms for spring in arm.springs]
     return b"".join(spring.stiffness.tobytes() + spring.damping.tobytes() for spring in springs)
 
@@ -58,15 +72,12 @@ def unstable_loops(
 
     An arm that folds, a motion that grows without swinging, is not reported: no rate would help it.
     """
-    seen: set[int] = set()
-    for index, (phase, found) in enumerate(zip(motion.phases, judged, strict=True)):
-        if id(found.loops) in seen:
-            continue
-        seen.add(id(found.loops))
+    for found in {id(one): one for one in judged}.values():
+        phase = motion.phases[found.phase]
         for number, loop in enumerate(found.loops):
             if not loop.stable:
                 yield assembly.task.document.problem(
-                    _place(assembly, index, loop.name),
+                    _place(assembly, found.phase, loop.name),
                     _told(assembly, phase, loop),
                     _remedies(assembly, phase, found, number),
                 )

@@ -92,6 +92,7 @@ class PredictedSample:
     Attributes:
         time: [s].
         q: (n,) [rad].
+        velocity: (n,) [rad/s].
         effort: (n,) torque that the modules ask for [N.m].
         potential: U of springs and joint bias [J].
         work: Of that torque on the joints [J].
@@ -102,6 +103,7 @@ class PredictedSample:
 
     time: float
     q: Array
+    velocity: Array
     effort: Array
     potential: float
     work: float
@@ -237,6 +239,7 @@ class _Integration:
             PredictedSample(
                 time=self._time,
                 q=self._q.copy(),
+                velocity=self._v.copy(),
                 effort=effort,
                 potential=potential,
                 work=self._work,
