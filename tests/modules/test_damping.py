@@ -149,6 +149,17 @@ def test_a_limbs_modes_have_the_ratio_of_its_springs(robot, seed: int) -> None:
         np.testing.assert_allclose(declared, 0.1 * np.eye(len(joints)), atol=1e-12)
 
 
+def test_a_bias_without_a_ratio_damps_no_mode_and_an_arm_without_a_bias_has_none() -> None:
+    model = baxter()
+    modules = arms_of(model, np.random.default_rng(2), 0.6)
+    first, second = modules.arms
+    bare = replace(first, bias=replace(first.bias, damping_ratio=None)), replace(second, bias=None)
+    found = phase_damping(replace(modules, arms=bare), at_posture(model, modules))
+    assert list(found.joint_modal) == [first.limb.name]
+    assert found.joint_modal[first.limb.name].shape == (first.limb.joints.size,) * 2
+    assert not found.joint_modal[first.limb.name].any()
+
+
 @ROBOTS
 @pytest.mark.parametrize("seed", range(5))
 def test_a_held_object_has_the_ratio_of_its_hands_springs(robot, seed: int) -> None:

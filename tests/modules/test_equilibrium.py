@@ -146,6 +146,21 @@ def test_phases_join_without_a_jump_wherever_the_last_one_stopped(seed: int) -> 
         now = motion.at(stop)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_every_springs_velocity_is_the_derivative_of_its_equilibrium(seed: int) -> None:
+    """Those that move by themselves, those that ride on the object, and those that rest."""
+    random = np.random.default_rng(seed)
+    modules = holding_arms(random)
+    motion = phase_motion(modules, random_phase(random, modules), start_equilibrium(modules))
+    for clock in (0.2, 0.4):
+        velocities = motion.velocities(clock)
+        ahead, behind = (motion.at(clock + step).springs for step in (1e-6, -1e-6))
+        assert set(velocities) == set(ahead)
+        for name, velocity in velocities.items():
+            slope = displacement_of(ahead[name], behind[name]) / 2e-6
+            np.testing.assert_allclose(velocity, slope, atol=1e-5)
+
+
 def moving_object(modules: TaskModules, coordinates: dict) -> PhaseMotion:
     return phase_motion(modules, phase(1.0, {"object": coordinates}), start_equilibrium(modules))
 

@@ -167,7 +167,8 @@ def _of_operation(node: ast.BinOp) -> Iterator[tuple[str, ast.expr]]:
     other = ARITHMETIC.get(type(node.op))
     if other is not None:
         yield "operator swapped", ast.BinOp(node.left, other(), node.right)
-    if isinstance(node.op, ast.MatMult | ast.Div | ast.Pow):
+    differ = ast.dump(node.left) != ast.dump(node.right)
+    if differ and isinstance(node.op, ast.MatMult | ast.Div | ast.Pow):
         yield "operands swapped", ast.BinOp(node.right, node.op, node.left)
     if isinstance(node.op, ast.Add | ast.Sub):
         yield "term dropped", node.left

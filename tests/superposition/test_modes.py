@@ -272,3 +272,13 @@ def test_ellipsoids_give_back_their_matrix() -> None:
         np.testing.assert_allclose(rebuilt, block, atol=1e-9)
         assert np.linalg.det(found.directions) == pytest.approx(1.0)
     assert ellipsoid(np.diag([1.0, -2.0, 3.0])).half_axes[0] == pytest.approx(-2.0)
+
+
+def test_an_ellipsoid_is_of_the_symmetric_part() -> None:
+    stack = np.random.default_rng(4).normal(size=(5, 3, 3))
+    found = ellipsoid(stack)
+    for k, block in enumerate(stack):
+        one = ellipsoid(block)
+        rebuilt = (one.directions * one.half_axes) @ one.directions.T
+        np.testing.assert_allclose(rebuilt, 0.5 * (block + block.T), atol=1e-12)
+        np.testing.assert_allclose(found.half_axes[k], one.half_axes, atol=1e-12)

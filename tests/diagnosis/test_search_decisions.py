@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Single decisions of the search for causes, on stand-ins: which is tried, exchanged, displaced, kept."""
+
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impedance_modules.diagnosis.model_selection import (
+    candidate_trial,
+    forward_selection,
+    geared_start,
+    lack_of_fit,
+    rivals,
+)
+from impedance_modules.diagnosis.model_selection.forward_selection import Selector
+
+
+def term(key: str, *groups: int, effect: str = "viscous_friction") -> SimpleNamespace:
+    candidate = SimpleNamespace(effect=SimpleNamespace(id=effect), key=key, joints=(key,))
+    return SimpleNamespace(key=(effect, key), groups=groups, candidate=candidate)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "displaced"),
+    [
+        (0.5, 0.5, False),
+        (2.0, 2.0, False),
+        (2.0, 2.5, True),
+        (0.5, 1.05, False),
+        (0.5, 1.5, True),
+        (-0.5, -1.5, True),
+    ],
+)
+def test_a_term_is_displaced_if_it_leaves_its_bounds_or_goes_farther(
+    before: float, now: float, displaced: bool
+) -> None:
+    """Bounds -1 and 1, a spread of 0.1: beyond by less than the spread is nothing."""
+    own = SimpleNamespace(
+        shaped=SimpleNamespace(size=1, lower=np.array([-1.0]), upper=np.array([1.0])),
+        layout=SimpleNamespace(scale=np.ones(1)),
+    )
+    whole = SimpleNamespace(inverse=np.array([[0.01]]), coefficients=np.array([before]))
+    model_fit = SimpleNamespace(model=[own], starts=[0], whole=whole)
+    assert candidate_trial._displaced(model_fit, np.array([now])) is (own if displaced else None)
+
+
+@pytest.mark.parametrize(
+    ("groups", "tried"),
+    [([(0,), (1,), (1,)], [1, 2]), ([(0,), (2,), (1,)], []), ([(0, 1), (1, 2), (1,)], [0, 1, 2])],
+)
+def test_causes_that_share_a_residual_with_the_last_are_exchanged_and_then_it(
+    groups: list[tuple[int, ...]], tried: list[int]
+) -> None:
+    seen: list[int] = []
+
+    def better(model: list, index: int) -> list:
+        seen.append(index)
+        return model
+
+    model = [term(f"joint{index}", *own) for index, own in enumerate(groups)]
+    assert Selector._exchange(SimpleNamespace(_better=better), model) is model
+    assert seen == tried
+
+
+def test_what_is_removed_is_remembered_and_the_search_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second, third = term("elbow"), term("wrist"), term("shoulder")
+    added = [[first, second, third], [first, third]]
+    kept = [[first, third], [first, third]]
+    monkeypatch.setattr(forward_selection, "geared_start_model", lambda *rest: ())
+    monkeypatch.setattr(forward_selection, "merge_delays", lambda model, *rest: model)
+    monkeypatch.setattr(forward_selection, "eliminate_backward", lambda *rest: kept.pop(0))
+    begun: list[list] = []
+
+    def add_causes(model: list, progress: object) -> tuple[list, None]:
+        begun.append(model)
+        return added.pop(0), None
+
+    selector = SimpleNamespace(
+        model_fit=lambda model: None, trials=None, rejection_reason=None, refiner=None, _removals=Counter()
+    )
+    selector._add_causes = add_causes
+    found = Selector.run(selector, lambda text: None)
+    assert begun == [[], [first, third]] and found.causes == (first, third)
+    assert selector._removals == Counter({second.key: 1})
+
+
+def test_the_best_order_that_holds_elsewhere_explains(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The order with most gain fails on held-out recordings; of the others the better one counts."""
+    gains = {1.0: 300.0, 2.0: 500.0, 3.0: 400.0, 4.0: 900.0}
+    monkeypatch.setattr(lack_of_fit, "_orders", lambda positions: np.array([*gains]))
+    monkeypatch.setattr(lack_of_fit, "_modulated", lambda evidence, index, place, phase: float(phase[0]))
+    monkeypatch.setattr(lack_of_fit, "_fit", lambda evidence, blocks, g: (gains[blocks[0]], None, None))
+    monkeypatch.setattr(lack_of_fit, "_validated", lambda evidence, blocks, *rest: blocks[0] != 4.0)
+    item = SimpleNamespace(tree=SimpleNamespace(joints=["elbow"]), position=np.ones((5, 1)))
+    evidence = SimpleNamespace(model_fit=SimpleNamespace(counts=[1000.0]), prepared=[item])
+    part = lack_of_fit._explained_by_variation(evidence, 0, term("elbow", 0))
+    left = 500.0 - np.log(1000.0) - np.log(4.0)
+    assert part == pytest.approx(1.0 - np.exp(-2.0 * left / 1000.0))
+
+
+def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others are tried in the cause's place; those that fit as well are named, those that do not have a reason."""
+    cause, other = term("elbow", 0), term("wrist", 1)
+    offered = [term("elbow", 0, effect=effect) for effect in ("equal", "worse")] + [other]
+    monkeypatch.setattr(rivals, "promising", lambda ranked, count: ranked)
+    monkeypatch.setattr(rivals, "try_term", lambda model_fit, own: SimpleNamespace(term=own))
+    monkeypatch.setattr(rivals, "both_delay_torque", lambda own, found: False)
+    monkeypatch.setattr(rivals, "_equal", lambda own, rival: rival.term.candidate.effect.id == "equal")
+    monkeypatch.setattr(rivals, "_named", lambda candidate, why: (candidate.effect.id, candidate.key))
+    monkeypatch.setattr(rivals, "_reason", lambda own, rival: "worse")
+    layouts = [SimpleNamespace(shaped=SimpleNamespace(key=one.key), term=one) for one in offered]
+    selector = SimpleNamespace(
+        model_fit=lambda rest: rest,
+        screen=SimpleNamespace(rank=lambda model_fit: layouts),
+        trial=lambda model_fit, layout: SimpleNamespace(term=layout.term),
+        refined=lambda model_fit, trials: trials,
+        plausibility=SimpleNamespace(unphysical=lambda rival: None),
+    )
+    equal, lost = rivals.judge_rivals(selector, [cause, other], cause)
+    assert equal == (("equal", "elbow"),)
+    assert lost == (("worse", "elbow"),)
+
+
+@pytest.mark.parametrize(("together", "alone", "found"), [(0.2, 1.0, 3), (0.2, 0.5, 0), (0.4, 2.0, 0)])
+def test_the_laws_of_a_drive_begin_together_if_no_single_one_does_nearly_as_much(
+    monkeypatch: pytest.MonkeyPatch, together: float, alone: float, found: int
+) -> None:
+    """Of 1 that the model leaves, all of them leave ``together``, the best one ``alone``."""
+    laws = [term("elbow", 0, effect=effect) for effect in ("dry", "viscous", "rotor")]
+    monkeypatch.setattr(
+        geared_start, "_drive_laws", lambda model_fit: {"elbow": [[SimpleNamespace(groups=(0,))]]}
+    )
+    monkeypatch.setattr(geared_start, "_best", lambda *rest: (together, laws))
+    monkeypatch.setattr(geared_start, "_all_pass", lambda *rest: True)
+    model_fit = SimpleNamespace(unseen={0: {0: np.array([1.0])}})
+    single = [SimpleNamespace(term=laws[0], unseen={0: {0: np.array([np.sqrt(alone)])}})]
+    started = geared_start.geared_start_model(
+        model_fit, lambda terms: None, lambda fit: single, lambda trial: None
+    )
+    assert started == tuple(laws[:found])
