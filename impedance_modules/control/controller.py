@@ -32,7 +32,9 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.active_set import CERTIFIED, INSIDE, UNDECIDED, make_active_set
 from impedance_modules.safety.brake import apply_brake, make_brake
+from impedance_modules.safety.expected_motion import begin_steady, expected_motion
 from impedance_modules.safety.filter_problem import FilterLayout, FilterState, make_problem
+from impedance_modules.safety.overspeed import forget_travel, travel_watch
 from impedance_modules.safety.solvers import FilterSolution, make_solver
 from impedance_modules.safety.tank import Tank, fill, make_tank, measure, missed, release_springs
 from impedance_modules.spec.task import PhaseSpec
@@ -69,7 +71,7 @@ class Controller:
             pairs,
             margin=limits.margin,
             approach_time=limits.approach_time,
-            horizon=limits.horizon,
+            horizon=limits.pair_horizon,
             period=assembly.period,
         )
         self.layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
@@ -143,6 +145,8 @@ class Controller:
         self.kinematics.update(state.position, state.velocity)
         self.distances.update(state.position, state.velocity)
         begin_at(cycle.motor, state.velocity, state.effort)
+        begin_steady(cycle.expected, state.velocity, state.effort, first.acting)
+        forget_travel(cycle.travel)
         cycle.modules.loads.grip = float(np.any(first.acting))
         self._begin(phase, self.assembly.modules, None)
         fill(tank, state.position, state.effort, self._place(state.position))
@@ -325,9 +329,23 @@ def _make_cycle(
     n, arms = layout.n, kinematics.arms
     motor = motor_velocity(assembly.tank.compliance, assembly.period, assembly.robot.sensors.velocity_filter)
     previous = np.zeros(n)
+    expected = expected_motion(
+        compliance=assembly.tank.compliance,
+        reflected_inertia=assembly.limits.reflected_inertia,
+        motor_damping=assembly.model.column("motor_damping"),
+        arms=(arms.inverse_inertia, arms.bias, arms.weight),
+        slow=motor.rate,
+        period=assembly.period,
+        lag=assembly.robot.sensors.velocity_filter,
+        delay=assembly.tank.delay,
+    )
     state = FilterState(
-        q=np.zeros(n),
-        v=np.zeros(n),
+        q=expected.position,
+        v=expected.velocity,
+        link_velocity=expected.link_velocity,
+        push=expected.push,
+        swing=expected.swing,
+        load=expected.load,
         motor_velocity=motor.velocity,
         inverse_inertia=arms.inverse_inertia,
         bias=arms.bias,
@@ -335,10 +353,15 @@ def _make_cycle(
         previous=previous,
         distance=distances.distance,
         gradient=distances.gradient,
+        drift=distances.drift,
     )
     return Cycle(
         arms=arms,
         motor=motor,
+        expected=expected,
+        travel=travel_watch(
+            assembly.period, assembly.tank.speed_bound, assembly.tank.compliance, assembly.tank.sensing_error
+        ),
         modules=lay_out(assembly.modules, n),
         tank=make_tank(assembly.tank),
         brake=make_brake(assembly.brake, assembly.period, assembly.limits.effort_max),

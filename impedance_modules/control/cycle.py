@@ -26,9 +26,11 @@ from impedance_modules.records import Integer, Record, Scalar, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.safety.active_set import UNDECIDED, ActiveSet, solve
 from impedance_modules.safety.brake import Brake, brake_effort, slip_to
+from impedance_modules.safety.expected_motion import ExpectedMotion, expect_motion
 from impedance_modules.safety.filter_problem import FilterProblem, FilterState
 from impedance_modules.safety.limits import FilterLimits
 from impedance_modules.safety.metric import write_metric
+from impedance_modules.safety.overspeed import TravelWatch, too_fast_joint
 from impedance_modules.safety.rows import write_rows
 from impedance_modules.safety.tank import Tank, available, limit_to_budget, measure, rescale_springs
 
@@ -41,7 +43,10 @@ class Cycle(Record):
 
     Attributes:
         arms: Geometry and inertia at the state.
-        motor: Velocity of the motors.
+        motor: Velocity of the motors, as late as the robot reports that of the links: dampers act on it.
+        expected: Motion when the next torque begins to act; the filter's rows bound it.
+        intervals: Periods since the state before.
+        travel: Of motors and links: is one too fast?
         modules: What is in force, and what it asks for.
         tank: The energy ledger.
         brake: Of a stop.
@@ -59,6 +64,9 @@ class Cycle(Record):
 
     arms: ArmGeometry
     motor: MotorVelocity
+    expected: ExpectedMotion
+    intervals: Integer = 1
+    travel: TravelWatch
     modules: Modules
     tank: Tank
     brake: Brake
@@ -108,8 +116,9 @@ def tick(
     cycle.status = desire(cycle, points, q, velocity, effort)
     if cycle.status != FINE:
         return cycle.status
-    cycle.state.q[:] = q
-    cycle.state.v[:] = velocity
+    expected = cycle.expected
+    expected.measured[0], expected.measured[1], expected.measured[2] = q, velocity, effort
+    expect_motion(expected, cycle.intervals, cycle.tank.applied, cycle.tank.pending)
     cycle.state.available = available(cycle.tank)
     cycle.problem.desired[:] = cycle.modules.desired
     write_metric(cycle.problem, cycle.state)
@@ -129,7 +138,11 @@ def desire(cycle: Cycle, points: SetPoints, q: Array, velocity: Array, effort: A
     if not (all_finite(q) and all_finite(velocity) and all_finite(effort)):
         return STATE_NOT_FINITE
     modules, tank = cycle.modules, cycle.tank
+    cycle.intervals = 1 + tank.missed_cycles
     cycle.too_fast = measure(tank, q, effort, potential_energy(modules, cycle.arms, q))
+    if cycle.intervals > 1:
+        cycle.travel.known = -1
+    cycle.too_fast = min(cycle.too_fast, too_fast_joint(cycle.travel, q, effort))
     cycle.admitted = advance(points, modules, cycle.arms, tank, q, cycle.clock)
     cycle.clock += cycle.admitted * tank.period
     rescale_springs(tank)

@@ -254,7 +254,7 @@ class Supervisor:
     def _overspeed(self, joint: int) -> Occurrence:
         name = self.assembly.model.joint_names[joint]
         bound = self.assembly.limits.velocity_max[joint]
-        detail = f"motor of {name} beyond its declared {bound:g} rad/s"
+        detail = f"motor or link of {name} beyond its declared {bound:g} rad/s"
         return Occurrence(Event.OVERSPEED, self._arm_of(joint), detail)
 
     def _arm_of(self, joint: int) -> str | None:

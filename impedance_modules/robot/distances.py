@@ -3,7 +3,10 @@ r"""Distances between links, and how they change with the joints.
 
 For a pair of links with closest points A and B and unit normal n from A to B (world axes):
 
-    distance d [m],      d' = G v,      G = n^T (J_B - J_A)      (1, n) [m/rad]
+    distance d [m],      d' = G v,      G = n^T (J_B - J_A)      (1, n) [m/rad],      d'' = G v' + G' v
+
+G' v is the drift: links turn about their joints and the closest points wander over them, both seen in how G changes
+from one measurement to the next. No curvature of a shape is asked for.
 
 The filter lets a distance accelerate no faster towards its margin than ((d - margin) / T - c) / h, with c = -d' the
 closing speed, T the approach time and h the horizon (``safety.rows``). Where no closing speed grows faster than
@@ -32,6 +35,9 @@ from impedance_modules.robot.kinematics import Kinematics
 QUICKEST = 20.0
 """Bound of the growth of a pair's closing speed [m/s^2]: a hand of Baxter's pushed by all its torque."""
 
+TURNING_TIME = 0.01
+"""Time constant with which the change of a gradient is filtered: encoder steps at a close pair turn it at once [s]."""
+
 LONGEST_WAIT = 0.1
 """A pair is looked at again after this time at the latest [s]."""
 
@@ -47,9 +53,14 @@ class DistanceState(Record):
         moving: (shape pairs, n) 1 where a joint moves the second shape, -1 the first, 0 both or none.
         cycle: Now.
         shapes: (pairs,) the nearest pair of shapes of each.
+        before: (pairs,) likewise when measured the time before.
         found: (pairs, 7) distance [m], normal, closest point on the first shape (world axes), when last measured.
         distance: (pairs,) [m].
         gradient: (pairs, n) G; zero where a pair cannot matter in this cycle.
+        direction: (pairs, n) G when last measured, near or far.
+        turning: (pairs, n) its rate of change, filtered [m/(rad.s)].
+        drift: (pairs,) G' v, how the distance accelerates at constant joint velocities [m/s^2].
+        seen: (pairs,) cycle in which each was measured last.
         due: (pairs,) cycle in which each is measured again.
     """
 
@@ -60,9 +71,14 @@ class DistanceState(Record):
     moving: Matrix
     cycle: int
     shapes: Indices
+    before: Indices
     found: Matrix
     distance: Vector
     gradient: Matrix
+    direction: Matrix
+    turning: Matrix
+    drift: Vector
+    seen: Indices
     due: Indices
 
 
@@ -102,7 +118,8 @@ def book(state: DistanceState, pairs: Indices, jacobian: Array, velocity: Array)
         a, b, c = found[4], found[5], found[6]
         # n . velocity of a point p of a link is n . v_0 + (p x n) . w; both closest points lie on one line along n.
         p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
-        rate = 0.0
+        rate, drift = 0.0, 0.0
+        share, since = _share_of_turning(state, pair)
         for j in range(n):
             mark = state.moving[state.shapes[pair], j]
             entry = 0.0
@@ -115,13 +132,25 @@ def book(state: DistanceState, pairs: Indices, jacobian: Array, velocity: Array)
                     + q * jacobian[4, j]
                     + r * jacobian[5, j]
                 )
-            state.gradient[pair, j] = entry
+            change = (entry - state.direction[pair, j]) / since
+            state.turning[pair, j] = (1.0 - abs(share)) * state.turning[pair, j] + max(share, 0.0) * change
+            state.direction[pair, j] = state.gradient[pair, j] = entry
             rate += entry * velocity[j]
+            drift += state.turning[pair, j] * velocity[j]
         free = free_time(state, found[0], -rate)
-        state.distance[pair] = found[0]
+        state.distance[pair], state.drift[pair], state.seen[pair] = found[0], drift, state.cycle
         if free >= state.period:
             state.gradient[pair] = 0.0
         due[pair] = _free_cycle(due, state.cycle, state.cycle + max(1, int(free / state.period)))
+
+
+@compiled
+def _share_of_turning(state: DistanceState, pair: int) -> tuple[float, float]:
+    """How much of a new change of the gradient counts, and since when it changed [s]; -1: what was known is void."""
+    since = (state.cycle - state.seen[pair]) * state.period
+    if state.shapes[pair] != state.before[pair] or since > TURNING_TIME + state.period:
+        return -1.0, state.period
+    return 1.0 - math.exp(-since / TURNING_TIME), since
 
 
 @compiled
@@ -140,6 +169,7 @@ class Distances:
         state: The record that laws read; ``distance`` and ``gradient`` are its own.
         distance: (pairs,) last measured distance [m].
         gradient: (pairs, n) G; zero where the pair cannot matter in this cycle.
+        drift: (pairs,) G' v [m/s^2].
     """
 
     def __init__(
@@ -173,9 +203,14 @@ class Distances:
             found=np.zeros((count, 7)),
             distance=np.full(count, np.inf),
             gradient=np.zeros((count, n)),
+            direction=np.zeros((count, n)),
+            turning=np.zeros((count, n)),
+            drift=np.zeros(count),
+            before=np.full(count, -1, dtype=np.int64),
+            seen=np.zeros(count, dtype=np.int64),
             due=np.zeros(count, dtype=np.int64),
         )
-        self.distance, self.gradient = self.state.distance, self.state.gradient
+        self.distance, self.gradient, self.drift = self.state.distance, self.state.gradient, self.state.drift
 
     def skip(self) -> None:
         """Lets a cycle without a state go by."""
@@ -198,7 +233,7 @@ class Distances:
         """Measures a pair and writes the result into its row of ``found``."""
         index, result = self._nearest(self._shapes[pair])
         row = self.state.found[pair]
-        self.state.shapes[pair] = index
+        self.state.before[pair], self.state.shapes[pair] = self.state.shapes[pair], index
         row[0], row[1:4], row[4:] = result.min_distance, result.normal, result.getNearestPoint1()
 
     def _nearest(self, shapes: list[int]) -> tuple[int, pin.DistanceResult]:

@@ -37,6 +37,7 @@ class ArmGeometry(Record):
         jacobian: (frames, 6, n) J_WF.
         inverse_inertia: (n, n) (M + I_r)^-1.
         bias: (n,) C(q, v) v [N.m].
+        weight: (n,) torque that holds the arms' weight and winds their parallel springs [N.m].
         coupled: (2, n) for each joint the first and one past the last joint that shares its tree: everything
             else in its row of the inverse inertia is zero, always.
         moved_by: (2, frames) likewise the joints that can move each frame: its other columns of J are zero.
@@ -47,6 +48,7 @@ class ArmGeometry(Record):
     jacobian: Array3
     inverse_inertia: Matrix
     bias: Vector
+    weight: Vector
     coupled: IndexMatrix
     moved_by: IndexMatrix
 
@@ -65,6 +67,7 @@ class Kinematics:
         self.model = model
         self.frames = tuple(frames)
         self._pin_model = model.pin_model
+        self._wound = bool(model.spec.parallel_springs)
         # Coriolis torque alone comes from the same algorithm with gravity switched off.
         self._weightless = pin.Model(model.pin_model)
         self._weightless.gravity.setZero()
@@ -80,6 +83,7 @@ class Kinematics:
             jacobian=np.zeros((count, 6, n)),
             inverse_inertia=np.zeros((n, n)),
             bias=np.zeros(n),
+            weight=np.zeros(n),
             coupled=_coupled(model),
             moved_by=_moved_by(model, self.frames),
         )
@@ -91,6 +95,9 @@ class Kinematics:
     def update(self, q: Array, v: Array) -> None:
         """Recomputes everything at positions q [rad] and velocities v [rad/s], both (n,)."""
         model, data = self._pin_model, self.pin_data
+        self.arms.weight[:] = pin.computeGeneralizedGravity(model, data, q)
+        if self._wound:
+            self.arms.weight[:] += self.model.parallel_spring_effort(q)
         pin.computeJointJacobians(model, data, q)
         for slot, (index, rotation, translation) in enumerate(self._live):
             pin.updateFramePlacement(model, data, index)

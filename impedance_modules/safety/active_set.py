@@ -23,7 +23,7 @@ import numpy as np
 
 from impedance_modules.compiled import compiled
 from impedance_modules.records import IndexMatrix, Indices, Integer, Matrix, Record, Vector
-from impedance_modules.safety.filter_problem import POWER_ROW, FilterProblem, clip
+from impedance_modules.safety.filter_problem import FilterProblem, clip
 from impedance_modules.safety.solvers.exact_form import is_problem
 
 INSIDE, CERTIFIED, UNDECIDED = 0, 1, 2
@@ -136,7 +136,7 @@ def solve(problem: FilterProblem, active: ActiveSet) -> tuple[int, int]:
     tried = _search(problem, active)
     if tried == 0:
         return UNDECIDED, TRIALS
-    clip(problem, active.change, active.high[n + POWER_ROW], active.effort)
+    clip(problem, active.change, active.effort)
     for k in range(active.count):
         c = active.acting[k]
         active.duals[c] = active.multiplier[k] / active.length[c]

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from impedance_modules.compiled import compiled
 from impedance_modules.records import Array3, IndexMatrix, Matrix, Record, Scalar, Vector
 
-LOWEST_PENALTY = 1e2
+LOWEST_PENALTY = 1.2e3
 """kappa of the lowest rank: about 1 / kappa of the excess that the desired torque asks for gets through."""
 
 RANK_FACTOR = 12.0
@@ -40,13 +40,14 @@ POWER_ROW = 0
 
 
 class RowKind(Enum):
-    """What a row protects. The order is the rank: 0 is hard, then each kind yields to those above."""
+    """What a row protects, in the order in which rows stand; ``RANK`` says who yields to whom."""
 
     POWER = 0
     RATE = 1
-    DISTANCE = 2
-    POSITION = 3
-    VELOCITY = 4
+    MOTOR = 2
+    VELOCITY = 3
+    DISTANCE = 4
+    POSITION = 5
 
     @property
     def hard(self) -> bool:
@@ -57,6 +58,11 @@ class RowKind(Enum):
     def label(self) -> str:
         """Lower-case name, the first word of every row label."""
         return self.name.lower()
+
+
+RANK = {RowKind.RATE: 2, RowKind.MOTOR: 2, RowKind.VELOCITY: 2, RowKind.DISTANCE: 1, RowKind.POSITION: 0}
+"""Of soft kinds: each yields to those above. Kinds of one rank, and those of one joint, never contradict each other:
+``rows.narrow``."""
 
 
 def relative_penalty(kind: RowKind) -> float:
@@ -70,15 +76,15 @@ def relative_penalty(kind: RowKind) -> float:
     """
     if kind.hard:
         raise ValueError(f"a {kind.label} row is hard; only soft rows have a penalty")
-    return LOWEST_PENALTY * RANK_FACTOR ** (RowKind.VELOCITY.value - kind.value)
+    return LOWEST_PENALTY * RANK_FACTOR ** RANK[kind]
 
 
 @dataclass(frozen=True)
 class FilterLayout:
     """Which rows a filter has and where they stand, fixed for a run.
 
-    Order: one power row, one torque-rate row per joint, one row per distance pair, one position
-    row per joint, one velocity row per joint.
+    Order: one power row; per joint one torque-rate row, one motor row, one velocity row; one row per distance pair;
+    one position row per joint.
 
     Attributes:
         joints: Joint names in the order of the torque vector; n of them.
@@ -95,8 +101,8 @@ class FilterLayout:
 
     @property
     def m(self) -> int:
-        """Number of rows, m = 1 + 3 n + pairs."""
-        return 1 + 3 * self.n + len(self.pairs)
+        """Number of rows, m = 1 + 4 n + pairs."""
+        return 1 + 4 * self.n + len(self.pairs)
 
     @cached_property
     def rate(self) -> slice:
@@ -104,19 +110,24 @@ class FilterLayout:
         return slice(1, 1 + self.n)
 
     @cached_property
+    def motor(self) -> slice:
+        """Rows of the motors' speed."""
+        return slice(self.rate.stop, self.rate.stop + self.n)
+
+    @cached_property
+    def velocity(self) -> slice:
+        """Velocity rows."""
+        return slice(self.motor.stop, self.motor.stop + self.n)
+
+    @cached_property
     def distance(self) -> slice:
         """Distance rows."""
-        return slice(self.rate.stop, self.rate.stop + len(self.pairs))
+        return slice(self.velocity.stop, self.velocity.stop + len(self.pairs))
 
     @cached_property
     def position(self) -> slice:
         """Position rows."""
         return slice(self.distance.stop, self.distance.stop + self.n)
-
-    @cached_property
-    def velocity(self) -> slice:
-        """Velocity rows."""
-        return slice(self.position.stop, self.position.stop + self.n)
 
     @cached_property
     def kinds(self) -> tuple[RowKind, ...]:
@@ -147,8 +158,12 @@ class FilterState(Record):
     """What the filter must know of one cycle.
 
     Attributes:
-        q: (n,) joint positions [rad].
-        v: (n,) joint velocities [rad/s].
+        q: (n,) joint positions expected when the torque begins to act (``expected_motion``) [rad].
+        v: (n,) joint velocities expected then, of motor and link together [rad/s].
+        link_velocity: (n,) of the links alone, expected then [rad/s].
+        push: (n,) acceleration by forces that are not the robot's own [rad/s^2].
+        swing: (n,) speed of each motor against its link expected then [rad/s].
+        load: (n,) torque of each joint's spring expected then, without the arms' weight [N.m].
         motor_velocity: (n,) thetadot, speed at the port where energy is counted [rad/s].
         inverse_inertia: (n, n) (M + I_r)^-1 [1/(kg.m^2)].
         bias: (n,) torque that keeps v constant, (M + I_r) vdot = tau - bias; without gravity where
@@ -158,10 +173,15 @@ class FilterState(Record):
         available: Tank level above its floor, >= 0 (``tank.available``) [J].
         distance: (pairs,) smallest distance of each pair [m].
         gradient: (pairs, n) rate of the distance = row . v; zero where a pair is far [m/rad].
+        drift: (pairs,) how the distance accelerates at constant v: its gradient turns [m/s^2].
     """
 
     q: Vector
     v: Vector
+    link_velocity: Vector
+    push: Vector
+    swing: Vector
+    load: Vector
     motor_velocity: Vector
     inverse_inertia: Matrix
     bias: Vector
@@ -170,6 +190,7 @@ class FilterState(Record):
     available: Scalar = 0.0
     distance: Vector
     gradient: Matrix
+    drift: Vector
 
 
 class FilterProblem(Record):
@@ -220,10 +241,10 @@ def make_problem(
     all_joints = np.array([[0], [n]])
     coupled = np.tile(all_joints, (1, n)) if coupled is None else np.array(coupled, dtype=np.int64)
     reach = np.tile(all_joints, (1, m))
-    reach[:, layout.rate] = np.arange(n), np.arange(1, n + 1)
-    reach[:, layout.position] = reach[:, layout.velocity] = coupled
     matrix = np.zeros((m, n))
-    matrix[layout.rate] = np.eye(n)
+    for rows in (layout.rate, layout.motor, layout.velocity, layout.position):
+        reach[:, rows] = np.arange(n), np.arange(1, n + 1)
+        matrix[rows] = np.eye(n)
     return FilterProblem(
         desired=np.zeros(n),
         metric=np.eye(n),
@@ -240,22 +261,14 @@ def make_problem(
 
 
 @compiled
-def clip(problem: FilterProblem, change: Vector, power_bound: float, effort: Vector) -> float:
+def clip(problem: FilterProblem, change: Vector, effort: Vector) -> None:
     """Writes the filtered torque, desired + change, inside the torque limits to the last bit.
 
     Args:
         problem: The problem solved.
         change: (n,) as solved [N.m].
-        power_bound: Upper bound of the power row on the change [N.m].
         effort: (n,) overwritten [N.m].
-
-    Returns:
-        By how much the change broke a hard bound [N.m]; NaN if it is not a number.
     """
-    beyond, power = 0.0, 0.0
     for i in range(effort.size):
         tau = problem.desired[i] + change[i]
-        power += problem.matrix[POWER_ROW, i] * change[i]
         effort[i] = min(max(tau, -problem.effort_max[i]), problem.effort_max[i])
-        beyond += abs(tau - effort[i])
-    return beyond + max(power - power_bound, 0.0 * power)

@@ -27,12 +27,15 @@ class FilterLimits(Record):
         return_speed: (n,) speed at most demanded from a joint outside its range [rad/s].
         margin: Distance that pairs keep [m].
         approach_time: A pair may close no faster than (distance - margin) / approach_time, at least four
-            horizons [s].
+            of its horizons [s].
         separation_speed: Speed at most demanded from a pair closer than the margin [m/s].
         separation_acceleration: Most that a distance row ever demands [m/s^2].
         period: Control period [s].
         delay: From a state sample to its torque acting, beyond the period [s].
-        horizon: Time over which position, velocity and distance rows look ahead, at least one period [s].
+        horizon: Time over which position and velocity rows look ahead, at least one period [s].
+        pair_horizon: Time over which distance rows look ahead, at least one period [s].
+        reflected_inertia: (n,) of the motors [kg.m^2].
+        compliance: (n,) of the springs between motors and links [rad/(N.m)], 0 for a rigid joint.
     """
 
     effort_max: Vector
@@ -49,6 +52,9 @@ class FilterLimits(Record):
     period: Scalar
     delay: Scalar
     horizon: Scalar
+    pair_horizon: Scalar
+    reflected_inertia: Vector
+    compliance: Vector
 
 
 def limits_of(
@@ -62,9 +68,10 @@ def limits_of(
 ) -> FilterLimits:
     """The limits of a robot file at a control rate.
 
-    Look-ahead: horizon = look_ahead * period + delay, so that a torque which acts late still acts in
-    time; pairs close in four times that, or in `GENTLE_APPROACH` if that is longer. A joint outside its
-    range is asked back at a tenth of its speed limit, a pair at 0.1 m/s with at most 5 m/s^2.
+    Look-ahead: look_ahead * period + delay, so that a torque which acts late still acts in time; of joints at least as
+    long as the slowest drive needs from full torque one way to full torque the other, of pairs, which are slow when
+    they are near, from none to full torque. Pairs close in four times that, or in `GENTLE_APPROACH` if that is longer.
+    A joint outside its range is asked back at a tenth of its speed limit, a pair at 0.1 m/s with at most 5 m/s^2.
 
     Args:
         joints: In the order of the torque vector.
@@ -78,7 +85,8 @@ def limits_of(
         ValueError: If a limit is not positive or the look-ahead is shorter than a period.
     """
     period = 1.0 / rate
-    horizon = look_ahead * period + timing.command_delay
+    rise = max(joint.effort_max / joint.effort_rate_max for joint in joints)
+    soon = look_ahead * period + timing.command_delay
     velocity_max = np.array([joint.velocity_max for joint in joints])
     limits = FilterLimits(
         effort_max=np.array([joint.effort_max for joint in joints]),
@@ -89,12 +97,17 @@ def limits_of(
         deceleration=np.array(deceleration),
         return_speed=0.1 * velocity_max,
         margin=margin,
-        approach_time=max(GENTLE_APPROACH, 4.0 * horizon),
+        approach_time=max(GENTLE_APPROACH, 4.0 * max(soon, rise)),
         separation_speed=0.1,
         separation_acceleration=5.0,
         period=period,
         delay=timing.command_delay,
-        horizon=horizon,
+        horizon=max(soon, 2.0 * rise),
+        pair_horizon=max(soon, rise),
+        reflected_inertia=np.array([joint.reflected_inertia for joint in joints]),
+        compliance=np.array(
+            [0.0 if j.spring_stiffness is None else 1.0 / j.spring_stiffness for j in joints]
+        ),
     )
     _check(limits)
     return limits
@@ -118,11 +131,13 @@ def _check(limits: FilterLimits) -> None:
         raise ValueError(f"filter limits must be positive, these are not: {', '.join(bad)}")
     if not (limits.delay >= 0.0 and limits.margin >= 0.0):
         raise ValueError(f"delay and margin must not be negative: {limits.delay} s, {limits.margin} m")
-    if not limits.horizon >= limits.period:
-        raise ValueError(f"horizon {limits.horizon} s must be at least the period {limits.period} s")
-    if not limits.approach_time >= 4.0 * limits.horizon:
+    if not min(limits.horizon, limits.pair_horizon) >= limits.period:
         raise ValueError(
-            f"approach_time {limits.approach_time} s must be at least four horizons of {limits.horizon} s, "
+            f"horizons {limits.horizon} s and {limits.pair_horizon} s must be at least the period {limits.period} s"
+        )
+    if not limits.approach_time >= 4.0 * limits.pair_horizon:
+        raise ValueError(
+            f"approach_time {limits.approach_time} s must be at least four horizons of {limits.pair_horizon} s, "
             "or a pair swings through its margin"
         )
 

@@ -1,18 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""First of the filter's three steps: the limits of one cycle become rows on the torque.
 
-Accelerations are torques seen through the inertia, vdot_i = Minv_i . (tau - bias), so a limit
-a_min <= vdot_i <= a_max is the row Minv_i . tau in [a_min, a_max] + Minv_i . bias. A row keeps a state from leaving
-its range by bounding the acceleration of the next ``horizon``: position rows by what braking can still stop, velocity
-rows by what reaches the speed limit in one horizon, distance rows by a damper whose allowed closing speed shrinks
-with the distance left. None demands more than the declared deceleration, so every interval is finite work for the
-arm, and all are non-empty from any state.
+A state is kept in its range by bounding the acceleration of the next ``horizon``: velocity rows by what reaches the
+speed limit in one horizon, position rows by what braking can still stop, motor rows by how far a motor swings against
+its link, distance rows by a damper whose allowed closing speed shrinks with the distance left. All look at the motion
+that is expected when the torque begins to act (``expected_motion``). None demands more than the declared deceleration,
+so every interval is finite work for the arm, and all are non-empty from any state.
+
+A joint keeps its own limits with its own torque. vdot_i = Minv_i . (tau - bias), and a_min <= vdot_i <= a_max could as
+well be kept by a shoulder that swings a wrist; but a torque reaches another joint only through two springs, and by then
+the shoulder is the joint that is too fast. So each joint mends what the last torques of all did to it:
+
+    tau_i in previous_i + ([a_min, a_max] - Minv_i . (previous - bias)) / g_i
+    g_i = max(Minv_ii, sum_j |Minv_ij| / 2)
+
+Joints that mend at once do not shake each other: the eigenvalues of diag(1/g) Minv lie between 0 and 2 (Gershgorin).
+
+Limits of one joint are bounds of one torque: each keeps within what those before it have left, in the order torque
+limit, rate, speed, swing, range. Speeds come before places, because the guarantee of the energy tank rests on them.
 
 The penalty of a soft row is commensurate with the metric: moving a row a . tau by one unit costs at least
 1 / (a W^-1 a^T), and a W^-1 a^T lies between g / (1 + eps) and g / eps with g = a M a^T (``metric.py``). So
 w = kappa / g makes a row resist between kappa / (1 + eps) and kappa / eps times harder than the desired torque pulls,
-whatever its units. g is Minv_ii for an acceleration row Minv_i, 1 / Minv_ii (a lower bound of M_ii) for a single
-torque, c Minv c^T for the acceleration along c.
+whatever its units. g is 1 / Minv_ii (a lower bound of M_ii) for a single torque, c Minv c^T for the acceleration of
+a distance along c.
 """
 
 from __future__ import annotations
@@ -29,7 +40,7 @@ from impedance_modules.safety.limits import FilterLimits
 
 @compiled
 def write_rows(problem: FilterProblem, limits: FilterLimits, state: FilterState) -> None:
-    """Writes power, rate, distance, position and velocity rows with bounds and penalties.
+    """Writes power, rate, motor, velocity, distance and position rows with bounds and penalties.
 
     Args:
         problem: ``matrix``, ``lower``, ``upper`` and ``penalty`` are overwritten.
@@ -38,7 +49,6 @@ def write_rows(problem: FilterProblem, limits: FilterLimits, state: FilterState)
     """
     write_power_row(problem, state.motor_velocity, state.available, limits.period + limits.delay)
     for i in range(state.q.size):
-        _write_rate_row(problem, limits, state, i)
         _write_joint_rows(problem, limits, state, i)
     for pair in range(state.distance.size):
         _write_distance_row(problem, limits, state, pair)
@@ -71,11 +81,54 @@ def write_power_row(problem: FilterProblem, motor_velocity: Vector, available: f
 
 
 @compiled
-def _write_rate_row(problem: FilterProblem, limits: FilterLimits, state: FilterState, i: int) -> None:
-    """Bounds one joint's torque by what its drive can reach in one period."""
-    row = 1 + i
-    problem.lower[row], problem.upper[row] = rate_interval(limits, i, state.previous[i])
-    problem.penalty[row] = problem.kappa[row] * state.inverse_inertia[i, i]
+def _write_joint_rows(problem: FilterProblem, limits: FilterLimits, state: FilterState, i: int) -> None:
+    """Bounds one joint's torque by its drive's rate, its speed limit, its motor's swing and its range."""
+    n, mobility, previous = state.q.size, state.inverse_inertia[i, i], state.previous[i]
+    rate, motor, velocity = 1 + i, 1 + n + i, 1 + 2 * n + i
+    position = 1 + 3 * n + state.distance.size + i
+    before, all_at_once = 0.0, 0.0
+    for j in range(problem.coupled[0, i], problem.coupled[1, i]):
+        before += state.inverse_inertia[i, j] * (state.previous[j] - state.bias[j])
+        all_at_once += abs(state.inverse_inertia[i, j])
+    gain = max(mobility, 0.5 * all_at_once)
+    for row in (rate, motor, velocity, position):
+        problem.penalty[row] = problem.kappa[row] * mobility
+    low, high = rate_interval(limits, i, previous)
+    problem.lower[rate], problem.upper[rate] = low, high
+    low, high = max(low, -limits.effort_max[i]), min(high, limits.effort_max[i])
+    least, most = velocity_interval(limits, i, state.v[i], state.link_velocity[i], state.push[i])
+    least, most = previous + (least - before) / gain, previous + (most - before) / gain
+    low, high = narrow(problem, velocity, low, high, least, most)
+    least, most = motor_interval(limits, i, state.link_velocity[i], state.swing[i], state.load[i])
+    low, high = narrow(problem, motor, low, high, least, most)
+    least, most = position_interval(limits, i, state.q[i], state.v[i])
+    least, most = previous + (least - before) / gain, previous + (most - before) / gain
+    narrow(problem, position, low, high, least, most)
+
+
+@compiled
+def narrow(
+    problem: FilterProblem, row: int, low: float, high: float, least: float, most: float
+) -> tuple[float, float]:
+    """Writes what one limit asks of a joint's torque within what the limits before it have left.
+
+    Where it contradicts them it gets as near to its own as they allow; where it asks for nothing new it is absent.
+
+    Args:
+        problem: One row's bounds are overwritten.
+        row: Which.
+        low: Least that the limits before it have left [N.m].
+        high: Most that they have left [N.m], at least ``low``.
+        least: Least that this limit asks for [N.m].
+        most: Most that it asks for [N.m], at least ``least``.
+
+    Returns:
+        What is left now [N.m].
+    """
+    least, most = min(max(least, low), high), min(max(most, low), high)
+    problem.lower[row] = least if least > low else -np.inf
+    problem.upper[row] = most if most < high else np.inf
+    return least, most
 
 
 @compiled
@@ -98,21 +151,46 @@ def rate_interval(limits: FilterLimits, i: int, previous: float) -> tuple[float,
 
 
 @compiled
-def _write_joint_rows(problem: FilterProblem, limits: FilterLimits, state: FilterState, i: int) -> None:
-    """Bounds one joint's acceleration, Minv_i . (tau - bias), by its range and by its speed limit."""
-    position = 1 + state.q.size + state.distance.size + i
-    velocity = position + state.q.size
-    mobility, free = state.inverse_inertia[i, i], 0.0
-    problem.penalty[position] = problem.kappa[position] / mobility
-    problem.penalty[velocity] = problem.kappa[velocity] / mobility
-    for j in range(problem.coupled[0, i], problem.coupled[1, i]):
-        free += state.inverse_inertia[i, j] * state.bias[j]
-        problem.matrix[position, j] = state.inverse_inertia[i, j]
-        problem.matrix[velocity, j] = state.inverse_inertia[i, j]
-    low, high = position_interval(limits, i, state.q[i], state.v[i])
-    problem.lower[position], problem.upper[position] = low + free, high + free
-    low, high = velocity_interval(limits, i, state.v[i])
-    problem.lower[velocity], problem.upper[velocity] = low + free, high + free
+def motor_interval(limits: FilterLimits, i: int, v: float, swing: float, load: float) -> tuple[float, float]:
+    r"""Torques under which the motor of an elastic joint does not swing beyond the speed limit.
+
+    Against a link that goes on at its speed v, a motor under a constant torque tau moves on the circle
+
+        r^2 + ((tau - s) / (I omega))^2,     theta' = v + r,     omega^2 = 1 / (I c)
+
+    so that theta' stays below v_max as long as tau <= s + I omega sqrt(R^2 - r^2), R = v_max - v; likewise below.
+    A swing beyond R is asked back with the rate omega.
+
+    Args:
+        limits: velocity_max, reflected_inertia I, compliance c.
+        i: Joint.
+        v: Of the link [rad/s].
+        swing: r [rad/s].
+        load: s, the torque of the spring without the weight [N.m].
+
+    Returns:
+        (lower, upper) [N.m], lower <= upper; infinite where no motor swings against a link.
+    """
+    own, top = limits.reflected_inertia[i], limits.velocity_max[i]
+    if not (own > 0.0 and limits.compliance[i] > 0.0):
+        return -np.inf, np.inf
+    push = math.sqrt(own / limits.compliance[i])
+    above, below = max(0.0, top - v), max(0.0, top + v)
+    lower = load - push * max(swing_left(below, -swing), -above)
+    upper = load + push * max(swing_left(above, swing), -below)
+    # A swing beyond one side is asked back, whatever is left on the other.
+    return (min(lower, upper), upper) if swing > 0.0 else (lower, max(lower, upper))
+
+
+@compiled
+def swing_left(most: float, swing: float) -> float:
+    """How much of a circle of radius ``most`` is left at a swing, sqrt(most^2 - swing^2) [rad/s].
+
+    Beyond the circle on its own side it is asked back: negative. Beyond it on the other side nothing is left.
+    """
+    if abs(swing) < most:
+        return math.sqrt(most * most - swing * swing)
+    return min(0.0, most - swing)
 
 
 @compiled
@@ -178,32 +256,40 @@ def braking_acceleration(
 
 
 @compiled
-def velocity_interval(limits: FilterLimits, i: int, v: float) -> tuple[float, float]:
-    """Accelerations that keep a joint's speed within its limit, or bring it back.
+def velocity_interval(
+    limits: FilterLimits, i: int, v: float, link: float, push: float
+) -> tuple[float, float]:
+    """Accelerations by the robot's own torque that keep a joint's speed within its limit, or bring it back.
 
-    a <= max(-b, (v_max - v) / h),   a >= min(b, (-v_max - v) / h).
+        a + p <= max(-b, (v_max - v) / h),   a + p >= min(b, (-v_max - v) / h)
+
+    v is the faster of the joint and its link alone, p what pushes the arm from outside, b at most. What holds a joint
+    back may let go at once: it is counted on up to as much again as is allowed without it.
 
     Args:
         limits: velocity_max; deceleration, b, the most that is demanded of a joint too fast; horizon, h.
         i: Joint.
-        v: [rad/s].
+        v: Of motor and link together [rad/s].
+        link: Of the link alone [rad/s].
+        push: p [rad/s^2].
 
     Returns:
         (a_min, a_max) [rad/s^2], a_min <= a_max.
     """
-    low = min((-limits.velocity_max[i] - v) / limits.horizon, limits.deceleration[i])
-    high = max((limits.velocity_max[i] - v) / limits.horizon, -limits.deceleration[i])
-    return low, high
+    top, brake = limits.velocity_max[i], limits.deceleration[i]
+    low = min((-top - min(v, link)) / limits.horizon, brake)
+    high = max((top - max(v, link)) / limits.horizon, -brake)
+    low -= max(min(push, brake, max(0.0, -low)), -brake)
+    high -= min(max(push, -brake, min(0.0, -high)), brake)
+    middle = 0.5 * (low + high)
+    return min(low, middle), max(high, middle)
 
 
 @compiled
 def _write_distance_row(problem: FilterProblem, limits: FilterLimits, state: FilterState, pair: int) -> None:
-    """Bounds the acceleration of one pair's distance; the row of a far pair, without a gradient, is absent.
-
-    How the distance would accelerate by itself, without vdot, is left out: 5 m/s^2 at most, at full speed.
-    """
+    """Bounds the acceleration of one pair's distance; the row of a far pair, without a gradient, is absent."""
     n, far = state.v.size, True
-    row = 1 + n + pair
+    row = 1 + 3 * n + pair
     for j in range(n):
         far = far and state.gradient[pair, j] == 0.0
         problem.matrix[row, j] = 0.0
@@ -218,29 +304,32 @@ def _write_distance_row(problem: FilterProblem, limits: FilterLimits, state: Fil
         mobility += problem.matrix[row, j] * state.gradient[pair, j]
         free += problem.matrix[row, j] * state.bias[j]
         rate += state.gradient[pair, j] * state.v[j]
-    problem.lower[row] = separation_acceleration(limits, state.distance[pair], rate) + free
+    problem.lower[row] = separation_acceleration(limits, state.distance[pair], rate, state.drift[pair]) + free
     problem.penalty[row] = problem.kappa[row] / mobility
 
 
 @compiled
-def separation_acceleration(limits: FilterLimits, distance: float, rate: float) -> float:
-    """Smallest acceleration of a distance that a damper towards the margin asks for.
+def separation_acceleration(limits: FilterLimits, distance: float, rate: float, drift: float) -> float:
+    """Smallest acceleration that joints must give a distance so that a damper towards the margin is obeyed.
 
     The distance may shrink no faster than (d - margin) / T, T the approach time; closer than the margin it must grow
     at that rate, at most separation_speed. The allowed rate is reached in one horizon h:
 
-        a >= min(limit, (max(-(d - margin) / T, .) - d_rate) / h),   . = bounded by separation_speed
+        a + drift >= (min(-(d - margin) / T, separation_speed) - d_rate) / h,   a at most ``limit``
+
+    drift is what the distance does at constant joint velocities.
 
     The room r = d - margin then follows r'' + r' / h + r / (h T) = 0 at worst, which does not swing if
     T >= 4 h: a pair that starts outside the margin, not faster than the damper, never enters it.
 
     Args:
-        limits: margin, approach_time, separation_speed, separation_acceleration (the limit) and horizon.
+        limits: margin, approach_time, separation_speed, separation_acceleration (the limit) and pair_horizon.
         distance: d [m].
         rate: Its time derivative [m/s].
+        drift: Its second derivative at constant joint velocities [m/s^2].
 
     Returns:
-        Lower bound of the distance's acceleration [m/s^2].
+        Lower bound of what the joints' accelerations add to the distance's [m/s^2].
     """
     allowed = min((limits.margin - distance) / limits.approach_time, limits.separation_speed)
-    return min((allowed - rate) / limits.horizon, limits.separation_acceleration)
+    return min((allowed - rate) / limits.pair_horizon - drift, limits.separation_acceleration)

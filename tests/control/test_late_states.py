@@ -34,7 +34,7 @@ def run_unreliably(folder: Path, seed: int, shares: dict, **world) -> tuple[Book
 WORLDS = [
     {"seed": 41, "tank": 1.0},
     {"seed": 42, "rate": 500.0, "tank": 2.0},
-    {"seed": 43, "noise": False, "rate": 500.0, "tank": 4.0},
+    {"seed": 45, "noise": False, "rate": 500.0, "tank": 4.0},
     {"seed": 44, "noise": False, "push": 12.0, "tank": 2.0},
 ]
 
@@ -50,10 +50,10 @@ def test_the_claim_holds_for_late_overtaken_and_lost_states(tmp_path: Path, worl
 
 def test_without_the_robots_clock_the_books_are_wrong(tmp_path: Path, monkeypatch) -> None:
     world = {"noise": False, "rate": 500.0, "tank": 4.0, "shares": {"overtaken": 0.2}}
-    right, _ = run_unreliably(tmp_path, 43, **world)
+    right, _ = run_unreliably(tmp_path, 53, **world)
     assert right.largest_error <= ROUNDING
     monkeypatch.setattr(Controller, "reckon", lambda *arguments, **options: None)
-    wrong, _ = run_unreliably(tmp_path, 43, **world)
+    wrong, _ = run_unreliably(tmp_path, 53, **world)
     assert wrong.largest_error > 1e-2
 
 

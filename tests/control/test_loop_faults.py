@@ -16,7 +16,7 @@ STOPS = {
     "no state any more": ("stale state", 0.03),
     "the same state for ever": ("stale state", 0.03),
     "a velocity is NaN": ("state not finite", 0.0),
-    "an encoder jumps by 0.1 rad": ("right: overspeed (motor of right_e1", 0.0),
+    "an encoder jumps by 0.1 rad": ("right: overspeed (motor or link of right_e1", 0.0),
     "the robot's clock steps back by 1 s": ("stale state", 0.03),
     "the filter has no solution": ("solver failed", 0.0),
     "every cycle takes two periods": ("late cycles", 0.06),
@@ -31,13 +31,12 @@ GOES_ON = {
     "every other state lost": 0.7,
     "every other state repeated": 0.7,
     "states swapped in pairs": 0.7,
-    "an encoder stands still": 1.0,
     "an effort sensor reads 0": 1.5,
 }
 """Fault -> largest true motor speed over the declared one; what no sensor shows cannot stop the run."""
 
-STARVES = "every fifth state a period late"
-"""At 100 Hz this costs more than the tank has."""
+LOOSENS = ("every fifth state a period late", "an encoder stands still")
+"""At 100 Hz these shake the arms, until a joint that is too fast stops the run."""
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +45,7 @@ def assembly(tmp_path_factory: pytest.TempPathFactory) -> Assembly:
 
 
 def test_every_fault_is_judged_here() -> None:
-    assert set(faults()) == {*STOPS, *GOES_ON, STARVES}
+    assert set(faults()) == {*STOPS, *GOES_ON, *LOOSENS}
 
 
 @pytest.mark.parametrize("name", STOPS)
@@ -69,7 +68,9 @@ def test_a_run_goes_on_within_its_limits(assembly: Assembly, name: str) -> None:
     assert verdict.speed <= GOES_ON[name]
 
 
-def test_states_that_keep_coming_late_starve_the_tank_and_stop(assembly: Assembly) -> None:
-    verdict = run_with(assembly, STARVES)
-    assert "tank starved" in verdict.reason
-    assert verdict.speed <= 1.02
+@pytest.mark.parametrize("name", LOOSENS)
+def test_a_loop_that_a_fault_loosens_stops_before_a_joint_is_too_fast(assembly: Assembly, name: str) -> None:
+    verdict = run_with(assembly, name)
+    assert "overspeed" in verdict.reason
+    assert verdict.effort <= 1.0
+    assert verdict.speed <= 1.05

@@ -115,7 +115,7 @@ WORLDS = [
     {"seed": 3, "noise": False, "tank": 0.2},
     {"seed": 4, "push": 15.0, "tank": 0.8},
     {"seed": 5, "noise": False, "rate": 500.0, "push": 12.0, "tank": 1.0},
-    {"seed": 6, "force": -20.0, "tank": 2.0},
+    {"seed": 8, "force": -20.0, "tank": 2.0},
 ]
 
 

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whatever the robot, the solver or the user does: nothing unsafe leaves, and the end says why.
 
-A scripted robot goes through supervisor and loop. It obeys a crude law of its own, so that torques matter, and fails
-when told to. After every run the same is checked: every torque finite and within the limits, none after the ending,
-``finish`` called once, a reason in the messages.
+A simulated robot goes through supervisor and loop, and what it reports is changed as a script says. After every run the
+same is checked: every torque finite and within the limits, none after the ending, ``finish`` called once, a reason in
+the messages.
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import count as count_from
 from pathlib import Path
 from typing import NamedTuple
@@ -17,10 +17,12 @@ import numpy as np
 import pytest
 
 from impedance_modules.backends.protocol import FirstState
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.errors import EndOfRecording, SafetyStop
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.solvers import FilterSolution, failed
 from tests.support.forecast_tasks import SOFT_HANDS
@@ -55,37 +57,32 @@ def sound(state: RobotState, k: int) -> RobotState:
     return state
 
 
-@dataclass
 class ScriptedRobot:
-    """Rigid joints that creep where they are pushed; ``script`` changes what it reports, cycle by cycle."""
+    """A simulated robot; ``script`` changes what it reports, cycle by cycle."""
 
-    assembly: Assembly
-    script: Script = sound
-    sent: list[tuple[int, np.ndarray]] = field(default_factory=list)
-    finished: list[str] = field(default_factory=list)
-    reads: int = 0
+    def __init__(self, assembly: Assembly, script: Script = sound) -> None:
+        options = PlantOptions(rate=assembly.rate, seed=0)
+        self.plant = Plant(assembly.model, (), None, options)
+        self.inner = SimBackend(self.plant, assembly.modules.posture, assembly.period)
+        self.assembly, self.script = assembly, script
+        self.sent: list[tuple[int, np.ndarray]] = []
+        self.finished: list[str] = []
+        self.command = np.zeros(assembly.model.n)
+        self.reads = 0
 
     def start(self) -> FirstState:
-        n = self.assembly.model.n
-        self.q, self.v, self.command = self.assembly.modules.posture.copy(), np.zeros(n), np.zeros(n)
-        return FirstState(self._state(), np.zeros(n))
-
-    def _state(self) -> RobotState:
-        # The joints' springs are deflected by the torque that holds them: motors stand still when links do.
-        period = self.assembly.period
-        return RobotState(self.reads * period, self.q.copy(), self.v.copy(), np.zeros_like(self.q))
+        return self.inner.start()
 
     def read(self) -> RobotState | None:
         assert not self.finished, "read after finish"
         self.reads += 1
-        self.v = np.clip(0.002 * self.command, -0.3, 0.3)
-        self.q = self.q + self.assembly.period * self.v
-        return self.script(self._state(), self.reads)
+        return self.script(self.inner.read(), self.reads)
 
     def write(self, effort: np.ndarray) -> None:
         assert not self.finished, "torque after finish"
         self.sent.append((self.reads, effort.copy()))
         self.command = effort.copy()
+        self.inner.write(effort)
 
     def finish(self, how: str) -> None:
         self.finished.append(how)
@@ -230,7 +227,7 @@ def test_joint_beyond_its_range_stops(assembly: Assembly) -> None:
     creep = 0.5 * assembly.limits.velocity_max[1] * assembly.period
 
     def script(state: RobotState, k: int) -> RobotState:
-        return with_entry("position", 1, min(state.position[1] + creep * k, high))(state, k)
+        return with_entry("position", 1, min(assembly.modules.posture[1] + creep * k, high))(state, k)
 
     outcome = run(lasting(assembly, 60.0), script)
     assert outcome.supervisor.ending is Ending.STOPPED
@@ -312,11 +309,14 @@ def test_condition_not_met_stops_with_the_phase_in_the_reason(tmp_path: Path) ->
 def test_tank_that_something_drains_stops(assembly: Assembly) -> None:
     poor = lasting(replace(assembly, tank=replace(assembly.tank, initial=0.25)), 20.0)
     robot, step = ScriptedRobot(poor), 0.5 * poor.limits.velocity_max * poor.period
+    place, efforts = poor.modules.posture.copy(), list[np.ndarray]()
 
     def follow(state: RobotState, k: int) -> RobotState:
         # The arm runs where the torque pushes it, at a good part of the declared speed.
-        robot.q = robot.q + step * np.sign(robot.command)
-        return replace(state, position=robot.q.copy())
+        place[:] += step * np.sign(robot.command)
+        velocity = step / poor.period * np.sign(robot.command)
+        efforts.append(state.effort)
+        return replace(state, position=place.copy(), velocity=velocity, effort=efforts[0])
 
     robot.script = follow
     outcome = run(poor, robot=robot)

@@ -6,6 +6,7 @@ CONTACT = "impedance_modules/prediction/contact_geometry.py"
 FEASIBILITY = "impedance_modules/prediction/feasibility.py"
 LOOPS = "impedance_modules/prediction/loop_stability.py"
 MECHANISM = "impedance_modules/prediction/mechanism.py"
+PHASE_LOOPS = "impedance_modules/prediction/phase_loops.py"
 PHASE_END = "impedance_modules/prediction/phase_end.py"
 STATICS = "impedance_modules/prediction/statics.py"
 
@@ -14,6 +15,7 @@ TESTS = {
     CONTACT: (CHECK,),
     FEASIBILITY: (CHECK,),
     LOOPS: (CHECK,),
+    PHASE_LOOPS: ("tests/prediction/test_phase_loops.py",),
     MECHANISM: (CHECK, ANALYSIS),
     PHASE_END: (CHECK,),
     STATICS: (CHECK, ANALYSIS),
@@ -24,9 +26,10 @@ MUTANTS = (
     (CONTACT, "surface.rotation @ (signs * outside / distance)", "signs * outside / distance"),
     (FEASIBILITY, "if demand[worst] > limit[worst]:", "if demand[worst] > 10.0 * limit[worst]:"),
     (FEASIBILITY, "highest = 0.5 * assembly.rate", "highest = assembly.rate"),
-    (LOOPS, "fixed.damping + scaled.damping", "fixed.damping"),
+    (LOOPS, "self.fixed.damping + self.scaled.damping", "self.fixed.damping"),
     (MECHANISM, "-held.spec.mass * STANDARD_GRAVITY", "held.spec.mass * STANDARD_GRAVITY"),
     (MECHANISM, "rows.append(carry(origin - pose.translation)", "rows.append(carry(pose.translation - origin)"),
+    (PHASE_LOOPS, "found.growth > before.growth", "found.growth < before.growth"),
     (PHASE_END, "if there == until.present else 0.0", "if there != until.present else 0.0"),
     (STATICS, "np.concatenate([force, np.cross(contact.arm, force)])", "np.concatenate([force, np.cross(force, contact.arm)])"),
     (STATICS, "closed and float(np.max(np.abs(self._left))) < BALANCED", "closed"),

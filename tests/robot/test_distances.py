@@ -138,3 +138,46 @@ def test_pinocchio_keeps_the_joint_jacobian_where_it_is() -> None:
         model = kinematics.model.pin_model
         assert np.array_equal(view, pin.computeJointJacobians(model, model.createData(), q))
     assert np.shares_memory(view, distances._world_jacobian)
+
+
+def test_drift_is_how_the_distance_accelerates_at_constant_speed() -> None:
+    """Second differences of the distance along straight ways in joint angles, where nothing jumps."""
+    random = np.random.default_rng(3)
+    kinematics, distances = measuring()
+    n, checked, largest = kinematics.model.n, 0, 0.0
+    for _ in range(12):
+        q, v = random_position(random, kinematics.model), random.uniform(-1.0, 1.0, n)
+        measured, drift = [], []
+        distances.state.cycle += 1000
+        for k in range(80):
+            kinematics.update(q + v * k * PERIOD, v)
+            distances.update(q + v * k * PERIOD, v)
+            measured.append(distances.distance.copy())
+            drift.append(distances.drift.copy())
+        d = np.array(measured)
+        # The estimate lags by its time constant, ten cycles; second differences over ten of them, around then.
+        bends = [(d[k + 10] - 2.0 * d[k] + d[k - 10]) / (10 * PERIOD) ** 2 for k in (40, 50, 60)]
+        smooth = (np.ptp(bends, axis=0) < 0.3) & (d.min(axis=0) > 1e-3)
+        np.testing.assert_allclose(drift[60][smooth], bends[1][smooth], atol=0.1)
+        found = drift[60]
+        checked, largest = checked + int(smooth.sum()), max(largest, np.abs(found[smooth]).max(initial=0.0))
+    assert checked > 60
+    assert largest > 1.0
+
+
+def test_drift_of_a_pair_that_changed_its_closest_shapes_begins_anew() -> None:
+    """What the gradient of other shapes was says nothing about how this one turns."""
+    kinematics, distances = measuring()
+    v = np.full(kinematics.model.n, 0.5)
+    for k in range(5):
+        kinematics.update(v * k * PERIOD, v)
+        distances.update(v * k * PERIOD, v)
+    assert np.abs(distances.drift).max() > 0.0
+    distances.state.shapes[:] += 1
+    kinematics.update(v * 5 * PERIOD, v)
+    distances.update(v * 5 * PERIOD, v)
+    assert not distances.drift.any()
+    distances.state.cycle += 1000
+    kinematics.update(v * 6 * PERIOD, v)
+    distances.update(v * 6 * PERIOD, v)
+    assert not distances.drift.any()

@@ -16,7 +16,7 @@ from tests.reference.exact_filter import FLAT, OPTIMUM, TOUCHING
 from tests.support import filter_problems as fp
 from tests.support.both_ways import machine_code  # noqa: F401
 from tests.support.degenerate_problems import FAMILIES, SPOILERS, Spoiler, contradicting_power, small, spoiled
-from tests.support.filter_answers import FIELDS, calm, check, in_other_units, scale_of
+from tests.support.filter_answers import FIELDS, check, in_other_units, scale_of, spoilt
 
 pytestmark = pytest.mark.usefixtures("machine_code")
 
@@ -118,15 +118,8 @@ def test_soft_rows_that_contradict_each_other_share_as_their_penalties_say_howev
 
 @pytest.mark.parametrize("field", FIELDS)
 def test_nothing_is_claimed_of_what_is_no_number(field: str, solvers: dict[str, Solver]) -> None:
-    """Wherever it stands, used by the problem or not, and even where nothing else has to be solved."""
-    random = np.random.default_rng(8)
-    for problem in (small(random, 3), fp.problem(random, 0.8, 0.2), calm()):
-        size = getattr(problem, field).size
-        for place in random.choice(size, min(size, 12), replace=False):
-            spoilt = getattr(problem, field).copy()
-            spoilt.flat[place] = np.nan
-            bad = fp.changed(problem, **{field: spoilt})
-            assert all(solved(solver, bad) is None for solver in solvers.values())
+    for problem in spoilt(field):
+        assert all(solved(solver, problem) is None for solver in solvers.values())
 
 
 def test_a_demand_of_a_hundred_million_is_met_by_the_limits(solvers: dict[str, Solver]) -> None:

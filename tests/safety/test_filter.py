@@ -10,6 +10,7 @@ import pytest
 from impedance_modules.errors import BadInput
 from impedance_modules.safety.filter_problem import (
     POWER_ROW,
+    RANK,
     RANK_FACTOR,
     FilterLayout,
     FilterProblem,
@@ -20,6 +21,7 @@ from impedance_modules.safety.filter_problem import (
 from impedance_modules.safety.metric import write_metric
 from impedance_modules.safety.solvers import make_solver
 from tests.support import filter_problems as fp
+from tests.support.arm_samples import baxter, random_position
 from tests.support.both_ways import machine_code  # noqa: F401
 
 pytestmark = pytest.mark.usefixtures("machine_code")
@@ -51,6 +53,16 @@ def test_torque_inside_all_bounds_passes_to_the_last_bit(name: str) -> None:
         assert np.array_equal(solution.effort, problem.desired)
         assert not solution.active.any()
         assert not solution.row_duals.any()
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_what_a_library_answers_is_proven_as_it_stands(name: str) -> None:
+    """The exact search mends wrong guesses, so a broken call of a library would only be slow."""
+    rng, solver = np.random.default_rng(0), make_solver(name)
+    for _ in range(40):
+        solution = solver.solve(fp.problem(rng, 0.8, 0.2))
+        assert solution.solved and solution.status.endswith(", proven")
+        assert solver._exact.steps <= 2
 
 
 @pytest.mark.parametrize("name", SOLVERS)
@@ -91,11 +103,12 @@ def test_conflicting_rows_of_one_direction_give_way_by_rank() -> None:
     layout = FilterLayout(("j",), ("pair",))
     where = {
         RowKind.RATE: layout.rate.start,
+        RowKind.MOTOR: layout.motor.start,
+        RowKind.VELOCITY: layout.velocity.start,
         RowKind.DISTANCE: layout.distance.start,
         RowKind.POSITION: layout.position.start,
-        RowKind.VELOCITY: layout.velocity.start,
     }
-    for high, low in ((a, b) for a in SOFT for b in SOFT if a.value < b.value):
+    for high, low in ((a, b) for a in SOFT for b in SOFT if RANK[a] > RANK[b]):
         p = make_problem(layout, np.full(layout.n, np.inf))
         p.matrix[1:] = 1.0
         for kind, row in where.items():
@@ -103,7 +116,7 @@ def test_conflicting_rows_of_one_direction_give_way_by_rank() -> None:
         p.lower[where[high]], p.upper[where[low]] = 10.0, -10.0
         s = make_solver("daqp").solve(p)
         broken_high, broken_low = 10.0 - s.effort[0], s.effort[0] + 10.0
-        factor = RANK_FACTOR ** (low.value - high.value)
+        factor = RANK_FACTOR ** (RANK[high] - RANK[low])
         # The desired torque pulls with 1 / (1 + kappa) beside them.
         assert broken_low / broken_high == pytest.approx(factor, rel=0.05)
 
@@ -210,24 +223,27 @@ def test_solver_libraries_load_only_when_asked_for() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_filtered_arm_stays_within_position_and_speed_limits(seed: int) -> None:
-    """Two coupled seven-joint limbs with a steady load on every joint, pushed wildly for a second."""
+    """Baxter's arms, rigid, with a steady load on every joint and drives as fast as its own, pushed for two seconds.
+
+    Each joint keeps its limits for itself; what the others do meanwhile it knows one cycle late.
+    """
     rng = np.random.default_rng(seed)
-    solver, problem = make_solver("daqp"), fp.blank()
-    period = 2e-3
+    solver, problem, period = make_solver("daqp"), fp.blank(), 2e-3
+    inertia = baxter().mass_matrix(random_position(rng, baxter()))
     state = fp.changed(
-        fp.state(rng), available=1e6, bias=rng.normal(size=fp.N) * 5.0, distance=np.full(10, 10.0)
+        fp.state(rng, moving=False), available=1e6, bias=rng.normal(size=fp.N), distance=np.full(10, 10.0)
     )
     limits = fp.changed(
-        fp.limits(rng, period), effort_rate_max=np.full(fp.N, 1e6), effort_max=np.full(fp.N, 1e3),
-        deceleration=np.full(fp.N, 20.0),
+        fp.limits(rng, period), effort_rate_max=40.0 * fp.EFFORT, deceleration=0.5 * fp.EFFORT / np.diag(inertia),
+        horizon=0.05, compliance=np.zeros(fp.N),
     )  # fmt: skip
-    state.q[:], state.v[:], state.previous[:] = rng.uniform(-1, 1, fp.N), 0.0, 0.0
-    push = rng.normal(size=fp.N) * 60.0
+    state.inverse_inertia[:] = np.linalg.inv(inertia)
+    state.q[:], state.previous[:] = rng.uniform(-1, 1, fp.N), 0.0
     touched = 0
-    for cycle in range(500):
+    for cycle in range(1000):
         if cycle % 100 == 0:
-            push = rng.normal(size=fp.N) * 60.0
-        state.motor_velocity[:] = state.v
+            push = rng.normal(size=fp.N) * fp.EFFORT
+        state.motor_velocity[:], state.link_velocity[:] = state.v, state.v
         solution = solver.solve(fp.build(problem, limits, state, push))
         assert solution.solved
         touched += bool(solution.active.any())
@@ -235,6 +251,6 @@ def test_filtered_arm_stays_within_position_and_speed_limits(seed: int) -> None:
         a = state.inverse_inertia @ (solution.effort - state.bias)
         state.q[:] += state.v * period + 0.5 * a * period**2
         state.v[:] += a * period
-        assert (np.abs(state.q) <= 2.0 + 2e-3).all()
-        assert (np.abs(state.v) <= 2.0 * 1.1).all()
-    assert touched > 50
+        assert (np.abs(state.q) <= 2.0 + 5e-3).all()
+        assert (np.abs(state.v) <= 2.0 * 1.08).all()
+    assert touched > 100

@@ -89,5 +89,5 @@ def test_attribution_refuses_what_it_cannot_split() -> None:
     failed = make_solver("daqp").solve(fp.changed(p, metric=-p.metric))
     with pytest.raises(ValueError, match="did not solve"):
         attribute(p, fp.LAYOUT, failed, ("a",), p.desired[None])
-    free = replace(s, row_duals=np.zeros(53), box_duals=np.zeros(14))
+    free = replace(s, row_duals=np.zeros(fp.LAYOUT.m), box_duals=np.zeros(14))
     assert attribute(p, fp.LAYOUT, free, ("a",), p.desired[None]) == []

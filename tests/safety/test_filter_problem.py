@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """From one cycle's numbers to the quadratic program: every row says what it should of the motion a torque causes."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ from impedance_modules.safety.filter_problem import (
     relative_penalty,
 )
 from impedance_modules.safety.limits import FilterLimits
-from impedance_modules.safety.rows import position_interval
+from impedance_modules.safety.rows import motor_interval, position_interval, velocity_interval
 from impedance_modules.safety.solvers import make_solver
 from tests.support import filter_problems as fp
 from tests.support.arm_samples import baxter
@@ -28,11 +30,15 @@ SOFT = [kind for kind in RowKind if not kind.hard]
 
 def test_layout_names_every_row_once() -> None:
     layout = fp.LAYOUT
-    assert len(layout.labels) == len(set(layout.labels)) == len(layout.kinds) == layout.m == 53
+    assert len(layout.labels) == len(set(layout.labels)) == len(layout.kinds) == layout.m == 67
     assert layout.labels[0] == "power"
     assert layout.labels[layout.position.start] == "position j0"
     assert layout.labels[layout.distance][3] == "distance pair3"
-    for kind, where in ((RowKind.RATE, layout.rate), (RowKind.VELOCITY, layout.velocity)):
+    for kind, where in (
+        (RowKind.RATE, layout.rate),
+        (RowKind.MOTOR, layout.motor),
+        (RowKind.VELOCITY, layout.velocity),
+    ):
         assert set(layout.kinds[where]) == {kind}
 
 
@@ -61,19 +67,29 @@ def slack(problem: FilterProblem, where: slice, tau: np.ndarray) -> tuple[np.nda
     return value - problem.lower[where], problem.upper[where] - value
 
 
-def check_joint_rows(
-    problem: FilterProblem, limits: FilterLimits, state: FilterState, tau: np.ndarray
-) -> None:
-    """What a torque leaves of a row is what the acceleration it causes leaves of the limit."""
-    vdot = state.inverse_inertia @ (tau - state.bias)
-    h, b = limits.horizon, limits.deceleration
-    below, above = slack(problem, WHERE.velocity, tau)
-    assert above == pytest.approx(np.maximum((limits.velocity_max - state.v) / h, -b) - vdot)
-    assert below == pytest.approx(vdot - np.minimum((-limits.velocity_max - state.v) / h, b))
-    ends = np.array([position_interval(limits, i, state.q[i], state.v[i]) for i in range(fp.N)])
-    below, above = slack(problem, WHERE.position, tau)
-    assert below == pytest.approx(vdot - ends[:, 0])
-    assert above == pytest.approx(ends[:, 1] - vdot)
+def check_joint_rows(problem: FilterProblem, limits: FilterLimits, state: FilterState) -> None:
+    """A joint's torque at a row's bound changes the acceleration that the last torques caused to that at the limit."""
+    gain = np.maximum(np.diag(state.inverse_inertia), 0.5 * np.abs(state.inverse_inertia).sum(axis=1))
+    before = state.inverse_inertia @ (state.previous - state.bias)
+    left = [np.maximum(problem.lower[WHERE.rate], -limits.effort_max)]
+    left.append(np.minimum(problem.upper[WHERE.rate], limits.effort_max))
+    rows = (WHERE.velocity, WHERE.motor, WHERE.position)
+    intervals: list[list[Any]] = [[], [], []]
+    for i in range(fp.N):
+        v, link = float(state.v[i]), float(state.link_velocity[i])
+        fast = np.array(velocity_interval(limits, i, v, link, float(state.push[i])))
+        far = np.array(position_interval(limits, i, float(state.q[i]), v))
+        intervals[0].append(state.previous[i] + (fast - before[i]) / gain[i])
+        intervals[1].append(motor_interval(limits, i, link, float(state.swing[i]), float(state.load[i])))
+        intervals[2].append(state.previous[i] + (far - before[i]) / gain[i])
+    for where, found in zip(rows, intervals, strict=True):
+        asked = [np.clip(side, *left) for side in np.array(found).T]
+        for bound, side, before in zip((problem.lower, problem.upper), asked, left, strict=True):
+            tells = side != before
+            assert bound[where][tells] == pytest.approx(side[tells])
+            assert not np.isfinite(bound[where][~tells]).any()
+        left = asked
+    assert (left[0] <= left[1]).all()
 
 
 @pytest.mark.parametrize("spread", [0.5, 1.0, 1.5])
@@ -83,11 +99,13 @@ def test_rows_bound_the_motion_that_the_torque_causes(spread: float) -> None:
         state, limits = fp.state(rng, spread), fp.limits(rng)
         problem = fp.build(fp.blank(), limits, state, np.zeros(fp.N))
         tau = rng.normal(size=fp.N) * 10
-        check_joint_rows(problem, limits, state, tau)
+        check_joint_rows(problem, limits, state)
         vdot = state.inverse_inertia @ (tau - state.bias)
         rate = state.gradient @ state.v
         allowed = np.minimum((limits.margin - state.distance) / limits.approach_time, limits.separation_speed)
-        needed = np.minimum((allowed - rate) / limits.horizon, limits.separation_acceleration)
+        needed = np.minimum(
+            (allowed - rate) / limits.pair_horizon - state.drift, limits.separation_acceleration
+        )
         below, above = slack(problem, WHERE.distance, tau)
         assert below == pytest.approx(state.gradient @ vdot - needed)
         assert np.all(above == np.inf)
@@ -114,9 +132,11 @@ def test_a_torque_beyond_its_limit_is_brought_back_within_reach_of_the_limit() -
 
 def test_penalties_are_ranked_and_follow_the_mobility_of_the_row() -> None:
     kappa = {kind: relative_penalty(kind) for kind in SOFT}
-    values = list(kappa.values())
-    assert values[-1] == LOWEST_PENALTY
-    assert np.allclose(np.array(values[:-1]) / values[1:], RANK_FACTOR)
+    values = sorted(set(kappa.values()))
+    assert values[0] == kappa[RowKind.POSITION] == LOWEST_PENALTY
+    assert np.allclose(np.array(values[1:]) / values[:-1], RANK_FACTOR)
+    assert values[1] == kappa[RowKind.DISTANCE]
+    assert {values[2]} == {kappa[k] for k in (RowKind.RATE, RowKind.MOTOR, RowKind.VELOCITY)}
     with pytest.raises(ValueError, match="hard"):
         relative_penalty(RowKind.POWER)
     rng = np.random.default_rng(5)
@@ -126,8 +146,9 @@ def test_penalties_are_ranked_and_follow_the_mobility_of_the_row() -> None:
     along = np.einsum("pi,ij,pj->p", state.gradient, state.inverse_inertia, state.gradient)
     assert problem.penalty[WHERE.rate] == pytest.approx(kappa[RowKind.RATE] * mobility)
     assert problem.penalty[WHERE.distance] == pytest.approx(kappa[RowKind.DISTANCE] / along)
-    assert problem.penalty[WHERE.position] == pytest.approx(kappa[RowKind.POSITION] / mobility)
-    assert problem.penalty[WHERE.velocity] == pytest.approx(kappa[RowKind.VELOCITY] / mobility)
+    assert problem.penalty[WHERE.position] == pytest.approx(kappa[RowKind.POSITION] * mobility)
+    assert problem.penalty[WHERE.velocity] == pytest.approx(kappa[RowKind.VELOCITY] * mobility)
+    assert problem.penalty[WHERE.motor] == pytest.approx(kappa[RowKind.MOTOR] * mobility)
     assert problem.penalty[0] == np.inf
 
 

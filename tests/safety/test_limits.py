@@ -43,8 +43,13 @@ def test_limits_are_those_of_the_robot_file(name: str, rate: float) -> None:
     assert (found.margin, found.separation_speed, found.separation_acceleration) == (0.03, 0.1, 5.0)
     delay = yaml.safe_load((robot / "robot.yaml").read_text())["timing"]["command_delay"]
     assert (found.period, found.delay) == (1.0 / rate, delay)
-    assert found.horizon == pytest.approx(5.0 / rate + delay)
-    assert found.approach_time == pytest.approx(max(0.2, 4.0 * found.horizon))
+    rise = np.max(np.array(numbers(robot, "effort")) / np.array(numbers(robot, "effort_rate")))
+    assert found.horizon == pytest.approx(max(5.0 / rate + delay, 2.0 * rise))
+    assert found.pair_horizon == pytest.approx(max(5.0 / rate + delay, rise))
+    springs = numbers(robot, "spring_stiffness")
+    assert found.compliance == pytest.approx([0.0 if k == "rigid" else 1.0 / k for k in springs])
+    assert found.reflected_inertia.tolist() == numbers(robot, "reflected_inertia")
+    assert found.approach_time == pytest.approx(max(0.2, 4.0 * found.pair_horizon))
 
 
 def joint_names(robot: Path) -> list[str]:
@@ -62,7 +67,7 @@ def test_braking_takes_half_the_torque_against_the_joints_own_inertia() -> None:
     [
         ({"margin": -0.01}, "margin must not be negative"),
         ({"deceleration": np.zeros(14)}, "deceleration"),
-        ({"look_ahead": 0}, "horizon"),
+        ({"look_ahead": 0, "rate": 10.0}, "horizon"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(wrong: dict[str, Any], says: str) -> None:

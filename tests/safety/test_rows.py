@@ -4,9 +4,12 @@
 import numpy as np
 import pytest
 
+from impedance_modules.safety.filter_problem import FilterLayout, make_problem
 from impedance_modules.safety.limits import FilterLimits
 from impedance_modules.safety.rows import (
     braking_acceleration,
+    motor_interval,
+    narrow,
     position_interval,
     separation_acceleration,
     velocity_interval,
@@ -42,6 +45,9 @@ def random_limits(seed: int) -> FilterLimits:
         period=period,
         delay=0.0,
         horizon=horizon,
+        pair_horizon=horizon,
+        reflected_inertia=rng.uniform(0.03, 0.6, CASES),
+        compliance=1.0 / rng.uniform(250.0, 900.0, CASES),
     )
 
 
@@ -56,7 +62,9 @@ def position_intervals(limits: FilterLimits, q: Array, v: Array) -> tuple[Array,
 
 
 def velocity_intervals(limits: FilterLimits, v: Array) -> tuple[Array, Array]:
-    return tuple(np.array([velocity_interval(limits, i, speed) for i, speed in enumerate(v.tolist())]).T)
+    return tuple(
+        np.array([velocity_interval(limits, i, speed, speed, 0.0) for i, speed in enumerate(v.tolist())]).T
+    )
 
 
 def braking_accelerations(limits: FilterLimits, room: Array, speed: Array) -> Array:
@@ -199,7 +207,7 @@ def test_too_fast_joint_slows_down_with_bounded_braking() -> None:
 
 def separations(limits: FilterLimits, distance: Array, rate: Array) -> Array:
     pairs = zip(distance.tolist(), rate.tolist(), strict=True)
-    return np.array([separation_acceleration(limits, *pair) for pair in pairs])
+    return np.array([separation_acceleration(limits, *pair, 0.0) for pair in pairs])
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -222,3 +230,91 @@ def test_pair_never_enters_its_margin_and_leaves_it_from_inside(seed: int) -> No
         assert (distance[:inside] >= start[:inside] - 1e-12).all()
     closer = np.abs(margin - distance[:inside]) / np.maximum(margin - start[:inside], 1e-6)
     assert (closer < 0.1).all()
+
+
+def swing_of_a_motor(limits: FilterLimits, i: int, case: tuple[float, ...], effort: float) -> Array:
+    """Speed of a motor under a constant torque against a link that goes on steadily, over one swing (200,)."""
+    v, swing, load = case
+    own, compliance = limits.reflected_inertia[i], limits.compliance[i]
+    frequency = 1.0 / np.sqrt(own * compliance)
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    return v + swing * np.cos(angle) + (effort - load) / (own * frequency) * np.sin(angle)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_motor_swings_up_to_its_speed_and_no_farther(seed: int) -> None:
+    """At the bounds a constant torque lets it just reach its speed; between them it stays below."""
+    limits, rng = random_limits(seed), np.random.default_rng(seed + 50)
+    for i in range(CASES):
+        top = limits.velocity_max[i]
+        v = rng.uniform(-0.9, 0.9) * top
+        case = (v, rng.uniform(-0.95, 0.95) * (top - abs(v)), rng.normal() * 5.0)
+        low, high = motor_interval(limits, i, *case)
+        assert low <= high
+        for effort in (low, high):
+            speeds = swing_of_a_motor(limits, i, case, effort)
+            assert (speeds.max() if effort == high else -speeds.min()) == pytest.approx(top, rel=1e-3)
+
+
+def test_a_motor_that_swings_too_fast_is_asked_back_and_never_thrown_over() -> None:
+    limits = random_limits(1)
+    top, own, load = float(limits.velocity_max[0]), float(limits.reflected_inertia[0]), 3.0
+    impedance = np.sqrt(own / limits.compliance[0])
+    low, high = motor_interval(limits, 0, 0.5 * top, 0.7 * top, load)
+    assert high == pytest.approx(load - impedance * 0.2 * top)
+    assert low == pytest.approx(load - impedance * np.sqrt(1.5**2 - 0.7**2) * top)
+    low, high = motor_interval(limits, 0, 0.9 * top, 5.0 * top, load)
+    assert low == high == pytest.approx(load - impedance * 1.9 * top)
+    low, high = motor_interval(limits, 0, 0.5 * top, -0.7 * top, load)
+    assert high == load
+    assert motor_interval(limits, 0, 2.0 * top, 0.0, load)[1] == load
+
+
+def test_a_joint_without_a_motor_behind_a_spring_has_no_swing() -> None:
+    limits = random_limits(0)
+    limits.compliance[0], limits.reflected_inertia[1] = 0.0, 0.0
+    for i in (0, 1):
+        assert motor_interval(limits, i, 0.0, 0.0, 1.0) == (-np.inf, np.inf)
+
+
+def test_what_pushes_a_joint_is_taken_off_and_what_holds_it_is_half_trusted() -> None:
+    limits = random_limits(0)
+    top, b, h = float(limits.velocity_max[0]), float(limits.deceleration[0]), limits.horizon
+    room = min(0.5 * b, 0.5 * top / h)
+    v = top - room * h
+    for push, allowed in (
+        (0.0, room),
+        (0.3 * b, room - 0.3 * b),
+        (5.0 * b, room - b),
+        (-0.5 * room, 1.5 * room),
+    ):
+        assert velocity_interval(limits, 0, v, v, push)[1] == pytest.approx(allowed)
+        assert velocity_interval(limits, 0, -v, -v, -push)[0] == pytest.approx(-allowed)
+    assert velocity_interval(limits, 0, v, v, -50.0 * b)[1] == pytest.approx(2.0 * room)
+    assert velocity_interval(limits, 0, 0.0, v, 0.0)[1] == pytest.approx(room)
+    low, high = velocity_interval(limits, 0, 2.0 * top, -2.0 * top, 0.0)
+    assert low == high
+
+
+def test_limits_of_one_joint_narrow_each_other_and_never_contradict() -> None:
+    problem = make_problem(FilterLayout(("j",), ()), np.full(1, 50.0))
+    row = 2
+    for least, most, bounds, left in (
+        (-5.0, 5.0, (-5.0, 5.0), (-5.0, 5.0)),
+        (-50.0, 5.0, (-np.inf, 5.0), (-10.0, 5.0)),
+        (-50.0, 50.0, (-np.inf, np.inf), (-10.0, 10.0)),
+        (12.0, 15.0, (10.0, np.inf), (10.0, 10.0)),
+        (-15.0, -12.0, (-np.inf, -10.0), (-10.0, -10.0)),
+    ):
+        assert narrow(problem, row, -10.0, 10.0, least, most) == left
+        assert (problem.lower[row], problem.upper[row]) == bounds
+
+
+def test_drift_of_a_distance_is_made_up_for() -> None:
+    """A pair whose distance would shrink by itself is asked for that much more, up to the most that is ever asked."""
+    limits = random_limits(2)
+    limits.separation_acceleration = 5.0
+    still = separation_acceleration(limits, 0.1, 0.0, 0.0)
+    assert separation_acceleration(limits, 0.1, 0.0, -2.0) == pytest.approx(min(5.0, still + 2.0))
+    assert separation_acceleration(limits, 0.1, 0.0, 2.0) == pytest.approx(still - 2.0)
+    assert separation_acceleration(limits, 0.0, 0.0, -1e3) == 5.0

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from impedance_modules.safety.filter_problem import FilterProblem
 from tests.reference.exact_filter import FLAT, OPTIMUM, Exact
 from tests.reference.optimality import residual
 from tests.support import filter_problems as fp
+from tests.support.degenerate_problems import small
 
 SHARP = 1e-9
 """Most that an answer is away from the exact one, as a part of the torque that the joint gives or may give."""
@@ -56,3 +59,14 @@ def calm() -> FilterProblem:
     problem = fp.blank()
     problem.desired[:], problem.effort_max[:] = 1.0, 10.0
     return problem
+
+
+def spoilt(field: str) -> Iterator[FilterProblem]:
+    """Problems with one NaN in a field, wherever it stands: used or not, even where nothing has to be solved."""
+    random = np.random.default_rng(8)
+    for problem in (small(random, 3), fp.problem(random, 0.8, 0.2), calm()):
+        size = getattr(problem, field).size
+        for place in random.choice(size, min(size, 12), replace=False):
+            values = getattr(problem, field).copy()
+            values.flat[place] = np.nan
+            yield fp.changed(problem, **{field: values})

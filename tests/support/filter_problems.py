@@ -44,6 +44,9 @@ def limits(rng: np.random.Generator, period: float = 1e-3) -> FilterLimits:
         period=period,
         delay=2 * period,
         horizon=5 * period,
+        pair_horizon=4 * period,
+        reflected_inertia=np.full(N, 0.05),
+        compliance=np.where(np.arange(N) % PER_LIMB == 0, 0.0, 1.0 / 500.0),
     )
 
 
@@ -68,6 +71,10 @@ def state(rng: np.random.Generator, spread: float = 0.8, moving: bool = True) ->
     return FilterState(
         q=rng.uniform(-2.0, 2.0, N) * spread,
         v=velocity,
+        link_velocity=velocity * rng.uniform(0.9, 1.1, N),
+        push=rng.normal(size=N) * moving,
+        swing=rng.normal(size=N) * 0.3 * moving,
+        load=rng.normal(size=N) * 2.0 * moving,
         motor_velocity=velocity * rng.uniform(0.9, 1.1, N),
         inverse_inertia=0.5 * (inverse + inverse.T),
         bias=rng.normal(size=N) * 2.0 * moving,
@@ -76,6 +83,7 @@ def state(rng: np.random.Generator, spread: float = 0.8, moving: bool = True) ->
         available=float(rng.choice([0.0, 0.01, 1.0, 100.0])),
         distance=rng.uniform(-0.02 if spread > 1.0 else 0.03, 0.3, pairs),
         gradient=rng.normal(size=(pairs, N)) * 0.3,
+        drift=rng.normal(size=pairs) * moving,
     )
 
 

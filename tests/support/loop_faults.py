@@ -27,7 +27,7 @@ format: 1
 name: faults
 robot: baxter
 {SOFT_HANDS}\
-safety: {{tank: {{initial: 5, max: 10, floor: 0.5}}}}
+safety: {{tank: {{initial: 8, max: 16, floor: 0.5}}}}
 phases:
   - {{name: lift, equilibrium: {{right.hand: {{z: 0.2}}, left.hand: {{z: 0.2}}}}, duration: 0.8}}
   - {{name: stay, duration: 0.4}}
