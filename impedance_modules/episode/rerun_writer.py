@@ -41,6 +41,9 @@ METRES_PER_NEWTON_METRE = 0.1
 LEAST_FREE = 4_000_000
 """What a disk must have left for a recording to go on [bytes]: more than a batch and what rerun holds back."""
 
+LETTING_GO = 1.0
+"""How long the end of a recording waits for rerun to forget it [s]."""
+
 
 class RerunRecording:
     """A recording that grows: the arms in 3D with their springs, wrenches and ellipsoids, and curves."""
@@ -95,27 +98,13 @@ class RerunRecording:
             RuntimeError: The other end did not take it all.
         """
         failures: list[RuntimeError] = []
-        finish = threading.Thread(target=self._finish, args=(timeout, failures), daemon=True)
-        finish.start()
-        finish.join(timeout + 1.0)
-        if finish.is_alive():
-            atexit.unregister(rr.rerun_shutdown)
+        held = [self._stream]
+        del self._stream
+        if not _done_within(timeout + 1.0, _finish, held, timeout, failures):
             failures.append(RuntimeError(f"the recording is not finished after {timeout:g} s"))
-        elif not failures:
-            # rerun keeps what it wrote until it is told to look for streams that nobody holds any more. It looks at all
-            # of them, and tells what became of others, a window that was closed.
-            del self._stream
-            with suppress(RuntimeError):
-                rerun_bindings.flush_and_cleanup_orphaned_recordings()
         if failures:
             raise failures[0]
-
-    def _finish(self, timeout: float, failures: list[RuntimeError]) -> None:
-        try:
-            self._stream.flush(timeout_sec=timeout)
-            self._stream.disconnect()
-        except RuntimeError as failure:
-            failures.append(failure)
+        _done_within(LETTING_GO, _let_go)
 
     def _write_solids(self) -> None:
         world = rr.ViewCoordinates.RIGHT_HAND_Z_UP
@@ -221,6 +210,35 @@ class RerunRecording:
     def _send_curves(self, path: str, index: rr.TimeColumn, values: Array) -> None:
         self._pause()
         send_curves(self._stream, path, index, values)
+
+
+def _done_within(seconds: float, work: Callable[..., None], *given: Any) -> bool:
+    """Does rerun's work in a thread, and tells whether it came to an end; if not, the process ends without rerun."""
+    thread = threading.Thread(target=work, args=given, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if thread.is_alive():
+        atexit.unregister(rr.rerun_shutdown)
+    return not thread.is_alive()
+
+
+def _finish(held: list[rr.RecordingStream], timeout: float, failures: list[RuntimeError]) -> None:
+    """Closes a stream that nobody else holds; what goes wrong is added to ``failures``."""
+    stream = held.pop()
+    try:
+        stream.flush(timeout_sec=timeout)
+        stream.disconnect()
+    except RuntimeError as failure:
+        failures.append(failure)
+
+
+def _let_go() -> None:
+    """Makes rerun forget the streams that nobody holds any more; until then it keeps what it wrote.
+
+    It waits for all of them, a window that somebody closed included, and complains about those.
+    """
+    with suppress(RuntimeError):
+        rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
 
 def new_stream(name: str) -> rr.RecordingStream:

@@ -205,7 +205,7 @@ exit $ended
 def small_disk(size: str, place: Path, copy: Path) -> subprocess.CompletedProcess[str]:
     place.mkdir()
     words = ["unshare", "-rm", "sh", "-c", ON_A_SMALL_DISK, "sh", size, str(place), sys.executable, str(copy)]
-    return subprocess.run(words, cwd=CHECKOUT, capture_output=True, text=True, check=False)
+    return subprocess.run(words, cwd=CHECKOUT, capture_output=True, text=True, check=False, timeout=300)
 
 
 @pytest.mark.parametrize("size", ["160k", "4300k", "5m"])
