@@ -13,6 +13,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.passages import passage_problems
 from impedance_modules.prediction.phase_loops import PhaseLoops, judge_loops, unstable_loops
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase, predict_motion
 from impedance_modules.prediction.statics import Rest, find_rest
@@ -42,8 +43,10 @@ class TaskPrediction:
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
-    A sine that the control rate cannot follow; a torque beyond a joint's limit, in motion or at rest; a tank that
-    holds less than the task needs; a loop that is unstable at this rate and delay, unless the assembly allows it.
+    A sine that the control rate cannot follow; hands or an object so deep inside a surface at the start that it pushes
+    harder than the joints can; a torque beyond a joint's limit, in motion or at rest; a tank that holds less than the
+    task needs; a loop that is unstable at this rate and delay, at a phase's rest or for too long on the way, unless the
+    assembly allows it.
 
     Returns:
         What was predicted.
@@ -51,17 +54,18 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     Raises:
         BadFile: With the place in the task file of every reason.
     """
-    sines = list(_sines_above_nyquist(assembly))
-    if sines:
-        raise BadFile(sines)
-    motion, mechanism = predict_motion(assembly), Mechanism(assembly)
+    mechanism = Mechanism(assembly)
+    at_start = [*_sines_above_nyquist(assembly), *_pressed_at_start(assembly, mechanism)]
+    if at_start:
+        raise BadFile(at_start)
+    motion = predict_motion(assembly)
     rests = tuple(find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases)
     tank, loops = forecast_tank(assembly, mechanism, motion), judge_loops(assembly, mechanism, motion, rests)
     prediction = TaskPrediction(motion, rests, tank, loops)
     problems = [
         *_efforts_beyond_limits(assembly, prediction),
         *_need_beyond_tank(assembly, prediction.tank),
-        *([] if assembly.allow_unstable else unstable_loops(assembly, motion, loops)),
+        *([] if assembly.allow_unstable else _unstable(assembly, mechanism, prediction)),
     ]
     if problems:
         raise BadFile(problems)
@@ -79,6 +83,37 @@ def _sines_above_nyquist(assembly: Assembly) -> Iterator[Problem]:
                         ("phases", index, "equilibrium", target, axis, "sine", "frequency"),
                         f"{coordinate.frequency:g} Hz is not below half the control rate, {highest:g} Hz",
                     )
+
+
+def _pressed_at_start(assembly: Assembly, mechanism: Mechanism) -> Iterator[Problem]:
+    """Finds surfaces in which hands or object begin so deep that no joint torque could hold them there."""
+    mechanism.update(assembly.modules.posture, np.zeros(assembly.model.n))
+    limit = assembly.limits.effort_max[mechanism.joints]
+    names = [f"the hand '{arm.limb.hand}'" for arm in assembly.modules.arms] + ["the object"]
+    for index in range(len(assembly.task.environment)):
+        inside = [(contact, J) for contact, J in mechanism.contacts(0.0) if contact.key[2] == index]
+        if not inside:
+            continue
+        presses = [contact.surface.stiffness * contact.depth for contact, _ in inside]
+        load = np.abs(
+            np.sum([press * c.normal @ J for press, (c, J) in zip(presses, inside, strict=True)], axis=0)
+        )
+        worst, deepest = int(np.argmax(load / limit)), int(np.argmax(presses))
+        if load[worst] > limit[worst]:
+            contact = inside[deepest][0]
+            joint = int(mechanism.joints[worst])
+            yield assembly.task.document.problem(
+                ("environment", index),
+                f"{names[contact.key[0]]} begins {1e3 * contact.depth:.0f} mm inside this surface, which would push"
+                f" with {presses[deepest]:.0f} N: {load[worst]:.0f} N.m on {assembly.model.joint_names[joint]}, whose"
+                f" limit is {limit[worst]:g} N.m (valid: another posture, or the surface elsewhere)",
+            )
+
+
+def _unstable(assembly: Assembly, mechanism: Mechanism, prediction: TaskPrediction) -> list[Problem]:
+    """Finds loops that are unstable where a phase comes to rest; if there are none, those on the way."""
+    at_rest = list(unstable_loops(assembly, prediction.motion, prediction.loops))
+    return at_rest or list(passage_problems(assembly, mechanism, prediction.motion))
 
 
 def _efforts_beyond_limits(assembly: Assembly, prediction: TaskPrediction) -> Iterator[Problem]:

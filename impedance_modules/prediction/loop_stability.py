@@ -92,6 +92,13 @@ def forecast_stability(
     return tuple(_forecast(loop) for loop in _loops(assembly, modules, arms, held))
 
 
+def loop_growths(
+    assembly: Assembly, modules: TaskModules, arms: Mapping[str, ArmImpedance], held: HeldImpedance | None
+) -> tuple[float, ...]:
+    """Gives only the growth per period of each loop's fastest growing oscillation, in the same order."""
+    return tuple(oscillating_growth(loop.plant, loop.gains) for loop in _loops(assembly, modules, arms, held))
+
+
 def _loops(
     assembly: Assembly, modules: TaskModules, arms: Mapping[str, ArmImpedance], held: HeldImpedance | None
 ) -> Iterator[_Loop]:

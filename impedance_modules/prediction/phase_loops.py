@@ -10,10 +10,7 @@ from dataclasses import dataclass, replace
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import Problem
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.prediction.loop_stability import (
-    StabilityForecast,
-    forecast_stability,
-)
+from impedance_modules.prediction.loop_stability import StabilityForecast, forecast_stability
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
 from impedance_modules.prediction.statics import Analysed, Rest, analyse_state
@@ -53,13 +50,13 @@ def judge_loops(
     for index, (phase, rest) in enumerate(zip(motion.phases, rests, strict=True)):
         state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
         found = PhaseLoops(index, state, forecast_stability(assembly, phase.modules, state.arms, state.held))
-        before = shared.get(_gains_key(phase))
+        before = shared.get(gains_key(phase))
         if before is None or found.growth > before.growth:
-            shared[_gains_key(phase)] = found
-    return tuple(shared[_gains_key(phase)] for phase in motion.phases)
+            shared[gains_key(phase)] = found
+    return tuple(shared[gains_key(phase)] for phase in motion.phases)
 
 
-def _gains_key(phase: PredictedPhase) -> bytes:
+def gains_key(phase: PredictedPhase) -> bytes:
     """Tells phases with different gains apart."""
     springs = [spring for arm in phase.modules.arms for spring in arm.springs]
     return b"".join(spring.stiffness.tobytes() + spring.damping.tobytes() for spring in springs)
@@ -77,13 +74,13 @@ def unstable_loops(
         for number, loop in enumerate(found.loops):
             if not loop.stable:
                 yield assembly.task.document.problem(
-                    _place(assembly, found.phase, loop.name),
+                    springs_of_loop(assembly, found.phase, loop.name),
                     _told(assembly, phase, loop),
-                    _remedies(assembly, phase, found, number),
+                    remedies(assembly, phase, found, number),
                 )
 
 
-def _place(assembly: Assembly, phase: int, loop: str) -> tuple[str | int, ...]:
+def springs_of_loop(assembly: Assembly, phase: int, loop: str) -> tuple[str | int, ...]:
     """Finds the task's springs that make a loop: those of the phase, where it changes them, or those of an arm."""
     held = assembly.task.object
     limbs = held.held_by if loop == OBJECT and held is not None else (loop,)
@@ -105,7 +102,7 @@ def _told(assembly: Assembly, phase: PredictedPhase, loop: StabilityForecast) ->
     )
 
 
-def _remedies(assembly: Assembly, phase: PredictedPhase, judged: PhaseLoops, number: int) -> list[str]:
+def remedies(assembly: Assembly, phase: PredictedPhase, judged: PhaseLoops, number: int) -> list[str]:
     """Lists what would be stable: a softer hand, a higher rate; or what an experiment may do."""
     loop, found = judged.loops[number], []
     if loop.scale is not None and 0.0 < loop.scale < 1.0:

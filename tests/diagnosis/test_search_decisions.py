@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Single decisions of the search for causes, on stand-ins: which is tried, exchanged, displaced, kept."""
+"""Single decisions of the search for causes, on simple made-up models: which is tried, exchanged, displaced, kept."""
 
 from collections import Counter
 from types import SimpleNamespace

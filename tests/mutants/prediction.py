@@ -6,6 +6,7 @@ CONTACT = "impedance_modules/prediction/contact_geometry.py"
 FEASIBILITY = "impedance_modules/prediction/feasibility.py"
 LOOPS = "impedance_modules/prediction/loop_stability.py"
 MECHANISM = "impedance_modules/prediction/mechanism.py"
+PASSAGES = "impedance_modules/prediction/passages.py"
 PHASE_LOOPS = "impedance_modules/prediction/phase_loops.py"
 PHASE_END = "impedance_modules/prediction/phase_end.py"
 STATICS = "impedance_modules/prediction/statics.py"
@@ -13,8 +14,9 @@ STATICS = "impedance_modules/prediction/statics.py"
 CHECK, ANALYSIS = "tests/prediction/test_check.py", "tests/prediction/test_analysis.py"
 TESTS = {
     CONTACT: (CHECK,),
-    FEASIBILITY: (CHECK,),
+    FEASIBILITY: (CHECK, "tests/prediction/test_passages.py"),
     LOOPS: (CHECK,),
+    PASSAGES: ("tests/prediction/test_passages.py",),
     PHASE_LOOPS: ("tests/prediction/test_phase_loops.py",),
     MECHANISM: (CHECK, ANALYSIS),
     PHASE_END: (CHECK,),
@@ -26,9 +28,14 @@ MUTANTS = (
     (CONTACT, "surface.rotation @ (signs * outside / distance)", "signs * outside / distance"),
     (FEASIBILITY, "if demand[worst] > limit[worst]:", "if demand[worst] > 10.0 * limit[worst]:"),
     (FEASIBILITY, "highest = 0.5 * assembly.rate", "highest = assembly.rate"),
+    (FEASIBILITY, "press * c.normal @ J", "c.normal @ J"),
+    (FEASIBILITY, "return at_rest or list(passage_problems(assembly, mechanism, prediction.motion))", "return at_rest"),
     (LOOPS, "self.fixed.damping + self.scaled.damping", "self.fixed.damping"),
     (MECHANISM, "-held.spec.mass * STANDARD_GRAVITY", "held.spec.mass * STANDARD_GRAVITY"),
     (MECHANISM, "rows.append(carry(origin - pose.translation)", "rows.append(carry(pose.translation - origin)"),
+    (PASSAGES, "(after.time - now.time) * assembly.rate", "(after.time - now.time) * 1000.0"),
+    (PASSAGES, "self.size = max(1.0, ", "self.size = max(0.0, "),
+    (PASSAGES, "if growth > self.growth or", "if growth < self.growth or"),
     (PHASE_LOOPS, "found.growth > before.growth", "found.growth < before.growth"),
     (PHASE_END, "if there == until.present else 0.0", "if there != until.present else 0.0"),
     (STATICS, "np.concatenate([force, np.cross(contact.arm, force)])", "np.concatenate([force, np.cross(force, contact.arm)])"),

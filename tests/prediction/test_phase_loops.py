@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction import phase_loops
 from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.phase_loops import judge_loops
-from impedance_modules.prediction.quasi_static import MotionPrediction, predict_motion
+from impedance_modules.prediction.phase_loops import PhaseLoops, judge_loops
+from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.prediction.statics import find_rest
 from tests.support.commands import refusal
-from tests.support.forecast_tasks import assembled
+from tests.support.forecast_tasks import assembled, write_task
 
 UNFOLDING = """
 format: 1
@@ -42,14 +41,8 @@ phases:
 """An arm whose loop is stable where it begins, with the same gains unstable where it ends (it shakes on the plant)."""
 
 
-def written(folder: Path) -> Path:
-    path = folder / "unfolding.yaml"
-    path.write_text(UNFOLDING)
-    return path
-
-
 def test_a_posture_that_is_reached_later_is_judged_too(tmp_path: Path) -> None:
-    path = written(tmp_path)
+    path = write_task(tmp_path, UNFOLDING)
     text = refusal("check", path, "--rate", 405)
     assert "the loop of 'right' is predicted to be unstable" in text and "phase 'unfold'" in text
     named = re.search(r"at most (\d+) N/m instead of 617", text)
@@ -65,17 +58,14 @@ def test_a_posture_that_is_reached_later_is_judged_too(tmp_path: Path) -> None:
     assert all(found.growth <= 1.0 for found in judged(assembled(path, rate=405)))
 
 
-def judged(assembly: Assembly) -> tuple[phase_loops.PhaseLoops, ...]:
+def judged(assembly: Assembly) -> tuple[PhaseLoops, ...]:
     motion, mechanism = predict_motion(assembly), Mechanism(assembly)
-    return judge_loops(assembly, mechanism, motion, rests(mechanism, motion))
-
-
-def rests(mechanism: Mechanism, motion: MotionPrediction) -> list:
-    return [find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases]
+    rests = [find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases]
+    return judge_loops(assembly, mechanism, motion, rests)
 
 
 def test_phases_with_the_same_gains_share_the_worst(tmp_path: Path) -> None:
-    first, second = judged(assembled(written(tmp_path), rate=405))
+    first, second = judged(assembled(write_task(tmp_path, UNFOLDING), rate=405))
     assert first is second
     assert first.phase == 1 and first.growth > 1.01
     assert np.isfinite(first.loops[0].stiffness)

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Loops that are unstable on the way only, and what a surface does to arms that begin inside it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from impedance_modules.prediction.loop_stability import loop_growths
+from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.passages import LARGEST_SWELL, _Swell, find_passages
+from impedance_modules.prediction.quasi_static import predict_motion
+from impedance_modules.prediction.statics import analyse_state, find_rest
+from tests.support.commands import invoke, refusal
+from tests.support.forecast_tasks import WIPE, assembled, wipe, write_task
+
+DRIFTING = """
+format: 1
+name: drifting
+robot: baxter
+arms:
+  left:
+    posture: {s0: 1.1236, s1: -0.4743, e0: 2.9158, e1: 1.0062, w0: 2.9573, w1: 1.4048, w2: 2.4229}
+    joint_bias:
+      stiffness: {s0: 10.1, s1: 11.06, e0: 17.31, e1: 3.763, w0: 2.375, w1: 24.48, w2: 29.78}
+      damping_ratio: 0.433
+    springs:
+      - name: hand
+        frame: left_hand
+        expressed_in: left_hand
+        stiffness: {x: 57.66, z: 37.16, rx: 0.378, ry: 0.478, rz: 0.465}
+        damping_ratio: 0.557
+        axes: {y: {force: 15.27, speed_limit: 0.1119}}
+safety: {tank: {initial: 5.1, max: 10.2, floor: 0.3}}
+phases:
+  - {name: drift, duration: SECONDS}
+"""
+"""A force without a spring against it: the arm's loop is unstable where it begins, and stable where it comes to rest
+after a long way. At a rate of 320 Hz it shakes on the plant."""
+
+
+def test_a_loop_that_is_unstable_on_the_way_is_refused_with_its_time(tmp_path: Path) -> None:
+    path = write_task(tmp_path, DRIFTING, ("SECONDS", "2.0"))
+    text = refusal("check", path, "--rate", 320.5)
+    assert f"{path}:12:7: arms.left.springs" in text
+    assert "unstable on the way" in text and "phase 'drift'" in text and "--allow-unstable" in text
+    # Where the robot would stop before the swing has grown, and at a rate at which nothing grows, it is no harm.
+    for seconds, rate in (("0.2", 320.5), ("2.0", 1000)):
+        write_task(tmp_path, DRIFTING, ("SECONDS", seconds))
+        assert "unstable" not in invoke("check", path, "--rate", rate).output
+
+
+def test_a_passage_tells_when_and_where_it_grows(tmp_path: Path) -> None:
+    assembly = assembled(write_task(tmp_path, DRIFTING, ("SECONDS", "2.0")), rate=320.5)
+    mechanism, motion = Mechanism(assembly), predict_motion(assembly)
+    (found,) = find_passages(assembly, mechanism, motion)
+    assert found.phase == 0 and 0.0 < found.time < 2.0
+    phase = motion.phases[0]
+    rest = find_rest(mechanism, phase.setting, phase.q)
+    assert rest is not None
+    for q, stable in ((found.q, False), (rest.q, True)):
+        state = analyse_state(mechanism, phase.setting, q)
+        growth = max(loop_growths(assembly, phase.modules, state.arms, state.held))
+        assert (growth < 1.0) is stable
+
+
+@given(st.lists(st.tuples(st.floats(0.9, 1.2), st.floats(0.0, 20.0)), min_size=1, max_size=20))
+def test_a_swing_is_the_largest_product_of_growths_up_to_now(steps: list[tuple[float, float]]) -> None:
+    swell, logs = _Swell(), []
+    for growth, periods in steps:
+        swell.go_on(growth, periods, np.array([growth]))
+        logs.append(periods * math.log(growth))
+        ends = [sum(logs[first:]) for first in range(len(logs))]
+        assert math.log(swell.size) == pytest.approx(max(0.0, *ends), abs=1e-9)
+
+
+def test_the_posture_at_which_it_grew_fastest_is_told() -> None:
+    swell = _Swell()
+    for number, growth in enumerate((1.01, 1.05, 1.02)):
+        swell.go_on(growth, 10.0, np.array([float(number)]))
+    assert swell.q[0] == 1.0
+    swell.go_on(0.5, 1e3, np.array([3.0]))
+    swell.go_on(1.01, 10.0, np.array([4.0]))
+    assert swell.q[0] == 4.0
+
+
+def test_a_swing_that_grows_without_bound_stays_a_number() -> None:
+    swell = _Swell()
+    for _ in range(5):
+        swell.go_on(2.0, 1e6, np.zeros(1))
+        assert swell.size > LARGEST_SWELL
+        swell.go_on(0.0, 1e6, np.zeros(1))
+        assert swell.size == 1.0
+
+
+def test_a_hand_that_begins_deep_inside_a_surface_is_refused(tmp_path: Path) -> None:
+    free = assembled(write_task(tmp_path, WIPE, ("HEIGHT", "-1.0"), ("DEEP", "-0.9")))
+    hand = float(free.modules.arms[0].springs[0].start.translation[2])
+    text = refusal("check", write_task(tmp_path, WIPE, ("HEIGHT", f"{hand + 0.02}"), ("DEEP", "-0.9")))
+    assert "environment[0]: the hand 'right_hand' begins 20 mm inside this surface" in text
+    assert "400 N" in text and "whose limit is" in text
+    # A gentle press at the start is none of its business.
+    path = write_task(tmp_path, WIPE, ("HEIGHT", f"{hand + 0.0005}"), ("DEEP", f"{hand}"))
+    assert "inside this surface" not in invoke("check", path).output
+    assert "inside this surface" not in invoke("check", wipe(tmp_path)).output
