@@ -14,18 +14,17 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import Problem
 from impedance_modules.prediction.loop_stability import forecast_stability, loop_growths
-from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.phase_loops import PhaseLoops, gains_key, remedies, springs_of_loop
-from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
-from impedance_modules.prediction.statics import analyse_state
+from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase, PredictedSample
+from impedance_modules.prediction.statics import Analysed, analyse_state
 
 LARGEST_SWELL = 100.0
 """How far an oscillation may grow: from the noise of a measured velocity to half of a joint's speed limit."""
@@ -42,13 +41,13 @@ class Passage:
         number: Of its loop, as ``forecast_stability`` lists them.
         phase: Index of the phase in which it has grown so far.
         time: When it has [s].
-        q: (n,) posture on the way at which it grows fastest [rad].
+        fastest: Where on the way it grows fastest.
     """
 
     number: int
     phase: int
     time: float
-    q: Array
+    fastest: PredictedSample
 
 
 def find_passages(assembly: Assembly, mechanism: Mechanism, motion: MotionPrediction) -> tuple[Passage, ...]:
@@ -57,10 +56,10 @@ def find_passages(assembly: Assembly, mechanism: Mechanism, motion: MotionPredic
     for index, phase in enumerate(motion.phases):
         for now, after in itertools.pairwise(motion.samples[phase.samples]):
             periods = (after.time - now.time) * assembly.rate
-            for number, growth in enumerate(growths.at(phase, now.q)):
-                swells[number].go_on(growth, periods, now.q)
+            for number, growth in enumerate(growths.at(phase, now)):
+                swells[number].go_on(growth, periods, now)
                 if swells[number].found is None and swells[number].size > LARGEST_SWELL:
-                    swells[number].found = Passage(number, index, after.time, swells[number].q)
+                    swells[number].found = Passage(number, index, after.time, swells[number].fastest or now)
     return tuple(swell.found for swell in swells.values() if swell.found is not None)
 
 
@@ -68,7 +67,7 @@ def passage_problems(assembly: Assembly, mechanism: Mechanism, motion: MotionPre
     """Reports every oscillation that grows too far on the way, and what would be stable."""
     for passage in find_passages(assembly, mechanism, motion):
         phase = motion.phases[passage.phase]
-        state = analyse_state(mechanism, phase.setting, passage.q)
+        state = _state(mechanism, phase, passage.fastest)
         loops = forecast_stability(assembly, phase.modules, state.arms, state.held)
         loop = loops[passage.number]
         yield assembly.task.document.problem(
@@ -80,19 +79,25 @@ def passage_problems(assembly: Assembly, mechanism: Mechanism, motion: MotionPre
         )
 
 
+def _state(mechanism: Mechanism, phase: PredictedPhase, sample: PredictedSample) -> Analysed:
+    """Arms and object on the way, with the equilibria of that moment: those of the phase's end stretch its springs."""
+    targets = phase.motion.at(min(sample.time - phase.began, phase.clock))
+    return analyse_state(mechanism, Setting(phase.modules, targets, phase.damping), sample.q, at_rest=False)
+
+
 @dataclass
 class _Swell:
     """Size of one loop's oscillation over what it was at first, and where on the way it grew fastest."""
 
     size: float = 1.0
     growth: float = 1.0
-    q: Array = field(default_factory=lambda: np.zeros(0))
+    fastest: PredictedSample | None = None
     found: Passage | None = None
 
-    def go_on(self, growth: float, periods: float, q: Array) -> None:
+    def go_on(self, growth: float, periods: float, sample: PredictedSample) -> None:
         """Lets it grow or decay at one posture."""
         if growth > self.growth or self.size == 1.0:
-            self.growth, self.q = growth, q
+            self.growth, self.fastest = growth, sample
         self.size = max(1.0, self.size * math.exp(min(periods * math.log(max(growth, 0.1)), 100.0)))
 
 
@@ -103,10 +108,10 @@ class _Growths:
         self._assembly, self._mechanism = assembly, mechanism
         self._known: dict[tuple[bytes, bytes], tuple[float, ...]] = {}
 
-    def at(self, phase: PredictedPhase, q: Array) -> tuple[float, ...]:
+    def at(self, phase: PredictedPhase, sample: PredictedSample) -> tuple[float, ...]:
         """Gives them in the order of ``forecast_stability``."""
-        key = gains_key(phase), np.round(q / SAME_POSTURE).tobytes()
+        key = gains_key(phase), np.round(sample.q / SAME_POSTURE).tobytes()
         if key not in self._known:
-            state = analyse_state(self._mechanism, phase.setting, q)
+            state = _state(self._mechanism, phase, sample)
             self._known[key] = loop_growths(self._assembly, phase.modules, state.arms, state.held)
         return self._known[key]

@@ -86,13 +86,14 @@ class Analysed:
     held: HeldImpedance | None
 
 
-def analyse_state(mechanism: Mechanism, setting: Setting, q: Array) -> Analysed:
-    """Analyses every arm, and the object in their hands, at q (n,) [rad], at rest."""
+def analyse_state(mechanism: Mechanism, setting: Setting, q: Array, *, at_rest: bool = True) -> Analysed:
+    """Analyses every arm, and the object in their hands, at q (n,) [rad]: at rest, or on the way."""
     mechanism.update(q, np.zeros_like(q))
     kinematics = mechanism.kinematics
     modules, targets = setting.modules, setting.targets
     arms = {
-        arm.limb.name: arm_impedance(arm, kinematics, targets, q, setting.damping) for arm in modules.arms
+        arm.limb.name: arm_impedance(arm, kinematics, targets, q, setting.damping, at_rest=at_rest)
+        for arm in modules.arms
     }
     return Analysed(arms, None if modules.held is None else held_impedance(modules.held, arms))
 

@@ -3,7 +3,7 @@
 
 Springs on the hand count as the hand's; springs on any other frame of the arm count as joint springs. The
 load that turns with the joints is taken from the joint springs themselves, J^T F_b = K_j (q - q_0) less what
-springs elsewhere carry, so the analysis holds at rest.
+springs elsewhere carry: so at rest, where that is what springs and surfaces exert on the hand.
 """
 
 from __future__ import annotations
@@ -96,7 +96,13 @@ class _JointSprings:
 
 
 def arm_impedance(
-    arm: ArmModule, kinematics: Kinematics, targets: Equilibrium, q: Array, damping: Damping
+    arm: ArmModule,
+    kinematics: Kinematics,
+    targets: Equilibrium,
+    q: Array,
+    damping: Damping,
+    *,
+    at_rest: bool = True,
 ) -> ArmImpedance:
     """Analyses one arm at the state for which ``kinematics`` was last updated.
 
@@ -106,13 +112,15 @@ def arm_impedance(
         targets: Equilibria.
         q: (n,) [rad].
         damping: Of the phase.
+        at_rest: Whether the hand's springs and what touches it carry what the joint springs ask for. On the way they do
+            not: the load that turns with the joints is then what the hand's springs exert.
     """
     joints, hand = arm.limb.joints, arm.limb.hand
     frames = dict.fromkeys([hand, *(spring.frame for spring in arm.springs)])
     parts = {frame: _springs_on(arm, frame, kinematics, targets, damping) for frame in frames}
     end = parts[hand]
     side = _joint_springs(arm, [parts[frame] for frame in frames if frame != hand], targets, q, damping)
-    preload = carried_wrench(end.jacobian, side.load)
+    preload = carried_wrench(end.jacobian, side.load) if at_rest else end.wrench
     inverse = kinematics.inverse_inertia[np.ix_(joints, joints)]
     bare = without_reflected_inertia(inverse, kinematics.model.reflected_inertia[joints])
     system, scaled = _system(inverse, end, side, preload), _scaled(list(parts.values()))
