@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
+from impedance_modules.robot.description import rigid_model
 from impedance_modules.robot.model import RobotModel
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -71,10 +72,7 @@ class RigidModel:
         Raises:
             BadInput: The file is no URDF, or lacks a joint.
         """
-        try:
-            full = pin.buildModelFromUrdf(str(urdf))
-        except (ValueError, RuntimeError) as error:
-            raise BadInput(f"{urdf}: not a robot description that can be read: {error}") from None
+        full = rigid_model(urdf)
         known = tuple(full.names)[1:]
         for name in joint_names:
             if name not in known:
@@ -84,7 +82,7 @@ class RigidModel:
         others = [full.getJointId(name) for name in known if name not in joint_names]
         try:
             reduced = pin.buildReducedModel(full, others, pin.neutral(full))
-        except (ValueError, RuntimeError) as error:  # a joint and a link of one name, say
+        except (ValueError, RuntimeError) as error:  # two frames of one name, say
             raise BadInput(f"{urdf}: its joints cannot be fixed: {error}") from None
         return cls(reduced, joint_names)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
+from impedance_modules.robot.description import rigid_model
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.robot_spec import BodyChange, JointOrigin, JointSpec, RobotSpec
 
@@ -63,7 +64,7 @@ class RobotModel:
         self._full, self._locked, self._reference = full, locked, reference
         try:
             self.pin_model: pin.Model = pin.buildReducedModel(full, locked, reference)
-        except (ValueError, RuntimeError) as error:  # a joint and a link of one name, say
+        except (ValueError, RuntimeError) as error:  # two frames of one name, say
             raise BadInput(f"{spec.urdf}: its locked joints cannot be fixed: {error}") from None
         self.joint_names: tuple[str, ...] = tuple(self.pin_model.names)[1:]
         self.joints: tuple[JointSpec, ...] = tuple(spec.joints[name] for name in self.joint_names)
@@ -174,12 +175,8 @@ class RobotModel:
 
 
 def _full_model(spec: RobotSpec) -> pin.Model:
-    try:
-        if not spec.joint_origins:
-            return pin.buildModelFromUrdf(str(spec.urdf))
-        return pin.buildModelFromXML(calibrated_description(spec.urdf, spec.joint_origins))
-    except (ValueError, RuntimeError) as error:
-        raise BadInput(f"{spec.urdf}: not a robot description that can be read: {error}") from None
+    origins = spec.joint_origins
+    return rigid_model(spec.urdf, calibrated_description(spec.urdf, origins) if origins else None)
 
 
 def add_to_body(model: pin.Model, change: BodyChange) -> None:

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reads robot descriptions (URDF) as their makers ship them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pinocchio as pin
+
+from impedance_modules.errors import BadInput
+
+MARK = " (fixed joint)"
+"""Added to the name of a fixed joint that is called like a link; no joint of a URDF can be asked for by such a name."""
+
+
+def rigid_model(urdf: Path, text: str | None = None) -> pin.Model:
+    """Builds pinocchio's model of a description, all its joints free.
+
+    A URDF may give a fixed joint the name of a link (Rethink's own Baxter: ``left_hand``). Frames of fixed joints are
+    named apart from links then, since joints of a model with two frames of one name cannot be locked.
+
+    Args:
+        urdf: The file; named in messages.
+        text: The description, where it is not the file's own.
+
+    Raises:
+        BadInput: It is no description that can be read.
+    """
+    try:
+        model = pin.buildModelFromUrdf(str(urdf)) if text is None else pin.buildModelFromXML(text)
+    except (ValueError, RuntimeError) as error:
+        raise BadInput(f"{urdf}: not a robot description that can be read: {error}") from None
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:
+        if frame.type == pin.FrameType.FIXED_JOINT and frame.name in links:
+            frame.name += MARK
+    return model
