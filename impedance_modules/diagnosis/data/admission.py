@@ -20,13 +20,18 @@ from impedance_modules.diagnosis.data.dataset_consistency import (
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import segment_note, segment_origin
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.data.stamps import (
+    JITTER_WARNING,
+    refuse_disorder,
+    resampled,
+    sampling_times,
+    stamp_jitter,
+    uniform_time,
+)
 from impedance_modules.diagnosis.data.time_base import (
     common_delay,
     delayed,
     quantisation_step,
-    resampled,
-    sampling_times,
-    uniform_time,
     unify_rates,
 )
 from impedance_modules.episode.data import Episode
@@ -109,10 +114,9 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
     if len(episode) < SAMPLES_MIN:
         count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
         raise InsufficientData(f"{place}: {count} (valid: {SAMPLES_MIN} or more)")
-    time, rate, jitter = uniform_time(episode.time, str(place), warnings)
-    stamps = _times_of_samples(episode, model, warnings)
-    if stamps is not episode.time:
-        time, rate, _ = uniform_time(stamps, str(place), [])
+    refuse_disorder(episode.time, str(place))
+    stamps, jitter = _times_of_samples(episode, model, warnings), stamp_jitter(episode.time)
+    time, rate = uniform_time(stamps, str(place), warnings)
     _refuse_slow(place, rate)
 
     def take(kind: str) -> Array | None:
@@ -172,11 +176,10 @@ def _times_of_samples(episode: Episode, model: NominalModel, warnings: list[str]
     """Gives the times (N,) [s] at which samples were taken; warns where they differ from the time stamps."""
     joints = [joint for joint in model.joints if joint in episode.position]
     stamps = sampling_times(episode.time, np.column_stack([episode.position[joint] for joint in joints]))
-    if stamps is not episode.time:
-        off = 1e3 * float(np.sqrt(np.mean((stamps - episode.time) ** 2)))
-        warnings.append(
-            f"{episode.name}: time stamps are off by {off:.2g} ms rms, the samples are not: taken as evenly sampled"
-        )
+    jitter = stamp_jitter(episode.time)
+    if jitter > JITTER_WARNING:
+        how = "resampled" if stamps is episode.time else "taken as evenly sampled, as the motion is"
+        warnings.append(f"{episode.source}: time stamps jitter by {100 * jitter:.0f} % of the step; {how}")
     return stamps
 
 

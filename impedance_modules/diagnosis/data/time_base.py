@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Time base of recordings: time stamps, resampling, one rate for all, the delay of effort, encoder resolution.
-
-A drive samples by its own clock, a logger stamps when it receives the sample. A stamp that is wrong by \delta makes a
-position wrong by v \delta, and two differentiations turn that into torque. Which of both times is right shows in the
-positions: at the right times they are smooth.
-"""
+"""Time base of recordings: one rate for all, the delay of effort, encoder resolution."""
 
 from __future__ import annotations
 
@@ -19,28 +14,9 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
-from impedance_modules.errors import BadInput
-
-JITTER_WARNING = 0.1
-"""Rms deviation of the steps, as a part of the step, from which on a warning is given."""
-
-GAP_MAX = 20
-"""A gap longer than this many steps is not interpolated."""
-
-EVEN_STEPS = 1e-3
-"""Stamps that are even to this part of a step need no resampling."""
 
 LAG_MAX = 0.6
 """Longest delay that is searched [s]."""
-
-SMOOTHER_PART = 0.8
-"""Evenly counted times are taken if the positions are rougher than this part at the stamps."""
-
-EVEN_STAMPS = 1e-3
-"""Stamps that are even to this part of a step are taken as they are."""
-
-COUNT_TOLERANCE = 0.5
-"""Counted times further from any stamp than this part of a step mean that samples were not even."""
 
 SAME_RATE = 1.01
 """Rates within this factor of each other count as equal."""
@@ -56,88 +32,6 @@ DIFFERENCES_MIN = 20
 
 STEPS_MAX = 20.0
 """Differences of up to this many steps are compared with whole multiples of the step."""
-
-
-def uniform_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, float, float]:
-    """Gives an even time base for recorded stamps.
-
-    Returns:
-        Even times [s], their rate [Hz], and the jitter: rms deviation of the steps over the median step.
-
-    Raises:
-        BadInput: Time repeats, decreases, changes its rate, or has a long gap.
-    """
-    steps = np.diff(time)
-    bad = np.flatnonzero(steps <= 0.0)
-    if bad.size:
-        row = int(bad[0]) + 1
-        what = "repeats itself" if steps[bad[0]] == 0.0 else "runs backwards"
-        raise BadInput(f"{place}: time {what} in row {row}, {bad.size} times in all (valid: increasing time)")
-    step = float(np.median(steps))
-    half = len(steps) // 2
-    first, second = float(np.median(steps[:half])), float(np.median(steps[half:]))
-    if max(first, second) > 1.5 * min(first, second):
-        raise BadInput(
-            f"{place}: the rate changes from {1 / first:.4g} to {1 / second:.4g} Hz within the recording"
-            " (valid: one rate per recording; split it)"
-        )
-    if steps.max() > GAP_MAX * step:
-        row = int(np.argmax(steps))
-        raise BadInput(
-            f"{place}: a gap of {steps.max():.3g} s after row {row} (valid: split the recording there)"
-        )
-    typical = steps[steps < 3.0 * step]
-    jitter = float(np.sqrt(np.mean((typical - step) ** 2)) / step)
-    if jitter > JITTER_WARNING:
-        warnings.append(f"{place}: time stamps jitter by {100 * jitter:.0f} % of the step; resampled")
-    if steps.max() > 1.8 * step:
-        warnings.append(f"{place}: {int((steps > 1.8 * step).sum())} samples were dropped; interpolated")
-    count = round((time[-1] - time[0]) / step) + 1
-    even = np.linspace(time[0], time[-1], count)
-    return even, float((count - 1) / (even[-1] - even[0])), jitter
-
-
-def sampling_times(time: Array, position: Array) -> Array:
-    """Gives the times at which samples were taken, (N,): as stamped, or evenly counted where that is smoother.
-
-    Args:
-        time: (N,) stamps [s].
-        position: (N, n) [rad].
-    """
-    steps = np.diff(time)
-    if len(time) < 4 or np.any(steps <= 0.0):
-        return time
-    step = float(np.median(steps))
-    index = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(steps / step), 1.0))])
-    counted = np.polyval(np.polyfit(index, time, 1), index)
-    off = np.abs(counted - time).max() / step
-    if off < EVEN_STAMPS or off > COUNT_TOLERANCE:
-        return time
-    return counted if _roughness(counted, position) < SMOOTHER_PART * _roughness(time, position) else time
-
-
-def _roughness(time: Array, position: Array) -> float:
-    """Third differences at even times, of each joint over its motion, (rms)."""
-    even = np.linspace(time[0], time[-1], len(time))
-    third = np.diff(CubicSpline(time, position, axis=0)(even), 3, axis=0)
-    size = position.std(axis=0)
-    return (
-        float(np.sqrt(np.mean((third[:, size > 0.0] / size[size > 0.0]) ** 2))) if np.any(size > 0.0) else 0.0
-    )
-
-
-def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
-    """Brings (N, n) samples to even times: measurements by a cubic spline, commands by a zero-order hold.
-
-    Linear interpolation would attenuate a tenth of the sampling rate by a twentieth.
-    """
-    if len(time) == len(even) and np.allclose(
-        time, even, rtol=0.0, atol=EVEN_STEPS * float(even[1] - even[0])
-    ):
-        return values
-    if kind == "effort_command":
-        return np.asarray(values[np.searchsorted(time, even + 1e-9, side="right") - 1])
-    return np.asarray(CubicSpline(time, values, axis=0)(even))
 
 
 def delayed(values: Array, time: Array, late: float) -> Array:
@@ -170,15 +64,12 @@ def _slowed(log: Log, rate: float) -> Log:
     def slow(values: Array | None) -> Array | None:
         if values is None:
             return None
-        smooth = sosfiltfilt(sections, values, axis=0)
-        return np.column_stack([np.interp(new, old, column) for column in smooth.T])
+        return np.asarray(CubicSpline(old, sosfiltfilt(sections, values, axis=0))(new))
 
     return replace(
         log,
         rate=rate,
-        position=np.column_stack(
-            [np.interp(new, old, c) for c in sosfiltfilt(sections, log.position, axis=0).T]
-        ),
+        position=np.asarray(CubicSpline(old, sosfiltfilt(sections, log.position, axis=0))(new)),
         velocity=slow(log.velocity),
         effort=slow(log.effort),
         command=slow(log.command),

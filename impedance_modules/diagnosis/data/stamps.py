@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""From the time stamps of a recording to even times, and its samples at those.
+
+A drive samples by its own clock, and a logger stamps when it receives the sample. A stamp that is wrong by \delta makes
+a position wrong by v \delta, and two differentiations turn that into torque; a command is moved to another row. So
+samples are taken as evenly sampled, rows counted and the lost ones left out,
+
+    t_k = t_0 + i_k / rate          (or a curve of fifth order in i_k: a clock that drifts)
+
+unless the motion is clearly smoother at the stamps: at the right times positions are smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from impedance_modules.arrays import Array
+from impedance_modules.errors import BadInput
+
+JITTER_WARNING = 0.1
+"""Rms deviation of the steps, as a part of the step, from which on a warning is given."""
+
+GAP_MAX = 20
+"""A gap longer than this many steps is not interpolated; a logger holds no more samples back."""
+
+EVEN_STEPS = 1e-3
+"""Stamps that are even to this part of a step are taken as they are."""
+
+CLEARLY_SMOOTHER = 0.8
+"""Times at which positions have less than this part of the roughness are preferred to simpler ones."""
+
+NEAR_ROWS = 0.25
+"""Nine of ten stamps within this part of a step of the evenly counted rows: no row is lost."""
+
+NEAR_COUNT = 0.5
+"""Nine of ten stamps must lie within this part of a step of the counted times."""
+
+BURST = 0.5
+"""Half of the steps shorter than this part of the mean step: samples were held back and stamped together."""
+
+PULL = 0.05
+"""Part of a stamp's lateness by which the counting follows a clock that drifts."""
+
+CLOCK_ORDER = 5
+"""Of the curve that follows a drifting clock."""
+
+
+def sampling_times(time: Array, position: Array) -> Array:
+    """Gives the times at which samples were taken, (N,) [s]; ``time`` itself where it is to be trusted.
+
+    Args:
+        time: (N,) stamps [s].
+        position: (N, n) [rad].
+    """
+    if len(time) < 4 or np.any(np.diff(time) <= 0.0):
+        return time
+    candidates = [*_even_times(time), time]
+    if len(candidates) == 1 or np.abs(candidates[0] - time).max() < EVEN_STEPS * _step(time):
+        return time
+    rough = [_roughness(times, position) for times in candidates]
+    good = min(rough) / CLEARLY_SMOOTHER
+    return next(times for times, own in zip(candidates, rough, strict=True) if own <= good)
+
+
+def _even_times(time: Array) -> Iterator[Array]:
+    """Lists times at which samples may have been taken in truth, the simplest first."""
+    rows, steps = np.arange(len(time), dtype=float), np.diff(time)
+    mean = float(time[-1] - time[0]) / len(steps)
+    if float(np.median(steps)) < BURST * mean:
+        line = _fitted(rows, time, 1)
+        if np.abs(line - time).max() < GAP_MAX * mean:
+            yield line
+        return
+    line = _fitted(rows, time, 1)
+    index = rows if _distance(line, time) < NEAR_ROWS * mean else _counted(time)
+    for order in (1, CLOCK_ORDER):
+        times = _fitted(index, time, order)
+        if _distance(times, time) < NEAR_COUNT * _step(time) and np.all(np.diff(times) > 0.0):
+            yield times
+
+
+def _step(time: Array) -> float:
+    return float(np.median(np.diff(time)))
+
+
+def _fitted(index: Array, time: Array, order: int) -> Array:
+    """Times as a polynomial of the counted samples (N,), by least squares."""
+    return np.asarray(np.polynomial.Polynomial.fit(index, time, order)(index))
+
+
+def _distance(times: Array, stamps: Array) -> float:
+    """Within which nine of ten stamps lie [s]."""
+    return float(np.quantile(np.abs(times - stamps), 0.9))
+
+
+def _counted(time: Array) -> Array:
+    """Counts samples, (N,), and those that were lost: whoever is later than half a step counts one more."""
+    step, expected, count = _step(time), float(time[0]), 0
+    index = np.zeros(len(time))
+    for k, stamp in enumerate(time[1:].tolist(), start=1):
+        expected, count = expected + step, count + 1
+        lost = max(0, round((stamp - expected) / step))
+        expected, count = expected + lost * step, count + lost
+        expected += PULL * (stamp - expected)
+        index[k] = count
+    return index
+
+
+def _roughness(time: Array, position: Array) -> float:
+    """Third differences at even times, of each joint over its motion, (rms)."""
+    even = np.linspace(time[0], time[-1], len(time))
+    third = np.diff(CubicSpline(time, position, axis=0)(even), 3, axis=0)
+    size = position.std(axis=0)
+    moved = size > 0.0
+    return float(np.sqrt(np.mean((third[:, moved] / size[moved]) ** 2))) if np.any(moved) else 0.0
+
+
+def refuse_disorder(time: Array, place: str) -> None:
+    """Refuses stamps that repeat or decrease.
+
+    Raises:
+        BadInput: With the first such row.
+    """
+    steps = np.diff(time)
+    bad = np.flatnonzero(steps <= 0.0)
+    if bad.size:
+        row = int(bad[0]) + 1
+        what = "repeats itself" if steps[bad[0]] == 0.0 else "runs backwards"
+        raise BadInput(f"{place}: time {what} in row {row}, {bad.size} times in all (valid: increasing time)")
+
+
+def stamp_jitter(time: Array) -> float:
+    """Gives the rms deviation of the steps between stamps over the median step; lost samples do not count."""
+    step, steps = _step(time), np.diff(time)
+    typical = steps[steps < 3.0 * step]
+    return float(np.sqrt(np.mean((typical - step) ** 2)) / step)
+
+
+def uniform_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, float]:
+    """Gives even times from the first to the last sample [s], and their rate [Hz].
+
+    Args:
+        time: (N,) of the samples, increasing [s].
+        place: Named in messages.
+        warnings: Of lost samples, added to.
+
+    Raises:
+        BadInput: The rate changes, or there is a long gap.
+    """
+    step, steps = _step(time), np.diff(time)
+    half = len(steps) // 2
+    first, second = float(np.median(steps[:half])), float(np.median(steps[half:]))
+    if max(first, second) > 1.5 * min(first, second):
+        raise BadInput(
+            f"{place}: the rate changes from {1 / first:.4g} to {1 / second:.4g} Hz within the recording"
+            " (valid: one rate per recording; split it)"
+        )
+    if steps.max() > GAP_MAX * step:
+        row = int(np.argmax(steps))
+        raise BadInput(
+            f"{place}: a gap of {steps.max():.3g} s after row {row} (valid: split the recording there)"
+        )
+    if steps.max() > 1.8 * step:
+        warnings.append(f"{place}: {int((steps > 1.8 * step).sum())} samples were dropped; interpolated")
+    count = len(time) + int(np.maximum(np.round(steps / step) - 1.0, 0.0)[steps > 1.8 * step].sum())
+    even = np.linspace(time[0], time[-1], count)
+    return even, float((count - 1) / (even[-1] - even[0]))
+
+
+def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
+    """Brings (N, n) samples to even times: measurements by a cubic spline, commands along straight lines.
+
+    Straight lines would attenuate a measurement's tenth of the sampling rate by a twentieth. A command steps; a spline
+    would swing beyond its steps, and its last row held would be another row for each stamp that is a little late.
+    """
+    if len(time) == len(even) and np.allclose(
+        time, even, rtol=0.0, atol=EVEN_STEPS * float(even[1] - even[0])
+    ):
+        return values
+    if kind == "effort_command":
+        return np.column_stack([np.interp(even, time, column) for column in values.T])
+    return np.asarray(CubicSpline(time, values, axis=0)(even))
