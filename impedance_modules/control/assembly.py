@@ -19,7 +19,7 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.safety.brake import BrakeGains, brake_gains, trusted_motor_damping
 from impedance_modules.safety.limits import FilterLimits, braking_deceleration, limits_of
 from impedance_modules.safety.motor_port import sensing_deviation, sensing_error, spring_compliances
-from impedance_modules.safety.tank import TankSettings
+from impedance_modules.safety.tank_settings import TankSettings
 from impedance_modules.spec.patch_file import PatchSpec, read_patch
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task import TaskSpec

@@ -19,74 +19,19 @@ or spilled. Proof: docs/passivity.md. Source: design section 4, "Passivity".
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from impedance_modules.compiled import compiled
-from impedance_modules.errors import BadInput
 from impedance_modules.records import Flag, Integer, Matrix, Record, Scalar, Vector
 from impedance_modules.safety.motor_port import absolute_dot, motor_position
+from impedance_modules.safety.tank_settings import TankSettings
 
 DEVIATIONS = 6.0
 """Of the accumulated error of white sensors that are charged: exceeded by one run in a thousand million."""
 
 ROUNDING = 1e-9
 """Relative tolerance of the overspeed test [-]."""
-
-
-@dataclass(frozen=True)
-class TankSettings:
-    """Constants of the ledger; n joints.
-
-    Attributes:
-        initial, max, floor: Energy at the start, ceiling, and least energy while the task runs [J].
-        period: Time between two cycles, h [s].
-        delay: Whole periods from a command's issue to the beginning of its action, d; the command of cycle k
-            acts in [k + d, k + d + 1]. 0 acts at once.
-        hold: Longest time for which the robot keeps acting on a command when none follows, H >= h [s].
-        speed_bound: (n,) declared bound of the rotor speeds, v_max [rad/s].
-        compliance: (n,) 1 / K_sea [rad/N.m], 0 for a rigid joint.
-        sensing_error: (n,) bound of the error of a measured rotor angle, e [rad].
-        sensing_deviation: (n,) standard deviation s of that error where it is white [rad]; None where only e is
-            known.
-        recovery_time: Time constant with which relaxed springs are tightened again [s].
-    """
-
-    initial: float
-    max: float
-    floor: float
-    period: float
-    delay: int
-    hold: float
-    speed_bound: Vector
-    compliance: Vector
-    sensing_error: Vector
-    sensing_deviation: Vector | None
-    recovery_time: float
-
-    def __post_init__(self) -> None:
-        for problem, wrong in (
-            (
-                f"needs 0 <= floor < initial <= max [J], has {self.floor}, {self.initial}, {self.max}",
-                not 0 <= self.floor < self.initial <= self.max < math.inf,
-            ),
-            (f"period must be positive [s], is {self.period}", not 0 < self.period < math.inf),
-            (f"delay must be a whole number of periods >= 0, is {self.delay}", self.delay < 0),
-            (
-                f"hold must be at least one period ({self.period} s), is {self.hold}",
-                not self.period <= self.hold < math.inf,
-            ),
-            (f"recovery_time must be positive [s], is {self.recovery_time}", not self.recovery_time > 0),
-            (
-                f"every speed bound must be positive and finite [rad/s], are {self.speed_bound.tolist()}",
-                not bool(np.all((self.speed_bound > 0) & (self.speed_bound < math.inf))),
-            ),
-            ("compliance must be >= 0 [rad/N.m]", not bool(np.all(self.compliance >= 0))),
-            ("sensing_error must be >= 0 [rad]", not bool(np.all(self.sensing_error >= 0))),
-        ):
-            if wrong:
-                raise BadInput(f"energy tank: {problem}")
 
 
 class Tank(Record):

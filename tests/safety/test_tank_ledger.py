@@ -6,12 +6,12 @@ import pytest
 
 from impedance_modules.safety.tank import (
     Tank,
-    TankSettings,
     measure,
     missed,
     release_springs,
     rescale_springs,
 )
+from impedance_modules.safety.tank_settings import TankSettings
 from tests.reference.tank_ledger import History
 from tests.support.tank_worlds import admit_part, filled_tank, limited, settings_of
 

@@ -11,7 +11,6 @@ from scipy.linalg import expm
 
 from impedance_modules.safety.tank import (
     Tank,
-    TankSettings,
     admit,
     budget,
     change_cost,
@@ -19,6 +18,7 @@ from impedance_modules.safety.tank import (
     limit_to_budget,
     make_tank,
 )
+from impedance_modules.safety.tank_settings import TankSettings
 
 
 def settings_of(n: int, **changes: object) -> TankSettings:
