@@ -234,13 +234,6 @@ def _print_rollouts(found: Diagnosis, console: Console) -> None:
         console.print(_rollouts(rollout))
     for item in rollout.left_out:
         console.print(f"not simulated: {item.what}: {item.why}")
-    for cause in found.causes:
-        if cause.rollout is not None and cause.rollout.verdict == "worsens":
-            console.print(
-                styled("[yellow]note:[/yellow] {}", cause.effect)
-                + " explains torque but makes the simulated motion worse,"
-                f" error power by {1.0 / cause.rollout.ratio:.3g}"
-            )
 
 
 def _rollouts(rollout: Rollout) -> Table:

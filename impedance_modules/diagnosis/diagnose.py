@@ -21,6 +21,7 @@ from pathlib import Path
 
 from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.folds import DataSplit, assign_folds
+from impedance_modules.diagnosis.data.log import DataReport
 from impedance_modules.diagnosis.data.nominal_model import NominalModel, with_known_effects
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.model_selection.cause_search import Progress, search_causes
@@ -29,6 +30,8 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
     compensation_note,
     conclude,
 )
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
 from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
@@ -86,13 +89,27 @@ def diagnose(
     progress("evaluating candidates")
     left_out = {*without, *not_searched(under_water=under_water)}
     evidence = search_causes(prepared, split, model, left_out, progress)
+    evidence, small = without_negligible(evidence)
+    notes = (*split.warnings, *contact_note(prepared), *small)
+    while True:
+        found = _concluded(evidence, model, report, notes, progress)
+        progress("simulating the held-out recordings")
+        found = with_rollouts(found, evidence, model, urdf, known_effects)
+        evidence, worse = without_rejected(evidence, found.causes)
+        if not worse:
+            return found
+        notes = (*notes, *worse)
+
+
+def _concluded(
+    evidence: Evidence, model: NominalModel, report: DataReport, notes: Sequence[str], progress: Progress
+) -> Diagnosis:
+    """Names the causes and says what they explain of the torque."""
     progress("judging rivals")
     causes = causes_of_model(evidence)
+    said = (*report.warnings, *notes, *compensation_note(evidence.prepared, causes))
     progress("concluding")
-    notes = (*split.warnings, *contact_note(prepared), *compensation_note(prepared, causes))
-    found = conclude(evidence, causes, model, replace(report, warnings=(*report.warnings, *notes)))
-    progress("simulating the held-out recordings")
-    return with_rollouts(found, evidence, model, urdf, known_effects)
+    return conclude(evidence, causes, model, replace(report, warnings=said))
 
 
 def _long_enough(split: DataSplit, prepared: tuple[Prepared, ...]) -> tuple[DataSplit, tuple[Prepared, ...]]:

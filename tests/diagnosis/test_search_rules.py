@@ -109,16 +109,20 @@ def test_the_flexible_model_uses_simple_candidates_of_one_joint() -> None:
 
 
 @pytest.mark.parametrize(
-    ("parameters", "replaces", "value", "kept"),
-    [(1, False, 1.16, True), (1, False, 1.14, False), (1, False, 0.84, True), (1, False, 0.86, False),
-     (2, False, 1.0, True), (1, True, 1.0, True)],
+    ("parameters", "replaces", "value", "sure", "kept"),
+    [(1, False, 1.20, False, True), (1, False, 1.19, True, False), (1, False, 0.80, False, True),
+     (1, False, 0.81, True, False), (2, False, 1.0, True, True), (2, False, 5.0, False, False),
+     (1, True, 1.0, False, True)],
 )  # fmt: skip
-def test_a_single_number_must_differ_from_no_effect(monkeypatch, parameters, replaces, value, kept) -> None:
-    """By one and a half standard deviations, of 0.1 here; no effect is 1."""
+def test_a_single_number_must_differ_from_no_effect(
+    monkeypatch, parameters, replaces, value, sure, kept
+) -> None:
+    """By 1.96 standard deviations, of 0.1 here; no effect is 1. Several numbers are judged together."""
     described = SimpleNamespace(parameters=[SimpleNamespace(neutral=1.0)] * parameters)
     one = SimpleNamespace(
         candidate=SimpleNamespace(effect=SimpleNamespace(description=described, replaces=replaces))
     )
     found = {"s": SimpleNamespace(value=value, std=0.1)}
     monkeypatch.setattr(cause_search, "estimates", lambda fit, refiner, index, *, prismatic: found)
+    monkeypatch.setattr(cause_search, "beyond_chance", lambda fit, refiner, index: sure)
     assert cause_search.significant_terms(SimpleNamespace(model=[one]), None) == ([one] if kept else [])

@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Search of the causes: candidate columns, noise floor, forward selection, contact, tests of significance.
 
-Three tests end the search. A cause must take more than a negligible part of a joint's load; an effect with a single
-parameter p must differ from its neutral value p_0,
-
-    |p - p_0| > 1.5 \sigma_p,
-
-because a law that filters the command also fits the command's noise; and where no repeats measure the noise floor,
-the cause must lower the residual of the held-out recordings.
+Three tests end the search. A cause must take more than a negligible part of a joint's load; its numbers must differ
+from none with 95 % confidence, by the errors that they are printed with; and where no repeats measure the noise
+floor, it must lower the residual of the held-out recordings.
 """
 
 from __future__ import annotations
@@ -47,7 +43,12 @@ from impedance_modules.diagnosis.regression.noise_floor import (
     repeat_pairs,
 )
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns, build_nuisance
-from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner, UnwhitenedFit, estimates
+from impedance_modules.diagnosis.regression.parameter_estimates import (
+    ShapeRefiner,
+    UnwhitenedFit,
+    beyond_chance,
+    estimates,
+)
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_free_rows,
@@ -65,8 +66,8 @@ Progress = Callable[[str], None]
 SQUARES_RATIO_MAX = 1.2
 """Largest ratio of the squares left by a search on masked rows to those left by the causes found on all rows."""
 
-SIGMA = 1.5
-"""Standard deviations, inflated as those in the result."""
+SIGMA = 1.96
+"""Standard deviations of 95 % confidence, inflated as those in the result."""
 
 
 def search_causes(
@@ -172,7 +173,7 @@ def _tested(
 
 
 def significant_terms(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
-    """Terms whose parameter differs significantly from no effect; those with several parameters are not tested."""
+    """Terms whose numbers differ from no effect for certain."""
     return [
         term for index, term in enumerate(model_fit.model) if _significant(model_fit, refiner, index, term)
     ]
@@ -180,8 +181,10 @@ def significant_terms(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelT
 
 def _significant(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: ModelTerm) -> bool:
     effect = term.candidate.effect
-    if len(effect.description.parameters) != 1 or effect.replaces:
+    if effect.replaces:
         return True
+    if len(effect.description.parameters) > 1:
+        return beyond_chance(model_fit, refiner, index)
     neutral = effect.description.parameters[0].neutral
     (found,) = estimates(model_fit, refiner, index, prismatic=False).values()
     return abs(found.value - neutral) > SIGMA * found.std

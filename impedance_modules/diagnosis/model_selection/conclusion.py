@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import cause_of_pushes
 from impedance_modules.diagnosis.model_selection.gap_location import held_out_series, locate_gap
 from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, lack_of_fit
+from impedance_modules.diagnosis.model_selection.naming import ranked_terms
 from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
@@ -67,7 +68,7 @@ def conclude(
 def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
     """Turns the accepted terms into causes, one per effect and port, those that explain most first."""
     merged: dict[tuple[str, str], Cause] = {}
-    for term, gain in _ranked(evidence):
+    for term, gain in ranked_terms(evidence):
         cause = _cause(evidence, term, gain)
         key = (cause.effect, cause.port)
         merged[key] = _merge(merged[key], cause) if key in merged else cause
@@ -223,17 +224,6 @@ def _median_posture(evidence: Evidence, model: NominalModel) -> dict[str, float]
     """Joint -> median of all recorded positions [rad], near which the next motion can begin."""
     middle = np.median(np.concatenate([item.position for item in evidence.prepared]), axis=0)
     return {joint: float(q) for joint, q in zip(model.joints, middle, strict=True)}
-
-
-def _ranked(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
-    """Each accepted term with the power that it explains beyond those that explain more alone."""
-
-    def left(model: Sequence[ModelTerm]) -> float:
-        return evidence.excess(evidence.selector.model_fit(model))
-
-    order = sorted(evidence.model_fit.model, key=lambda term: left([term]))
-    steps = [left(order[:count]) for count in range(len(order) + 1)]
-    return [(term, max(steps[i] - steps[i + 1], 1e-12)) for i, term in enumerate(order)]
 
 
 def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import (
@@ -48,6 +49,12 @@ CORRELATION_MAX = 0.9
 
 ALLOWED = 1.45
 """Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
+
+CONFIDENCE = 0.95
+"""With which a cause's numbers must differ from none."""
+
+RANK = 1e-9
+"""Directions of a covariance with less than this part of the largest are none."""
 
 STAMPS = 0.05
 """Part of a sample's period to which any time is known, however little the noise."""
@@ -276,6 +283,29 @@ def estimates(
             variance += (STAMPS / refiner.prepared[0].log.rate) ** 2
         out[symbol] = Estimate(float(value), float(np.sqrt(max(variance, 0.0))), unit)
     return out
+
+
+def beyond_chance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
+    r"""Whether the coefficients of a term are surely not all zero, by the errors that its numbers are printed with.
+
+        c^T C^{-1} c > \chi^2_{95 \%}(rank of C)
+
+    A law that filters the command also fits the command's noise; and what a model leaves is no white noise, so that
+    a gain of likelihood alone is too easily had. True for a term that is there without coefficients as well (a tilt
+    about which it is linearised).
+    """
+    term = model_fit.model[index]
+    size = term.shaped.size
+    if size == 0 or term.shaped.fixed:
+        return True
+    symbols = [symbol for symbol in term.shaped.shape if symbol in term.candidate.effect.shape]
+    covariance = ALLOWED * _covariance(model_fit, refiner, index, symbols)[:size, :size]
+    # In units of each coefficient's own error: inertias have very different ones.
+    spread = np.sqrt(np.clip(np.diag(covariance), np.finfo(float).tiny, None))
+    parts, axes = np.linalg.eigh(covariance / np.outer(spread, spread))
+    known = parts > RANK * parts[-1]
+    along = (axes[:, known].T @ (model_fit.of(index) / spread)) ** 2 / parts[known]
+    return float(along.sum()) > float(chi2.ppf(CONFIDENCE, int(known.sum())))
 
 
 def _reach(value: float) -> float:

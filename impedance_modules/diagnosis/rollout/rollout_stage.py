@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rollouts: windows of held-out recordings, simulated without the causes, with all, and with all but each one.
 
-A cause that explains torque must also improve the simulated motion. One that worsens it takes back `explained`.
+A cause that explains torque must also improve the simulated motion; one that worsens it is not named.
 """
 
 from __future__ import annotations
@@ -96,7 +96,9 @@ class _RolloutSet:
 def with_rollouts(
     found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, known_effects: Sequence[EffectSpec]
 ) -> Diagnosis:
-    """Adds the rollouts to a diagnosis; a cause that worsens them turns `explained` into `partly_explained`.
+    """Adds the rollouts to a diagnosis; if all causes together worsen them, `explained` is `partly_explained`.
+
+    Single causes that worsen them are not named: see ``model_selection.naming``.
 
     Args:
         found: The diagnosis by torques.
@@ -109,13 +111,10 @@ def with_rollouts(
     causes = tuple(
         replace(cause, rollout=rollout.causes.get((cause.effect, cause.port))) for cause in found.causes
     )
-    worse = [c.effect for c in causes if c.rollout is not None and c.rollout.verdict == "worsens"]
-    if not worse and causes and rollout.whole is not None and rollout.whole.verdict == "worsens":
-        worse = ["all causes together"]
     verdict, remainder = found.verdict, found.remainder
-    if worse and verdict == "explained":
+    if verdict == "explained" and rollout.whole is not None and rollout.whole.verdict == "worsens":
         verdict = "partly_explained"
-        words = f"{remainder.structure}; better torques but worse simulated motion with {', '.join(worse)}"
+        words = f"{remainder.structure}; better torques but worse simulated motion with all causes together"
         remainder = replace(remainder, explained=False, structure=words)
     return replace(found, rollout=rollout, causes=causes, verdict=verdict, remainder=remainder)
 

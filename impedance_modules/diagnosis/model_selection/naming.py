@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which accepted terms are named: not those that explain next to nothing, nor those that worsen the simulated motion.
+
+What is not named is no part of the model either: gap, remainder and patch are those of the named causes alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.result import Cause
+
+LEAST_WEIGHT = 1e-5
+"""Part of the explained power below which a cause is not named: a three hundredth of the gap's size."""
+
+
+def ranked_terms(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
+    """Each accepted term with the power that it explains beyond those that explain more alone."""
+
+    def left(model: Sequence[ModelTerm]) -> float:
+        return evidence.excess(evidence.selector.model_fit(model))
+
+    order = sorted(evidence.model_fit.model, key=lambda term: left([term]))
+    steps = [left(order[:count]) for count in range(len(order) + 1)]
+    return [(term, max(steps[i] - steps[i + 1], 1e-12)) for i, term in enumerate(order)]
+
+
+def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
+    """Leaves out the terms of negligible weight, one after the other, the least first.
+
+    Returns:
+        The evidence with the others fitted again, and a sentence for each that was left out.
+    """
+    notes: list[str] = []
+    while evidence.model_fit.model:
+        ranked = ranked_terms(evidence)
+        whole = sum(gain for _, gain in ranked)
+        term, least = min(ranked, key=lambda item: item[1])
+        if least >= LEAST_WEIGHT * whole:
+            break
+        notes.append(
+            f"not named: {term.candidate.name}, which explains less than {LEAST_WEIGHT:g} of the gap"
+        )
+        evidence = _without(evidence, [term])
+    return evidence, tuple(notes)
+
+
+def without_rejected(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evidence, tuple[str, ...]]:
+    """Leaves out the causes with which the simulated motion is worse than without.
+
+    Args:
+        evidence: With these causes.
+        causes: Compared in rollouts.
+
+    Returns:
+        The evidence with the others fitted again, and a sentence for each that was left out.
+    """
+    rejected = [c for c in causes if c.rollout is not None and c.rollout.verdict == "worsens"]
+    if not rejected:
+        return evidence, ()
+    keys = {(cause.effect, cause.port) for cause in rejected}
+    notes = tuple(
+        f"not named: {cause.effect} on {', '.join(cause.joints) or 'all joints'}, which explains torque but makes the"
+        f" simulated motion worse, error power by {1.0 / cause.rollout.ratio:.3g}"
+        for cause in rejected
+        if cause.rollout is not None
+    )
+    left_out = [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) in keys]
+    return _without(evidence, left_out), notes
+
+
+def _without(evidence: Evidence, left_out: Sequence[ModelTerm]) -> Evidence:
+    """Fits the other terms again."""
+    kept = [term for term in evidence.model_fit.model if term not in left_out]
+    return replace(evidence, model_fit=evidence.selector.model_fit(kept))

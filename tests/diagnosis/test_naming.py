@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is accepted and not named: numbers within chance, next to no weight, a motion that becomes worse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from impedance_modules.diagnosis.model_selection.naming import (
+    LEAST_WEIGHT,
+    ranked_terms,
+    without_negligible,
+    without_rejected,
+)
+from impedance_modules.diagnosis.regression import parameter_estimates
+from impedance_modules.diagnosis.regression.parameter_estimates import ALLOWED, beyond_chance
+
+
+def term(effect: str, joint: str = "elbow", port: str = "link") -> SimpleNamespace:
+    return SimpleNamespace(key=(effect, joint, port), candidate=SimpleNamespace(name=f"{effect} on {joint}"))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Terms that each explain a power of their own, whatever stands beside them."""
+
+    powers: dict[str, float]
+    model_fit: SimpleNamespace
+    selector: SimpleNamespace = field(
+        default_factory=lambda: SimpleNamespace(model_fit=lambda model: SimpleNamespace(model=list(model)))
+    )
+
+    def excess(self, fit: SimpleNamespace) -> float:
+        named = {one.key[0] for one in fit.model}
+        return 1.0 + sum(power for effect, power in self.powers.items() if effect not in named)
+
+
+def evidence(**powers: float) -> Evidence:
+    return Evidence(powers, SimpleNamespace(model=[term(effect) for effect in powers]))
+
+
+def named(found: Evidence) -> list[str]:
+    return [one.key[0] for one in found.model_fit.model]
+
+
+def test_terms_are_ranked_by_what_they_explain() -> None:
+    ranked = ranked_terms(evidence(offset=2.0, spring=7.0, friction=4.0))
+    assert [(one.key[0], gain) for one, gain in ranked] == [
+        ("spring", 7.0),
+        ("friction", 4.0),
+        ("offset", 2.0),
+    ]
+
+
+def test_what_explains_next_to_nothing_is_not_named_and_said() -> None:
+    least = 100.0 * LEAST_WEIGHT
+    given_ = evidence(spring=100.0, friction=2.0 * least, noise=0.5 * least, crumb=0.1 * least)
+    found, notes = without_negligible(given_)
+    assert named(found) == ["spring", "friction"]
+    assert [note.split(" on ")[0] for note in notes] == ["not named: crumb", "not named: noise"]
+    assert without_negligible(found) == (found, ())
+    alone, notes = without_negligible(evidence(spring=1e-9))
+    assert named(alone) == ["spring"] and notes == ()
+
+
+def cause(effect: str, verdict: str | None, port: str = "link") -> SimpleNamespace:
+    rollout = None if verdict is None else SimpleNamespace(verdict=verdict, ratio=0.5)
+    return SimpleNamespace(effect=effect, port=port, joints=("elbow",), rollout=rollout)
+
+
+def test_what_worsens_the_simulated_motion_is_not_named() -> None:
+    before = evidence(spring=5.0, friction=3.0, payload=1.0)
+    causes = [cause("spring", "helps"), cause("friction", "worsens"), cause("payload", None)]
+    found, notes = without_rejected(before, causes)
+    assert named(found) == ["spring", "payload"]
+    assert len(notes) == 1 and "friction on elbow" in notes[0] and "error power by 2" in notes[0]
+    other_port = [cause("friction", "worsens", port="actuator")]
+    assert named(without_rejected(before, other_port)[0]) == ["spring", "friction", "payload"]
+    assert without_rejected(before, [cause("spring", "no difference")]) == (before, ())
+
+
+def fitted(
+    coefficients: np.ndarray, covariance: np.ndarray, monkeypatch: pytest.MonkeyPatch, *, fixed: bool = False
+) -> bool:
+    one = SimpleNamespace(
+        shaped=SimpleNamespace(size=len(coefficients), shape={}, fixed=fixed),
+        candidate=SimpleNamespace(effect=SimpleNamespace(shape=())),
+    )
+    monkeypatch.setattr(parameter_estimates, "_covariance", lambda *rest: covariance)
+    return beyond_chance(SimpleNamespace(model=[one], of=lambda index: coefficients), None, 0)
+
+
+@given(seed=st.integers(0, 10_000), size=st.integers(1, 6), length=st.floats(0.2, 3.0))
+def test_numbers_are_judged_together_in_whatever_units(seed: int, size: int, length: float) -> None:
+    """The distance is that of a normal distribution; no change of units or axes moves it."""
+    random = np.random.default_rng(seed)
+    root = random.standard_normal((size, size)) + 3.0 * np.eye(size)
+    direction = random.standard_normal(size)
+    bound = np.sqrt(ALLOWED * chi2.ppf(0.95, size))
+    coefficients = root @ (length * bound * direction / np.linalg.norm(direction))
+    units = 10.0 ** random.uniform(-4.0, 4.0, size)
+    if abs(length - 1.0) < 1e-6:
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        found = fitted(units * coefficients, units[:, None] * (root @ root.T) * units, patch)
+    assert found is (length > 1.0)
+
+
+def test_a_direction_that_nothing_tells_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two numbers that move together are one: 95 % of one number, not of two."""
+    together = np.array([[1.0, 1.0], [1.0, 1.0]])
+    bound = np.sqrt(ALLOWED * chi2.ppf(0.95, 1))
+    assert fitted(1.01 * bound * np.ones(2), together, monkeypatch)
+    assert not fitted(0.99 * bound * np.ones(2), together, monkeypatch)
+    assert fitted(np.zeros(0), np.zeros((0, 0)), monkeypatch)
+    # A torque that is there without its coefficients is not judged by them.
+    assert fitted(np.zeros(2), together, monkeypatch, fixed=True)
