@@ -14,7 +14,6 @@ from scipy.stats import chi2
 
 from impedance_modules.diagnosis.model_selection.naming import (
     LEAST_WEIGHT,
-    ranked_terms,
     without_negligible,
     without_rejected,
 )
@@ -47,15 +46,6 @@ def evidence(**powers: float) -> Evidence:
 
 def named(found: Evidence) -> list[str]:
     return [one.key[0] for one in found.model_fit.model]
-
-
-def test_terms_are_ranked_by_what_they_explain() -> None:
-    ranked = ranked_terms(evidence(offset=2.0, spring=7.0, friction=4.0))
-    assert [(one.key[0], gain) for one, gain in ranked] == [
-        ("spring", 7.0),
-        ("friction", 4.0),
-        ("offset", 2.0),
-    ]
 
 
 def test_what_explains_next_to_nothing_is_not_named_and_said() -> None:

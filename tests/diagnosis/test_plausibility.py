@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis.model_selection import conclusion, plausibility
+from impedance_modules.diagnosis.model_selection import plausibility
+from impedance_modules.diagnosis.model_selection.naming import ranked_terms
 from impedance_modules.diagnosis.model_selection.plausibility import Plausibility
 from impedance_modules.effects.catalogue import CATALOGUE
 
@@ -131,6 +132,6 @@ def test_a_cause_is_credited_with_what_it_explains_beyond_the_stronger_ones() ->
         selector=SimpleNamespace(model_fit=lambda model: "".join(sorted(term.name for term in model))),
         excess=lambda names: left[names],
     )
-    found = conclusion._ranked(evidence)
+    found = ranked_terms(evidence)
     assert [term.name for term, _ in found] == ["b", "c", "a"]
     assert [gain for _, gain in found] == pytest.approx([6.0, 1.5, 1e-12])

@@ -164,6 +164,17 @@ def brought_to_even_times(fault, rate, noise, seed=3):
     return left, (1.25 * size + rubber, 1.1 * TORQUE_NOISE + bend)
 
 
+@pytest.mark.parametrize("place", [0.02, 0.1, 0.5, 0.97])
+@pytest.mark.parametrize("lost", [1, 3])
+def test_one_lost_row_is_counted_wherever_it_is(place, lost):
+    random, time = np.random.default_rng(2), np.arange(3000) / 250.0
+    first = round(place * len(time))
+    taken = np.delete(time, slice(first, first + lost))
+    stamps = taken + 0.05 / 250.0 * random.standard_normal(len(taken))
+    times = sampling_times(stamps, noisy(Motion(2).position(taken), "white", random))
+    assert np.abs(times - taken).max() < 0.01 / 250.0
+
+
 @pytest.mark.parametrize(("fault", "rate", "noise"), CASES)
 def test_clean_samples_leave_with_their_noise_only(fault, rate, noise):
     (position, acceleration, torque), bounds = brought_to_even_times(fault, rate, noise)

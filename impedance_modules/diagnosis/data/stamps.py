@@ -32,9 +32,6 @@ EVEN_STEPS = 1e-3
 CLEARLY_SMOOTHER = 0.8
 """Times at which positions have less than this part of the roughness are preferred to simpler ones."""
 
-NEAR_ROWS = 0.25
-"""Nine of ten stamps within this part of a step of the evenly counted rows: no row is lost."""
-
 NEAR_COUNT = 0.5
 """Nine of ten stamps must lie within this part of a step of the counted times."""
 
@@ -74,8 +71,8 @@ def _even_times(time: Array) -> Iterator[Array]:
         if np.abs(line - time).max() < GAP_MAX * mean:
             yield line
         return
-    line = _fitted(rows, time, 1)
-    index = rows if _distance(line, time) < NEAR_ROWS * mean else _counted(time)
+    # Whoever counts a late row as a lost one is one ahead from then on, and far from all stamps that follow.
+    index = min(rows, _counted(time), key=lambda count: float(np.std(_fitted(count, time, 1) - time)))
     for order in (1, CLOCK_ORDER):
         times = _fitted(index, time, order)
         if _distance(times, time) < NEAR_COUNT * _step(time) and np.all(np.diff(times) > 0.0):
