@@ -45,6 +45,15 @@ def point_mass(mass: float, centre: Array) -> Array:
     return np.concatenate([[mass], mass * centre, mass * around])
 
 
+def inertia_slopes(centre: Array) -> Array:
+    """Derivatives (6, 3) of a point mass's inertia by its first moments h = m c, its mass kept [m]."""
+    x, y, z = centre
+    by_x = (0.0, -y, 2.0 * x, -z, 0.0, 2.0 * x)
+    by_y = (2.0 * y, -x, 0.0, 0.0, -z, 2.0 * y)
+    by_z = (2.0 * z, 0.0, 2.0 * z, -x, -y, 0.0)
+    return np.array([by_x, by_y, by_z]).T
+
+
 def place_on_link(meaning: str) -> tuple[Parameter, ...]:
     """Describes the three coordinates of a point of a link."""
     return tuple(Parameter(name, "m", f"{meaning} along the link's {name[1]} axis") for name in CENTRE)
@@ -100,11 +109,30 @@ class Payload(MassAtPoint):
     shape = CENTRE
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
-        """Columns of m and of the first moments m c; the inertia is that of m at the present guess of c."""
-        whole = site.signals.body_columns(site.key)
-        guess = point_mass(1.0, centre_of(shape))
-        heavy = whole[:, :, 0] + whole[:, :, 4:] @ guess[4:]
-        return self.of_moments(np.concatenate([heavy[:, :, None], whole[:, :, 1:4]], axis=2))
+        """Columns of M and of the first moments h = m c, the inertia linearised about the present guess c_0 of c.
+
+            h^2 / m  ~  2 c_0 h - c_0^2 m  =  c_0^2 M        (in three dimensions likewise, see `inertia_slopes`)
+
+        A joint that swings shows h and the inertia, and no mass: then M is right whatever the guess, and m = h^2 over
+        that inertia. Where the weight shows the mass, one guess only fits both.
+        """
+        whole, guess = site.signals.body_columns(site.key), centre_of(shape)
+        weight, moments, inertia = whole[:, :, 0], whole[:, :, 1:4], whole[:, :, 4:]
+        square = float(guess @ guess)
+        if square > 0.0:
+            light = inertia @ point_mass(1.0, guess)[4:] - weight
+            lean = inertia @ inertia_slopes(guess) - light[:, :, None] * (2.0 * guess / square)
+            weight, moments = light, moments + lean
+        return self.of_moments(np.concatenate([weight[:, :, None], moments], axis=2))
+
+    def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
+        """The point mass with these first moments and this inertia; about the origin, where there is none, with M."""
+        moments, square = coefficients[1:], float(np.sum(centre_of(shape) ** 2))
+        inertia, moment_square = float(coefficients[0]) * square, float(moments @ moments)
+        if inertia <= 0.0 or moment_square == 0.0:
+            return super().values(coefficients, shape, site)
+        mass = moment_square / inertia
+        return {"m": mass, **by_axis(moments / mass)}
 
     def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Starts at the link's origin, at its centre of mass, and as far beyond: where things are fixed."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from impedance_modules.diagnosis.data.folds import assign_folds
 from impedance_modules.diagnosis.data.stamps import sampling_times
 from impedance_modules.diagnosis.data.time_base import quantisation_step
-from tests.diagnosis.test_diagnosis import JOINTS, answer, motion, torque
+from tests.diagnosis.test_diagnosis import JOINTS, answer, diagnosed, motion, torque
 from tests.diagnosis.test_diagnosis_data import admitted, columns, diagnose, urdf  # noqa: F401
 from tests.support.recordings import columns_of, save
 
@@ -86,3 +86,36 @@ def test_one_recording_of_ten_seconds_is_enough(tmp_path, urdf):  # noqa: F811
     assert code == 0 and "no_gap" in said
     code, said = diagnose(urdf, save(tmp_path, "shorter", columns(0, seconds=3.0)))
     assert code == 7 and "too short to fit one part and test on another" in said and "valid:" in said
+
+
+PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><mass value="0.5"/>
+<origin xyz="0 0 -0.25"/><inertia ixx="0.01" iyy="0.01" izz="0.0002" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="swing" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(("mass", "reach"), [(1.0, 0.5), (2.0, 0.5), (0.3, 0.8), (1.0, 1.2)])
+def test_a_weight_on_a_pendulum_has_its_mass_and_its_place(tmp_path, mass, reach):
+    """One joint shows m d and m d^2, and no mass: both numbers follow from these two wherever the search begins."""
+    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    paths = []
+    for run in range(4):
+        dice, noise = np.random.default_rng(min(run, 2)), np.random.default_rng(10 + run)
+        t = np.arange(0.0, 15.0, 0.01)
+        rate, size = 2.0 * np.pi * dice.uniform(0.2, 1.3, 4), dice.uniform(0.2, 0.6, 4)
+        wave = size * np.sin(rate * t[:, None] + dice.uniform(0.0, 6.28, 4))
+        q, a = wave.sum(axis=1), -(rate**2 * wave).sum(axis=1)
+        inertia = 0.01 + 0.5 * 0.25**2 + mass * reach**2
+        effort = (
+            inertia * a + 9.81 * (0.5 * 0.25 + mass * reach) * np.sin(q) + noise.normal(0.0, 0.02, len(t))
+        )
+        data = columns_of(
+            t, ["swing"], position=q[:, None] + 1e-5 * noise.normal(size=(len(t), 1)), effort=effort[:, None]
+        )
+        paths.append(save(tmp_path, f"run{run}", data, repeat_of="run2" if run == 3 else None))
+    _, found = diagnosed(tmp_path, *paths, "--urdf", tmp_path / "pendulum.urdf")
+    (cause,) = found["causes"]
+    body = cause["parameters"]["rod"]
+    assert cause["effect"] == "payload"
+    assert body["m"]["value"] == pytest.approx(mass, rel=0.02)
+    assert body["cz"]["value"] == pytest.approx(-reach, rel=0.02)
+    assert 0.0 < body["m"]["std"] < 0.1 * mass
