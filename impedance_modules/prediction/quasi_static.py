@@ -22,6 +22,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.set_points import BLENDING
+from impedance_modules.errors import BadFile
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion, phase_motion, start_equilibrium
@@ -36,6 +37,9 @@ MIDDLE = 0.55
 
 SHORTEST_STEP, LONGEST_STEP = 0.025, 0.04
 """Bounds of a step [s]; hands swing with 10 to 20 rad/s."""
+
+RUNAWAY = 100.0
+"""A joint that is so many times faster than its limit runs away: what would be predicted after that means nothing."""
 
 STEPS = 200
 """Of a phase that does not oscillate."""
@@ -125,10 +129,23 @@ def predict_motion(assembly: Assembly) -> MotionPrediction:
 
     A phase whose ``until`` is not met within its duration goes on to the next, whatever the task says then. A
     surface that becomes smooth is not predicted: such a phase takes its whole duration.
+
+    Raises:
+        BadFile: A joint runs away, with its phase.
     """
     integration = _Integration(assembly)
-    phases = tuple(integration.run(phase) for phase in assembly.task.phases)
-    return MotionPrediction(phases, tuple(integration.samples))
+    phases = []
+    for index, spec in enumerate(assembly.task.phases):
+        try:
+            phases.append(integration.run(spec))
+        except _RunsAway as found:
+            problem = assembly.task.document.problem(("phases", index), str(found))
+            raise BadFile([problem]) from None
+    return MotionPrediction(tuple(phases), tuple(integration.samples))
+
+
+class _RunsAway(Exception):  # noqa: N818 - it is what happens
+    """A joint of the prediction runs away; says which and when."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +164,7 @@ class _Integration:
         self._mechanism = Mechanism(assembly)
         model = assembly.model
         self._motor_damping = np.diag(model.column("motor_damping")[self._mechanism.joints])
+        self._fastest = RUNAWAY * model.column("velocity_max")
         self._q, self._v = assembly.modules.posture.copy(), np.zeros(model.n)
         self._modules = assembly.modules
         self._before: _Running | None = None
@@ -190,12 +208,24 @@ class _Integration:
             self._record(phase, clock)
             self._advance(phase, clock, step)
             clock, self._time = clock + step, self._time + step
+            self._refuse_runaway(spec.name)
             met = spec.until is not None and end.met(step)
         self._record(phase, clock)
         if not met and plan.repeated > 0.0:
             self._repeat(first, plan.period, plan.repeated)
             clock += plan.repeated
         return clock, met
+
+    def _refuse_runaway(self, phase: str) -> None:
+        ratio = np.abs(self._v) / self._fastest
+        if np.all(ratio < 1.0):
+            return
+        worst = int(np.argmax(np.where(np.isfinite(ratio), ratio, np.inf)))
+        raise _RunsAway(
+            f"the predicted motion runs away in phase '{phase}': {self._mechanism.model.joint_names[worst]} passes"
+            f" {RUNAWAY:g} times its speed limit at {self._time:.2f} s (valid: softer springs, more damping, or a"
+            " shorter motion)"
+        )
 
     def _advance(self, phase: _Running, clock: float, step: float) -> None:
         """Moves by one step of ``step`` seconds from the sample that was recorded last."""

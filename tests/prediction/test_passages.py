@@ -54,6 +54,41 @@ def test_a_loop_that_is_unstable_on_the_way_is_refused_with_its_time(tmp_path: P
         assert "unstable" not in invoke("check", path, "--rate", rate).output
 
 
+RUNAWAY = """
+format: 1
+name: runaway
+robot: baxter
+arms:
+  right:
+    posture: {s0: -0.0073, s1: -0.1951, e0: 1.1097, e1: 0.2439, w0: 2.6155, w1: 0.5389, w2: 1.3742}
+    joint_bias:
+      stiffness: {s0: 1.065, s1: 0.616, e0: 0.813, e1: 9.62, w0: 4.35, w1: 10.01, w2: 10.54}
+      damping_ratio: 0.955
+    springs:
+      - name: hand
+        frame: right_hand
+        expressed_in: right_hand
+        stiffness: {x: 1740.7, y: 1161.2, z: 2755.6, rx: 6.34, ry: 8.39, rz: 22.8}
+        damping_ratio: 0.248
+safety: {tank: {initial: 43, max: 86, floor: 0.3}}
+phases:
+  - name: go
+    duration: 0.458
+    equilibrium: {right.hand: {x: 0.0235, y: -0.1534, z: -0.1197}}
+    posture: {right: {s0: -0.0205, s1: -0.1274, e0: 1.2523, w0: 2.9495, w2: 1.2077}}
+  - {name: turn, duration: 0.55, equilibrium: {right.hand: {rx: {sine: {amplitude: 0.0102, frequency: 0.9368}}}}}
+  - {name: stay, duration: 0.51}
+"""
+
+
+def test_a_motion_that_runs_away_is_refused_with_its_phase(tmp_path: Path) -> None:
+    """Its numbers would end beyond any float, and the prediction with them."""
+    text = refusal("check", write_task(tmp_path, RUNAWAY), "--rate", 357.7)
+    assert (
+        "phases[2]" in text and "runs away in phase 'stay'" in text and "times its speed limit at 1." in text
+    )
+
+
 def test_a_passage_tells_when_and_where_it_grows(tmp_path: Path) -> None:
     assembly = assembled(write_task(tmp_path, DRIFTING, ("SECONDS", "2.0")), rate=320.5)
     mechanism, motion = Mechanism(assembly), predict_motion(assembly)
