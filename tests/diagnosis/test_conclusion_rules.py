@@ -9,7 +9,7 @@ import pytest
 from impedance_modules.diagnosis.model_selection import conclusion, external_pushes, gap_location
 from impedance_modules.diagnosis.model_selection import lack_of_fit as remainder
 from impedance_modules.diagnosis.model_selection.conclusion import propose_motion
-from impedance_modules.diagnosis.model_selection.evidence import above_negligible, negligible
+from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
 from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush, Forces
 from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit
 from impedance_modules.diagnosis.result import Cause, JointGap, Remainder, Rival
@@ -387,3 +387,29 @@ def test_the_band_holds_the_middle_four_fifths_of_the_power() -> None:
     faint = tones + 3.0 * np.sin(2 * np.pi * 5.0 * time)
     low, high = gap_location._band([faint], item)
     assert low == pytest.approx(2.0, abs=0.1) and high == pytest.approx(8.0, abs=0.1)
+
+
+def test_noise_is_a_mean_square_over_the_held_out_recordings() -> None:
+    rms = np.array([[9.0, 9.0], [3.0, 1.0], [4.0, 1.0]])
+    own = SimpleNamespace(floor=SimpleNamespace(rms=rms), heldout=(1, 2))
+    assert Evidence.heldout_noise.func(own) == pytest.approx([np.sqrt(12.5), 1.0])
+
+
+def test_a_unit_of_power_is_the_mean_over_the_joints_of_a_residual() -> None:
+    groups = (("link", 0), ("link", 1), ("velocity", 0))
+    own = SimpleNamespace(design=SimpleNamespace(groups=groups), heldout_noise=np.array([3.0, 1.0, 2.0]))
+    assert Evidence.unit_power.func(own) == pytest.approx([5.0, 5.0, 4.0])
+
+
+def test_the_share_of_pushes_is_the_power_beyond_noise_where_they_are() -> None:
+    left = np.array([3.0, 1.0, 1.0, 1.0])
+    own = SimpleNamespace(
+        prepared=[None],
+        plain=SimpleNamespace(left=lambda fit, recording: [left]),
+        calibrated=None,
+        floor=SimpleNamespace(rms=np.array([[0.5]])),
+        unit_power=np.array([2.0]),
+        contact_free=lambda recording, group: np.array([False, True, True, True]),
+    )
+    inside, whole = 9.0 - 0.25, 12.0 - 4 * 0.25
+    assert Evidence.pushed_share.func(own) == pytest.approx(inside / whole)

@@ -8,7 +8,7 @@ import pytest
 
 from impedance_modules.safety.solvers.daqp_solver import PlainProblem, write_plain
 from impedance_modules.safety.solvers.exact_form import make_form
-from impedance_modules.safety.solvers.exact_search import _push, make_search
+from impedance_modules.safety.solvers.exact_search import _carried, _push, make_search
 from tests.support.both_ways import ways  # noqa: F401
 
 
@@ -47,3 +47,17 @@ def test_the_guessing_solver_is_given_the_problem_itself(size: float) -> None:
     assert plain.lower == pytest.approx(np.maximum(form.low[0] / unit, -1e30))
     assert plain.upper == pytest.approx(np.minimum(form.high[0] / unit, 1e30))
     assert plain.softness == pytest.approx(form.give[0] ** 2)
+
+
+@pytest.mark.usefixtures("ways")
+@pytest.mark.parametrize(("off", "carried"), [(0.0, True), (1e-14, True), (1e-11, False), (-1e-3, False)])
+def test_the_multipliers_must_carry_the_whole_change(off: float, carried: bool) -> None:
+    """y = -sum lambda g, each coordinate to a millionth of a millionth of its terms."""
+    random, exact = np.random.default_rng(3), make_search(3, 2)
+    exact.count = 2
+    exact.rows[0, :2] = random.standard_normal((2, 3))
+    exact.multiplier[0, :2] = random.uniform(0.5, 2.0, 2)
+    exact.point[0] = -exact.multiplier[0, :2] @ exact.rows[0, :2]
+    assert _carried(exact)
+    exact.point[0, 2] += off * np.abs(exact.multiplier[0, :2] * exact.rows[0, :2, 2]).sum()
+    assert _carried(exact) is carried

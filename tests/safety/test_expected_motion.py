@@ -10,6 +10,7 @@ import pytest
 
 from impedance_modules.safety.expected_motion import (
     ExpectedMotion,
+    _free_acceleration,
     begin_steady,
     expect_motion,
     expected_motion,
@@ -186,3 +187,22 @@ def test_a_gap_counts_as_long_as_it_was() -> None:
         motion.measured[2] = effort
         expect_motion(motion, intervals, np.zeros(1), np.zeros((1, 1)))
         assert motion.rate == pytest.approx([1.0])
+
+
+def test_torques_accelerate_a_joint_by_what_bias_and_motor_damping_leave_of_them() -> None:
+    random = np.random.default_rng(4)
+    inverse = np.diag(random.uniform(1.0, 3.0, N)) + 0.2
+    bias, damping, effort, speed = random.normal(size=(4, N))
+    motion = expected_motion(
+        compliance=np.zeros(N),
+        reflected_inertia=np.zeros(N),
+        motor_damping=np.abs(damping),
+        arms=(inverse, bias, np.zeros(N)),
+        slow=np.zeros(N),
+        period=1e-3,
+        lag=0.0,
+        delay=0,
+    )
+    motion.motor_velocity[:] = speed
+    found = [_free_acceleration(motion, effort, i) for i in range(N)]
+    np.testing.assert_allclose(found, inverse @ (effort - bias - np.abs(damping) * speed), rtol=1e-12)
