@@ -90,8 +90,9 @@ def _pressed_at_start(assembly: Assembly, mechanism: Mechanism) -> Iterator[Prob
     mechanism.update(assembly.modules.posture, np.zeros(assembly.model.n))
     limit = assembly.limits.effort_max[mechanism.joints]
     names = [f"the hand '{arm.limb.hand}'" for arm in assembly.modules.arms] + ["the object"]
+    contacts = mechanism.contacts(0.0)
     for index in range(len(assembly.task.environment)):
-        inside = [(contact, J) for contact, J in mechanism.contacts(0.0) if contact.key[2] == index]
+        inside = [(contact, J) for contact, J in contacts if contact.key[2] == index]
         if not inside:
             continue
         presses = [contact.surface.stiffness * contact.depth for contact, _ in inside]

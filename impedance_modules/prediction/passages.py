@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Loops that are unstable for a while as the arms move: how far an oscillation grows before it decays again.
 
-Where it grows by the factor g(q) per control period T, a swing of size a becomes in the time dt
+Where it grows by the factor g(q) per control period T, an oscillation of amplitude a becomes in the time dt
 
     a(t + dt) = g(q)^(dt / T) a(t),     and never less than it was at first
 
@@ -26,7 +26,7 @@ from impedance_modules.prediction.phase_loops import PhaseLoops, gains_key, reme
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase, PredictedSample
 from impedance_modules.prediction.statics import Analysed, analyse_state
 
-LARGEST_SWELL = 100.0
+LARGEST_AMPLIFICATION = 100.0
 """How far an oscillation may grow: from the noise of a measured velocity to half of a joint's speed limit."""
 
 SAME_POSTURE = 0.1
@@ -35,7 +35,7 @@ SAME_POSTURE = 0.1
 
 @dataclass(frozen=True)
 class Passage:
-    """An oscillation that grows by `LARGEST_SWELL` on the way.
+    """An oscillation that grows by `LARGEST_AMPLIFICATION` on the way.
 
     Attributes:
         number: Of its loop, as ``forecast_stability`` lists them.
@@ -52,15 +52,17 @@ class Passage:
 
 def find_passages(assembly: Assembly, mechanism: Mechanism, motion: MotionPrediction) -> tuple[Passage, ...]:
     """Finds the loops whose oscillation grows too far on the predicted way, one passage for each."""
-    growths, swells = _Growths(assembly, mechanism), defaultdict[int, _Swell](_Swell)
+    growths, amplitudes = _Growths(assembly, mechanism), defaultdict[int, _Amplitude](_Amplitude)
     for index, phase in enumerate(motion.phases):
         for now, after in itertools.pairwise(motion.samples[phase.samples]):
             periods = (after.time - now.time) * assembly.rate
             for number, growth in enumerate(growths.at(phase, now)):
-                swells[number].go_on(growth, periods, now)
-                if swells[number].found is None and swells[number].size > LARGEST_SWELL:
-                    swells[number].found = Passage(number, index, after.time, swells[number].fastest or now)
-    return tuple(swell.found for swell in swells.values() if swell.found is not None)
+                amplitudes[number].go_on(growth, periods, now)
+                if amplitudes[number].found is None and amplitudes[number].size > LARGEST_AMPLIFICATION:
+                    amplitudes[number].found = Passage(
+                        number, index, after.time, amplitudes[number].fastest or now
+                    )
+    return tuple(amplitude.found for amplitude in amplitudes.values() if amplitude.found is not None)
 
 
 def passage_problems(assembly: Assembly, mechanism: Mechanism, motion: MotionPrediction) -> Iterator[Problem]:
@@ -73,7 +75,7 @@ def passage_problems(assembly: Assembly, mechanism: Mechanism, motion: MotionPre
         yield assembly.task.document.problem(
             springs_of_loop(assembly, passage.phase, loop.name),
             f"the loop of '{loop.name}' is predicted to be unstable on the way: at {assembly.rate:g} Hz an oscillation"
-            f" has grown {LARGEST_SWELL:g}-fold at {passage.time:.2f} s, in phase '{phase.name}',"
+            f" has grown {LARGEST_AMPLIFICATION:g}-fold at {passage.time:.2f} s, in phase '{phase.name}',"
             " before its rest is reached",
             remedies(assembly, phase, PhaseLoops(passage.phase, state, loops), passage.number),
         )
@@ -86,8 +88,8 @@ def _state(mechanism: Mechanism, phase: PredictedPhase, sample: PredictedSample)
 
 
 @dataclass
-class _Swell:
-    """Size of one loop's oscillation over what it was at first, and where on the way it grew fastest."""
+class _Amplitude:
+    """Amplitude of one loop's oscillation over what it was at first, and where on the way it grew fastest."""
 
     size: float = 1.0
     growth: float = 1.0

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import Problem
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.prediction.loop_stability import StabilityForecast, forecast_stability
+from impedance_modules.prediction.loop_stability import StabilityForecast, forecast_stability, loop_growths
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
 from impedance_modules.prediction.statics import Analysed, Rest, analyse_state
@@ -36,23 +36,25 @@ class PhaseLoops:
     state: Analysed
     loops: tuple[StabilityForecast, ...]
 
-    @property
-    def growth(self) -> float:
-        """Of the fastest growing oscillation, per period."""
-        return max(loop.oscillating_growth for loop in self.loops)
-
 
 def judge_loops(
     assembly: Assembly, mechanism: Mechanism, motion: MotionPrediction, rests: Sequence[Rest | None]
 ) -> tuple[PhaseLoops, ...]:
     """Judges the loops of every phase; phases with the same gains share the judgement of the least stable."""
-    shared: dict[bytes, PhaseLoops] = {}
+    worst: dict[bytes, tuple[float, int, Analysed]] = {}
     for index, (phase, rest) in enumerate(zip(motion.phases, rests, strict=True)):
         state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
-        found = PhaseLoops(index, state, forecast_stability(assembly, phase.modules, state.arms, state.held))
-        before = shared.get(gains_key(phase))
-        if before is None or found.growth > before.growth:
-            shared[gains_key(phase)] = found
+        growth = max(loop_growths(assembly, phase.modules, state.arms, state.held))
+        if gains_key(phase) not in worst or growth > worst[gains_key(phase)][0]:
+            worst[gains_key(phase)] = growth, index, state
+    shared = {
+        key: PhaseLoops(
+            index,
+            state,
+            forecast_stability(assembly, motion.phases[index].modules, state.arms, state.held),
+        )
+        for key, (_, index, state) in worst.items()
+    }
     return tuple(shared[gains_key(phase)] for phase in motion.phases)
 
 

@@ -36,7 +36,7 @@ MUTANTS = (
     (PASSAGES, "(after.time - now.time) * assembly.rate", "(after.time - now.time) * 1000.0"),
     (PASSAGES, "self.size = max(1.0, ", "self.size = max(0.0, "),
     (PASSAGES, "if growth > self.growth or", "if growth < self.growth or"),
-    (PHASE_LOOPS, "found.growth > before.growth", "found.growth < before.growth"),
+    (PHASE_LOOPS, "growth > worst[gains_key(phase)][0]", "growth < worst[gains_key(phase)][0]"),
     (PHASE_END, "if there == until.present else 0.0", "if there != until.present else 0.0"),
     (STATICS, "np.concatenate([force, np.cross(contact.arm, force)])", "np.concatenate([force, np.cross(force, contact.arm)])"),
     (STATICS, "closed and float(np.max(np.abs(self._left))) < BALANCED", "closed"),

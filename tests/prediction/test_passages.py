@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from impedance_modules.prediction.loop_stability import loop_growths
 from impedance_modules.prediction.mechanism import Mechanism
-from impedance_modules.prediction.passages import LARGEST_SWELL, _Swell, find_passages
+from impedance_modules.prediction.passages import LARGEST_AMPLIFICATION, _Amplitude, find_passages
 from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.prediction.statics import analyse_state, find_rest
 from tests.support.commands import invoke, refusal
@@ -105,31 +105,31 @@ def test_a_passage_tells_when_and_where_it_grows(tmp_path: Path) -> None:
 
 @given(st.lists(st.tuples(st.floats(0.9, 1.2), st.floats(0.0, 20.0)), min_size=1, max_size=20))
 def test_a_swing_is_the_largest_product_of_growths_up_to_now(steps: list[tuple[float, float]]) -> None:
-    swell, logs = _Swell(), []
+    amplitude, logs = _Amplitude(), []
     for growth, periods in steps:
-        swell.go_on(growth, periods, None)
+        amplitude.go_on(growth, periods, None)
         logs.append(periods * math.log(growth))
         ends = [sum(logs[first:]) for first in range(len(logs))]
-        assert math.log(swell.size) == pytest.approx(max(0.0, *ends), abs=1e-9)
+        assert math.log(amplitude.size) == pytest.approx(max(0.0, *ends), abs=1e-9)
 
 
 def test_the_posture_at_which_it_grew_fastest_is_told() -> None:
-    swell = _Swell()
+    amplitude = _Amplitude()
     for number, growth in enumerate((1.01, 1.05, 1.02)):
-        swell.go_on(growth, 10.0, number)
-    assert swell.fastest == 1
-    swell.go_on(0.5, 1e3, 3)
-    swell.go_on(1.01, 10.0, 4)
-    assert swell.fastest == 4
+        amplitude.go_on(growth, 10.0, number)
+    assert amplitude.fastest == 1
+    amplitude.go_on(0.5, 1e3, 3)
+    amplitude.go_on(1.01, 10.0, 4)
+    assert amplitude.fastest == 4
 
 
 def test_a_swing_that_grows_without_bound_stays_a_number() -> None:
-    swell = _Swell()
+    amplitude = _Amplitude()
     for _ in range(5):
-        swell.go_on(2.0, 1e6, None)
-        assert swell.size > LARGEST_SWELL
-        swell.go_on(0.0, 1e6, None)
-        assert swell.size == 1.0
+        amplitude.go_on(2.0, 1e6, None)
+        assert amplitude.size > LARGEST_AMPLIFICATION
+        amplitude.go_on(0.0, 1e6, None)
+        assert amplitude.size == 1.0
 
 
 def test_a_hand_that_begins_deep_inside_a_surface_is_refused(tmp_path: Path) -> None:

@@ -115,7 +115,8 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
         raise InsufficientData(f"{place}: {count} (valid: {SAMPLES_MIN} or more)")
     refuse_disorder(episode.time, str(place))
-    stamps, jitter = _times_of_samples(episode, model, warnings), stamp_jitter(episode.time)
+    jitter = stamp_jitter(episode.time)
+    stamps = _times_of_samples(episode, model, jitter, warnings)
     time, rate = uniform_time(stamps, str(place), warnings)
     _refuse_slow(place, rate)
 
@@ -172,11 +173,10 @@ def _channel(episode: Episode, kind: str, joints: Sequence[str], warnings: list[
     return None
 
 
-def _times_of_samples(episode: Episode, model: NominalModel, warnings: list[str]) -> Array:
-    """Gives the times (N,) [s] at which samples were taken; warns where they differ from the time stamps."""
+def _times_of_samples(episode: Episode, model: NominalModel, jitter: float, warnings: list[str]) -> Array:
+    """Gives the times (N,) [s] at which samples were taken; warns where their stamps jitter."""
     joints = [joint for joint in model.joints if joint in episode.position]
     stamps = sampling_times(episode.time, np.column_stack([episode.position[joint] for joint in joints]))
-    jitter = stamp_jitter(episode.time)
     if jitter > JITTER_WARNING:
         how = "resampled" if stamps is episode.time else "taken as evenly sampled, as the motion is"
         warnings.append(f"{episode.source}: time stamps jitter by {100 * jitter:.0f} % of the step; {how}")

@@ -49,11 +49,9 @@ def sampling_times(time: Array, position: Array) -> Array:
     """Gives the times at which samples were taken, (N,) [s]; ``time`` itself where it is to be trusted.
 
     Args:
-        time: (N,) stamps [s].
+        time: (N,) stamps, increasing (``refuse_disorder``), 4 or more [s].
         position: (N, n) [rad].
     """
-    if len(time) < 4 or np.any(np.diff(time) <= 0.0):
-        return time
     candidates = [*_even_times(time), time]
     if len(candidates) == 1 or np.abs(candidates[0] - time).max() < EVEN_STEPS * _step(time):
         return time

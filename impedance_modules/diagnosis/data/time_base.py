@@ -61,15 +61,16 @@ def _slowed(log: Log, rate: float) -> Log:
     old = np.arange(log.samples) / log.rate
     new = np.arange(int(old[-1] * rate) + 1) / rate
 
-    def slow(values: Array | None) -> Array | None:
-        if values is None:
-            return None
+    def slowed(values: Array) -> Array:
         return np.asarray(CubicSpline(old, sosfiltfilt(sections, values, axis=0))(new))
+
+    def slow(values: Array | None) -> Array | None:
+        return None if values is None else slowed(values)
 
     return replace(
         log,
         rate=rate,
-        position=np.asarray(CubicSpline(old, sosfiltfilt(sections, log.position, axis=0))(new)),
+        position=slowed(log.position),
         velocity=slow(log.velocity),
         effort=slow(log.effort),
         command=slow(log.command),

@@ -59,16 +59,16 @@ def without_rejected(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evide
         The evidence with the others fitted again, and a sentence for each that was left out.
     """
     rejected = [c for c in causes if c.rollout is not None and c.rollout.verdict == "worsens"]
-    if not rejected:
-        return evidence, ()
     keys = {(cause.effect, cause.port) for cause in rejected}
+    left_out = [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) in keys]
+    if not left_out:
+        return evidence, ()
     notes = tuple(
         f"not named: {cause.effect} on {', '.join(cause.joints) or 'all joints'}, which explains torque but makes the"
         f" simulated motion worse, error power by {1.0 / cause.rollout.ratio:.3g}"
         for cause in rejected
         if cause.rollout is not None
     )
-    left_out = [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) in keys]
     return _without(evidence, left_out), notes
 
 
