@@ -8,6 +8,7 @@ MACHINE_CODE = True
 SAFETY = "impedance_modules/safety/"
 LONG, FORM = SAFETY + "double_double.py", SAFETY + "solvers/exact_form.py"
 SEARCH, STIFF = SAFETY + "solvers/exact_search.py", SAFETY + "solvers/stiff_rows.py"
+ACTING = SAFETY + "solvers/acting_set.py"
 PROVING = SAFETY + "solvers/proving.py"
 
 DEGENERATE = "tests/safety/test_degenerate_problems.py"
@@ -15,6 +16,7 @@ TESTS = {
     LONG: ("tests/safety/test_double_double.py",),
     FORM: (DEGENERATE,),
     SEARCH: (DEGENERATE,),
+    ACTING: (DEGENERATE,),
     STIFF: (DEGENERATE,),
     PROVING: (DEGENERATE,),
 }
@@ -36,12 +38,12 @@ MUTANTS = (
      "form.give[0, c], form.give[1, c] = give[0], give[1]"),
     (FORM, "rest = subtract_product((bound, 0.0), value, (1.0, 0.0))", "rest = (bound - value[0], 0.0)"),
     (SEARCH, "            return CONTRADICTORY\n", "            break\n"),
-    (SEARCH, "        exact.count = k + 1\n        _extend(exact, _project(exact))\n", "        exact.count = k + 1\n"),
-    (SEARCH, "if square[0] > min(_DEPENDENT, 0.1 * others * others)", "if square[0] > 1e-9"),
+    (ACTING, "        exact.count = k + 1\n        extend(exact, project(exact))\n", "        exact.count = k + 1\n"),
+    (ACTING, "if square[0] > min(_DEPENDENT, 0.1 * others * others)", "if square[0] > 1e-9"),
     (SEARCH, "if leaving == last or whole[0] <= step[0]:", "if True:"),
     (SEARCH, "breach = subtract_product(breach, step, square)", "breach = subtract_product(breach, step, (0.0, 0.0))"),
     (SEARCH, "            if until[0] < step[0]:", "            if until[0] > step[0]:"),
-    (SEARCH, "if exact.noise > _CANCELLING * size:", "if False:"),
+    (ACTING, "if exact.noise > _CANCELLING * size:", "if False:"),
     (SEARCH, "duals[c] = side * exact.multiplier[0, k] / exact.form.row_unit[c]",
      "duals[c] = side * exact.multiplier[0, k]"),
     (STIFF, "if stiff.taken[k] == 0 and give[0, k] < least:", "if stiff.taken[k] == 0 and least == np.inf:"),

@@ -6,9 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from impedance_modules.safety.solvers.acting_set import make_search
 from impedance_modules.safety.solvers.daqp_solver import PlainProblem, write_plain
 from impedance_modules.safety.solvers.exact_form import make_form
-from impedance_modules.safety.solvers.exact_search import _carried, _push, make_search
+from impedance_modules.safety.solvers.exact_search import _push
+from impedance_modules.safety.solvers.optimality import _carried
 from tests.support.both_ways import ways  # noqa: F401
 
 

@@ -17,15 +17,9 @@ from impedance_modules.compiled import compiled
 from impedance_modules.records import Vector
 from impedance_modules.safety.filter_problem import FilterProblem
 from impedance_modules.safety.solvers import FilterSolution, failed
+from impedance_modules.safety.solvers.acting_set import ExactSearch, make_search
 from impedance_modules.safety.solvers.exact_form import USABLE, ExactForm, is_problem, write_form
-from impedance_modules.safety.solvers.exact_search import (
-    CONTRADICTORY,
-    PROVEN,
-    ExactSearch,
-    make_search,
-    search,
-    write_answer,
-)
+from impedance_modules.safety.solvers.exact_search import CONTRADICTORY, PROVEN, search, write_answer
 
 INFINITE = 1e30
 """What libraries read in place of infinity."""
