@@ -16,7 +16,7 @@ TESTS = {
     LONG: ("tests/safety/test_double_double.py",),
     FORM: (DEGENERATE,),
     SEARCH: (DEGENERATE,),
-    ACTING: (DEGENERATE,),
+    ACTING: ("tests/safety/test_exact_search_steps.py", DEGENERATE),
     STIFF: (DEGENERATE,),
     PROVING: (DEGENERATE,),
 }

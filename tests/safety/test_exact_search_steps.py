@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from impedance_modules.safety.solvers.acting_set import make_search
+from impedance_modules.safety.solvers.acting_set import append, extend, make_search, project, write_change
 from impedance_modules.safety.solvers.daqp_solver import PlainProblem, write_plain
 from impedance_modules.safety.solvers.exact_form import make_form
 from impedance_modules.safety.solvers.exact_search import _push
@@ -23,8 +23,12 @@ def test_a_multiplier_that_rounding_would_make_negative_becomes_zero() -> None:
     exact.answer[0, :2], exact.answer[1, :2] = (1.0 + 2e-16, -2.0), (1e-20, 0.0)
     _push(exact, (1.0, 1e-18))
     assert (exact.multiplier[0, 0], exact.multiplier[1, 0]) == (0.0, 0.0)
-    assert exact.multiplier[0, 1] == 7.0 and exact.multiplier[1, 1] == pytest.approx(1e-20 + 2e-18, rel=1e-6)
-    assert exact.multiplier[0, 2] == 1.25 and exact.multiplier[1, 2] == pytest.approx(1e-20 + 1e-18, rel=1e-6)
+    assert exact.multiplier[0, 1] == 7.0 and exact.multiplier[1, 1] == pytest.approx(
+        1e-20 + 2e-18, rel=1e-6, abs=0.0
+    )
+    assert exact.multiplier[0, 2] == 1.25 and exact.multiplier[1, 2] == pytest.approx(
+        1e-20 + 1e-18, rel=1e-6, abs=0.0
+    )
 
 
 @pytest.mark.usefixtures("ways")
@@ -63,3 +67,20 @@ def test_the_multipliers_must_carry_the_whole_change(off: float, carried: bool) 
     assert _carried(exact)
     exact.point[0, 2] += off * np.abs(exact.multiplier[0, :2] * exact.rows[0, :2, 2]).sum()
     assert _carried(exact) is carried
+
+
+@pytest.mark.usefixtures("ways")
+@pytest.mark.parametrize(("give", "drowned"), [(1e3, False), (1e9, True)])
+def test_a_slack_that_drowns_the_point_is_left_to_the_rows_themselves(give: float, drowned: bool) -> None:
+    """One soft row whose bound is -1: y = -1 / (1 + give^2) beside a load of -1 / give, known to 28 of its digits."""
+    exact = make_search(1, 1)
+    exact.form.factor[0, 0, 0] = 1.0
+    exact.form.rows[1, 0], exact.form.high[0, 1], exact.form.give[0, 1] = 1.0, -1.0, give
+    append(exact, 1, 1)
+    assert extend(exact, project(exact))
+    write_change(exact)
+    size = 1.0 / (1.0 + give**2)
+    assert exact.point[0, 0] == pytest.approx(-size, rel=1e-12, abs=0.0)
+    assert exact.noise == pytest.approx(
+        1e-20 * size if drowned else 1e-28 / np.hypot(1.0, give), rel=1e-9, abs=0.0
+    )
