@@ -7,9 +7,6 @@ The long run is the shipped mirrored-arms, drawn out to so many simulated minute
 files. A short run is 0.2 s of the same task: assembled, carried out with all its files, thrown away. Memory is what the
 process has at that moment [MB], not its peak. A cycle's time is wall time over a tenth of a simulated second, divided
 by its cycles: plant, controller and recording [us]; the table has the median.
-
-The library of the 3D recording keeps some memory of every recording it has written. So the short runs are done without
-it as well; what is then left behind is this program's.
 """
 
 from __future__ import annotations
@@ -22,13 +19,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks.runs.long_run import long_task
 from impedance_modules.control.assembly import Assembly, assemble
-from impedance_modules.runs import execution
 from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.run_backends import make_backend
 
@@ -39,8 +34,8 @@ SHORT = 0.2
 PARTS = 10
 """Rows of a table."""
 
-LARGEST_GROWTH = {True: 3.0, False: 0.25}
-"""With and without the 3D recording, what a short run may leave behind in the process, once the first are over [MB]."""
+LARGEST_GROWTH = 0.25
+"""What a short run may leave behind in the process, once the first are over [MB]."""
 
 
 def memory() -> float:
@@ -113,26 +108,8 @@ def long_work(minutes: float) -> Watch:
     return watch
 
 
-class NoView:
-    """Stands in for the 3D recording and does nothing."""
-
-    failure = None
-
-    def __init__(self, *_given: object, **_named: object) -> None:
-        pass
-
-    def add(self, *_given: object) -> None:
-        """Takes a cycle."""
-
-    def close(self) -> None:
-        """Ends."""
-
-
-def short_runs(count: int, *, drawn: bool) -> Watch:
-    """Carries out many short runs, one after the other, with the 3D recording or without it."""
-    if not drawn:
-        with patch.object(execution, "SceneView", NoView):
-            return short_runs(count, drawn=True)
+def short_runs(count: int) -> Watch:
+    """Carries out many short runs, one after the other."""
     watch = Watch()
     for number in range(1, count + 1):
         with tempfile.TemporaryDirectory() as name:
@@ -176,12 +153,11 @@ def main() -> None:
         show(f"one run of {options.minutes:.0f} simulated minutes", "second", watch.rows())
         print(f"{60.0 * watch.growth():.3f} MB per simulated minute in its later half")
         print(f"{time.perf_counter() - began:.0f} s", flush=True)
-    for drawn in (False, True) if options.runs > 0 else ():
+    if options.runs > 0:
         began = time.perf_counter()
-        watch = short_runs(options.runs, drawn=drawn)
-        how = "with all files" if drawn else "without the 3D recording"
-        show(f"{options.runs} runs of {SHORT} s in one process, {how}", "run", watch.rows())
-        print(f"{watch.growth():.4f} MB per run in the later half, bound {LARGEST_GROWTH[drawn]} MB")
+        watch = short_runs(options.runs)
+        show(f"{options.runs} runs of {SHORT} s in one process, with all files", "run", watch.rows())
+        print(f"{watch.growth():.4f} MB per run in the later half, bound {LARGEST_GROWTH} MB")
         print(f"{time.perf_counter() - began:.0f} s", flush=True)
 
 

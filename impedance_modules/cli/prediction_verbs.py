@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from impedance_modules.cli.plant_trial import tried
 from impedance_modules.cli.shared_options import (
     arm_option,
     effects_option,
@@ -27,10 +28,12 @@ def check_command(task: str, effects: Path | None, rate: float | None, scale: fl
     """Check TASK, a file or the name of a shipped task, and predict what it will do.
 
     Torque margins, yielding under load, stability of the sampled loop, and the energy the tank must cover; of a task
-    with playback, as its springs teach it. Every problem is
-    printed as file:line:col: path: message. Exit: 0 good, 2 not.
+    with playback, as its springs teach it. A task that would meet joint limits is tried on the built-in plant: there
+    no joint may be faster than declared. Every problem is printed as file:line:col: path: message. Exit: 0 good,
+    2 not.
     """
     from impedance_modules.cli.print_forecast import print_forecast
+    from impedance_modules.cli.terminal import Terminal
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
     from impedance_modules.prediction.feasibility import refuse_infeasible
@@ -39,7 +42,8 @@ def check_command(task: str, effects: Path | None, rate: float | None, scale: fl
     assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
     assembly = replace(assembly, task=as_taught(assembly.task))
     prediction = refuse_infeasible(assembly)
-    print_forecast(assembly, forecast_task(assembly, prediction))
+    trial = tried(assembly, prediction, seed=0, console=Terminal())
+    print_forecast(assembly, forecast_task(assembly, prediction), trial)
     return 0
 
 

@@ -4,22 +4,27 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
+from impedance_modules.cli.plant_trial import trial_line
 from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.forecast import Deflection, Forecast, JointLoad, PhaseForecast
 from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
 
+if TYPE_CHECKING:
+    from impedance_modules.runs.trial_run import Trial
+
 TIGHT = 0.7
 """Share of a limit from which a number is coloured."""
 
 
-def print_forecast(assembly: Assembly, forecast: Forecast) -> None:
-    """Prints everything that is predicted of a task."""
+def print_forecast(assembly: Assembly, forecast: Forecast, trial: Trial | None) -> None:
+    """Prints everything that is predicted of a task, and how it went where it was tried."""
     console = Terminal(highlight=False)
     task = assembly.task
     delay = assembly.tank.delay
@@ -30,6 +35,8 @@ def print_forecast(assembly: Assembly, forecast: Forecast) -> None:
     console.print(_loads(forecast))
     console.print(_loops(forecast))
     console.print(_tank(assembly, forecast))
+    if trial is not None:
+        console.print(trial_line(trial), soft_wrap=True)
     for note in forecast.notes:
         console.print(styled("[yellow]note[/yellow]: {}", note), soft_wrap=True)
 

@@ -14,6 +14,7 @@ import click
 
 from impedance_modules.cli.baxter.connection import transport_option
 from impedance_modules.cli.plain_lines import say
+from impedance_modules.cli.plant_trial import tried
 from impedance_modules.cli.shared_options import (
     arm_option,
     effects_option,
@@ -195,7 +196,10 @@ def _carry_out(
     if (asked.backend == "replay") != (asked.log is not None):
         raise BadInput("--backend replay and --log DIR go together: the log is the robot")
     # Read-only, no torque is sent: there is no loop that could be unstable.
-    refuse_infeasible(replace(assembly, allow_unstable=assembly.allow_unstable or asked.read_only))
+    judged = replace(assembly, allow_unstable=assembly.allow_unstable or asked.read_only)
+    prediction = refuse_infeasible(judged)
+    if asked.backend != "replay":
+        tried(judged, prediction, asked.seed, console)
     # Imported only here: from this line on functions are compiled.
     from impedance_modules.runs.execution import RunOptions, carry_out
     from impedance_modules.runs.run_backends import baxter_backend, make_backend

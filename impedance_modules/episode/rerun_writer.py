@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 import rerun_bindings
 
 from impedance_modules.arrays import Array
@@ -61,7 +62,7 @@ class RerunRecording:
         self._stream, self._pause = stream, pause
         self._scene = scene
         self._phase: str | None = None
-        self._stream.send_blueprint(run_layout(scene))
+        send_layout(self._stream, run_layout(scene))
         self._write_solids()
         self._write_styles()
 
@@ -281,6 +282,26 @@ def open_stream(path: Path, name: str) -> rr.RecordingStream:
     except (OSError, RuntimeError) as error:
         raise NotRecorded(f"{path}: cannot be written: {error}") from error
     return stream
+
+
+def send_layout(stream: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+    """Sends how the window is laid out, as ``stream.send_blueprint`` does, and leaves nothing behind in the process.
+
+    rerun 0.41 writes a layout into a recording of its own in memory. That one and its memory hold each other, so two
+    threads and 0.5 MB of each layout stay until the process ends, unless somebody disconnects it.
+    """
+    own = rerun_bindings.new_blueprint(
+        application_id=view_layout.APPLICATION,
+        make_default=False,
+        make_thread_default=False,
+        default_enabled=True,
+    )
+    written = rr.RecordingStream._from_native(own)
+    written.set_time("blueprint", sequence=0)
+    layout._log_to_stream(written)
+    kept = written.memory_recording()
+    rerun_bindings.send_blueprint(kept.storage, True, True, recording=stream.to_native())
+    written.disconnect()
 
 
 def time_index(seconds: Array) -> rr.TimeColumn:

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 
 from impedance_modules.arrays import Array
 from impedance_modules.episode import view_layout
-from impedance_modules.episode.rerun_writer import open_stream, send_curves, time_index
+from impedance_modules.episode.rerun_writer import open_stream, send_curves, send_layout, time_index
 
 MEASURED, BEFORE, AFTER = (90, 90, 90, 255), (213, 94, 0, 255), (0, 114, 178, 255)
 """Colours of what was recorded, of the nominal model, and of the model with the causes."""
@@ -78,7 +78,7 @@ def write_residual_curves(path: Path, comparisons: Sequence[ResidualCurves], nam
         if item.regime_path not in regimes_of:
             regimes_of.add(item.regime_path)
             _write_regimes(stream, item)
-    stream.send_blueprint(_layout(comparisons))
+    send_layout(stream, _layout(comparisons))
     stream.flush(timeout_sec=CLOSING_TIMEOUT)
     stream.disconnect()
     return path

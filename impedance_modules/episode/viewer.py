@@ -17,7 +17,13 @@ from impedance_modules.episode import view_layout
 from impedance_modules.episode.columns import FRAME_KINDS, JOINT_KINDS, POSE_COMPONENTS, WRENCH_COMPONENTS
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
-from impedance_modules.episode.rerun_writer import new_stream, open_stream, send_curves, time_index
+from impedance_modules.episode.rerun_writer import (
+    new_stream,
+    open_stream,
+    send_curves,
+    send_layout,
+    time_index,
+)
 from impedance_modules.episode.run_folder import EPISODE, RECORDING
 from impedance_modules.episode.view_layout import columns_layout
 from impedance_modules.episode.view_scene import series_colour
@@ -87,7 +93,7 @@ def _write_recording(episode: Episode, path: Path) -> Path:
     for interval in episode.phase_intervals():
         stream.set_time(view_layout.TIMELINE, duration=episode.time[interval.start])
         stream.log(view_layout.PHASE, rr.StateChange(state=interval.phase))
-    stream.send_blueprint(columns_layout(groups, with_phases=episode.phase is not None))
+    send_layout(stream, columns_layout(groups, with_phases=episode.phase is not None))
     stream.flush()
     stream.disconnect()
     return path

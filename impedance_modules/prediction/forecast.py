@@ -19,6 +19,7 @@ from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.modules.spring import displacement_of
 from impedance_modules.prediction.energy_need import TankForecast
 from impedance_modules.prediction.feasibility import TaskPrediction
+from impedance_modules.prediction.joint_limits import beyond_range, too_fast
 from impedance_modules.prediction.loop_stability import StabilityForecast
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.phase_loops import PhaseLoops
@@ -183,8 +184,8 @@ def _forecast_arm(
         limb=limb.name,
         commanded=_largest_load(model, limb, efforts),
         total=_largest_load(model, limb, loaded),
-        beyond=_beyond_range(model, limb, [sample.q for sample in samples]),
-        too_fast=_too_fast(model, limb, [sample.velocity for sample in samples]),
+        beyond=beyond_range(model, limb.joints, [sample.q for sample in samples]),
+        too_fast=too_fast(model, limb.joints, [sample.velocity for sample in samples]),
         deflection=None if rest is None else _hand_deflection(mechanism, limb, phase, rest),
         contact_force=None if rest is None else float(np.linalg.norm(rest.pressure[limb.hand][:3])),
     )
@@ -198,18 +199,6 @@ def _largest_load(model: RobotModel, limb: Limb, efforts: Sequence[Array]) -> Jo
     return JointLoad(
         limb.joint_names[place], limb.short_names[place], float(largest[joint]), float(limit[joint])
     )
-
-
-def _beyond_range(model: RobotModel, limb: Limb, positions: Sequence[Array]) -> dict[str, float]:
-    q = np.array(positions)
-    low, high = model.column("position_min"), model.column("position_max")
-    outside = np.max(np.maximum(low - q, q - high), axis=0)
-    return {model.joint_names[j]: float(outside[j]) for j in limb.joints if outside[j] > 0.0}
-
-
-def _too_fast(model: RobotModel, limb: Limb, velocities: Sequence[Array]) -> dict[str, float]:
-    fastest, limit = np.max(np.abs(np.array(velocities)), axis=0), model.column("velocity_max")
-    return {model.joint_names[j]: float(fastest[j]) for j in limb.joints if fastest[j] > limit[j]}
 
 
 def _hand_deflection(

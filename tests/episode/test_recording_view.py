@@ -134,6 +134,15 @@ def test_the_file_holds_every_thing_of_the_scene(tmp_path):
     assert verified.returncode == 0, verified.stderr
 
 
+def test_no_thread_of_a_recording_stays_behind(tmp_path):
+    """rerun's own way to send a layout leaves two threads of every recording, and their memory."""
+    write_recording(tmp_path / "first.rrd", SCENE, samples(2), "press")
+    threads = len(os.listdir("/proc/self/task"))
+    for number in range(3):
+        write_recording(tmp_path / f"{number}.rrd", SCENE, samples(2), "press")
+    assert len(os.listdir("/proc/self/task")) <= threads
+
+
 SCALE = np.repeat([METRES_PER_NEWTON, METRES_PER_NEWTON_METRE], 3)
 DRAWN = [
     # entity, component, what a sample says of it
