@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """ROS recordings become episodes: every container, joints by name, several publishers, one clock."""
 
+import bz2
+import tracemalloc
+
+import lz4.frame
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
+from impedance_modules.episode.imports import packed_chunks
 from impedance_modules.episode.imports.bag_file import BagFile
 from impedance_modules.episode.imports.message_types import are_plain, is_type_name
 from impedance_modules.errors import BadInput
@@ -13,7 +20,7 @@ from tests.support.import_logs import EPOCH, SEA_DEFINITION, Bag, imported, map_
 # Alphabetic, as published, and from the base outwards.
 JOINTS = [f"right_{short}" for short in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")]
 ORDER = [f"right_{short}" for short in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
-KINDS = ["bag", "bag-lz4", "db3", "mcap", "mcap-zstd"]
+KINDS = ["bag", "bag-lz4", "bag-bz2", "db3", "mcap", "mcap-zstd"]
 STATES = "/robot/joint_states"
 
 
@@ -249,3 +256,33 @@ def test_definitions_that_would_become_endless_code_are_left_out(definition):
     types = get_types_from_msg(definition, "a/msg/X") if "=[" not in definition else {"a/msg/X'": ([], [])}
     assert not are_plain(types)
     assert are_plain(get_types_from_msg(SEA_DEFINITION.replace("std_msgs/Header", "string"), "a/msg/X"))
+
+
+PACK = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": packed_chunks.zstd.compress}
+
+
+@given(st.sampled_from(sorted(PACK)), st.binary(max_size=2000), st.binary(min_size=1, max_size=2000))
+def test_a_packed_chunk_is_what_was_packed(kind, first, second):
+    packed = PACK[kind](first) + PACK[kind](second)
+    assert packed_chunks.unpack(kind, packed) == first + second
+    with pytest.raises(ValueError, match="ends early"):
+        packed_chunks.unpack(kind, packed[:-1])
+
+
+@pytest.mark.parametrize("kind", sorted(PACK))
+def test_a_chunk_that_unpacks_to_too_much_is_refused_before_it_does(kind, monkeypatch):
+    packed = PACK[kind](bytes(50_000_000))
+    monkeypatch.setattr(packed_chunks, "LARGEST_CHUNK", 1_000_000)
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="larger than 1 MB"):
+        packed_chunks.unpack(kind, packed)
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
+    assert packed_chunks.unpack(kind, PACK[kind](bytes(1_000_000))) == bytes(1_000_000)
+
+
+@pytest.mark.parametrize("kind", ["bag-lz4", "bag-bz2", "mcap-zstd"])
+def test_a_recording_with_such_a_chunk_is_refused(tmp_path, kind, monkeypatch):
+    monkeypatch.setattr(packed_chunks, "LARGEST_CHUNK", 10_000)
+    with pytest.raises(BadInput, match="a packed chunk is larger"):
+        imported_bag(tmp_path, arm_bag(200), kind)

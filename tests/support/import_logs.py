@@ -99,15 +99,15 @@ class Bag:
         self.messages.append((topic, SEA, EPOCH + round(1e9 * stamp), stamp, names, fields))
 
     def write(self, path, kind):
-        """Writes as ``bag``, ``db3``, ``mcap``, ``mcap-zstd`` or ``bag-lz4``; returns the path to import."""
+        """Writes ``bag``, ``bag-lz4``, ``bag-bz2``, ``db3``, ``mcap`` or ``mcap-zstd``; returns the path to import."""
         ros1 = kind.startswith("bag")
         store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
         store.register(get_types_from_msg(SEA_DEFINITION, SEA))
         path = path.with_suffix(".bag") if ros1 else path
         plugin = StoragePlugin.SQLITE3 if kind == "db3" else StoragePlugin.MCAP
         writer = Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=plugin)
-        if kind == "bag-lz4":
-            writer.set_compression(Writer1.CompressionFormat.LZ4)
+        if kind in ("bag-lz4", "bag-bz2"):
+            writer.set_compression(Writer1.CompressionFormat[kind.removeprefix("bag-").upper()])
         if kind == "mcap-zstd":
             writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:

@@ -23,6 +23,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
 from impedance_modules.episode.imports.message_types import LONGEST_DEFINITION, are_plain, is_type_name
+from impedance_modules.episode.imports.packed_chunks import bound_chunks
 from impedance_modules.errors import BadInput
 from impedance_modules.input_files import check_file
 
@@ -186,6 +187,7 @@ def open_bag(path: Path) -> Iterator[BagFile]:
     for file in sorted(path.iterdir()) if path.is_dir() else (path,):
         if not file.is_dir():
             check_file(file)
+    bound_chunks()
     with reporting_damage(path):
         reader = Reader1(path) if path.is_file() and path.suffix not in {".mcap", ".db3"} else Reader2(path)
         reader.open()
