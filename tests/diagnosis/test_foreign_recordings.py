@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from impedance_modules.diagnosis.data.encoder_grid import quantisation_step
 from impedance_modules.diagnosis.data.folds import assign_folds
 from impedance_modules.diagnosis.data.stamps import sampling_times
-from impedance_modules.diagnosis.data.time_base import quantisation_step
 from tests.diagnosis.test_diagnosis import JOINTS, answer, diagnosed, motion, torque
 from tests.diagnosis.test_diagnosis_data import admitted, columns, diagnose, urdf  # noqa: F401
 from tests.support.recordings import columns_of, save

@@ -27,8 +27,7 @@ FLEXIBLE = np.column_stack([np.sin(k * TIME) for k in range(1, 30)] + [np.cos(k 
 
 def floor_of(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch) -> float:
     """Weak floor of one recording's residual beside columns, its positions' noise made up."""
-    monkeypatch.setattr(judged, "read_noise", lambda _: None)
-    monkeypatch.setattr(judged, "differentiated", lambda *_: SimpleNamespace(of=lambda _: made))
+    monkeypatch.setattr(judged, "made_by_positions", lambda *_: SimpleNamespace(of=lambda _: made))
     item = SimpleNamespace(band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0))
     nuisance = NuisanceColumns((GROUP,), 0, (np.zeros(0, int),), ((np.zeros((len(noise), 0)),),), {})
     regressor = CandidateRegressor(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from impedance_modules.diagnosis.data.dataset_consistency import (
     refuse_copies,
     refuse_mixed_recordings,
 )
+from impedance_modules.diagnosis.data.encoder_grid import rounding_errors, steps_of
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import segment_note, segment_origin
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
@@ -31,7 +33,6 @@ from impedance_modules.diagnosis.data.stamps import (
 from impedance_modules.diagnosis.data.time_base import (
     common_delay,
     delayed,
-    quantisation_step,
     unify_rates,
 )
 from impedance_modules.episode.data import Episode
@@ -72,7 +73,8 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
         *_note_unrecorded_joints(model),
     ]
     refuse_mixed_recordings(episodes)
-    found = [_log(episode, model, warnings) for episode in episodes]
+    steps = steps_of([episode.position for episode in episodes], model.joints)
+    found = [_log(episode, model, steps, warnings) for episode in episodes]
     logs = [unwrapped(log, model, warnings) for log, _ in found]
     refuse_copies(logs)
     for log in logs:
@@ -108,7 +110,7 @@ def _repeats(logs: Sequence[Log]) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names) for names in groups.values() if len(names) > 1)
 
 
-def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Log, float]:
+def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str]) -> tuple[Log, float]:
     """Brings one recording to an even time base; returns it with the jitter of its time stamps."""
     place = episode.source
     if len(episode) < SAMPLES_MIN:
@@ -148,9 +150,15 @@ def _log(episode: Episode, model: NominalModel, warnings: list[str]) -> tuple[Lo
         gravity_compensation=episode.gravity_compensation,
         start=float(time[0] - segment_origin(episode)),
         in_contact=in_contact(episode, time),
-        grid=np.array([quantisation_step(episode.position[j]) for j in model.joints]) / np.sqrt(rate),
+        rounding=resampled(_rounding(episode, model.joints, steps), stamps, time, "position"),
     )
     return log, jitter
+
+
+def _rounding(episode: Episode, joints: Sequence[str], steps: Array) -> Array:
+    """Errors (N, n) like those of the encoders' grids, the same each time [rad]."""
+    positions = np.column_stack([episode.position[joint] for joint in joints])
+    return rounding_errors(positions, steps, zlib.crc32(episode.name.encode()))
 
 
 def _refuse_slow(place: Path, rate: float) -> None:

@@ -37,8 +37,8 @@ class Log:
         gravity_compensation: ``robot``, ``command`` or ``none``.
         start: Time of its first sample since the recording began [s]; a segment of a recording begins later.
         in_contact: (N,) samples whose phase says that the robot is in contact; None without phases.
-        grid: (n,) quantisation step of the positions over the root of their original rate [rad s^0.5]: filters and
-            thinning do not change this density. Zero where there is none.
+        rounding: (N, n) errors as the encoders' grids made them of these positions, simulated [rad]; zero where
+            positions are not rounded.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Log:
     gravity_compensation: str
     start: float = 0.0
     in_contact: Mask | None = None
-    grid: Array | None = None
+    rounding: Array | None = None
 
     @property
     def samples(self) -> int:
@@ -83,6 +83,7 @@ class Log:
             position_command=cut(self.position_command),
             start=self.start + first / self.rate,
             in_contact=None if self.in_contact is None else self.in_contact[piece],
+            rounding=cut(self.rounding),
         )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Time base of recordings: one rate for all, the delay of effort, encoder resolution."""
+"""Time base of recordings: one rate for all, the delay of effort."""
 
 from __future__ import annotations
 
@@ -23,15 +23,6 @@ SAME_RATE = 1.01
 
 PASSBAND = 0.4
 """End of the band that is kept, over the new rate."""
-
-FILE_ROUNDING = 1e-9
-"""Differences below it come from the rounding of the file [rad]."""
-
-DIFFERENCES_MIN = 20
-"""Fewest differences from which a quantisation step is read."""
-
-STEPS_MAX = 20.0
-"""Differences of up to this many steps are compared with whole multiples of the step."""
 
 
 def delayed(values: Array, time: Array, late: float) -> Array:
@@ -75,6 +66,7 @@ def _slowed(log: Log, rate: float) -> Log:
         effort=slow(log.effort),
         command=slow(log.command),
         position_command=slow(log.position_command),
+        rounding=slow(log.rounding),
         in_contact=None
         if log.in_contact is None
         else log.in_contact[np.searchsorted(old, new).clip(0, log.samples - 1)],
@@ -119,22 +111,3 @@ def _lag(cause: Array, effect: Array, rate: float) -> float | None:
     left, middle, right = window[peak - 1 : peak + 2]
     shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
     return float((peak - span + shift) / rate)
-
-
-def quantisation_step(positions: Array) -> float:
-    """Finds the quantisation step of positions (N,); zero where they are not quantised.
-
-    Args:
-        positions: One joint's [rad or m].
-    """
-    places = np.unique(np.round(positions / FILE_ROUNDING)) * FILE_ROUNDING
-    gaps = np.diff(places)
-    if len(gaps) < DIFFERENCES_MIN:
-        return 0.0
-    step = float(gaps.min())
-    near = gaps[gaps < STEPS_MAX * step]
-    counts = near / step
-    on_grid = np.abs(counts - np.round(counts)) < 0.02 + FILE_ROUNDING / step
-    return (
-        float(np.median(near / np.round(counts))) if len(near) >= DIFFERENCES_MIN and on_grid.all() else 0.0
-    )

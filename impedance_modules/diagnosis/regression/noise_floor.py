@@ -19,9 +19,8 @@ from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColu
 from impedance_modules.diagnosis.regression.sensor_noise import (
     Rounding,
     acceleration_noise,
-    differentiated,
+    made_by_positions,
     noise_ratios,
-    read_noise,
     unseen_rounding,
 )
 from impedance_modules.diagnosis.regression.whitening import Whitening, whitening_of
@@ -100,7 +99,7 @@ def noise_by_repeats(
         [_both_clear(pair, g, prepared, clear or {}) for pair in pairs] for g in range(len(nuisance.groups))
     ]
     moved = np.mean([acceleration_noise(prepared[i], prepared[j]) for i, j in pairs], axis=0)
-    rounding = [unseen_rounding(prepared[i], moved, seed) for seed, (i, _) in enumerate(pairs)]
+    rounding = [unseen_rounding(prepared[i], moved) for i, _ in pairs]
     unseen = [
         [_rounded(part, group, mask) for mask, part in zip(masks, rounding, strict=True)]
         for masks, group in zip(shown, nuisance.groups, strict=True)
@@ -145,7 +144,7 @@ def noise_by_smoothness(
         flexible: Generic basis and single-joint candidates.
         recordings: Those that are fitted.
     """
-    made = [differentiated(prepared[r], read_noise(prepared[r]), r) for r in recordings]
+    made = [made_by_positions(prepared[r], r) for r in recordings]
     rate = prepared[0].band.rate / prepared[0].band.step
     fits = []
     for index, group in enumerate(nuisance.groups):

@@ -2,9 +2,9 @@
 r"""Noise of positions and torques in the residuals: what repeats do not show of it, and how it changes with the motion.
 
 Two runs that agree to less than a count are rounded alike: their difference does not hold the rounding, the
-residual does. A grid of step g, crossed often, is white noise of variance g^2 / 12 per sample; differentiated twice
-it moves the links. What the grid alone would make of the accelerations, less what the repeats show of it, is added
-to the repeats' difference; without repeats the noise beyond the motion's frequencies bounds the floor from below:
+residual does. A grid's errors (`data.encoder_grid`), differentiated twice, move the links. What the grid alone would
+make of the accelerations, less what the repeats show of it, is added to the repeats' difference; without repeats the
+noise beyond the motion's frequencies and the grid's errors bound the floor from below:
 
     \delta r_link = -M(q) \delta a,      \delta r_actuator = -I_r \delta a,      \delta r_velocity = -\delta v
 
@@ -12,9 +12,10 @@ The noise of a residual changes with the motion: an outstretched arm has more in
 
     var(e - ID) = k^2 \sigma_e^2 + S,   S = \sum_j M_ij(q)^2 \sigma_{a,j}^2
 
-The repeats show the whole and the accelerations' noise \sigma_a at their own poses, hence \sigma_e; at other poses
-S is recomputed. k is how much noisier a recording's torque sensors are, by their spectrum beyond the motion: many
-sensors' noise grows with the load.
+The repeats show the whole and the accelerations' noise \sigma_a at their own poses and speeds, hence \sigma_e; at
+other poses S is recomputed, at other speeds what the grid makes of \sigma_a, and of the velocities' noise. k is how
+much noisier a recording's torque sensors are, by their spectrum beyond the motion: many sensors' noise grows with the
+load.
 """
 
 from __future__ import annotations
@@ -79,18 +80,16 @@ class Rounding:
         return np.asarray(-(links + drive) * np.ones(len(self.velocity)))
 
 
-def unseen_rounding(item: Prepared, seen: Array, seed: int) -> Rounding | None:
-    """Simulates the rounding that repeats lack; None where they show as much as there is.
+def unseen_rounding(item: Prepared, seen: Array) -> Rounding | None:
+    """Gives the rounding that repeats lack; None where they show as much as there is.
 
     Args:
         item: One of the repeats.
         seen: (n,) power of the accelerations' noise that the repeats show [rad^2/s^4].
-        seed: Of the simulated noise.
     """
-    log = item.log
-    if log.grid is None or not log.grid.any():
+    made = made_by_grid(item)
+    if made is None:
         return None
-    made = differentiated(item, log.grid * np.sqrt(log.rate / 12.0), seed)
     whole = made.power
     lacking = np.where(seen < LACKING * whole, 1.0 - seen / np.maximum(whole, 1e-300), 0.0)
     if not lacking.any():
@@ -113,11 +112,33 @@ def white_noise(values: Array) -> Array:
     return np.asarray(np.sqrt(level / np.log(2.0) / np.sum(window**2)))
 
 
-def differentiated(item: Prepared, size: Array, seed: int) -> Rounding:
-    """Simulates what white position noise of a size (n,) [rad per sample] does to the residuals of a recording."""
+def made_by_grid(item: Prepared) -> Rounding | None:
+    """What the encoders' grids do to the residuals of a recording; None where there are no grids."""
+    errors = item.log.rounding
+    return None if errors is None or not errors.any() else differentiated(item, errors)
+
+
+def made_by_positions(item: Prepared, seed: int) -> Rounding:
+    """What errors of its positions do to the residuals of a recording: of each joint the grid's, or white noise.
+
+    The size of the noise is read; it is the stronger one where positions cross many steps per sample.
+
+    Args:
+        item: The recording.
+        seed: Of the white noise.
+    """
+    noise = read_noise(item) * np.random.default_rng(seed).standard_normal(item.log.position.shape)
+    white, grid, errors = differentiated(item, noise), made_by_grid(item), item.log.rounding
+    if grid is None or errors is None:
+        return white
+    stronger = np.mean(grid.velocity**2, axis=0) > np.mean(white.velocity**2, axis=0)
+    return differentiated(item, np.where(stronger, errors, noise))
+
+
+def differentiated(item: Prepared, noise: Array) -> Rounding:
+    """What errors (N, n) of its positions [rad] do to the residuals of a recording."""
     log = item.log
     time = np.arange(log.samples) / log.rate
-    noise = size * np.random.default_rng(seed).standard_normal(log.position.shape)
     v = differentiate(item.band.smooth(noise), time)
     return _torques(item, item.band.condense(v), item.band.condense(differentiate(v, time)))
 
@@ -138,20 +159,33 @@ def noise_ratios(
         power: (groups,) of the noise that they show.
         noise: (n,) power of the accelerations' noise.
     """
+    repeated = [i for pair in pairs for i in pair]
     levers = [_mean_square_mass(item) for item in prepared]
     louder = _sensor_noise_ratio(prepared, pairs)
-    measured = np.mean([levers[i] for pair in pairs for i in pair], axis=0) @ noise
+    speeds, accelerations = _grid_powers(prepared)
+    usual = np.mean(accelerations[repeated], axis=0)
+    measured = np.mean([levers[i] for i in repeated], axis=0) @ noise
     out = np.ones((len(prepared), len(groups)))
     for recording, lever in enumerate(levers):
-        moved = lever @ noise
+        moved = lever @ (noise + np.maximum(accelerations[recording] - usual, -noise))
         for index, (residual, joint) in enumerate(groups):
+            before, now = measured[joint], moved[joint]
+            if residual == "velocity":
+                before, now = np.mean(speeds[repeated, joint]), speeds[recording, joint]
+            elif not uses_motion(residual):
+                before = now = 0.0
             factor = louder[recording, joint] if EFFORT_SIGN[residual] != 0.0 else 1.0
-            if uses_motion(residual):
-                sensor = max(power[index] - measured[joint], SENSOR_MIN * power[index], 1e-24)
-                out[recording, index] = np.sqrt((factor * sensor + moved[joint]) / (sensor + measured[joint]))
-            else:
-                out[recording, index] = np.sqrt(factor)
+            sensor = max(power[index] - before, SENSOR_MIN * power[index], 1e-24)
+            out[recording, index] = np.sqrt((factor * sensor + now) / (sensor + before))
     return out
+
+
+def _grid_powers(prepared: Sequence[Prepared]) -> tuple[Array, Array]:
+    """Power of velocities' [rad^2/s^2] and accelerations' [rad^2/s^4] errors by the grids, (recordings, n) each."""
+    made = [made_by_grid(item) for item in prepared]
+    none = np.zeros(prepared[0].signals.n)
+    speeds = [none if x is None else np.mean(x.velocity**2, axis=0) for x in made]
+    return np.array(speeds), np.array([none if x is None else x.power for x in made])
 
 
 def acceleration_noise(one: Prepared, other: Prepared) -> Array:

@@ -223,5 +223,5 @@ def _thinned(log: Log) -> Log:
         gravity_compensation=log.gravity_compensation,
         start=log.start,
         in_contact=None if log.in_contact is None else thin_mask(log.in_contact, log.rate),
-        grid=log.grid,
+        rounding=take(log.rounding),
     )

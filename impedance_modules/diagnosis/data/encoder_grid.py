@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The grid of an encoder: its step, and the errors that it made of a motion.
+
+A position that crosses many steps per sample is rounded as if by chance: white noise of variance g^2 / 12. One that
+needs several samples per step is a staircase. Its errors are saw teeth of |v| / g per second, and at low speed those
+lie in the band of the motion, where they are several times as strong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+
+from impedance_modules.arrays import Array
+
+FILE_ROUNDING = 1e-9
+"""Differences below it come from the rounding of the file [rad]."""
+
+DIFFERENCES_MIN = 20
+"""Fewest differences from which a quantisation step is read."""
+
+STEPS_MAX = 20.0
+"""Differences of up to this many steps are compared with whole multiples of the step."""
+
+STAIRCASE = 0.05
+"""Steps per sample below which the path between crossings is known well enough to round it once more."""
+
+CROSSINGS_MIN = 3
+"""Fewest crossings of the grid that show a path."""
+
+
+def quantisation_step(positions: Array) -> float:
+    """Finds the quantisation step of positions (N,); zero where they are not quantised.
+
+    Args:
+        positions: One joint's [rad or m].
+    """
+    places = np.unique(np.round(positions / FILE_ROUNDING)) * FILE_ROUNDING
+    gaps = np.diff(places)
+    if len(gaps) < DIFFERENCES_MIN:
+        return 0.0
+    step = float(gaps.min())
+    near = gaps[gaps < STEPS_MAX * step]
+    counts = near / step
+    on_grid = np.abs(counts - np.round(counts)) < 0.02 + FILE_ROUNDING / step
+    return (
+        float(np.median(near / np.round(counts))) if len(near) >= DIFFERENCES_MIN and on_grid.all() else 0.0
+    )
+
+
+def steps_of(recordings: Sequence[Mapping[str, Array]], joints: Sequence[str]) -> Array:
+    """Finds the quantisation steps (n,) of joints by all recordings of their positions; zero where there is none.
+
+    A joint that hardly moved in one recording shows no step there, and was rounded all the same.
+
+    Args:
+        recordings: Joint -> (N,) positions of each [rad or m].
+        joints: Whose steps are looked for.
+    """
+    found = [
+        [quantisation_step(recording[joint]) for recording in recordings if joint in recording]
+        for joint in joints
+    ]
+    return np.array([min((step for step in steps if step > 0.0), default=0.0) for steps in found])
+
+
+def rounding_errors(positions: Array, steps: Array, seed: int) -> Array:
+    """Simulates what rounding does to positions (N, n) like these: errors of their size and spectrum, (N, n).
+
+    Where a joint is slow, its path is a smooth curve through the crossings of the grid (Akima), and is rounded once
+    more to a grid that is moved by a part of a step. Where it is fast, errors are drawn.
+
+    Args:
+        positions: As recorded [rad or m].
+        steps: (n,) of the grids; 0 where there is none.
+        seed: Of what is drawn.
+    """
+    random = np.random.default_rng(seed)
+    return np.column_stack([_errors(*one, random) for one in zip(positions.T, steps, strict=True)])
+
+
+def _errors(positions: Array, step: float, random: np.random.Generator) -> Array:
+    """Errors of one joint's positions (N,)."""
+    drawn, shift = random.uniform(-0.5, 0.5, len(positions)), random.uniform()
+    crossed = np.flatnonzero(np.diff(positions))
+    if step == 0.0 or len(crossed) < CROSSINGS_MIN:
+        return np.zeros(len(positions))
+    levels = 0.5 * (positions[crossed] + positions[crossed + 1])
+    times = np.clip(np.arange(len(positions)), crossed[0] + 0.5, crossed[-1] + 0.5)
+    path = Akima1DInterpolator(crossed + 0.5, levels)(times) / step + shift
+    slow = np.abs(np.gradient(path)) < STAIRCASE
+    return np.asarray(step * np.where(slow, np.round(path) - path, drawn))

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an encoder's grid makes of a motion is known at every speed and rate; slow motions are noisier."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.diagnosis.data.encoder_grid import quantisation_step, rounding_errors, steps_of
+from impedance_modules.diagnosis.regression import sensor_noise
+from impedance_modules.diagnosis.residuals.band import Band, thin
+from impedance_modules.effects.recorded_signals import differentiate
+
+STEP = 2.0 * np.pi / 16384
+GRID = np.array([STEP])
+SECONDS = 20.0
+
+
+def motion(rate: float, size: float, seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, SECONDS, 1.0 / rate)
+    frequency, phase = random.uniform(0.1, 0.6, 5), random.uniform(0.0, 6.28, 5)
+    return size * np.sin(2.0 * np.pi * np.outer(time, frequency) + phase).sum(axis=1)
+
+
+def velocity_noise(errors: np.ndarray, rate: float, cutoff: float) -> float:
+    """Rms that position errors (N,) leave in the band of differentiated positions [rad/s]."""
+    thinned, rate = thin(errors[:, None], rate)
+    band, time = Band(rate, cutoff), np.arange(len(thinned)) / rate
+    return float(np.std(band.condense(differentiate(band.smooth(thinned), time))))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from([100.0, 200.0, 500.0, 1000.0]),
+    st.sampled_from([4.0, 8.0]),
+    st.floats(-5.5, 0.0),
+    st.integers(0, 10_000),
+)
+def test_simulated_errors_are_as_strong_in_the_band_as_the_real_ones(rate, cutoff, log_size, seed):
+    """Of a joint that moves from 1 mrad to 0.3 rad; white noise is a sixth of what a slow joint has at 1 kHz."""
+    q = motion(rate, 0.3 * np.exp(log_size), seed)
+    rounded = STEP * np.round(q / STEP)
+    real = velocity_noise(rounded - q, rate, cutoff)
+    found = [velocity_noise(rounding_errors(rounded[:, None], GRID, s)[:, 0], rate, cutoff) for s in range(3)]
+    assert 0.6 < float(np.sqrt(np.mean(np.square(found)))) / real < 2.0
+
+
+def test_white_noise_would_be_far_too_little_where_a_joint_is_slow():
+    q = motion(1000.0, 0.003, 1)
+    rounded = STEP * np.round(q / STEP)
+    white = STEP / np.sqrt(12.0) * np.random.default_rng(1).standard_normal(len(q))
+    real = velocity_noise(rounded - q, 1000.0, 8.0)
+    assert velocity_noise(white, 1000.0, 8.0) < 0.4 * real
+    assert velocity_noise(rounding_errors(rounded[:, None], GRID, 1)[:, 0], 1000.0, 8.0) > 0.6 * real
+
+
+def test_no_grid_and_no_motion_have_no_errors():
+    smooth, still = motion(200.0, 0.3, 2), np.full(4000, 0.7)
+    assert quantisation_step(smooth) == quantisation_step(still) == 0.0
+    both = np.column_stack([smooth, still])
+    steps = steps_of([{"a": smooth, "b": still}], ["a", "b"])
+    assert not steps.any() and not rounding_errors(both, steps, 0).any()
+    assert not rounding_errors(both[:, 1:], GRID, 0).any()
+
+
+def test_a_joint_that_hardly_moves_has_the_step_of_its_other_recordings():
+    small, large = (STEP * np.round(motion(200.0, size, 4) / STEP) for size in (0.0005, 0.3))
+    assert quantisation_step(small) == 0.0
+    steps = steps_of([{"a": small}, {"a": large, "b": large}], ["a", "b"])
+    assert steps == pytest.approx([STEP, STEP], rel=1e-4)
+    assert rounding_errors(small[:, None], steps[:1], 0).any()
+
+
+def recorded(size: float, rate: float = 500.0) -> SimpleNamespace:
+    """One joint of unit inertia that was rounded, as the residuals know it."""
+    q = motion(rate, size, 5)
+    errors = rounding_errors(STEP * np.round(q / STEP)[:, None], GRID, 0)
+    thinned, rate = thin(errors, rate)
+    log = SimpleNamespace(rounding=thinned, rate=rate, samples=len(thinned), effort=None)
+    signals = SimpleNamespace(n=1, reflected_inertia=np.zeros(1))
+    band = Band(rate, 8.0)
+    position = band.condense(0.0 * thinned)
+    return SimpleNamespace(log=log, signals=signals, band=band, tree=None, position=position)
+
+
+@pytest.mark.parametrize(("residual", "power"), [("velocity", 4e-7), ("link", 5e-4)])
+def test_the_floor_of_a_slow_recording_is_higher_than_that_of_fast_repeats(residual, power, monkeypatch):
+    monkeypatch.setattr(sensor_noise, "mass_matrix", lambda _, q: np.ones((len(q), 1, 1)))
+    items = [recorded(0.3), recorded(0.3), recorded(0.003)]
+    made = [sensor_noise.made_by_grid(item) for item in items]
+    ratio = sensor_noise.noise_ratios([(residual, 0)], items, [(1, 0)], [power], made[0].power)
+    assert ratio[:2, 0] == pytest.approx(1.0, rel=0.02)
+    name = "velocity" if residual == "velocity" else "acceleration"
+    fast, slow = (float(np.mean(getattr(made[r], name) ** 2)) for r in (0, 2))
+    assert ratio[2, 0] == pytest.approx(np.sqrt((power - fast + slow) / power), rel=0.02)
+    assert ratio[2, 0] > 1.15
