@@ -351,4 +351,4 @@ def diagnose_steps(runs: Sequence[TaskRun], joint: str) -> Diagnosis:
         replace(run.episode, metadata={**run.episode.metadata, "episode": run.episode.source.name})
         for run in runs
     ]
-    return diagnose(episodes, model, robot.urdf, known_effects=fixture_of(runs[0]))
+    return diagnose(episodes, model, robot.urdf, tolerance=0.0, known_effects=fixture_of(runs[0]))

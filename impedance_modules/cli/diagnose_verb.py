@@ -15,11 +15,13 @@ from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import Console
     from rich.table import Table
 
     from impedance_modules.diagnosis.data.nominal_model import NominalModel
-    from impedance_modules.diagnosis.result import Diagnosis, JointGap, Rollout
+    from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Rollout
     from impedance_modules.episode.data import Episode
     from impedance_modules.spec.patch_file import EffectSpec
 
@@ -36,6 +38,14 @@ PATH = click.Path(path_type=Path)
 @click.option("--effects", type=PATH, metavar="PATCH", help="Start from the model with this patch applied.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue.")
 @click.option("--under-water", is_flag=True, help="The robot was under water: look for what water does, too.")
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(0.0, 1.0, max_open=True),
+    default=0.01,
+    show_default=True,
+    metavar="SHARE",
+    help="Of each joint's torque and simulated motion: a gap within it raises no alarm.",
+)
 @click.option("--json", "json_path", type=PATH, metavar="F", help="Write the answer as JSON.")
 @click.option("--report", type=PATH, metavar="F.html", help="Write a report as one HTML file.")
 @click.option(
@@ -50,6 +60,7 @@ def diagnose_command(
     effects: Path | None,
     without: tuple[str, ...],
     under_water: bool,
+    tolerance: float,
     json_path: Path | None,
     report: Path | None,
     recording: Path | None,
@@ -85,6 +96,7 @@ def diagnose_command(
                 heldout=[episode.name for episode in tested],
                 without=without,
                 under_water=under_water,
+                tolerance=tolerance,
                 known_effects=known,
                 progress=lambda words: status.update(Text(words)),
             )
@@ -218,7 +230,12 @@ def print_diagnosis(found: Diagnosis, console: Console) -> None:
         quiet = [gap.joint for gap in found.gaps if _quiet(gap)]
         if quiet:
             console.print(f"reported velocities are those of the positions: {', '.join(quiet)}")
-    _print_causes(found, console)
+    _print_causes(found.causes, console)
+    if found.small:
+        console.print(
+            f"small, within {100.0 * found.tolerance:.3g} % of the joints' ranges of torque and motion:"
+        )
+        _print_causes(found.small, console)
     _print_rollouts(found, console)
     if found.remainder.structure:
         console.print(f"remainder: {found.remainder.structure}")
@@ -270,9 +287,9 @@ def _gaps(found: Diagnosis) -> Table:
     return table
 
 
-def _print_causes(found: Diagnosis, console: Console) -> None:
+def _print_causes(causes: Sequence[Cause], console: Console) -> None:
     """Prints each cause with its numbers, a line each: names and units stay whole on a narrow terminal."""
-    for rank, cause in enumerate(found.causes, start=1):
+    for rank, cause in enumerate(causes, start=1):
         carriers = ", ".join(cause.joints) or ", ".join(cause.parameters)
         alone = "" if cause.shrink is None else f", alone it closes {100 * cause.shrink:.0f} % of the gap"
         console.print(

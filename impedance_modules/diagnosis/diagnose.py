@@ -32,6 +32,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
+from impedance_modules.diagnosis.model_selection.tolerance import DEFAULT_TOLERANCE, set_small_aside
 from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
@@ -56,6 +57,7 @@ def diagnose(
     heldout: Collection[str] = (),
     without: Collection[str] = (),
     under_water: bool = False,
+    tolerance: float = DEFAULT_TOLERANCE,
     known_effects: Sequence[EffectSpec] = (),
     progress: Progress = lambda _: None,
 ) -> Diagnosis:
@@ -68,6 +70,8 @@ def diagnose(
         heldout: Names of recordings that no step of the fit may use; empty: it chooses them.
         without: Ids of effects that are left out of the catalogue.
         under_water: The robot was under water; only then are the effects of water candidates.
+        tolerance: Share of each joint's ranges of torque and motion within which a gap is called none; 0 for no such
+            share.
         known_effects: Effects of a patch that the nominal model includes from the beginning.
         progress: Called with a sentence for each step.
 
@@ -97,7 +101,7 @@ def diagnose(
         found = with_rollouts(found, evidence, model, urdf, known_effects)
         evidence, worse = without_rejected(evidence, found.causes)
         if not worse:
-            return found
+            return set_small_aside(found, evidence, tolerance)
         notes = (*notes, *worse)
 
 

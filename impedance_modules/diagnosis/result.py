@@ -24,7 +24,11 @@ EXIT_CODES: Mapping[str, int] = {
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The whole result."""
+    """The whole result.
+
+    ``tolerance`` is the share of joints' ranges of torque and motion within which a gap does not matter; ``small`` are
+    the causes of a gap that is within it, most explaining first. They are in no patch.
+    """
 
     verdict: str
     robot: str
@@ -41,6 +45,8 @@ class Diagnosis:
     remainder: Remainder
     next_motion: Mapping[str, object]
     series: tuple[ResidualSeries, ...]
+    tolerance: float = 0.0
+    small: tuple[Cause, ...] = ()
 
     @property
     def exit_code(self) -> int:

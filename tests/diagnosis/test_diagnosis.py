@@ -65,6 +65,7 @@ ADDED = {
     "parallel_spring": (0, lambda t, q, v, kind: 3.0 * q[:, 0] + 1.0),
     "tone": (1, lambda t, q, v, kind: 0.02 * np.sin(19.0 * t + kind)),
     "faint tone": (1, lambda t, q, v, kind: 0.0004 * np.sin(19.0 * t + kind)),
+    "little friction": (1, lambda t, q, v, kind: 0.012 * np.sign(v[:, 1])),
     "faint friction": (1, lambda t, q, v, kind: 0.0003 * np.sign(v[:, 1])),
     "table": (1, lambda t, q, v, kind: 2.0 * touching(t)),
     "sudden_stop": (1, lambda t, q, v, kind: 1.5 * (np.abs(q[:, 1] - 0.1) < 0.07) * (t % 3.0 < 1.5)),
@@ -144,7 +145,7 @@ def test_samples_in_contact_are_masked(tmp_path: Path) -> None:
 )
 def test_a_thousandth_of_the_load_is_no_gap(tmp_path: Path, effect: str, verdict: str) -> None:
     """A simulator's log without noise shows its own integration: nobody's gap, and no cause."""
-    _, found = answer(tmp_path, record(tmp_path, effect, noise=1e-5, jitter=1e-8))
+    _, found = answer(tmp_path, record(tmp_path, effect, noise=1e-5, jitter=1e-8), "--tolerance", "0")
     assert (found["verdict"], found["causes"]) == (verdict, [])
 
 

@@ -62,6 +62,8 @@ def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
             for p in diagnosis.where
         ],
         "causes": [_cause(cause) for cause in diagnosis.causes],
+        "small": [_cause(cause) for cause in diagnosis.small],
+        "tolerance": diagnosis.tolerance,
         "unexplained_weight": diagnosis.unexplained_weight,
         "remainder": {
             "lack_of_fit": _number(diagnosis.remainder.lack_of_fit),
