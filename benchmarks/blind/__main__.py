@@ -54,6 +54,7 @@ def generate(
 @click.option("--answers", type=click.Path(path_type=Path), help="Kept here; OUT/answers when left out.")
 @click.option("--timeout", type=float, default=180.0, show_default=True, help="Processor time per case [s].")
 @click.option("--jobs", type=click.IntRange(1), default=2, show_default=True)
+@click.option("--tolerance", type=float, help="Of `impedance diagnose`; its default when left out.")
 def run(out: Path, answers: Path | None, **selection: Any) -> None:
     """Diagnoses the cases that have no answer yet; answers go to OUT/answers/TOOL."""
     from benchmarks.blind.run import ANSWERS, Selection, run_all

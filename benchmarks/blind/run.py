@@ -43,6 +43,7 @@ class Selection:
         again: Whether cases that have an answer are asked again.
         timeout: Processor time per case [s].
         jobs: Cases side by side.
+        tolerance: Of `impedance diagnose`; None for its default.
     """
 
     tool: str
@@ -51,6 +52,7 @@ class Selection:
     again: bool = False
     timeout: float = 180.0
     jobs: int = 2
+    tolerance: float | None = None
 
 
 def run_all(out: Path, answers: Path, selection: Selection, tell: Callable[[str], None]) -> None:
@@ -65,7 +67,7 @@ def run_all(out: Path, answers: Path, selection: Selection, tell: Callable[[str]
 
     def one(name: str) -> str:
         (folder / f"{name}.json").unlink(missing_ok=True)
-        record = run_case(out / CASES / name, selection.tool, folder / f"{name}.json", selection.timeout)
+        record = run_case(out / CASES / name, selection, folder / f"{name}.json")
         (folder / f"{name}.run.json").write_text(json.dumps(record) + "\n")
         return f"{name} exit {record['exit']} {record['seconds']:.1f} s {record['memory_mb']:.0f} MB"
 
@@ -83,8 +85,8 @@ def names_of(out: Path, blocks: Sequence[str]) -> list[str]:
     return sorted(found)
 
 
-def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, Any]:
-    """Runs one tool on one case.
+def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
+    """Runs a tool on one case.
 
     Returns:
         exit (negative where the time was up), seconds on the wall and of the processor, peak memory [MB] and the end of
@@ -94,7 +96,7 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
     with tempfile.TemporaryDirectory(prefix="blind-") as room:
         for name in (*shown["logs"], *shown["holdout"]):
             shutil.copy(case / name, room)
-        command = _command(tool, shown, answer.resolve())
+        command = _command(selection, shown, answer.resolve())
         errors = Path(room) / "errors.txt"
         start = time.monotonic()
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -107,9 +109,9 @@ def run_case(case: Path, tool: str, answer: Path, timeout: float) -> dict[str, A
                 stderr=sink,
                 env=environment,
             )
-            limit = math.ceil(timeout)
+            limit = math.ceil(selection.timeout)
             resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
-            status, used, memory = _wait(process, WALL_TIME_FACTOR * timeout)
+            status, used, memory = _wait(process, WALL_TIME_FACTOR * selection.timeout)
         seconds = time.monotonic() - start
         said = errors.read_text(errors="replace")[-2000:]
     times = {"seconds": seconds, "processor_seconds": used}
@@ -135,7 +137,8 @@ def _wait(process: subprocess.Popen[bytes], timeout: float) -> tuple[int | None,
     return None, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
 
 
-def _command(tool: str, shown: dict[str, Any], answer: Path) -> list[str]:
+def _command(selection: Selection, shown: dict[str, Any], answer: Path) -> list[str]:
+    tool = selection.tool
     held = [word for name in shown["holdout"] for word in ("--holdout", name)]
     if tool == "impedance":
         without = [word for name in shown["without"] for word in ("--without", name)]
@@ -148,6 +151,7 @@ def _command(tool: str, shown: dict[str, Any], answer: Path) -> list[str]:
             "--json",
             str(answer),
             *without,
+            *([] if selection.tolerance is None else ["--tolerance", str(selection.tolerance)]),
         ]
         return [sys.executable, "-m", "impedance_modules", *words]
     module = {"least-squares": "baseline_least_squares", "sysid": "baseline_sysid"}[tool]
