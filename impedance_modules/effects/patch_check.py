@@ -7,6 +7,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import PAIR, Effect
 from impedance_modules.effects.effect_description import Description, KeyKind, Parameter, same_unit
@@ -16,7 +18,6 @@ from impedance_modules.errors import Problem, nearest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec
 from impedance_modules.spec.robot_spec import RobotSpec
-from impedance_modules.spec.urdf import UrdfJoint, read_urdf
 
 KIND_IN_WORDS: dict[KeyKind, str] = {
     "joint": "a joint",
@@ -28,14 +29,32 @@ KIND_IN_WORDS: dict[KeyKind, str] = {
 }
 
 
+@dataclass(frozen=True)
+class PatchTarget:
+    """What a patch names parts of: a robot folder, or somebody's own description of a robot.
+
+    Attributes:
+        words: What messages call it.
+        joints: Names of its joints with one axis.
+        sliding: Those that slide instead of turning.
+        bodies: Names of its links that a patch may change.
+        motor_damping: Joint -> its own viscous friction at the motor [N.m.s/rad], infinite where nobody knows it.
+    """
+
+    words: str
+    joints: tuple[str, ...]
+    sliding: Collection[str]
+    bodies: tuple[str, ...]
+    motor_damping: Mapping[str, float]
+
+
 @dataclass
 class _Check:
     """One effect of a patch, with what is needed to judge it."""
 
     patch: PatchSpec
-    robot: RobotSpec
+    target: PatchTarget
     index: int
-    bodies: Collection[str]
 
     @cached_property
     def spec(self) -> EffectSpec:
@@ -51,12 +70,7 @@ class _Check:
 
     def slides(self, key: str) -> bool:
         """Says whether a key names a joint that slides instead of turning."""
-        joint = self.sliding_or_turning.get(key.partition(PAIR)[0])
-        return joint is not None and joint.type == "prismatic"
-
-    @cached_property
-    def sliding_or_turning(self) -> Mapping[str, UrdfJoint]:
-        return read_urdf(self.robot.urdf).joints
+        return key.partition(PAIR)[0] in self.target.sliding
 
     def problem(
         self, *inside: str | int, message: str, valid: tuple[str, ...] = (), at: str = "value"
@@ -69,8 +83,21 @@ def patch_problems(patch: PatchSpec, robot: RobotSpec) -> list[Problem]:
     if patch.robot != robot.name:
         message = f"the patch is for robot '{patch.robot}', not for '{robot.name}'"
         return [patch.document.problem(("robot",), message)]
-    bodies = RigidModel.of_robot(RobotModel(robot)).bodies
-    checks = [_Check(patch, robot, index, bodies) for index in range(len(patch.effects))]
+    model = RigidModel.of_robot(RobotModel(robot))
+    names = np.array(model.joint_names)
+    target = PatchTarget(
+        words=f"robot '{robot.name}'",
+        joints=tuple(robot.joints),
+        sliding=frozenset(names[model.sliding].tolist()),
+        bodies=model.bodies,
+        motor_damping={name: joint.motor_damping for name, joint in robot.joints.items()},
+    )
+    return target_problems(patch, target)
+
+
+def target_problems(patch: PatchSpec, target: PatchTarget) -> list[Problem]:
+    """Lists everything in a patch that does not fit the catalogue or what it shall be applied to."""
+    checks = [_Check(patch, target, index) for index in range(len(patch.effects))]
     found: list[Problem] = []
     for check in checks:
         found.extend(_effect_problems(check))
@@ -94,10 +121,10 @@ def _effect_problems(check: _Check) -> Iterator[Problem]:
 
 
 def _joint_problems(check: _Check) -> Iterator[Problem]:
-    spec, known = check.spec, tuple(check.robot.joints)
+    spec, known = check.spec, check.target.joints
     for place, joint in enumerate(spec.joints):
         if joint not in known:
-            message = f"robot '{check.robot.name}' has no joint '{joint}'{nearest(joint, known)}"
+            message = f"{check.target.words} has no joint '{joint}'{nearest(joint, known)}"
             yield check.problem("joints", place, message=message, valid=known)
         elif check.description.keys == ("joint",) and joint not in spec.parameters:
             message = f"joint '{joint}' is listed but has no parameters"
@@ -105,7 +132,7 @@ def _joint_problems(check: _Check) -> Iterator[Problem]:
 
 
 def _key_problems(check: _Check, key: str) -> Iterator[Problem]:
-    kinds, joints = check.description.keys, check.robot.joints
+    kinds, joints, bodies = check.description.keys, check.target.joints, check.target.bodies
     words = " or ".join(KIND_IN_WORDS[kind] for kind in kinds)
     if "pair" in kinds:
         joint, arrow, other = key.partition(PAIR)
@@ -116,12 +143,12 @@ def _key_problems(check: _Check, key: str) -> Iterator[Problem]:
     elif "surface" in kinds:
         fits, named = surface_index(key) is not None, ()
     else:
-        fits, named = (key in check.bodies) if "body" in kinds else key in kinds, ()
+        fits, named = (key in bodies) if "body" in kinds else key in kinds, ()
     if not fits:
         choices = (
-            tuple(check.bodies)
+            bodies
             if "body" in kinds
-            else tuple(joints)
+            else joints
             if kinds[0] in {"joint", "pair"}
             else ("surface0", "surface1")
             if "surface" in kinds
@@ -197,7 +224,7 @@ def _one_way_problems(checks: list[_Check]) -> Iterator[Problem]:
         if check.spec.effect != "asymmetric_friction":
             continue
         for key, quantities in check.spec.parameters.items():
-            own = check.robot.joints[key].motor_damping if check.spec.port == "actuator" else 0.0
+            own = check.target.motor_damping[key] if check.spec.port == "actuator" else 0.0
             viscous = own + sum(
                 other.spec.parameters[key]["fv"].value
                 for other in checks

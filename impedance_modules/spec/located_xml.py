@@ -11,6 +11,7 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
@@ -78,8 +79,35 @@ def read_number(text: str) -> float | None:
     return float(text) if _NUMBER.fullmatch(text.strip()) else None
 
 
-def parse_xml(path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
-    """Parses an XML file into its top element and the line of every element.
+@dataclass(frozen=True)
+class XmlDocument:
+    """An XML file: its bytes, its elements, and where each of them stands.
+
+    Attributes:
+        path: As the user wrote it.
+        raw: The whole file.
+        root: The top element.
+        lines: Element -> line on which it begins, from 1.
+        starts: Element -> place of its start tag in ``raw`` [bytes].
+        ends: Element -> place of its end tag [bytes]; that of the start tag where it ends itself, ``<a/>``.
+    """
+
+    path: Path
+    raw: bytes
+    root: ET.Element
+    lines: Mapping[ET.Element, int]
+    starts: Mapping[ET.Element, int]
+    ends: Mapping[ET.Element, int]
+
+
+def parse_xml(path: Path) -> tuple[ET.Element, Mapping[ET.Element, int]]:
+    """Parses an XML file into its top element and the line of every element; errors as in ``read_xml``."""
+    document = read_xml(path)
+    return document.root, document.lines
+
+
+def read_xml(path: Path) -> XmlDocument:
+    """Reads an XML file.
 
     Raises:
         BadInput: The file is missing, no regular file, too large or cannot be read.
@@ -87,11 +115,16 @@ def parse_xml(path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
     """
     raw = read_input(path, LARGEST_FILE)
     _check_utf8(path, raw)
-    builder, lines = ET.TreeBuilder(), dict[ET.Element, int]()
+    builder = ET.TreeBuilder()
+    lines, starts, ends = dict[ET.Element, int](), dict[ET.Element, int](), dict[ET.Element, int]()
     parser = expat.ParserCreate("utf-8")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+        element = builder.start(tag, attributes)
+        lines[element], starts[element] = parser.CurrentLineNumber, parser.CurrentByteIndex
+
+    def end(tag: str) -> None:
+        ends[builder.end(tag)] = parser.CurrentByteIndex
 
     def here(message: str, valid: tuple[str, ...] = ()) -> BadFile:
         place = (parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
@@ -105,7 +138,7 @@ def parse_xml(path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
             raise here(f"the encoding {encoding[:60]!r} is declared, and only UTF-8 is read", ("UTF-8",))
 
     parser.StartElementHandler = start
-    parser.EndElementHandler = builder.end
+    parser.EndElementHandler = end
     parser.EntityDeclHandler = entity
     parser.XmlDeclHandler = declaration
     try:
@@ -113,7 +146,7 @@ def parse_xml(path: Path) -> tuple[ET.Element, dict[ET.Element, int]]:
     except expat.ExpatError as error:
         message = f"not XML: {expat.ErrorString(error.code)}"
         raise BadFile([Problem(path, error.lineno, error.offset + 1, "", message)]) from None
-    return builder.close(), lines
+    return XmlDocument(path, raw, builder.close(), lines, starts, ends)
 
 
 def _check_utf8(path: Path, raw: bytes) -> None:
