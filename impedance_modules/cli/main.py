@@ -26,6 +26,7 @@ VERBS = {
     "diagnose": "diagnose_verb",
     "probe": "probe_verb",
     "effects": "effects_verb",
+    "patch": "patch_verbs",
     "tune": "tune_verb",
     "sweep": "sweep_verb",
     "roughness": "surface_verbs",

@@ -14,6 +14,7 @@ from impedance_modules.effects.effect_description import Description, Parameter,
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot_spec import BodyChange, RobotSpec
 
@@ -107,6 +108,13 @@ class Payload(MassAtPoint):
         applied="Plant and model: the link's inertia. The robot's own gravity compensation does not know it.",
     )
     shape = CENTRE
+    exported = (
+        Exported(
+            "body inertia",
+            "m, m c, inertia m (c.c 1 - c c^T)",
+            lambda values: point_mass(values["m"], centre_of(values)),
+        ),
+    )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Columns of M and of the first moments h = m c, the inertia linearised about the present guess c_0 of c.
@@ -186,6 +194,11 @@ class LinkInertia(Effect):
         reference="Gautier & Khalil 1990; Wensing, Kim & Slotine 2018",
         applied="Plant and model: the link's inertia, refused if what results is no physical body.",
     )
+    exported = (
+        Exported(
+            "body inertia", "dm, dh, dI", lambda values: [values.get(symbol, 0.0) for symbol in CHANGES]
+        ),
+    )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Ten columns, or what a link costs that is heavier all over, per kilogram."""
@@ -263,6 +276,7 @@ class BaseTilt(Stepped):
         applied="Plant and model: gravity. The robot's own gravity compensation does not know it.",
     )
     shape = ("rx", "ry")
+    exported = (Exported("base lean", "r = (rx, ry, 0)", lambda values: (values["rx"], values["ry"])),)
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """The weight's change at the guessed lean, and its slope by the lean."""

@@ -21,6 +21,7 @@ from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Sh
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual, Stage
+from impedance_modules.effects.simulator_numbers import Exported, one_number
 from impedance_modules.spec.robot_spec import RobotSpec
 
 
@@ -84,6 +85,7 @@ class CommandDelay(DriveLaw):
     )
     delays_torque = True
     shared_by_joints = True
+    exported = (one_number("late command", "T", "T"),)
     starts = (0.0, 0.005, 0.015, 0.04, 0.1)  # a step of Newton might miss what lies between wider ones
 
     def computed_from_command(self, port: Port) -> bool:
@@ -128,6 +130,7 @@ class ActuatorLag(DriveLaw):
         applied="The plant: all torque of the joint's motor.",
     )
     delays_torque = True
+    exported = (one_number("drive lag", "T_1", "T"),)
     starts = LAGS
 
     def computed_from_command(self, port: Port) -> bool:
@@ -152,6 +155,7 @@ class TorqueSaturation(DriveLaw):
     peaks = True
     shape = ("limit",)
     brief = True
+    exported = (one_number("torque limit", "L", "limit"),)
     description = Description(
         id="torque_saturation",
         sentence="The motor gives no more than a limit, however much is asked for.",
@@ -226,6 +230,11 @@ class ControllerGain(Effect):
         excitation="two sets of gains, with the position command recorded",
         reference="Isaac Sim system identification (stiffness and damping gains)",
         applied="The plant: at the motor, from the joint motion that its driver aims at (Plant.aim).",
+    )
+    exported = (
+        Exported(
+            "servo gains", "K_p = dkp, K_d = dkd", lambda values: (values["dkp"], values.get("dkd", 0.0))
+        ),
     )
 
     def computed_from_command(self, port: Port) -> bool:

@@ -28,6 +28,7 @@ from impedance_modules.effects.joint_motion import JointSample, Shape, regularis
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
+from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.spec.robot_spec import RobotSpec
 
 Values = Mapping[str, float]
@@ -130,6 +131,8 @@ class Effect(ABC):
             numbers other than the real ones.
         first_excitation: Place in the list of effects that a first recording, without any suspicion, should tell
             apart on every joint; None for those that need a suspicion first.
+        exported: What it is in somebody's own simulator of rigid joints; empty where none has a number for it.
+        not_exported: Why none has, at the ports where nothing is exported: the rest of a sentence on the effect.
     """
 
     description: Description
@@ -148,6 +151,10 @@ class Effect(ABC):
     carried_by_robot: bool = False
     imitates_carried: bool = False
     first_excitation: int | None = None
+    exported: tuple[Exported, ...] = ()
+    not_exported: str = (
+        "its law is no number of a rigid joint or body; the simulation would have to compute it"
+    )
 
     @property
     def id(self) -> str:

@@ -45,6 +45,7 @@ class ExternalContact(Effect):
         applied="The plant: a force on the link.",
     )
     bound_to_recording = True
+    not_exported = "it happened at one time of one recording, and is no property of the robot"
     shape = ("start", "end")
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:

@@ -46,6 +46,7 @@ class Hysteresis(Effect):
         reference="Dahl 1968; Canudas de Wit et al. 1995",
     )
     shape = (STRETCH,)
+    not_exported = "friction of a joint there does not remember where the joint came from"
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Follows the bristles along the recorded positions, unbent at the start."""

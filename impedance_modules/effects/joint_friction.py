@@ -14,6 +14,7 @@ from impedance_modules.effects.joint_motion import (
     Shape,
     regularisation_velocity,
 )
+from impedance_modules.effects.simulator_numbers import one_number
 
 COULOMB = joint_parameter("fc", "N.m", "Coulomb friction", lower=0.0)
 
@@ -41,6 +42,7 @@ class CoulombFriction(JointLaw):
     )
     in_every_drive = True
     first_excitation = 1
+    exported = (one_number("dry friction", "F", "fc"),)
 
     dry = True
 
@@ -70,6 +72,7 @@ class ViscousFriction(JointLaw):
     )
     in_every_drive = True
     first_excitation = 2
+    exported = (one_number("viscous friction", "D", "fv"),)
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes v."""
@@ -93,6 +96,7 @@ class StribeckFriction(JointLaw):
         excitation="slow ramps, 0.005 to 0.2 rad/s",
         reference="Bo & Pavelescu 1982; Armstrong-Helouvry 1994",
     )
+    not_exported = "dry friction that falls with the speed needs three numbers, and a joint there has one"
     shape = ("vs",)
 
     dry = True
@@ -149,6 +153,7 @@ class QuadraticDrag(JointLaw):
         excitation="a ladder of speeds up to 80 % of the limit",
         reference="Morison et al. 1950; thesis 6.2.5",
     )
+    exported = (one_number("drag", "C", "c"),)
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes v |v|."""
@@ -178,6 +183,7 @@ class AsymmetricFriction(JointLaw):
         reference="Janot, Gautier & Brunot 2019 (EMPS)",
     )
     constant_part = "da"
+    not_exported = "friction of a joint there is the same in both directions"
 
     dry = True
     lower = (0.0, 0.0, -np.inf)  # dry friction takes energy in both directions; dv has a sign
@@ -220,6 +226,7 @@ class LoadDependentFriction(JointLaw):
         excitation="the same motion in two or more poses or with two payloads",
         reference="Hamon, Gautier & Garrec 2010; Rhoban BAM 2025, models M3 to M6",
     )
+    not_exported = "friction of a joint there does not depend on the torque that it passes on"
     dry = True
     upper = 1.0  # a gear that locks itself
 
@@ -245,6 +252,7 @@ class FrictionDrift(JointLaw):
         excitation="the same motion cold and warm, over minutes",
         reference="Bittencourt et al. 2010",
     )
+    not_exported = "friction of a joint there does not change with time"
     contrasts = ((1.0, -1.0),)
     shape = ("T",)
 

@@ -21,6 +21,7 @@ from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Sh
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.model import with_reflected_inertia
 from impedance_modules.spec.robot_spec import RobotSpec
@@ -64,6 +65,7 @@ class ReflectedInertia(Effect):
     in_every_drive = True
     first_excitation = 3
     replaces = True
+    exported = (one_number("rotor inertia", "I", "Ia"),)
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """The motor's acceleration; the coefficient is what I_r lacks."""
@@ -113,6 +115,7 @@ class JointElasticity(Effect):
         applied="Plant and model: the robot's series spring. A rigid joint gets one.",
     )
     replaces = True
+    not_exported = "the rotor would have to be a body of its own, with a joint of its own"
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What a compliance of one more rad per N.m costs."""
@@ -162,6 +165,7 @@ class Backlash(Effect):
         reference="Nordin & Gutman 2002",
         applied="The plant: a dead zone in series with the joint's spring; the joint needs one.",
     )
+    not_exported = "the rotor would have to be a body of its own, with a joint of its own"
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What crossing a gap of one radian costs."""
@@ -234,6 +238,7 @@ class TransmissionCoupling(Effect):
     )
 
     symmetric = True
+    not_exported = "a joint's rotor there does not turn with another joint"
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Three columns on the rows of both joints."""

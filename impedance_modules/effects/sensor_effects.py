@@ -25,7 +25,11 @@ from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, Residual, Stage, uses_motion
+from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput
+
+NO_SUCH_SENSOR = "what sensors report beside the truth is none of the numbers there"
+"""Why an error of a sensor is in no simulator's file."""
 
 APART = "apart"
 """Shape: 1 where the readings' clock runs away from the commands'."""
@@ -47,6 +51,7 @@ class TorqueOffset(JointLaw):
         applied="The plant: as a torque at the motor or link, or in what its effort sensor reports.",
     )
     constant_part = "c"
+    not_exported = "a joint there has no constant torque of its own, and its sensor no bias"
     lower = -np.inf
     first_excitation = 5
 
@@ -86,6 +91,8 @@ class TorqueGain(Effect):
         reference="Gautier & Briot 2014",
         applied="The plant: in the drive of the motor, or in what its effort sensor reports.",
     )
+    exported = (one_number("drive gain", "s", "s", ports=("actuator",)),)
+    not_exported = NO_SUCH_SENSOR
 
     def proportional_to_command(self, port: Port) -> bool:
         """In proportion to the torque asked for, unless only the reading is wrong."""
@@ -147,6 +154,7 @@ class EncoderOffset(Stepped):
     shape = ("dq0",)
     starts = (0.0,)
     nearly_linear = True
+    exported = (one_number("encoder zero", "q_e", "dq0"),)
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Wherever the links' model is evaluated."""
@@ -186,6 +194,7 @@ class Crosstalk(Effect):
         applied="The plant: what its effort sensors report.",
     )
     imitates_carried = True
+    not_exported = NO_SUCH_SENSOR
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Wherever the effort enters."""
@@ -221,6 +230,7 @@ class VelocityFilterLag(Stepped):
         reference="Brown, Schneider & Mulligan 1992",
         applied="The plant: the velocity that its sensors report.",
     )
+    not_exported = NO_SUCH_SENSOR
     shape = ("T",)
     starts = LAGS
 
@@ -269,6 +279,7 @@ class ClockDrift(Effect):
         reference="IEEE 1588 (clock rate offset)",
         applied="The plant: the time it reports.",
     )
+    not_exported = "it belongs to the clock that stamped a recording, and a simulation has its own"
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Where velocities are compared, accelerations used, or commands laid beside readings."""

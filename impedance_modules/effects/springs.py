@@ -14,6 +14,7 @@ from impedance_modules.effects.effect_description import Description, Parameter,
 from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import COVERS, Residual
+from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.spec.robot_spec import ParallelSpringSpec, RobotSpec
 
 CARRIED = "carried"
@@ -45,6 +46,9 @@ class ParallelSpring(JointLaw):
         applied="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
     )
     carried_by_robot = True
+    exported = (
+        Exported("joint spring", "k, preload (or k q0)", lambda values: (values["k"], preload_of(values))),
+    )
     first_excitation = 4
     lower = (0.0, -np.inf)
     contrasts = ((1.0, 0.0),)
@@ -136,6 +140,7 @@ class TorqueRipple(JointLaw):
         reference="Ghorbel, Gandhi & Alpeter 2001 (harmonic drives)",
     )
     shape = ("N",)
+    not_exported = "a joint there has no torque that repeats with its angle"
     lower = -np.inf  # any phase
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
@@ -192,6 +197,10 @@ class BenchSpring(JointLaw):
         applied="The plant, as a torque on the link; neither the model nor what the robot adds by itself knows it.",
     )
     lower = (0.0, -np.inf, 0.0)
+    exported = (
+        Exported("joint spring", "k, k q0", lambda values: (values["k"], values["k"] * values["q0"])),
+        Exported("viscous friction", "D = d", lambda values: (values["d"],) if "d" in values else ()),
+    )
     searched = "never"  # without a patch it is named a parallel spring: at the links the two are one law
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:

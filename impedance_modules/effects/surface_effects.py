@@ -92,6 +92,7 @@ class SurfaceEffect(Effect):
     """
 
     searched = "never"
+    not_exported = "it names a surface of a task file, and nothing says which shape of yours that is"
 
     @abstractmethod
     def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:

@@ -42,6 +42,9 @@ class WaterAtPoint(Effect):
     shape = CENTRE
     sizes: tuple[str, ...]
     none: str
+    not_exported = (
+        "water at a point of a link, with numbers for each axis of it, is not among a body's numbers"
+    )
 
     def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """The link's nominal centre of mass, near which the centre of what it displaces lies; it is not refined."""
@@ -76,6 +79,7 @@ class Buoyancy(MassAtPoint):
         applied="The plant: a torque on the joints. Neither the model nor the robot's weight compensation knows it.",
     )
     searched = "under_water"
+    not_exported = "a lift at a point of a link that is not its centre of mass is not among a body's numbers"
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Four columns, of m and m c: minus the weight of a body with these moments."""

@@ -89,7 +89,7 @@ class XmlDocument:
         root: The top element.
         lines: Element -> line on which it begins, from 1.
         starts: Element -> place of its start tag in ``raw`` [bytes].
-        ends: Element -> place of its end tag [bytes]; that of the start tag where it ends itself, ``<a/>``.
+        ends: Element -> place of its end tag [bytes]; where it ends itself, ``<a/>``, the place behind that.
     """
 
     path: Path
