@@ -3,7 +3,8 @@ r"""A body's ten inertial parameters between what files write and what adds up.
 
 Files write mass m, centre of mass c, and the inertia I_c about it, in the body's axes or in turned ones. What adds is
 (m, h, I_o): first moments h = m c, and the inertia about the body's origin I_o = I_c + m (c^T c 1 - c c^T). A body is
-physical if its pseudo-inertia [[tr(I_o)/2 1 - I_o, h], [h^T, m]] is positive definite (Wensing, Kim & Slotine 2018).
+physical if its pseudo-inertia [[tr(I_o)/2 1 - I_o, h], [h^T, m]] is positive semidefinite (Wensing, Kim & Slotine
+2018); a thin disc's has an eigenvalue of zero.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from impedance_modules.arrays import Array
 
 GIMBAL_LOCK = 1e-9
 """Cosine of the pitch below which roll and yaw turn about one axis."""
+
+ROUNDING = 1e-9
+"""Negative eigenvalue over the largest one that decimal numbers in a file can make."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ class BodyInertia:
         pseudo[:3, :3] = 0.5 * np.trace(about_origin) * np.eye(3) - about_origin
         pseudo[3, :3] = pseudo[:3, 3] = moments
         pseudo[3, 3] = mass
-        if mass <= 0.0 or np.linalg.eigvalsh(pseudo)[0] <= 0.0:
+        smallest, *_, largest = np.linalg.eigvalsh(pseudo)
+        if mass <= 0.0 or smallest < -ROUNDING * largest:
             return None
         centre = moments / mass
         return BodyInertia(mass, centre, about_origin - steiner(mass, centre))
