@@ -4,8 +4,9 @@
     python -m docs.effects_tables            rewrites them; run it after adding an effect
     python -m docs.effects_tables --check    exit 1 and the files' names if one of them is not up to date
 
-They are the ids in schemas/patch.schema.json, the table in docs/effects.md, and the number of effects wherever
-README.md or docs/*.md has it between the markers ``<!-- effect-count -->`` and ``<!-- /effect-count -->``.
+They are the ids in schemas/patch.schema.json, the table in docs/effects.md, the tables in docs/export.md of what
+becomes of an effect in a URDF and in a MuJoCo model, and the number of effects wherever README.md or docs/*.md has it
+between the markers ``<!-- effect-count -->`` and ``<!-- /effect-count -->``.
 """
 
 from __future__ import annotations
@@ -17,11 +18,17 @@ from pathlib import Path
 
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import Effect
+from impedance_modules.effects.simulator_numbers import MEANINGS, QUANTITIES, Quantity
+from impedance_modules.export.carrier import D, Format
+from impedance_modules.export.mujoco_format import MUJOCO
+from impedance_modules.export.urdf_format import URDF
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 COUNT = re.compile(r"(<!-- effect-count -->).*?(<!-- /effect-count -->)", re.DOTALL)
 TABLE = re.compile(r"(<!-- effect-table -->\n).*?(<!-- /effect-table -->)", re.DOTALL)
+EXPORTED = re.compile(r"(<!-- exported-effects -->\n).*?(<!-- /exported-effects -->)", re.DOTALL)
+PLACES = re.compile(r"(<!-- exported-numbers -->\n).*?(<!-- /exported-numbers -->)", re.DOTALL)
 ENUM = re.compile(
     r'("Which effect of the catalogue\.",\s*"type": "string",\s*"enum": \[).*?(\n *\])', re.DOTALL
 )
@@ -35,7 +42,9 @@ def texts() -> dict[Path, str]:
     out = {schema: ENUM.sub(rf"\g<1>\n{_ids()}\g<2>", schema.read_text())}
     for path in (CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md"))):
         text = COUNT.sub(rf"\g<1>{len(CATALOGUE)}\g<2>", path.read_text())
-        out[path] = TABLE.sub(lambda found: f"{found[1]}{_table()}\n{found[2]}", text)
+        for marked, table in ((TABLE, _table), (EXPORTED, _exported), (PLACES, _places)):
+            text = marked.sub(lambda found, table=table: f"{found[1]}{table()}\n{found[2]}", text)
+        out[path] = text
     return out
 
 
@@ -69,6 +78,44 @@ def _row(effect: Effect) -> str:
         SEARCHED[effect.searched],
     )
     return f"| {' | '.join(cells)} |"
+
+
+def _exported() -> str:
+    """What each effect changes in a simulator of rigid joints, or why nothing there is it."""
+    head = "| effect | becomes | in a URDF | in MuJoCo |"
+    return "\n".join([head, "|---|---|---|---|", *map(_exported_row, CATALOGUE.values())])
+
+
+def _exported_row(effect: Effect) -> str:
+    if not effect.exported:
+        return f"| `{effect.id}` | refused: {effect.not_exported} | - | - |"
+    described = effect.description
+    becomes = [f"{part.quantity}: {part.equation}" for part in effect.exported]
+    outside = [port for port in described.ports if not any(part.acts_at(port) for part in effect.exported)]
+    becomes += [f"at the {port} refused: {effect.not_exported}" for port in outside]
+    quantities = [part.quantity for part in effect.exported]
+    taken = (
+        "yes" if all(quantity in carriers for quantity in quantities) else "refused"
+        for carriers in (URDF.carriers, MUJOCO.carriers)
+    )
+    return f"| `{effect.id}` | {'; '.join(becomes)} | {' | '.join(taken)} |"
+
+
+def _places() -> str:
+    """Where each number stands in each format, and by which equation."""
+    head = "| number | URDF | MuJoCo |"
+    rows = (
+        f"| {quantity}: {MEANINGS[quantity]} | {_place(URDF, quantity)} | {_place(MUJOCO, quantity)} |"
+        for quantity in QUANTITIES
+    )
+    return "\n".join([head, "|---|---|---|", *rows])
+
+
+def _place(format_: Format[D], quantity: Quantity) -> str:
+    if quantity in format_.refused:
+        return f"refused: {format_.refused[quantity]}".replace("<", "\\<")
+    carrier = format_.carriers[quantity]
+    return f"{carrier.place}: {carrier.equation}".replace("<", "\\<")
 
 
 def main() -> int:

@@ -18,7 +18,7 @@ class NotCarried(Exception):  # noqa: N818 - it is no mistake of anybody
     """An amount that a format, or this file, cannot take up; says why in the rest of a sentence on the effect."""
 
 
-class Description(Protocol):
+class RobotDescription(Protocol):
     """A robot's description that a patch is carried into.
 
     Attributes:
@@ -32,7 +32,7 @@ class Description(Protocol):
     target: PatchTarget
 
 
-D = TypeVar("D", bound=Description)
+D = TypeVar("D", bound=RobotDescription)
 
 
 @dataclass(frozen=True)

@@ -67,9 +67,12 @@ def _says_its_inertia(model: MujocoDescription, body: ET.Element, inertial: ET.E
 
 
 def _inertia(model: MujocoDescription, inertial: ET.Element) -> BodyInertia | None:
-    """Reads <inertial>: diagonal in turned axes, or full in the body's."""
-    mass = float(model.numbers(inertial, "mass", (0.0,))[0])
-    centre = model.numbers(inertial, "pos", (0.0, 0.0, 0.0))
+    """Reads <inertial>: diagonal in turned axes, or full in the body's; None where it is incomplete, a fault."""
+    if lacking := [key for key in ("mass", "pos") if key not in inertial.attrib]:
+        model.faults.add(inertial, f"<inertial> has no {' and no '.join(lacking)} (valid: mass and pos)")
+        return None
+    mass = float(_sized(model, inertial, "mass", (0.0,))[0])
+    centre = _sized(model, inertial, "pos", (0.0, 0.0, 0.0))
     if "fullinertia" in inertial.attrib:
         xx, yy, zz, xy, xz, yz = _sized(model, inertial, "fullinertia", (0.0,) * 6)
         return BodyInertia(mass, centre, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))

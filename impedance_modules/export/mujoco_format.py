@@ -276,10 +276,7 @@ MUJOCO: Format[MujocoDescription] = Format(
         (
             "drive lag",
             "torque limit",
-        ): "a torque limit of the same joint acts before the lag, and MuJoCo's behind it",
-        (
-            "servo gains",
-            "torque limit",
-        ): "a torque limit of the same joint does not reach it, and MuJoCo's would",
+        ): "the torque limit of the same joint acts before it, in MuJoCo behind it",
+        ("servo gains", "torque limit"): "the torque limit of the same joint would clip it, too",
     },
 )

@@ -48,6 +48,12 @@ MODEL = """<mujoco model="arm">
   </actuator>
 </mujoco>
 """
+ORIENTATIONS = (
+    'quat="0.3 -0.5 0.7 0.2"', 'quat="0 0 -2 0"', 'axisangle="1 -2 0.5 70"', 'euler="25 -50 130"',
+    'xyaxes="1 0.2 -0.3 0.5 2 1"', 'zaxis="0.3 -0.4 -0.8"', 'zaxis="0 0 -1"', "",
+)  # fmt: skip
+"""Ways in which MuJoCo lets an inertia's axes be turned."""
+
 UNTURNED = MODEL.format(turned="")
 
 
@@ -78,19 +84,7 @@ def spring(joint: str, k: float, q0: float) -> dict[str, object]:
     return {"effect": "parallel_spring", "joints": [joint], "port": "link", "parameters": {joint: numbers}}
 
 
-@pytest.mark.parametrize(
-    "turned",
-    [
-        'quat="0.3 -0.5 0.7 0.2"',
-        'quat="0 0 -2 0"',
-        'axisangle="1 -2 0.5 70"',
-        'euler="25 -50 130"',
-        'xyaxes="1 0.2 -0.3 0.5 2 1"',
-        'zaxis="0.3 -0.4 -0.8"',
-        'zaxis="0 0 -1"',
-        "",
-    ],
-)
+@pytest.mark.parametrize("turned", ORIENTATIONS)
 def test_a_turned_inertia_is_the_same_in_the_bodys_axes(turned: str, tmp_path: Path) -> None:
     """A payload without mass only rewrites it: the mass matrix stays."""
     models = models_of(tmp_path, MODEL.format(turned=turned), payload("upper", 0.0))
@@ -191,6 +185,18 @@ def test_a_position_servo_is_stiffer(tmp_path: Path) -> None:
     np.testing.assert_allclose(more, [0.0, 7.0 * (-0.1 - -0.2), 0.0], atol=1e-12)
 
 
+def test_lag_and_delay_reach_back_as_far_as_they_must(tmp_path: Path) -> None:
+    text = UNTURNED.replace(
+        '<motor name="shoulder" class="geared"', '<general name="shoulder" delay="0.003" nsample="2"'
+    )
+    lag = entry("actuator_lag", "actuator", "shoulder", "s", T=0.02)
+    late = [entry("command_delay", "timing", "shoulder", "s", T=T) for T in (0.011, 0.003)]
+    _, after = models_of(tmp_path, text, lag, *late)
+    assert after.actuator_delay[0] == 0.017 and after.actuator_history[0, 0] == 10
+    assert after.actuator_dyntype[0] == mujoco.mjtDyn.mjDYN_FILTEREXACT
+    assert after.actuator_dynprm[0, 0] == 0.02
+
+
 def test_a_lean_turns_gravity_and_only_where_the_base_is_not_turned(tmp_path: Path) -> None:
     numbers = {"rx": {"value": 0.1, "unit": "rad"}, "ry": {"value": 0.0, "unit": "rad"}}
     lean = {"effect": "base_tilt", "joints": [], "port": "link", "parameters": {"base": numbers}}
@@ -240,7 +246,7 @@ def test_laws_in_another_order_than_the_plants_are_refused(tmp_path: Path) -> No
     text = UNTURNED.replace("<motor", "<general")
     limit = entry("torque_saturation", "actuator", "shoulder", "N.m", limit=5.0)
     lag = entry("actuator_lag", "actuator", "shoulder", "s", T=0.01)
-    assert "acts before the lag" in why_not(tmp_path, text, limit, lag)
+    assert "acts before it, in MuJoCo behind it" in why_not(tmp_path, text, limit, lag)
     servo = entry("controller_gain", "actuator", "elbow", "N.m/rad", dkp=7.0)
     limit = entry("torque_saturation", "actuator", "elbow", "N.m", limit=5.0)
-    assert "does not reach it" in why_not(tmp_path, UNTURNED, limit, servo)
+    assert "would clip it, too" in why_not(tmp_path, UNTURNED, limit, servo)

@@ -117,6 +117,7 @@ def test_what_a_urdf_lacks_is_said_at_its_line(
         ('eulerseq="zyx"', 'inertiafromgeom="true"', payload("hand", 1.0),
          'arm.xml:3:1: <compiler inertiafromgeom="true">'),
         ('diaginertia="0.002 0.002 0.001"', "", payload("hand", 1.0), "neither diaginertia nor fullinertia"),
+        (' mass="0.3"', "", payload("hand", 1.0), "arm.xml:23:1: <inertial> has no mass (valid: mass and pos)"),
         ('diaginertia="0.002 0.002 0.001"', 'diaginertia="0.002 0.002"', payload("hand", 1.0), "(valid: 3 numbers)"),
         ('damping="0.5"', 'damping="half"', BEND, "arm.xml:6:1: <joint> has 'damping' 'half' (valid: finite numbers)"),
         ('<default class="wrist"', '<default class="wristt"', WRIST,

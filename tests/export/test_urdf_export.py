@@ -4,6 +4,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -91,7 +92,7 @@ def test_a_reported_angle_is_the_joints_coordinate(folder: Path, tmp_path: Path)
 
 ARM = """<?xml version='1.0'?>
 <robot name="arm"> <!-- two joints -->
-  <link name="base"><inertial><mass value="5"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
+  <link name="base"><inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
   <joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/>
     <origin xyz="0 0.1 0.4" rpy="0.3 -0.2 0.7"/><axis xyz="0 2 1"/>
     <limit lower="-0.5" upper='0.5' effort="90" velocity="1"/><dynamics damping="0.3"/></joint>
@@ -99,9 +100,9 @@ ARM = """<?xml version='1.0'?>
     <inertia ixx="0.02" ixy="0.003" ixz="0.001" iyy="0.03" iyz="0.002" izz="0.025"/></inertial></link>
   <joint name="turn" type="continuous"><parent link="cart"/><child link="arm"/>
     <axis xyz="1 0 0"/></joint>
-  <link name="arm"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.02"/></inertial></link>
+  <link name="arm"><inertial><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.02"/></inertial></link>
 </robot>
-"""
+"""  # noqa: E501
 
 
 def models_of(folder: Path, *entries: dict[str, object]) -> tuple[pin.Model, pin.Model]:
@@ -132,6 +133,18 @@ def test_friction_adds_up_and_the_smaller_limit_counts(tmp_path: Path) -> None:
     assert after.damping[slide] == before.damping[slide] + 2.0 == 2.3
     assert after.damping[turn] == 0.4
     assert (before.effortLimit[slide], after.effortLimit[slide]) == (90.0, 60.0)
+
+
+def test_mujoco_reads_friction_and_limits_of_the_written_file(tmp_path: Path) -> None:
+    models_of(
+        tmp_path,
+        entry("coulomb_friction", LINK, "slide", "N", fc=0.7),
+        entry("viscous_friction", LINK, "slide", "N.s/m", fv=2.0),
+        entry("torque_saturation", "actuator", "slide", "N", limit=60.0),
+    )
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.urdf"))
+    assert (model.dof_frictionloss[0], model.dof_damping[0]) == (0.7, 2.3)
+    assert list(model.jnt_actfrcrange[0]) == [-60.0, 60.0]
 
 
 def test_a_limit_above_the_files_own_changes_nothing(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ PACKAGE = CHECKOUT / "impedance_modules"
 
 ORDER = (
     "errors", "input_files strict_json plain_figures compiled records machine_code", "spec", "robot", "effects modules",
-    "superposition", "safety plant episode", "backends", "control", "prediction", "runs", "tools diagnosis", "cli",
+    "superposition export", "safety plant episode", "backends", "control", "prediction", "runs",
+    "tools diagnosis", "cli",
 )  # fmt: skip
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 

@@ -115,6 +115,18 @@ EFFECTS = (
     c("run pair-wipe.yaml --effects surfaces.yaml --duration 0.2 --out with-surfaces", 0, 3),
 )
 
+EXPORT = (
+    c("patch export bodies.yaml --urdf small.urdf --out small-patched.urdf"),
+    c("patch export bodies.yaml --urdf bare.urdf --out bare-patched.urdf"),
+    c("patch export numbers.yaml --mujoco small.xml --out small-patched.xml"),
+    *(c(f"patch export fixed.yaml --mujoco {name} --out patched-{name}") for name in inputs.MODELS),
+    c("patch export numbers.yaml --urdf small.urdf --out nothing.urdf", 2),
+    c("patch export bodies.yaml --mujoco small.xml --out nothing.xml", 2),
+    c("patch export numbers.yaml --mujoco small.urdf --out nothing.xml", 2),
+    c("patch export unfit.yaml --mujoco small.xml --out nothing.xml", 2),
+    c("patch export bodies.yaml --out nothing", 2),
+)
+
 SURFACES = (
     c("run strokes.yaml --rate 200 --out strokes"),
     c("map strokes --out map --truth"),
@@ -269,6 +281,7 @@ SECTIONS = (
     Section("prediction", PREDICTION),
     Section("runs", RUNS),
     Section("effects", EFFECTS, inputs.write_patches),
+    Section("export", EXPORT, inputs.write_descriptions),
     Section("surfaces", SURFACES),
     Section("tools", TOOLS),
     Section("imports", IMPORTS, inputs.write_logs),

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.io
 import yaml
 
+from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.episode import file_format
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.spec.locate import find_task
@@ -18,6 +19,8 @@ from tests.cli.test_command_line import SHORT
 from tests.diagnosis import test_diagnosis as pendulum
 from tests.effects.test_effects_applied import RUNS
 from tests.episode.test_import_bags import KINDS, arm_bag, bag_map_data, two_rates
+from tests.export.test_mujoco_models import MODEL, ORIENTATIONS
+from tests.export.test_urdf_export import ARM
 from tests.spec.test_robot_files import CASES as ROBOT_MISTAKES
 from tests.support.effect_recordings import AppliedEffect, applied
 from tests.support.import_logs import base_map, motion, table_log, write_map, write_table
@@ -32,6 +35,10 @@ BAGS = tuple(f"log-{kind}" + ".bag" * kind.startswith("bag") for kind in KINDS)
 BROKEN = tuple(sorted((TESTS / "broken_tasks").glob("*.yaml")))
 BROKEN_ROBOTS = tuple(f"broken-robot-{number}" for number in range(len(ROBOT_MISTAKES)))
 
+
+MODELS = tuple(f"model-{number}.xml" for number in range(len(ORIENTATIONS)))
+BARE = (ARM[ARM.index("<inertial>") : ARM.index("</link>")], "")
+"""What makes the small robot's root link nothing but a frame."""
 
 MISTAKEN_LOGS = (
     ("ragged", "text"),
@@ -87,9 +94,64 @@ def write_patches() -> None:
 
 
 def write_patch(path: Path, entries: list[AppliedEffect]) -> None:
+    write_entries(path, [entry.entry() for entry in entries])
+
+
+def write_entries(path: Path | str, entries: list[dict[str, object]]) -> None:
     head = {"format": 1, "robot": "six_joint_pair", "provenance": {"origin": "hand", "date": "2026-11-21"}}
-    data = {**head, "effects": [entry.entry() for entry in entries]}
-    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    Path(path).write_text(yaml.safe_dump({**head, "effects": entries}, sort_keys=False))
+
+
+def write_descriptions() -> None:
+    """A small URDF and MuJoCo models, with patches that they have a place for, and others."""
+    (HERE / "small.urdf").write_text(ARM)
+    write_variant("small.urdf", "bare.urdf", *BARE)
+    (HERE / "small.xml").write_text(MODEL.format(turned=""))
+    for name, turned in zip(MODELS, ORIENTATIONS, strict=True):
+        (HERE / name).write_text(MODEL.format(turned=turned))
+    lean = applied("base_tilt", "link", "base", rx=0.1, ry=0.2).entry()
+    bodies = [
+        applied_to("payload", "link", "arm", m=0.5, cx=0.1, cy=0.0, cz=0.2),
+        applied_to("viscous_friction", "link", "turn", fv=0.3),
+        applied_to("coulomb_friction", "actuator", "turn", fc=0.2),
+        linear("torque_saturation", "actuator", "slide", limit=40.0),
+        linear("encoder_offset", "sensor", "slide", dq0=0.01),
+    ]
+    write_entries("bodies.yaml", [*bodies, lean])
+    at_motors = [
+        applied_to("torque_gain", "actuator", "shoulder", s=0.9),
+        *(applied_to("torque_saturation", "actuator", "shoulder", limit=limit) for limit in (4.0, 6.0)),
+        applied_to("command_delay", "timing", "shoulder", T=0.01),
+        applied_to("controller_gain", "actuator", "elbow", dkp=3.0),
+        applied_to("reflected_inertia", "actuator", "elbow", Ia=0.1),
+        applied_to("coulomb_friction", "link", "elbow", fc=0.2),
+        applied_to("quadratic_drag", "link", "elbow", c=0.2),
+        applied_to("viscous_friction", "link", "elbow", fv=0.2),
+        applied_to("parallel_spring", "link", "elbow", k=2.0, q0=0.1),
+        applied_to("encoder_offset", "sensor", "elbow", dq0=0.1),
+    ]
+    write_entries("numbers.yaml", [*at_motors, lean])
+    write_entries("fixed.yaml", [applied_to("payload", "link", "upper", m=0.5, cx=0.1, cy=0.0, cz=0.2)])
+    unfit = [
+        applied_to("actuator_lag", "actuator", "shoulder", T=0.01),
+        applied_to("torque_gain", "actuator", "elbow", s=0.9),
+        applied_to("torque_ripple", "actuator", "elbow", A=0.1, N=4.0),
+    ]
+    write_entries("unfit.yaml", unfit)
+
+
+def applied_to(effect: str, port: str, key: str, **values: float) -> dict[str, object]:
+    """An entry of a patch."""
+    return applied(effect, port, key, **values).entry()
+
+
+def linear(effect: str, port: str, key: str, **values: float) -> dict[str, object]:
+    """The same for a joint that slides."""
+    found = applied(effect, port, key, **values).entry()
+    description = CATALOGUE[effect].description
+    for symbol, quantity in found["parameters"][key].items():
+        quantity["unit"] = description.parameter(symbol).linear_unit
+    return found
 
 
 def write_logs() -> None:
