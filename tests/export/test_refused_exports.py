@@ -134,10 +134,12 @@ def test_what_a_mujoco_model_lacks_is_said_at_its_line(
 
 
 def test_a_body_that_cannot_be_is_refused(tmp_path: Path) -> None:
-    light = {"dm": {"value": -1.5, "unit": "kg"}}
-    for kind, link in (("urdf", "arm"), ("mujoco", "fore")):
-        one = {"effect": "link_inertia", "joints": [], "port": "link", "parameters": {link: light}}
-        assert f"'{link}' by itself is no physical body" in said_of(tmp_path, kind, FILES[kind][2], one)
+    """Lighter than nothing, of no mass but with moments, and with a moment that no mass has."""
+    for symbol, value, unit in (("dm", -1.5, "kg"), ("dm", -1.0, "kg"), ("dIzz", 0.5, "kg.m^2")):
+        numbers = {symbol: {"value": value, "unit": unit}}
+        for kind, link in (("urdf", "arm"), ("mujoco", "fore")):
+            one = {"effect": "link_inertia", "joints": [], "port": "link", "parameters": {link: numbers}}
+            assert f"'{link}' by itself is no physical body" in said_of(tmp_path, kind, FILES[kind][2], one)
 
 
 def test_meshes_must_be_found_from_the_new_file_too(tmp_path: Path) -> None:

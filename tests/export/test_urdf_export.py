@@ -107,7 +107,11 @@ ARM = """<?xml version='1.0'?>
 
 def models_of(folder: Path, *entries: dict[str, object]) -> tuple[pin.Model, pin.Model]:
     """Pinocchio's models of the small arm as it is, and with a patch."""
-    (folder / "arm.urdf").write_text(ARM)
+    return models_of_text(folder, ARM, *entries)
+
+
+def models_of_text(folder: Path, text: str, *entries: dict[str, object]) -> tuple[pin.Model, pin.Model]:
+    (folder / "arm.urdf").write_text(text)
     patch = write_patch(folder, *entries, robot="arm")
     invoke("patch", "export", patch, "--urdf", folder / "arm.urdf", "--out", folder / "out.urdf")
     return tuple(pin.buildModelFromUrdf(str(folder / name)) for name in ("arm.urdf", "out.urdf"))
@@ -167,10 +171,28 @@ def test_a_sliding_joints_offset_moves_its_origin_along_its_axis(tmp_path: Path)
     np.testing.assert_allclose(after.upperPositionLimit[place], 0.55)
 
 
+def test_a_payload_joins_an_inertia_in_turned_axes(tmp_path: Path) -> None:
+    one = applied("payload", LINK, "cart", m=0.7, cx=0.2, cy=-0.1, cz=0.3).entry()
+    before, after = (model.inertias[model.getJointId("slide")] for model in models_of(tmp_path, one))
+    assert 'rpy="0.2 1.1 -0.4"' in (tmp_path / "out.urdf").read_text()
+    whole = before + pin.Inertia(0.7, np.array([0.2, -0.1, 0.3]), np.zeros((3, 3)))
+    np.testing.assert_allclose(after.matrix(), whole.matrix(), rtol=0.0, atol=1e-12)
+
+
+LEAN = applied("base_tilt", LINK, "base", rx=0.2, ry=-0.3).entry()
+
+
+def test_a_bare_root_link_stays_upright_and_what_hangs_on_it_leans(tmp_path: Path) -> None:
+    bare = ARM.replace(ARM[ARM.index("<inertial>") : ARM.index("</link>")], "", 1)
+    lean = pin.SE3(exp3(np.array([0.2, -0.3, 0.0])), np.zeros(3))
+    before, after = models_of_text(tmp_path, bare, LEAN)
+    joint = before.getJointId("slide")
+    assert after.jointPlacements[joint].isApprox(lean * before.jointPlacements[joint], 1e-12)
+    assert "upright" not in (tmp_path / "out.urdf").read_text()
+
+
 def test_a_root_link_with_a_body_hangs_on_a_new_one(tmp_path: Path) -> None:
-    lean = {"rx": {"value": 0.2, "unit": "rad"}, "ry": {"value": -0.3, "unit": "rad"}}
-    entry_ = {"effect": "base_tilt", "joints": [], "port": LINK, "parameters": {"base": lean}}
-    before, after = models_of(tmp_path, entry_)
+    before, after = models_of(tmp_path, LEAN)
     before.gravity.linear = exp3(np.array([0.2, -0.3, 0.0])).T @ before.gravity.linear
     q = pin.randomConfiguration(before, -np.ones(before.nq), np.ones(before.nq))
     weights = [pin.computeGeneralizedGravity(model, model.createData(), q) for model in (before, after)]
