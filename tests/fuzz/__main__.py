@@ -27,7 +27,20 @@ from pathlib import Path
 
 from tests.support.paths import CHECKOUT
 
-NAMES = ("task", "robot", "patch", "urdf", "map", "csv", "parquet", "bag", "mat", "sweep", "metadata")
+NAMES = (
+    "task",
+    "robot",
+    "patch",
+    "urdf",
+    "mujoco",
+    "map",
+    "csv",
+    "parquet",
+    "bag",
+    "mat",
+    "sweep",
+    "metadata",
+)
 EXECUTIONS = 20_000
 FINE = ("read", "refused")
 MOST_FINDINGS = 20

@@ -26,6 +26,9 @@ from impedance_modules.episode.imports.pipeline import import_sources
 from impedance_modules.episode.metadata import METADATA_KEY
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_picture import draw_tank, draw_torque
+from impedance_modules.export.mujoco_format import MUJOCO
+from impedance_modules.export.patch_export import export_patch
+from impedance_modules.export.urdf_format import URDF
 from impedance_modules.runs.run_backends import acting_in
 from impedance_modules.runs.verify import reassemble
 from impedance_modules.spec.patch_file import read_patch
@@ -79,11 +82,16 @@ def _patch(path: Path, _out: Path) -> None:
     patch_problems(read_patch(path), cached_robot(SIX_JOINT_PAIR))
 
 
-def _urdf(path: Path, _out: Path) -> None:
+def _urdf(path: Path, out: Path) -> None:
     facts = read_urdf(path)
     moving = [name for name, joint in facts.joints.items() if joint.moves]
     read_tree(path, moving)
     RigidModel.from_urdf(path, moving)
+    export_patch(CORPUS / "patch" / "bodies.yaml", URDF, path, out / "patched.urdf")
+
+
+def _mujoco(path: Path, out: Path) -> None:
+    export_patch(CORPUS / "patch" / "motors.yaml", MUJOCO, path, out / "patched.xml")
 
 
 def _map(path: Path, _out: Path) -> None:
@@ -161,6 +169,7 @@ READERS = {
         Reader("robot", _always(".yaml"), _robot),
         Reader("patch", _always(".yaml"), _patch),
         Reader("urdf", _always(".urdf"), _urdf),
+        Reader("mujoco", _always(".xml"), _mujoco),
         Reader("map", _always(".yaml"), _map),
         Reader("csv", _always(".csv"), _under(base_map())),
         Reader("parquet", _always(".parquet"), _episode, text=False),

@@ -19,7 +19,9 @@ import yaml
 
 from impedance_modules.episode.file_format import write_episode
 from impedance_modules.episode.metadata import METADATA_KEY
+from tests.export.test_mujoco_models import MODEL
 from tests.fuzz.readers import CORPUS
+from tests.support.effect_recordings import applied
 from tests.support.import_logs import Bag, base_map, map_of, motion, position_map, table_log
 from tests.support.log_metadata import log_metadata
 from tests.support.paths import CHECKOUT, EVERY_KEY, PRESS_BOX, SIX_JOINT_PAIR
@@ -84,6 +86,34 @@ def patches() -> None:
     place("patch", "three.yaml", yaml.safe_dump({**about, "effects": effects}, sort_keys=False))
 
 
+def exports() -> None:
+    """Patches that fit the two-arm robot's URDF and the tests' MuJoCo model, and that model."""
+    link, sensor, actuator = "link", "sensor", "actuator"
+    lean = applied("base_tilt", link, "base", rx=0.1, ry=0.2)
+    bodies = [
+        applied("payload", link, "port_flange", m=0.5, cx=0.1, cy=0.0, cz=0.2),
+        applied("coulomb_friction", link, "port_lift", fc=1.0),
+        applied("encoder_offset", sensor, "port_bend", dq0=0.1),
+        applied("torque_saturation", actuator, "port_bend", limit=9.0),
+    ]
+    motors = [
+        applied("payload", link, "upper", m=0.5, cx=0.1, cy=0.0, cz=0.2),
+        applied("parallel_spring", link, "elbow", k=2.0, q0=0.1),
+        applied("viscous_friction", link, "elbow", fv=2.0),
+        applied("encoder_offset", sensor, "shoulder", dq0=0.1),
+        applied("torque_gain", actuator, "shoulder", s=0.9),
+        applied("torque_saturation", actuator, "shoulder", limit=3.0),
+        applied("command_delay", "timing", "shoulder", T=0.01),
+        applied("controller_gain", actuator, "elbow", dkp=3.0),
+    ]
+    about = {"format": 1, "robot": "six-joint-pair", "provenance": {"origin": "hand", "date": "2026-11-21"}}
+    for name, entries in (("bodies.yaml", [*bodies, lean]), ("motors.yaml", [*motors, lean])):
+        effects = [entry.entry() for entry in entries]
+        place("patch", name, yaml.safe_dump({**about, "effects": effects}, sort_keys=False))
+    place("mujoco", "arm.xml", MODEL.format(turned='quat="0.3 -0.5 0.7 0.2"'))
+    place("mujoco", "turned.xml", MODEL.format(turned='xyaxes="1 0.2 -0.3 0.5 2 1"').replace("zyx", "XYZ"))
+
+
 def recordings(folder: Path) -> None:
     time, q, v = motion(ROWS)
     place("csv", "log.csv", table_log(folder / "log.csv", time=time, q=q, v=v).read_bytes())
@@ -140,6 +170,7 @@ def bags(folder: Path) -> None:
 def main() -> None:
     texts()
     patches()
+    exports()
     with tempfile.TemporaryDirectory() as name:
         recordings(Path(name))
         bags(Path(name))
