@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from impedance_modules.effects.effect import Effect
     from impedance_modules.effects.effect_description import Description, Parameter
 
 KEY_WORDS = {
@@ -42,7 +43,7 @@ def effects_command(effect: str | None) -> int:
     if effect not in CATALOGUE:
         known = tuple(CATALOGUE)
         raise BadInput(f"no effect '{effect}'{nearest(effect, known)} (valid: {', '.join(known)})")
-    _print_card(CATALOGUE[effect].description, console)
+    _print_card(CATALOGUE[effect], console)
     return 0
 
 
@@ -60,11 +61,12 @@ def _overview(descriptions: list[Description]) -> Table:
     return table
 
 
-def _print_card(described: Description, console: Console) -> None:
+def _print_card(effect: Effect, console: Console) -> None:
     """Prints everything that is known about one effect."""
     from rich.table import Table
     from rich.text import Text
 
+    described = effect.description
     card = Table(title=described.id, title_justify="left", show_header=False, show_lines=True)
     rows = {
         "what happens": described.sentence,
@@ -75,6 +77,8 @@ def _print_card(described: Description, console: Console) -> None:
         "looks like": ", ".join(described.confusable_with),
         "told apart by": described.excitation,
         "applied to": described.applied,
+        "patch export": "; ".join(f"{part.quantity}, {part.equation}" for part in effect.exported)
+        or f"refused: {effect.not_exported}",
         "reference": described.reference,
     }
     for name, text in rows.items():

@@ -20,7 +20,7 @@ from impedance_modules.effects.patch_check import PatchTarget
 from impedance_modules.errors import BadFile
 from impedance_modules.export.carrier import NotCarried
 from impedance_modules.export.edited_xml import EditedXml, number
-from impedance_modules.spec.located_xml import Faults, read_number, read_xml
+from impedance_modules.spec.located_xml import LARGEST_NUMBER, Faults, read_number, read_xml
 
 ONE_AXIS = ("hinge", "slide")
 """Types of joints that a patch may name."""
@@ -111,10 +111,13 @@ class MujocoDescription:
         if holder is None:
             return np.array(default)
         found = [read_number(word) for word in holder.get(key, "").split()]
-        values = [value for value in found if value is not None and math.isfinite(value)]
+        values = [value for value in found if value is not None and abs(value) <= LARGEST_NUMBER]
         if len(values) < len(found) or not values:
             text = holder.get(key, "")[:60]
-            self.faults.add(holder, f"<{holder.tag}> has '{key}' {text!r} (valid: finite numbers)")
+            self.faults.add(
+                holder,
+                f"<{holder.tag}> has '{key}' {text!r} (valid: numbers, at most {LARGEST_NUMBER:g} in size)",
+            )
             return np.array(default)
         return np.array(values)
 
