@@ -175,14 +175,22 @@ def add_lag(model: MujocoDescription, amount: Amount) -> None:
 
 def delay_command(model: MujocoDescription, amount: Amount) -> None:
     """Delays an actuator's control by T more [s]; its history must reach back as far, in time steps."""
-    option = model.section("option", "timestep")
-    step = TIME_STEP if option is None else float(model.numbers(option, "timestep", (TIME_STEP,))[0])
+    step = _time_step(model)
     for element in _open_loop(model, amount.key):
         delay = float(model.numbers(element, "delay", (0.0,))[0]) + amount.numbers[0]
         samples = max(int(model.numbers(element, "nsample", (0.0,))[0]), math.ceil(delay / step) + 1)
         if amount.numbers[0] > 0.0:
             model.set_number(element, "delay", delay)
             element.set("nsample", str(samples))
+
+
+def _time_step(model: MujocoDescription) -> float:
+    """Gives the model's time step [s]; one that is not above 0 is a fault of the file."""
+    option = model.section("option", "timestep")
+    step = TIME_STEP if option is None else float(model.numbers(option, "timestep", (TIME_STEP,))[0])
+    if option is not None and step <= 0.0:
+        model.faults.add(option, f"<option> has 'timestep' {step:g} (valid: above 0)")
+    return step if step > 0.0 else TIME_STEP
 
 
 def change_servo(model: MujocoDescription, amount: Amount) -> None:
@@ -200,8 +208,8 @@ def change_servo(model: MujocoDescription, amount: Amount) -> None:
         raise NotCarried(
             f"line {model.faults.lines[servo]}: the damping of <position> follows its kp (dampratio)"
         )
-    gear = float(model.numbers(servo, "gear", (1.0,))[0])
-    after = float(model.numbers(servo, "kp", (1.0,))[0]) + stiffness / gear**2
+    square = float(model.numbers(servo, "gear", (1.0,))[0]) ** 2
+    after = float(model.numbers(servo, "kp", (1.0,))[0]) + (stiffness / square if square > 0.0 else -math.inf)
     if after < 0.0:
         raise NotCarried(f"the <position> actuator of '{amount.key}' would have kp {after:g}")
     model.set_number(servo, "kp", after)

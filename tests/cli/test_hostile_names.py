@@ -22,6 +22,7 @@ from impedance_modules.diagnosis.report.html_report import cause_sections, html_
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_picture import write_picture
 from impedance_modules.errors import BadInput, printable
+from tests.support.effect_recordings import applied, write_patch
 from tests.support.import_logs import base_map, write_map
 from tests.support.recordings import columns_of, save
 
@@ -52,6 +53,15 @@ def hostile_patch(folder: Path) -> Path:
     return path
 
 
+HOSTILE_MODEL = """<mujoco><worldbody><body name="b&#x9b;&#x202e;y"/></worldbody></mujoco>"""
+
+
+def payload_of(folder: Path, link: str) -> Path:
+    """A patch that fits the catalogue, for a link of a name."""
+    payload = applied("payload", "link", link, m=1.0, cx=0.0, cy=0.0, cz=0.0)
+    return write_patch(folder, payload.entry())
+
+
 def hostile_task(folder: Path) -> Path:
     path = folder / "task.yaml"
     path.write_text(
@@ -74,6 +84,12 @@ CALLS = {
     "diagnose": lambda f: [(hostile_file(f), "--robot", "baxter"), (f, "--robot", HOSTILE, "--without", HOSTILE)],
     "probe": lambda f: [(hostile_file(f, '{"a": '), "--robot", "baxter", "--out", f / "o")],
     "effects": lambda f: [HOSTILE],
+    "patch": lambda f: [
+        HOSTILE,
+        ("export", hostile_patch(f), "--urdf", hostile_file(f), "--out", f / "o"),
+        ("export", payload_of(f, "hand"), "--mujoco", hostile_file(f, HOSTILE_MODEL), "--out", f / "o"),
+        ("export", payload_of(f, "b\x9b\u202ey"), "--mujoco", hostile_file(f, HOSTILE_MODEL), "--out", f / "o"),
+    ],
     "tune": lambda f: [(hostile_task(f), "--force", "0:1", "--direction", "z"), hostile_task(f)],
     "sweep": lambda f: [
         ("soft-hold", "--vary", f"{HOSTILE}=0:1", "--out", f / "o"),

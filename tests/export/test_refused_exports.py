@@ -74,6 +74,7 @@ def said_of(folder: Path, kind: str, text: str, *entries: dict[str, object], out
 
 
 FRICTION = entry("viscous_friction", "link", "slide", "N.s/m", fv=0.1)
+LATE = entry("command_delay", "timing", "shoulder", "s", T=0.01)
 WRIST = entry("viscous_friction", "link", "wrist", "N.s/m", fv=0.1)
 BEND = entry("viscous_friction", "link", "shoulder", "N.m.s/rad", fv=0.1)
 LIMIT = entry("torque_saturation", "actuator", "turn", "N.m", limit=3.0)
@@ -124,6 +125,8 @@ def test_what_a_urdf_lacks_is_said_at_its_line(
         ('<default class="wrist"', '<default class="wristt"', WRIST,
          "arm.xml:24:1: there is no default class 'wrist'"),
         ('eulerseq="zyx"', 'eulerseq="zq"', payload("upper", 1.0), "in the sequence 'zq' (valid: three of x, y, z)"),
+        ("<worldbody>", '<option timestep="0"/><worldbody>', LATE,
+         "arm.xml:13:1: <option> has 'timestep' 0 (valid: above 0)"),
         ('name="shoulder" axis', 'name="shoulder" type="ball" axis', BEND, "has no joint 'shoulder'"),
     ],
 )  # fmt: skip
