@@ -123,6 +123,7 @@ EXPORT = (
     c("patch export numbers.yaml --urdf small.urdf --out nothing.urdf", 2),
     c("patch export bodies.yaml --mujoco small.xml --out nothing.xml", 2),
     c("patch export numbers.yaml --mujoco small.urdf --out nothing.xml", 2),
+    c("patch export bodies.yaml --urdf entity.urdf --out nothing.urdf", 2),
     c("patch export unfit.yaml --mujoco small.xml --out nothing.xml", 2),
     c("patch export bodies.yaml --out nothing", 2),
 )

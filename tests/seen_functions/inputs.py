@@ -106,6 +106,7 @@ def write_descriptions() -> None:
     """A small URDF and MuJoCo models, with patches that they have a place for, and others."""
     (HERE / "small.urdf").write_text(ARM)
     write_variant("small.urdf", "bare.urdf", *BARE)
+    write_variant("small.urdf", "entity.urdf", "<robot", '<!DOCTYPE robot [<!ENTITY e "x">]><robot')
     (HERE / "small.xml").write_text(MODEL.format(turned=""))
     for name, turned in zip(MODELS, ORIENTATIONS, strict=True):
         (HERE / name).write_text(MODEL.format(turned=turned))
