@@ -126,6 +126,17 @@ def only_arm(assembly: Assembly) -> str:
     return next(iter(assembly.task.arms))
 
 
+def frames_of(assembly: Assembly, arm: str) -> list[str]:
+    """Names the frames that turn with an arm's joints, from the shoulder outwards, its hand last."""
+    model, q = assembly.model, assembly.modules.posture
+    limb, moved = model.limbs[arm], q.copy()
+    moved[limb.joints] += 0.1
+    turned = [
+        f for f in model.frames if not np.allclose(model.pose(q, f).rotation, model.pose(moved, f).rotation)
+    ]
+    return [frame for frame in turned if frame != limb.hand] + [limb.hand]
+
+
 def first_pushes(assembly: Assembly, count: int, settle: float) -> Assembly:
     """Keeps a task's first pushes, and its only phase until ``settle`` seconds after them."""
     task = assembly.task

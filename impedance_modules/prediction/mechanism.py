@@ -171,7 +171,10 @@ class Mechanism:
         return found
 
     def grasp_rows(self) -> tuple[Array, Array]:
-        """Gives A (6 (h - 1), k), and by how much the hands disagree on the object's pose [m, rad]."""
+        """Gives A (r, k), and by how much the hands disagree on the object's pose [m, rad].
+
+        There are r = 6 (h - 1) rows, less those in which no joint moves any hand: planar arms keep them by themselves.
+        """
         held = self.modules.held
         if held is None or len(held.hands) < 2:
             return np.zeros((0, self.k)), np.zeros(0)
@@ -184,7 +187,9 @@ class Mechanism:
             rows.append(carry(origin - pose.translation) @ self.jacobian(hand) - base)
             turn = log3(other.rotation @ first.rotation.T)
             errors.append(np.concatenate([other.translation - origin, turn]))
-        return np.vstack(rows), np.concatenate(errors)
+        agree, gap = np.vstack(rows), np.concatenate(errors)
+        moved = np.any(agree != 0.0, axis=1)
+        return agree[moved], gap[moved]
 
     def contacts(self, near: float) -> list[tuple[Contact, Array]]:
         """Lists every contact point with its Jacobian (3, k): hands first, then the object's points."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Printed results of the 2016 thesis, recomputed: ``python -m impedance_modules.superposition.examples``.
+r"""The net stiffness of the 2016 thesis, recomputed: ``python -m impedance_modules.superposition.examples``.
 
-Two planar arms whose inertias add (eq. 4.28-4.30), and the net stiffness of one arm (eq. 5.1), which the
-thesis computes with the end springs' wrench instead of the one that the joint springs carry.
+Of one arm (eq. 5.1), which the thesis computes with the end springs' wrench instead of the one that the joint springs
+carry. Its planar arms (eq. 4.28-4.30) are the task ``planar-arms``.
 
 Source: L. A. Hosford, Development and Testing of an Impedance Controller on an Anthropomorphic Robot for
 Extreme Environment Operations, MIT, 2016.
@@ -16,38 +16,6 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.superposition.net_stiffness import NetStiffness, net_stiffness
-
-LINK_MASS, LINK_LENGTH, LINK_RADIUS = 5.0, 1.0, 0.1
-"""Of each link, a solid cylinder [kg], [m], [m]; not printed in the thesis, recovered from its results."""
-
-FIRST_ARM = (45.0, -45.0, 90.0)
-MIRRORED_ARM = (-45.0, 45.0, 90.0)
-"""Angles of the links against the x axis [deg], one arm the mirror image of the other."""
-
-
-def planar_inertia(link_angles: Array) -> Array:
-    r"""Computes the endpoint inertia of a planar chain of equal cylinders, in (x, y, \theta).
-
-    With absolute link angles \phi_i, the joint velocities enter as \phi' = C q' with C lower triangular.
-    M = \sum m_i Jc_i^T Jc_i + I_c w_i w_i^T, I_c = m (3 r^2 + l^2) / 12, \Lambda = (J M^-1 J^T)^-1.
-
-    Args:
-        link_angles: (k,) against the x axis [rad], k >= 3.
-
-    Returns:
-        (3, 3) [kg, kg.m, kg.m^2].
-    """
-    k = len(link_angles)
-    across = LINK_LENGTH * np.array([-np.sin(link_angles), np.cos(link_angles)])
-    central = LINK_MASS * (3.0 * LINK_RADIUS**2 + LINK_LENGTH**2) / 12.0
-    inertia = np.zeros((k, k))
-    for link in range(k):
-        at_centre = across * np.where(np.arange(k) < link, 1.0, np.where(np.arange(k) == link, 0.5, 0.0))
-        inertia += LINK_MASS * at_centre.T @ at_centre
-        inertia[link, link] += central
-    tip = np.vstack([across, np.eye(k)[-1]])
-    return np.asarray(np.linalg.inv(tip @ np.linalg.inv(inertia) @ tip.T), dtype=np.float64)
-
 
 DISTANCE = (0.27035, 0.0, 0.36435, 0.0, 0.37429, 0.0, 0.229525)
 LENGTH = (0.069, 0.0, 0.069, 0.0, 0.01, 0.0, 0.0)
@@ -115,13 +83,9 @@ def _rotation_x(angle: float) -> Array:
 
 
 def print_examples() -> None:
-    """Prints the thesis's matrices and the law's, in SI units."""
-    first, mirrored = (planar_inertia(np.radians(arm)) for arm in (FIRST_ARM, MIRRORED_ARM))
+    """Prints the thesis's matrix and the law's, in SI units."""
     loaded, relaxed = thesis_net_stiffness(), relaxed_net_stiffness()
     with np.printoptions(precision=3, suppress=True):
-        print("eq. 4.28, endpoint inertia of one planar arm (x, y, theta):", first, sep="\n")
-        print("eq. 4.29, of its mirror image:", mirrored, sep="\n")
-        print("eq. 4.30, their sum; the coupling of y cancels:", first + mirrored, sep="\n")
         print("eq. 5.1, net stiffness with the end springs' wrench:", loaded.at_hand, sep="\n")
         print(f"the arm folds under that wrench: {loaded.folds}")
         print("net stiffness with relaxed joint springs, which can be measured:", relaxed.at_hand, sep="\n")
