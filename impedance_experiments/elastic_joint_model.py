@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from impedance_modules.arrays import Array
 
 Complex = NDArray[np.complex128]
+RIGID_TOLERANCE = float(np.sqrt(2.0))
+"""Ratio of magnitudes up to which the reduced model counts as true (3 dB)."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ class SeriesElasticJoint:
         return bool(np.max(np.linalg.eigvals(reduced).real) < 0.0)
 
 
-def rigid_up_to(joint: SeriesElasticJoint, motor: bool, tolerance: float = np.sqrt(2.0)) -> float:
+def rigid_up_to(joint: SeriesElasticJoint, motor: bool, tolerance: float = RIGID_TOLERANCE) -> float:
     r"""Finds where the rigid mode stops to dominate the link's motion.
 
     The lowest frequency [rad/s] at which the fourth-order mobility differs from the reduced one by more than

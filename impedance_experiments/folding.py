@@ -30,6 +30,8 @@ TASK = "net-stiffness"
 """The posture of eq. 5.1, with the thesis's springs at joints and hand."""
 FORCE = 25.0
 """What the thesis pressed with [N]."""
+REACH = 0.75
+"""How far a spring's rest may lie from the posture, as in ``impedance tune --reach`` [rad]."""
 SHARES = (1.0, 0.95, 0.8)
 
 
@@ -38,7 +40,7 @@ def reproduce(settings: Settings) -> Page:
     assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
     down = np.array([0.0, 0.0, -1.0])
     request = TuningRequest(
-        only_arm(assembly), down, 0.0, FORCE, postures=1, reach=0.75, softest=0.5, alone=False
+        only_arm(assembly), down, 0.0, FORCE, postures=1, reach=REACH, softest=0.5, alone=False
     )
     own = tune(assembly, request).best
     settings.on_progress(0.1, "elbows")
@@ -53,23 +55,23 @@ def reproduce(settings: Settings) -> Page:
     return Page(
         summary=(
             "Joint springs that carry a force at the hand must exceed what the force takes from them as its moment "
-            "arms turn, K_j + J^T K_end J - Gamma positive definite (docs/tune.md). `impedance tune net-stiffness "
-            "--force 0:25 --direction=-z --reach 0.75` finds the springs of the smallest sum at the thesis's posture "
-            "for the 25 N of its first task. On the plant, springs and load are increased together, so that the "
-            "posture is an equilibrium throughout: with the springs found the arm stays, with 5 % less it leaves "
-            "slowly, with 20 % less it folds."
+            f"arms turn, K_j + J^T K_end J - Gamma positive definite (docs/tune.md). `impedance tune {TASK} "
+            f"--force 0:{FORCE:g} --direction=-z --reach {REACH:g}` finds the springs of the smallest sum at the "
+            f"thesis's posture for the {FORCE:g} N of its first task. On the plant, springs and load are increased "
+            f"together, so that the posture is an equilibrium throughout: {_outcomes(growth)}."
         ),
         comparisons=_comparisons(assembly, own, elbows, borne, growth),
         tables=(_joints(assembly, request, own), _elbows(elbows)),
         plots=(_picture(elbows, runs),),
         differences=(
-            "The thesis found 5 N.m/rad on S1, E0, W1 and W2 by trial, in another load case: it pressed with the "
-            "springs at the hand, whose force turns with the Jacobian and does not load the joint springs at all. By "
-            "statics alone any positive joint stiffness then holds; what folded there most likely were the hand's "
-            "free rotations, under a contact that is not at the hand's origin. Ours carry the whole force by the "
-            "joints, the case of Rancourt & Hogan (2001) and the worst one, which is why the sum is larger, and why "
-            "the thesis's springs, three of them next to nothing, bear so little in it. Another elbow gains hardly "
-            "anything at this place of the hand; at that of `wipe-table` it saves a third (docs/tune.md)."
+            f"The thesis's joint springs, {thesis_sum(assembly):.4g} N.m/rad in all and found by trial, belong to "
+            "another load case and are no number to compare with: it pressed with the springs at the hand, whose force "
+            "turns with the Jacobian and does not load the joint springs at all. By statics alone any positive joint "
+            "stiffness then holds; what folded there most likely were the hand's free rotations, under a contact that "
+            "is not at the hand's origin. Ours carry the whole force by the joints, the case of Rancourt & Hogan "
+            "(2001) and the worst one, in which the thesis's springs, three of them next to nothing, bear only "
+            f"{borne:.2g} N. The best elbow saves {100.0 * (1.0 - elbows.best.total / own.total):.1f} % of the sum at "
+            "this place of the hand; docs/tune.md has another place."
         ),
         facts={
             "sum": own.total,
@@ -116,6 +118,29 @@ def trial(
     return time, away
 
 
+def thesis_sum(assembly: Assembly) -> float:
+    """Adds up the thesis's own joint springs [N.m/rad]."""
+    bias = assembly.modules.arm(only_arm(assembly)).bias
+    return 0.0 if bias is None else float(np.sum(bias.stiffness))
+
+
+def _softest(assembly: Assembly) -> float:
+    bias = assembly.modules.arm(only_arm(assembly)).bias
+    return 0.0 if bias is None else float(np.min(bias.stiffness))
+
+
+def _outcomes(growth: dict[float, float]) -> str:
+    """Says for each share of the springs whether the arm stays."""
+    if not growth:
+        return "not run in this size"
+    parts = []
+    for share, factor in growth.items():
+        springs = "the springs found" if share == 1.0 else f"{100.0 * (1.0 - share):.0f} % less"
+        ending = "returns to it" if factor < 1.0 else "leaves it"
+        parts.append(f"with {springs} the arm {ending} ({factor:.3g} times as far away at the end)")
+    return ", ".join(parts)
+
+
 def _growth(time: Array, away: Array) -> float:
     """Gives how far the joints are at the end over how far they were when the load was complete."""
     return float(away[-1] / away[int(np.searchsorted(time, RAMP_TIME + 1.0))])
@@ -124,16 +149,14 @@ def _growth(time: Array, away: Array) -> float:
 def _comparisons(
     assembly: Assembly, own: TunedPosture, elbows: TuningResult, borne: float, growth: dict[float, float]
 ) -> tuple[ThesisValue, ...]:
-    bias = assembly.modules.arm(only_arm(assembly)).bias
-    thesis = 0.0 if bias is None else float(np.sum(bias.stiffness))
     unit = "N.m/rad"
     rows = [
         ThesisValue(
-            "sum of the joint springs",
-            round(thesis, 3),
+            f"sum of joint springs that carry {FORCE:g} N by themselves",
+            None,
             round(own.total, 1),
             unit,
-            "another load case, see below",
+            f"the thesis's, {thesis_sum(assembly):.4g}, do not carry it: another load case, see below",
         ),
         ThesisValue(
             "the same, best elbow", None, round(elbows.best.total, 1), unit, "the hand in the same place"
@@ -143,7 +166,7 @@ def _comparisons(
             None,
             round(borne, 2),
             "N",
-            "0.005 N.m/rad on three joints",
+            f"{_softest(assembly):g} N.m/rad on its softest joints",
         ),
     ]
     for share, factor in growth.items():
@@ -167,7 +190,7 @@ def _joints(assembly: Assembly, request: TuningRequest, own: TunedPosture) -> Re
         "joint",
         "thesis [N.m/rad]",
         "ours [N.m/rad]",
-        "torque at 25 N [N.m]",
+        f"torque at {FORCE:g} N [N.m]",
         "rest of the spring [rad]",
     )
     return ResultTable("Joint springs at the thesis's posture", columns, rows)
@@ -182,7 +205,7 @@ def _elbows(elbows: TuningResult) -> ResultTable:
         "along the self-motion [rad]",
         "sum of springs [N.m/rad]",
         "torque of limit [%]",
-        "hand at 25 N [N/m]",
+        f"hand at {FORCE:g} N [N/m]",
     )
     return ResultTable("Elbows with the hand in its place", columns, rows)
 

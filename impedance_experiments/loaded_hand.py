@@ -22,6 +22,7 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.prediction.analysis import analyse_task
+from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import analyse_state
 
@@ -31,6 +32,8 @@ SHARE = (0.15, 0.98)
 Z = 2
 BEFORE, LOST = 3.9, 4.0
 """When the press is measured, and when the support is removed [s]; as in the tasks' pushes."""
+WAY = 0.04
+"""How far K_net says that a push displaces the hand along its axis [m]; as in the task's pushes."""
 LARGE_TANK = 50.0
 """A tank that never limits the run [J]."""
 
@@ -165,6 +168,11 @@ def _spring(assembly: Assembly) -> tuple[float, float]:
     if not isinstance(rest, float):
         raise TypeError(f"task '{assembly.task.name}': its spring must move to one height, not oscillate")
     return float(spring.stiffness[Z, Z]), rest
+
+
+def tank_need(task_name: str) -> float:
+    """Gives the least energy that a task's tank must hold, as ``check`` prints it [J]."""
+    return refuse_infeasible(assemble(task_name, effects=None, rate=None, scale=1.0, arm=None)).tank.need
 
 
 def one_degree_of_freedom(run: LostSupport) -> tuple[float, Array, Array]:

@@ -22,17 +22,22 @@ TURN = 5
 """Of the six coordinates the one that can move: about the upright axis."""
 
 
-_SUMMARY = (
-    "A wheel on an upright axis, driven by a motor with damping b of its own, is made to react like an inertia on a "
-    "spring and a damper (robot `single_wheel`, task `one-joint`): the whole path of task, spring, filter, tank and "
-    "plant with one joint. Its equilibrium jumps by 0.3 rad, then an external torque of 0.5 N.m turns it and is "
-    "removed. The inertia is not shaped (M_d = m), and the motor's damping counts towards B_d, both as in the thesis."
-)
 _DIFFERENCES = (
     "The thesis's mass slides and has no numbers; here it turns, because the joints of a limb do, and the numbers are "
     "invented. Printed, eq. 4.8 has the damping B_d + b^ - b; from 4.7 it follows with b and b^ exchanged, "
     "and with b^ = b, as both take it, the two agree."
 )
+
+
+def _summary(assembly: Assembly) -> str:
+    push = assembly.task.pushes[0]
+    return (
+        "A wheel on an upright axis, driven by a motor with damping b of its own, is made to react like an inertia on "
+        f"a spring and a damper (robot `{assembly.robot.name}`, task `{TASK}`): the whole path of task, spring, "
+        f"filter, tank and plant with one joint. Its equilibrium jumps by {_rest(assembly):g} rad, then an external "
+        f"torque of {abs(push.wrench[TURN]):g} N.m turns it and is removed. The inertia is not shaped (M_d = m), and "
+        "the motor's damping counts towards B_d, both as in the thesis."
+    )
 
 
 @dataclass(frozen=True)
@@ -62,19 +67,24 @@ def reproduce(settings: Settings) -> Page:
     rest = _rest(assembly)
     worst = float(np.max(np.abs(angle - predicted)))
     damped = f"damping ratio {numbers.damping / (2.0 * np.sqrt(numbers.stiffness * numbers.inertia)):.2f}"
+    late = (
+        f"the command's delay of {1e3 * assembly.robot.timing.command_delay:g} ms, the reported velocity's lag of "
+        f"{1e3 * assembly.robot.sensors.velocity_filter:g} ms"
+    )
     return Page(
-        summary=_SUMMARY,
+        summary=_summary(assembly),
         comparisons=(
             ThesisValue(
                 "stiffness that a push meets", "K_d", round(measured, 3), "N.m/rad", f"K_d is {numbers.stiffness:g}"
             ),
             ThesisValue(
-                "overshoot after the jump, plant", f"eq. 4.8: {100.0 * (over_predicted / rest - 1.0):.1f}",
-                round(100.0 * (over / rest - 1.0), 2), "%", damped,
+                "overshoot after the jump; the thesis's column is its eq. 4.8 solved",
+                round(100.0 * (over_predicted / rest - 1.0), 1),
+                round(100.0 * (over / rest - 1.0), 2), "%", f"{damped}; {late}",
             ),
             ThesisValue(
                 "largest departure from eq. 4.8", 0, round(100.0 * worst / rest, 3), "% of the jump",
-                "a command's delay of one period, the reported velocity's lag of 3 ms",
+                late,
             ),
         ),
         plots=(_drawn(trace, predicted, angle),),
@@ -128,7 +138,9 @@ def _drawn(trace: PushTrace, predicted: Array, angle: Array) -> Plot:
     figure, axes = panels((7.0, 3.4))
     axes.plot(trace.time, angle, color="C3", label="plant")
     axes.plot(trace.time, predicted, "k--", linewidth=1.0, label="eq. 4.8")
-    axes.plot(trace.time, 0.1 * trace.push[:, TURN], color="C0", linewidth=1.0, label="push [10 N.m]")
+    axes.plot(
+        trace.time, 0.1 * trace.push[:, TURN], color="C0", linewidth=1.0, label="a tenth of the push [N.m]"
+    )
     axes.set(xlabel="time [s]", ylabel="angle [rad]")
     axes.legend()
     axes.grid(alpha=0.3)

@@ -26,6 +26,8 @@ MADE_BY = "Made by"
 """Heading and words by which the index finds what it takes from a page."""
 FLAGS = {Size.SHORT: " --short", Size.NORMAL: "", Size.FULL: " --full"}
 INDEX = "README.md"
+AS_PRINTED = "as printed"
+"""What the index says where ours has the thesis's digits."""
 PROSE_WIDTH = 118
 """Columns of a line of prose."""
 _MADE = re.compile(rf"{MADE_BY}\s`(?P<command>[^`]+)`(?:\sin\s(?P<seconds>[0-9.]+)\ss)?")
@@ -33,10 +35,27 @@ _LINE_BREAK = re.compile(r"\n(?=\n|- )")
 """Where one paragraph or list item ends."""
 _INTRODUCTION = (
     "Every experiment of the thesis, run in this project: `impedance reproduce all` makes these pages, `impedance "
-    "reproduce NAME --out docs/thesis` one of them, and this index with it. Why a number differs stands on its page."
+    "reproduce NAME --out docs/thesis` one of them, and this index with it. How far ours is from the thesis is "
+    "computed "
+    "here from the two numbers (as printed: ours rounds to the thesis's digits); more on why stands on its page."
 )
 PAGE_COLUMNS = ("section", "page", "asks", "made by", "processor time [s]")
-ROW_COLUMNS = ("section", "quantity", "thesis", "ours", "spread", "unit", "page", "made by")
+ROW_COLUMNS = (
+    "section",
+    "quantity",
+    "thesis",
+    "ours",
+    "spread",
+    "unit",
+    "how far, and why",
+    "page",
+    "made by",
+)
+_NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+_PRINTED = re.compile(
+    rf"(?:about |almost )?(?P<value>{_NUMBER})(?: \+- (?P<spread>{_NUMBER}))?(?: \(squared\))?"
+)
+"""A number of the thesis as a page has it, with its own spread."""
 
 
 def command_of(name: str, size: Size, seed: int) -> str:
@@ -88,7 +107,8 @@ def _filled(block: str) -> str:
     lines = textwrap.wrap(
         words, PROSE_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
-    return "\n".join(lines).replace("\0", " ")
+    gap = "\n" if block.startswith("\n") else ""
+    return gap + "\n".join(lines).replace("\0", " ")
 
 
 def comparison_lines(comparisons: Sequence[ThesisValue]) -> list[str]:
@@ -177,4 +197,39 @@ def _page_row(page: PageRows) -> tuple[Cell, ...]:
 
 def _rows(page: PageRows) -> list[tuple[Cell, ...]]:
     made = f"`{page.command}`"
-    return [(page.experiment.section, *row[:-1], _link(page), made) for row in page.rows]
+    return [
+        (page.experiment.section, *row[:-1], how_far_and_why(row), _link(page), made) for row in page.rows
+    ]
+
+
+def how_far_and_why(row: Sequence[str]) -> str:
+    """Says how far ours is from the thesis's number, in per cent of it, and why.
+
+    Args:
+        row: Cells of a page's comparison, in the order of ``COMPARISON_COLUMNS``.
+    """
+    _, thesis, ours, _, _, reason = row
+    distance = difference(thesis, ours)
+    if distance == AS_PRINTED:
+        return distance
+    return f"{distance}; {reason}" if reason else distance
+
+
+def difference(thesis: str, ours: str) -> str:
+    """Compares two cells: per cent of the thesis's number, ``AS_PRINTED`` where the digits are the same, or words."""
+    if thesis == "-":
+        return "not in the thesis"
+    printed = _PRINTED.fullmatch(thesis)
+    if printed is None or re.fullmatch(_NUMBER, ours) is None:
+        return AS_PRINTED if thesis == ours else "in words"
+    wanted, found = float(printed["value"]), float(ours)
+    if round(found - wanted, _decimals(printed["value"])) == 0.0:
+        return AS_PRINTED
+    if wanted == 0.0:
+        return "no per cent of zero"
+    within = printed["spread"] is not None and abs(found - wanted) <= float(printed["spread"])
+    return f"{100.0 * (found / wanted - 1.0):+.1f} %" + (", within its spread" if within else "")
+
+
+def _decimals(number: str) -> int:
+    return len(number.partition(".")[2])

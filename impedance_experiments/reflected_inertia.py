@@ -7,25 +7,33 @@ The torque steps also give damping and the dry friction of either direction.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from impedance_experiments.drive_fit import DriveFit, FreeSwing, fit_drive, fixture_of, links_inertia, strike
-from impedance_experiments.task_run import TaskRun, patch_of, patch_with, record_task, task_with
+from impedance_experiments.drive_fit import DriveFit, FreeSwing, fit_drive, strike
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
-from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.data.nominal_model import model_of_spec
-from impedance_modules.diagnosis.diagnose import diagnose
+from impedance_experiments.torque_steps import (
+    LAWS,
+    STEP_PATCH,
+    STEP_TASK,
+    StepsFit,
+    diagnose_steps,
+    read_steps,
+    step_against,
+    step_down,
+    step_friction,
+    stepped_joint,
+)
 from impedance_modules.diagnosis.result import Diagnosis
-from impedance_modules.effects.joint_motion import sign
-from impedance_modules.spec.task_reader import read_task
-from impedance_modules.spec.task_text import task_document
 
 WRIST, ELBOW = "W1", "E1"
+BOTH = (WRIST, ELBOW)
 """As the thesis calls the joints."""
+PRINTED_REAL = "0.047"
+PRINTED_VIRTUAL = {WRIST: "0.044 +- 0.003", ELBOW: "0.60 +- 0.039"}
+"""Of 3.2.2, by either method [kg.m^2]."""
 SPRINGS = (15.0, 10.0, 25.0)
 """Torsion springs of the bench; the first is the patch's own [N.m/rad]."""
 BLOWS = (
@@ -35,10 +43,6 @@ BLOWS = (
 """Task, patch, and virtual springs [N.m/rad]."""
 SHORT_PHASES = 5
 """Two steps and the returns from them."""
-STEP_TASK, STEP_PATCH = "torque-steps", "torsion-spring"
-LAWS = ("reflected_inertia", "viscous_friction", "asymmetric_friction")
-SPRING = "effects.1.parameters.{}.k.value"
-"""Where the patch has the torsion spring's stiffness."""
 
 
 def reproduce(settings: Settings) -> Page:
@@ -53,114 +57,178 @@ def reproduce(settings: Settings) -> Page:
         phases = SHORT_PHASES if quick else None
         runs.append(step_against(stiffness, joint, work, seed=settings.seed + number, phases=phases))
     steps = [read_steps(run, joint, k) for run, k in zip(runs, springs, strict=True)]
-    struck: dict[str, list[FreeSwing]] = {}
-    fits: dict[str, list[DriveFit]] = {}
-    truth = {}
-    for share, (task, patch, stiffnesses), name in zip((0.5, 0.65), BLOWS, (WRIST, ELBOW), strict=True):
-        settings.on_progress(share, f"blows on {name}")
-        found = [strike(task, patch, k, work, settings.seed) for k in stiffnesses[: settings.choose(1, 9, 9)]]
-        struck[name] = [swing for _, swing in found]
-        fits[name] = [fit_drive([run], swing.joint, LAWS[:2]) for run, swing in found]
-        truth[name] = found[0][0].assembly.robot.joints[struck[name][0].joint].reflected_inertia
+    struck, fits, truth = _all_blows(settings)
     answer = None
     if not quick:
         settings.on_progress(0.8, "diagnosis")
         again = step_against(springs[0], joint, work, seed=settings.seed + 100)
         other = step_down(springs[0], joint, work, seed=settings.seed + 200)
         answer = diagnose_steps([runs[0], again, other], joint)
-    return _page(steps, struck, fits, answer, truth)
+    damping = runs[0].assembly.robot.joints[joint].motor_damping
+    return _page(_Found(joint, steps, struck, fits, answer, truth, damping, step_friction(runs[0], joint)))
 
 
-def _page(
-    steps: Sequence[StepsFit],
-    struck: dict[str, list[FreeSwing]],
-    fits: dict[str, list[DriveFit]],
-    answer: Diagnosis | None,
-    truth: dict[str, float],
-) -> Page:
-    real = [one.fit.values["reflected_inertia"]["Ia"] for one in steps]
+def _all_blows(
+    settings: Settings,
+) -> tuple[dict[str, list[FreeSwing]], dict[str, list[DriveFit]], dict[str, float]]:
+    """Strikes wrist and elbow on all virtual springs; gives the swings, the fits and the plant's own I_r."""
+    struck: dict[str, list[FreeSwing]] = {}
+    fits: dict[str, list[DriveFit]] = {}
+    truth = {}
+    for share, (task, patch, stiffnesses), name in zip((0.5, 0.65), BLOWS, BOTH, strict=True):
+        settings.on_progress(share, f"blows on {name}")
+        chosen = stiffnesses[: settings.choose(1, 9, 9)]
+        found = [strike(task, patch, k, settings.work, settings.seed) for k in chosen]
+        struck[name] = [swing for _, swing in found]
+        fits[name] = [fit_drive([run], swing.joint, LAWS[:2]) for run, swing in found]
+        truth[name] = found[0][0].assembly.robot.joints[struck[name][0].joint].reflected_inertia
+    return struck, fits, truth
+
+
+def _page(found: _Found) -> Page:
     rows = [
-        _inertia("I_r of W1, torque steps on a real spring", "0.047", real, truth[WRIST], "least squares")
+        _inertia(
+            "I_r of W1, torque steps on a real spring",
+            PRINTED_REAL,
+            found.real,
+            found.truth[WRIST],
+            "least squares",
+        )
     ]
     rows.append(
-        _accounted("variance of the angle accounted for, real spring", [one.accounted for one in steps])
+        _accounted("variance of the angle accounted for, real spring", [one.accounted for one in found.steps])
     )
-    for joint, printed in ((WRIST, "0.044 +- 0.003"), (ELBOW, "0.60 +- 0.039")):
+    for joint in BOTH:
+        swings, fits = found.struck[joint], found.fits[joint]
         for label, values, how in (
-            (
-                "virtual spring, frequency",
-                [one.plain for one in struck[joint]],
-                "links and rotor as one, as there",
-            ),
-            ("same, the joint's own spring known", [one.inertia for one in struck[joint]], "fourth order"),
-            (
-                "same recordings, torque residual",
-                [fit.values["reflected_inertia"]["Ia"] for fit in fits[joint]],
-                "no inertia of links enters",
-            ),
+            ("virtual spring, frequency", [one.plain for one in swings], "links and rotor as one, as there"),
+            ("same, the joint's own spring known", [one.inertia for one in swings], "fourth order"),
+            ("same recordings, torque residual", [_rotor(fit) for fit in fits], "no inertia of links enters"),
         ):
-            rows.append(_inertia(f"I_r of {joint}, {label}", printed, values, truth[joint], how))
-    swings = [one for each in struck.values() for one in each]
-    rows.append(_accounted("variance of the angle accounted for, blows", [one.accounted for one in swings]))
-    if answer is not None:
-        rows += _named(answer, truth[WRIST])
-    facts = {
-        "real": float(np.mean(real)),
-        "wrist": float(np.mean([one.inertia for one in struck[WRIST]])),
-        "elbow": float(np.mean([one.inertia for one in struck[ELBOW]])),
-        "wrist, plain": float(np.mean([one.plain for one in struck[WRIST]])),
-        "elbow, plain": float(np.mean([one.plain for one in struck[ELBOW]])),
-        "truth, wrist": truth[WRIST],
-        "truth, elbow": truth[ELBOW],
-        "accounted": min([one.accounted for one in steps] + [one.accounted for one in swings]),
-        "ahead": steps[0].fit.values["asymmetric_friction"]["fc"],
-        "difference": steps[0].fit.values["asymmetric_friction"]["da"],
-        "damping": steps[0].fit.values["viscous_friction"]["fv"],
-    }
+            quantity = f"I_r of {joint}, {label}"
+            rows.append(_inertia(quantity, PRINTED_VIRTUAL[joint], values, found.truth[joint], how))
+    shares = [one.accounted for each in found.struck.values() for one in each]
+    rows.append(_accounted("variance of the angle accounted for, blows", shares))
+    if found.answer is not None:
+        rows += _named(found.answer, found)
     return Page(
-        summary=_SUMMARY,
+        summary=_summary(found.joint),
         comparisons=tuple(rows),
-        tables=(_step_table(steps), _blow_table(struck)),
-        plots=(_drawn_steps(steps), _drawn_blows(struck)),
-        differences=_DIFFERENCES,
-        facts=facts,
+        tables=(_step_table(found), _blow_table(found)),
+        plots=(_drawn_steps(found.steps), _drawn_blows(found.struck)),
+        differences=_differences(found),
+        facts=_facts(found, shares),
     )
 
 
-_SUMMARY = (
-    "Two ways on the plant, as on the robot, with the limb in a clamp (effect `bench_spring`, which neither the "
-    "robot nor its gravity compensation knows).\n\n"
-    "**Torque steps on a real spring.** w1, its axis upright, drives a torsion spring with steps of about 1 to "
-    "4 N.m (`impedance run torque-steps --effects robots/baxter/patches/torsion-spring.yaml`). The diagnosis' "
-    "residual between commanded torque and joint sensor is fitted by the catalogue's laws: rotor inertia, "
-    "damping, dry friction of either direction. Three springs.\n\n"
-    "**Blows on a virtual spring.** The joint's spring is virtual, its rest stands still, and the hand is "
-    "struck (`blow-wrist`, `blow-elbow`). The frequency of the free swing gives the total inertia, the URDF the "
-    "links' share."
-)
+def _facts(found: _Found, shares: Sequence[float]) -> dict[str, float]:
+    first = found.steps[0].fit.values
+    return {
+        "real": float(np.mean(found.real)),
+        "wrist": float(np.mean([one.inertia for one in found.struck[WRIST]])),
+        "elbow": float(np.mean([one.inertia for one in found.struck[ELBOW]])),
+        "wrist, plain": float(np.mean([one.plain for one in found.struck[WRIST]])),
+        "elbow, plain": float(np.mean([one.plain for one in found.struck[ELBOW]])),
+        "truth, wrist": found.truth[WRIST],
+        "truth, elbow": found.truth[ELBOW],
+        "accounted": min([one.accounted for one in found.steps] + list(shares)),
+        "ahead": first["asymmetric_friction"]["fc"],
+        "difference": first["asymmetric_friction"]["da"],
+        "damping": first["viscous_friction"]["fv"],
+    }
 
 
-_DIFFERENCES = (
-    "**0.047 and 0.044.** On the robot the first method gave 7 % more than the second; the plant has one "
-    "rotor, and here they agree. The thesis names no reason; its bench brought a friction of its own (6.2.1).\n\n"
-    "**Which reading.** Links and rotor taken as one body, as the thesis does, leave out that the links swing "
-    "behind the joint's spring, by 1 / (1 - M w^2 / K_s) further than the rotor. What then looks like I_r is "
-    "I_r (1 - M w^2 / K_s), the less the stiffer the virtual spring. With the joint's own spring and the "
-    "delay in the equation the plant's number comes back. For E1 a little more remains: the wrists behind it "
-    "give way.\n\n"
-    "**The diagnosis** is given the test fixture and the motor's damping (0.7, which the URDF prints), and "
-    "neither of the rotor nor of the friction. If the damping is withheld too, it settles on a lag of the "
-    "actuator: causes join one at a time, and after a step of torque a lag alone explains more than a rotor "
-    "alone or damping alone. The least squares above need no such order, because they are given which laws "
-    "act. Beside rotor and friction it names small things that are not there (rows above) and calls the gap "
-    "partly explained: its speed residual is many times a noise that repeats too well. The sizes of spring, "
-    "friction and clamp are assumed."
-)
+@dataclass(frozen=True)
+class _Found:
+    """What all runs gave, and what the plant really has.
+
+    Attributes:
+        joint: That was stepped, as the URDF calls it.
+        steps: One per torsion spring.
+        struck, fits: Joint -> one per virtual spring.
+        answer: The diagnosis; None where it was not asked.
+        truth: Joint -> the plant's I_r [kg.m^2].
+        damping: The stepped motor's [N.m.s/rad].
+        friction: Dry friction of the stepped joint: fc, da [N.m].
+    """
+
+    joint: str
+    steps: Sequence[StepsFit]
+    struck: dict[str, list[FreeSwing]]
+    fits: dict[str, list[DriveFit]]
+    answer: Diagnosis | None
+    truth: dict[str, float]
+    damping: float
+    friction: tuple[float, float]
+
+    @property
+    def real(self) -> list[float]:
+        """I_r by torque steps [kg.m^2]."""
+        return [_rotor(one.fit) for one in self.steps]
+
+
+def _summary(joint: str) -> str:
+    return (
+        "Two ways on the plant, as on the robot, with the limb in a clamp (effect `bench_spring`, which neither the "
+        "robot nor its gravity compensation knows).\n\n"
+        f"**Torque steps on a real spring.** {joint}, its axis upright, drives a torsion spring with steps of torque "
+        f"(`impedance run {STEP_TASK} --effects robots/baxter/patches/{STEP_PATCH}.yaml`). The diagnosis' residual "
+        "between commanded torque and joint sensor is fitted by the catalogue's laws: rotor inertia, damping, dry "
+        "friction of either direction.\n\n"
+        "**Blows on a virtual spring.** The joint's spring is virtual, its rest stands still, and the hand is "
+        "struck (`blow-wrist`, `blow-elbow`). The frequency of the free swing gives the total inertia, the URDF the "
+        "links' share."
+    )
+
+
+def _differences(found: _Found) -> str:
+    real, virtual = (_leading(text) for text in (PRINTED_REAL, PRINTED_VIRTUAL[WRIST]))
+    ours = np.mean([_rotor(one.fit) for one in found.steps]) / np.mean(
+        [s.inertia for s in found.struck[WRIST]]
+    )
+    left = {name: np.mean([s.inertia for s in found.struck[name]]) / found.truth[name] - 1.0 for name in BOTH}
+    text = (
+        f"**{real:g} and {virtual:g}.** On the robot the first method gave {100.0 * (real / virtual - 1.0):.0f} % more "
+        f"than the second; the plant has one rotor, and here the two differ by {100.0 * (ours - 1.0):+.1f} %. The "
+        "thesis names no reason; its bench brought a friction of its own (6.2.1).\n\n"
+        "**Which reading.** Links and rotor taken as one body, as the thesis does, leave out that the links swing "
+        "behind the joint's spring, by 1 / (1 - M w^2 / K_s) further than the rotor. What then looks like I_r is "
+        "I_r (1 - M w^2 / K_s), the less the stiffer the virtual spring. With the joint's own spring and the delay in "
+        f"the equation {100.0 * left[WRIST]:+.1f} % remain of the plant's number for {WRIST}, and "
+        f"{100.0 * left[ELBOW]:+.1f} % for {ELBOW}, where the wrists behind it give way."
+    )
+    return text if found.answer is None else f"{text}\n\n{_about_diagnosis(found, found.answer)}"
+
+
+def _about_diagnosis(found: _Found, answer: Diagnosis) -> str:
+    strange = [
+        c.effect for c in answer.causes if c.effect not in ("reflected_inertia", "asymmetric_friction")
+    ]
+    beside = (
+        f"it names {', '.join(strange)}, which the plant does not have,"
+        if strange
+        else "it names nothing else"
+    )
+    return (
+        f"**The diagnosis** is given the test fixture and the motor's damping ({found.damping:g} N.m.s/rad, as in the "
+        "URDF), and neither of the rotor nor of the friction. Causes join one at a time; the least squares above need "
+        f"no such order, because they are given which laws act. Beside rotor and friction {beside} and its verdict is "
+        f"{answer.verdict.replace('_', ' ')}. The sizes of spring, friction and clamp are assumed."
+    )
+
+
+def _leading(printed: str) -> float:
+    """Reads the number before its uncertainty."""
+    return float(printed.split(maxsplit=1)[0])
+
+
+def _rotor(fit: DriveFit) -> float:
+    return fit.values["reflected_inertia"]["Ia"]
 
 
 def _inertia(quantity: str, printed: str, values: Sequence[float], truth: float, how: str) -> ThesisValue:
     mean = float(np.mean(values))
-    reason = f"{how}; the plant's own is {truth:g}: {100.0 * (mean / truth - 1.0):+.1f} %"
+    reason = f"{how}; this plant's own is {truth:g}: {100.0 * (mean / truth - 1.0):+.1f} %"
     return ThesisValue(quantity, printed, round(mean, 5), "kg.m^2", reason, _range(values, 4))
 
 
@@ -174,17 +242,26 @@ def _range(values: Sequence[float], digits: int) -> str:
 
 def _accounted(quantity: str, shares: Sequence[float]) -> ThesisValue:
     percent = [100.0 * share for share in shares]
-    return ThesisValue(quantity, 96, round(min(percent), 2), "%", "the worst spring", _range(percent, 2))
+    return ThesisValue(
+        quantity,
+        96,
+        round(min(percent), 2),
+        "%",
+        "the worst spring; the plant has less that the second-order model leaves out",
+        _range(percent, 2),
+    )
 
 
-def _named(answer: Diagnosis, truth: float) -> list[ThesisValue]:
+def _named(answer: Diagnosis, found: _Found) -> list[ThesisValue]:
     rows = []
     for cause in answer.causes:
         for joint, symbols in cause.parameters.items():
             numbers = ", ".join(f"{symbol} {e.value:.4g} +- {e.std:.2g}" for symbol, e in symbols.items())
-            known = f"the plant's own is {truth:g}" if cause.effect == "reflected_inertia" else ""
+            known = (
+                f"the plant's own is {found.truth[WRIST]:g}" if cause.effect == "reflected_inertia" else ""
+            )
             if cause.effect == "asymmetric_friction":
-                known = "the patch's are fc 0.15, da 0.04"
+                known = f"the patch's are fc {found.friction[0]:g}, da {found.friction[1]:g}"
             rows.append(
                 ThesisValue(
                     f"named by the diagnosis: {cause.effect} on {joint}",
@@ -197,9 +274,9 @@ def _named(answer: Diagnosis, truth: float) -> list[ThesisValue]:
     return rows
 
 
-def _step_table(steps: Sequence[StepsFit]) -> ResultTable:
+def _step_table(found: _Found) -> ResultTable:
     rows: list[list[Cell]] = []
-    for one in steps:
+    for one in found.steps:
         values = one.fit.values
         friction = values["asymmetric_friction"]
         numbers = (
@@ -212,12 +289,14 @@ def _step_table(steps: Sequence[StepsFit]) -> ResultTable:
         "spring [N.m/rad]", "I_r [kg.m^2]", "D [N.m.s/rad]", "dry friction + [N.m]", "dry friction - [N.m]",
         "torque accounted for [%]", "angle accounted for [%]",
     )  # fmt: skip
-    return ResultTable("Torque steps on W1; the plant's own: 0.044, 0.7, 0.19, 0.11", columns, rows)
+    dry, half = found.friction
+    own = f"{found.truth[WRIST]:g}, {found.damping:g}, {dry + half:g}, {dry - half:g}"
+    return ResultTable(f"Torque steps on {WRIST}; the plant's own: {own}", columns, rows)
 
 
-def _blow_table(struck: dict[str, list[FreeSwing]]) -> ResultTable:
+def _blow_table(found: _Found) -> ResultTable:
     rows: list[list[Cell]] = []
-    for joint, swings in struck.items():
+    for joint, swings in found.struck.items():
         for one in swings:
             numbers = (one.frequency, one.decay, one.links, one.plain, one.inertia, one.damping)
             rows.append([joint, one.stiffness, *(round(v, 4) for v in numbers)])
@@ -225,7 +304,8 @@ def _blow_table(struck: dict[str, list[FreeSwing]]) -> ResultTable:
         "joint", "virtual spring [N.m/rad]", "frequency [rad/s]", "decay [1/s]", "links [kg.m^2]",
         "I_r, second order [kg.m^2]", "I_r, fourth order [kg.m^2]", "D, fourth order [N.m.s/rad]",
     )  # fmt: skip
-    return ResultTable("Free swings after a blow; the plant's own: 0.044 and 0.6, D 0.7", columns, rows)
+    own = " and ".join(f"{found.truth[joint]:g} ({joint})" for joint in BOTH)
+    return ResultTable(f"Free swings after a blow; the plant's own I_r: {own}", columns, rows)
 
 
 def _drawn_steps(steps: Sequence[StepsFit]) -> Plot:
@@ -255,100 +335,3 @@ def _drawn_blows(struck: dict[str, list[FreeSwing]]) -> Plot:
     return Plot(
         "blows", "Free swings after a blow on a virtual spring; dashed: fitted decaying sines", figure
     )
-
-
-@dataclass(frozen=True)
-class StepsFit:
-    """One spring.
-
-    Attributes:
-        stiffness: Of the torsion spring [N.m/rad].
-        fit: Of the drive's torque.
-        accounted: Share of the angle's variance that the second-order model accounts for, driven by the command alone.
-        time, angle, fitted: (N,) the joint's angle, and the model's [s], [rad].
-    """
-
-    stiffness: float
-    fit: DriveFit
-    accounted: float
-    time: Array
-    angle: Array
-    fitted: Array
-
-
-def stepped_joint() -> str:
-    """Names the joint whose rest the task's phases move."""
-    task, robot = read_task(STEP_TASK)
-    limb, rests = next(item for phase in task.phases for item in phase.posture.items())
-    return robot.limbs[limb].joints[next(iter(rests))]
-
-
-def step_against(
-    stiffness: float, joint: str, folder: Path, *, seed: int, phases: int | None = None
-) -> TaskRun:
-    """Runs the task against another torsion spring, or only its first phases."""
-    patch = patch_with(
-        patch_of(STEP_TASK, STEP_PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}"
-    )
-    task = STEP_TASK
-    if phases is not None:
-        first = task_document(STEP_TASK).data["phases"][:phases]
-        task = str(task_with(STEP_TASK, {"phases": first}, folder, f"first-{phases}"))
-    return record_task(task, folder / f"{STEP_TASK}-{stiffness:g}-{seed}", effects=patch, seed=seed)
-
-
-def step_down(stiffness: float, joint: str, folder: Path, *, seed: int) -> TaskRun:
-    """Runs the task with all steps the other way, 0.9 times as large."""
-    patch = patch_with(
-        patch_of(STEP_TASK, STEP_PATCH), {SPRING.format(joint): stiffness}, folder, f"{stiffness:g}"
-    )
-    values = {}
-    for place, phase in enumerate(task_document(STEP_TASK).data["phases"]):
-        for limb, rests in phase.get("posture", {}).items():
-            for short, rest in rests.items():
-                start = task_document(STEP_TASK).data["arms"][limb]["posture"][short]
-                values[f"phases.{place}.posture.{limb}.{short}"] = start - 0.9 * (rest - start)
-    task = task_with(STEP_TASK, values, folder, "down")
-    return record_task(str(task), folder / f"{STEP_TASK}-down", effects=patch, seed=seed)
-
-
-def read_steps(run: TaskRun, joint: str, stiffness: float) -> StepsFit:
-    """Fits the drive, and lets the second-order model with the fitted numbers follow the recorded command."""
-    fit = fit_drive([run], joint, LAWS)
-    time, angle = run.episode.time, run.episode.position[joint]
-    fitted = _second_order(run, joint, fit)
-    accounted = 1.0 - float(np.var(angle - fitted) / np.var(angle))
-    return StepsFit(stiffness, fit, accounted, time, angle, fitted)
-
-
-def _second_order(run: TaskRun, joint: str, fit: DriveFit) -> Array:
-    r"""Integrates (I_r + M) \ddot q + (D + d) \dot q + friction + k (q - q_0) = u, links and rotor as one."""
-    episode, delay = run.episode, run.assembly.robot.timing.command_delay
-    spring = next(spec.parameters[joint] for spec in fixture_of(run) if joint in spec.parameters)
-    friction = fit.values["asymmetric_friction"]
-    inertia = fit.values["reflected_inertia"]["Ia"] + links_inertia(run, joint)
-    damping = fit.values["viscous_friction"]["fv"] + spring["d"].value
-    command = np.interp(episode.time - delay, episode.time, episode.effort_command[joint])
-    angle, speed = np.empty_like(command), 0.0
-    q = episode.position[joint][0]
-    for k, step in enumerate(np.diff(episode.time, append=episode.time[-1])):
-        angle[k] = q
-        way = float(sign(np.array(speed)))
-        dry = friction["fc"] * way + friction["da"] * abs(way) + friction["dv"] * abs(speed)
-        elastic = spring["k"].value * (q - spring["q0"].value)
-        speed += step * (command[k] - damping * speed - dry - elastic) / inertia
-        q += step * speed
-    return angle
-
-
-def diagnose_steps(runs: Sequence[TaskRun], joint: str) -> Diagnosis:
-    """Diagnoses the recordings with the test fixture known, but neither this rotor's inertia nor the friction."""
-    robot = runs[0].assembly.robot
-    limb = next(limb for limb in robot.limbs.values() if joint in limb.joints.values())
-    drives = {**robot.joints, joint: replace(robot.joints[joint], reflected_inertia=0.0)}
-    model = model_of_spec(replace(robot, joints=drives), list(limb.joints.values()))
-    episodes = [
-        replace(run.episode, metadata={**run.episode.metadata, "episode": run.episode.source.name})
-        for run in runs
-    ]
-    return diagnose(episodes, model, robot.urdf, tolerance=0.0, known_effects=fixture_of(runs[0]))

@@ -24,14 +24,22 @@ from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Set
 
 PRINTED = {"with": (2.574, 1.31), "without": (1.628, 0.7683)}
 """Table 3.1: largest and smallest apparent mass [kg]."""
+PRINTED_RATIO = {"largest": 1.58, "smallest": 1.71, "shape factor": 0.92, "forces": 1.6}
+"""With over without: of Table 3.1's masses and shape factors, and of the forces of 3.3.1."""
+PRINTED_SHAPE = {"with": 1.96, "without": 2.12}
+"""Table 3.1: largest over smallest."""
+PRINTED_FORCE = {"with": 3.67, "without": 2.34}
+"""Of 3.3.1 [N]."""
 READINGS = {"joint angles": RELATIVE, "link angles against the ground": ABSOLUTE}
 CONTACT_TIME, SPEED = 0.07, 0.1
 """Of the thesis's estimate F = m v / T [s], [m/s]."""
 WITH_70_MS, WITHOUT_70_MS = 15000.0, 10500.0
-"""Stiffness of the surface on which the hand stays for the thesis's 70 ms, with rotors and without [N/m]."""
+"""Stiffness of the surface, tuned until the hand stays for the thesis's 70 ms, with rotors and without [N/m]."""
+TUNED = "(surface tuned)"
 SURFACES = (5000.0, WITHOUT_70_MS, WITH_70_MS, 50000.0)
 Pair = tuple[Impact, Impact]
-MASS = "all seven joints, another posture, and masses, not their square roots"
+NOT_FROM_POSTURE = "the stated posture does not give the printed masses"
+MASS = "all seven joints, another posture, chosen by us, and masses, not their square roots"
 
 
 def reproduce(settings: Settings) -> Page:
@@ -42,30 +50,51 @@ def reproduce(settings: Settings) -> Page:
         comparisons=(*_mass_rows(masses), *_impact_rows(strikes)),
         tables=(_mass_table(masses), _step_table(strikes), _impact_table(strikes)),
         plots=(_ellipses(masses), _forces(strikes)),
-        differences=DIFFERENCES,
+        differences=_differences(masses, strikes),
         facts=_facts(masses, strikes),
     )
 
 
-DIFFERENCES = """\
-**Table 3.1** does not follow from the stated posture as the eigenvalues of Lambda, whichever way its angles are read
-(the first angle does not matter: it turns the picture). The listing of Appendix A takes the square root of the
-eigenvalues before it draws; with joint angles the square roots come near the printed numbers (within 6 to 13 %). Then
-the ratio of the *masses* is the square of the printed one, 2.5, and ours is 2.28; and the thesis's 1.6 between its
-forces, which is the ratio of its printed masses and was not measured, would be 2.5, too.
+def _differences(masses: dict[str, Masses], strikes: dict[float, Pair]) -> str:
+    return f"{_about_table(masses)}\n\n{_about_impact(strikes)}"
 
-**The posture of the impact** is another one than that of fig. 3-9: there this robot's hand lies within the safety
-margin of its own torso. In the task's posture, with all seven joints free, the masses with and without rotors stand
-as 1.44 to 1.
 
-**F = m v / T** supposes that both arms stop within the same time and that rotor and link are one body. On the plant
-the same surface throws the lighter arm back sooner, and the joints' springs let the link meet the surface before its
-rotors arrive: the first peak is the links' alone, with rotors or without. What the rotors add is time and impulse.
-The mean force at one and the same contact time is where the ratio shows, and there 1.44 becomes 1.25, in steps
-(table): during the longer touch of its softer surface the light arm's own springs add to the measured mass (1.37), and
-the arm with rotors leaves with 0.63 of its speed, because rotors are left swinging against links, where the other
-leaves with 0.83. The direction of the thesis's statement holds; its 1.6 takes rotor and link for one rigid body.
-"""
+def _about_table(masses: dict[str, Masses]) -> str:
+    reading = masses["joint angles"]
+    off = [
+        abs(math.sqrt(mass) / printed - 1.0)
+        for robot, pair in PRINTED.items()
+        for mass, printed in zip(reading.extremes(robot), pair, strict=True)
+    ]
+    ratio = reading.extremes("with")[0] / reading.extremes("without")[0]
+    return (
+        "**Table 3.1** does not follow from the stated posture as the eigenvalues of Lambda, whichever way its angles "
+        "are read (the first angle does not matter: it turns the picture). The listing of Appendix A takes the square "
+        "root of the eigenvalues before it draws; with joint angles the square roots come near the printed numbers "
+        f"({100.0 * min(off):.0f} to {100.0 * max(off):.0f} % away). Then the ratio of the *masses* is the square of "
+        f"the printed one, {PRINTED_RATIO['largest'] ** 2:.2f}, and ours is {ratio:.2f}; and the thesis's ratio of "
+        f"forces, {PRINTED_RATIO['forces']:g}, which is the ratio of its printed masses and was not measured, would "
+        "be the same."
+    )
+
+
+def _about_impact(strikes: dict[float, Pair]) -> str:
+    heavy, light = strikes[WITH_70_MS][0], strikes[WITHOUT_70_MS][1]
+    steps = _steps(strikes)
+    predicted, measured = list(steps.values())[:2]
+    return (
+        "**The posture of the impact** is another one than that of fig. 3-9. In the task's posture, with all seven "
+        f"joints free, the masses with and without rotors stand as {predicted:.2f} to one.\n\n"
+        "**F = m v / T** supposes that both arms stop within the same time and that rotor and link are one body. On "
+        "the plant the same surface throws the lighter arm back sooner, and the joints' springs let the link meet the "
+        "surface before its rotors arrive: the first peak is the links' alone, with rotors or without. What the rotors "
+        "add is time and impulse. The mean force at one and the same contact time is where the ratio shows, and there "
+        f"{predicted:.2f} becomes {steps['mean forces']:.2f}, in steps (table): during the longer touch of its softer "
+        f"surface the light arm's own springs add to the measured mass (the ratio is {measured:.2f}), and the arm with "
+        f"rotors leaves with {heavy.left / heavy.speed:.2f} of its speed, because rotors are left swinging against "
+        f"links, where the other leaves with {light.left / light.speed:.2f}. The thesis's "
+        f"{PRINTED_RATIO['forces']:g} takes rotor and link for one rigid body."
+    )
 
 
 def _masses() -> dict[str, Masses]:
@@ -109,25 +138,51 @@ def _mass_rows(masses: dict[str, Masses]) -> tuple[ThesisValue, ...]:
     rows = []
     for robot, printed in PRINTED.items():
         for which, value, mass in zip(("largest", "smallest"), printed, reading.extremes(robot), strict=True):
-            reason = f"square root, as Appendix A draws it; the eigenvalue itself is {mass:.3g} kg"
+            reason = f"{NOT_FROM_POSTURE}; square root, as Appendix A draws it; the eigenvalue itself is {mass:.3g} kg"
             label = f"{which} apparent mass {robot} I_r, square root of the eigenvalue"
             rows.append(ThesisValue(label, value, round(math.sqrt(mass), 3), "kg as printed", reason))
-    for which, quotient, index in (("largest", 1.58, 0), ("smallest", 1.71, 1)):
+    for which, index in (("largest", 0), ("smallest", 1)):
+        quotient = PRINTED_RATIO[which]
         ratio = reading.extremes("with")[index] / reading.extremes("without")[index]
         label = f"ratio of the {which} apparent masses with / without I_r, read as"
-        same = "the printed ratio is one of square roots"
+        same = f"{NOT_FROM_POSTURE}; the printed ratio is one of square roots"
         rows.append(ThesisValue(f"{label} square roots", quotient, round(math.sqrt(ratio), 3), "", same))
-        squared = f"{quotient} squared; what a touch measures"
+        squared = f"{NOT_FROM_POSTURE}; {quotient} squared; what a touch measures"
         rows.append(
             ThesisValue(f"{label} masses", f"{quotient**2:.2f} (squared)", round(ratio, 3), "", squared)
         )
-    for robot, force in (("with", 3.67), ("without", 2.34)):
+    rows += _shape_rows(reading)
+    for robot, force in PRINTED_FORCE.items():
         mass = reading.extremes(robot)[0]
-        label = f"F = m v / T {robot} I_r, {SPEED} m/s, 70 ms, the planar arm's heaviest direction"
+        label = f"F = m v / T {robot} I_r, {SPEED} m/s, {1e3 * CONTACT_TIME:g} ms, the planar arm's heaviest direction"
         as_printed, really = (value * SPEED / CONTACT_TIME for value in (math.sqrt(mass), mass))
         reason = f"the square root in the place of the mass, as in the thesis; the mass itself gives {really:.2f} N"
         rows.append(ThesisValue(label, force, round(as_printed, 3), "N", reason))
     return tuple(rows)
+
+
+def _shape_rows(reading: Masses) -> list[ThesisValue]:
+    """Lays Table 3.1's shape factors, largest over smallest mass, beside ours."""
+    factors = {robot: math.sqrt(math.prod(_over(reading.extremes(robot)))) for robot in PRINTED_SHAPE}
+    rows = [
+        ThesisValue(
+            f"shape factor {robot} I_r, largest over smallest",
+            PRINTED_SHAPE[robot],
+            round(factor, 3),
+            "",
+            f"{NOT_FROM_POSTURE}; of square roots; of the eigenvalues it is {factor**2:.2f}",
+        )
+        for robot, factor in factors.items()
+    ]
+    ratio = round(factors["with"] / factors["without"], 3)
+    reason = f"{NOT_FROM_POSTURE}; of square roots; of the eigenvalues it is the square"
+    printed = PRINTED_RATIO["shape factor"]
+    return [*rows, ThesisValue("shape factor, with over without I_r", printed, ratio, "", reason)]
+
+
+def _over(extremes: tuple[float, float]) -> tuple[float, float]:
+    """Largest mass, and one over the smallest."""
+    return extremes[0], 1.0 / extremes[1]
 
 
 def _steps(strikes: dict[float, Pair]) -> dict[str, float]:
@@ -179,32 +234,56 @@ def _impact_rows(strikes: dict[float, Pair]) -> tuple[ThesisValue, ...]:
         "predicted mass": "1 / (n^T Lambda^-1 n) of all seven joints at the touch",
         "measured mass": "impulse over change of speed",
         "mean force, same contact time": f"{1e3 * heavy.duration:.0f} ms and {1e3 * slower.duration:.0f} ms, "
-        "surfaces of 15 and 10.5 kN/m; the table of steps takes it apart",
+        f"surfaces of {WITH_70_MS / 1e3:g} and {WITHOUT_70_MS / 1e3:g} kN/m; springs shield the rotors, see the table "
+        "of steps",
         "mean force, same surface": "a lighter arm rebounds sooner",
         "impulse": "for each m/s of arrival, same surface",
         "peak force": "the first peak is the links' alone: the springs shield the rotors",
     }
-    printed = {"mean force, same contact time": 1.6}
+    printed = {"mean force, same contact time": PRINTED_RATIO["forces"]}
     rows = [
         ThesisValue(
-            f"the same with I_r, posture of `{TASK}`", 3.67, heavy.mass * SPEED / CONTACT_TIME, "N", MASS
+            f"the same with I_r, posture of `{TASK}`",
+            PRINTED_FORCE["with"],
+            heavy.mass * SPEED / CONTACT_TIME,
+            "N",
+            MASS,
         ),
         ThesisValue(
-            f"the same without, posture of `{TASK}`", 2.34, light.mass * SPEED / CONTACT_TIME, "N", MASS
+            f"the same without, posture of `{TASK}`",
+            PRINTED_FORCE["without"],
+            light.mass * SPEED / CONTACT_TIME,
+            "N",
+            MASS,
         ),
         ThesisValue(
-            "contact time with I_r", 70, 1e3 * heavy.duration, "ms", "the surface's stiffness was chosen"
+            f"contact time with I_r {TUNED}",
+            1e3 * CONTACT_TIME,
+            1e3 * heavy.duration,
+            "ms",
+            "the surface's stiffness was tuned to it",
         ),
     ]
     for name, value in ratios.items():
-        rows.append(
-            ThesisValue(f"{name}, with / without", printed.get(name), round(value, 3), "", reasons[name])
-        )
+        rows.append(ThesisValue(_ratio_name(name), printed.get(name), round(value, 3), "", reasons[name]))
     return tuple(rows)
 
 
+def _ratio_name(name: str) -> str:
+    return f"{name}, with / without {TUNED if name.endswith('contact time') else ''}".strip()
+
+
 def _mass_table(masses: dict[str, Masses]) -> ResultTable:
-    rows: list[list[Cell]] = [["Table 3.1", "", *PRINTED["with"], *PRINTED["without"], 1.58, 1.71]]
+    rows: list[list[Cell]] = [
+        [
+            "Table 3.1",
+            "",
+            *PRINTED["with"],
+            *PRINTED["without"],
+            PRINTED_RATIO["largest"],
+            PRINTED_RATIO["smallest"],
+        ]
+    ]
     for name, found in masses.items():
         heavy, light = np.array(found.extremes("with")), np.array(found.extremes("without"))
         for reading, values in (("eigenvalue", (heavy, light)), ("square root", (heavy**0.5, light**0.5))):
@@ -228,12 +307,19 @@ def _impact_table(strikes: dict[float, Pair]) -> ResultTable:
     for stiffness, pair in strikes.items():
         for name, hit in zip(("with", "without"), pair, strict=True):
             speeds = (1e3 * hit.speed, 1e3 * hit.left, 1e3 * hit.duration)
-            rows.append([stiffness, name, *speeds, hit.peak, hit.impulse, hit.measured_mass, hit.mass])
+            rows.append(
+                [_surface_name(stiffness), name, *speeds, hit.peak, hit.impulse, hit.measured_mass, hit.mass]
+            )
     columns = (
         "surface [N/m]", "I_r", "arrives [mm/s]", "leaves [mm/s]", "stays [ms]", "peak [N]", "impulse [N.s]",
         "measured mass [kg]", "predicted mass [kg]",
     )  # fmt: skip
     return ResultTable("The first touch on the plant", columns, rows)
+
+
+def _surface_name(stiffness: float) -> str:
+    tuned = stiffness in (WITH_70_MS, WITHOUT_70_MS)
+    return f"{stiffness:g} {TUNED}" if tuned else f"{stiffness:g}"
 
 
 def _ellipses(masses: dict[str, Masses]) -> Plot:
@@ -267,9 +353,9 @@ def _forces(strikes: dict[float, Pair]) -> Plot:
             axes.plot(1e3 * hit.time, hit.force * SPEED / hit.speed, color=colour, label=label)
         axes.set(title=f"surface of {stiffness / 1000:g} kN/m", xlabel="since the touch [ms]")
         axes.grid(alpha=0.3)
-    figure.axes[0].set_ylabel("normal force at 0.1 m/s [N]")
+    figure.axes[0].set_ylabel(f"normal force at {SPEED} m/s [N]")
     figure.axes[0].legend()
-    return Plot("force", "Force on the surface, scaled to an arrival at 0.1 m/s", figure)
+    return Plot("force", f"Force on the surface, scaled to an arrival at {SPEED} m/s", figure)
 
 
 def _facts(masses: dict[str, Masses], strikes: dict[float, Pair]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from scipy.signal import detrend
 from impedance_experiments.sanding_rule import RocCurve
 from impedance_experiments.sanding_runs import DepthRuns, Sanding, numbers, spectrum
 from impedance_experiments.thesis_page import Plot, panels
-from impedance_modules.control.roughness_detection import LENGTH, SAMPLE_RATE, Window
+from impedance_modules.control.roughness_detection import BAND, LENGTH, SAMPLE_RATE, Window
 
 CASE_COLOURS = ("C3", "C0", "C2")
 
@@ -94,12 +94,12 @@ def spectrum_plot(schemes: Mapping[str, DepthRuns]) -> Plot:
             _mean_in_time(course, scheme.smooth if windows is scheme.plain else scheme.rough, windows, colour)
             nu, amplitude = spectrum(windows)
             lines.plot(nu[1:], amplitude[1:], color=colour, label=f"{case} ({len(windows)})")
-        lines.axvspan(15.0, 25.0, color="0.9")
+        lines.axvspan(*BAND, color="0.9")
         course.set(title=name, xlabel="since the hand broke away [s]", ylabel="tangential, detrended [N]")
         lines.set(title="spectrum", xlim=(0, 40), xlabel="frequency [Hz]", ylabel="amplitude [N]")
         lines.legend(fontsize=7)
         for axes, measure, title in (
-            (bands, "band", "15-25 Hz [N rms]"),
+            (bands, "band", f"{BAND[0]:g}-{BAND[1]:g} Hz [N rms]"),
             (frictions, "friction", "friction"),
         ):
             values = [numbers(windows, measure) for windows in scheme.cases.values()]
@@ -112,7 +112,8 @@ def spectrum_plot(schemes: Mapping[str, DepthRuns]) -> Plot:
             axes.set_title(title, fontsize=9)
     return Plot(
         "spectra",
-        "Tangential force in windows of 0.8 s, at both depths: its course (mean and deviation of the windows), mean "
+        f"Tangential force in windows of {LENGTH:g} s, at both depths: its course (mean and deviation of the windows), "
+        "mean "
         "spectra, and both measures with their deviations (thesis fig. 5-11 and 5-13)",
         figure,
     )

@@ -14,6 +14,7 @@ from impedance_experiments.stability_search import (
     predicted_limit,
     simulated_limit,
     stiffened,
+    unknown_weight,
 )
 from impedance_experiments.task_run import patch_of
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
@@ -33,6 +34,8 @@ class Loop:
     ratio: float
 
 
+PRINTED_HIGHEST, PRINTED_LOWEST = 900.0, 10.0
+"""About the highest and the lowest endpoint stiffness of the thesis [N/m]."""
 LOOPS = (
     Loop(1000.0, 0.7),
     Loop(1000.0, 0.3),
@@ -81,7 +84,7 @@ def reproduce(settings: Settings) -> Page:
         comparisons=_comparisons(limits, drifts),
         tables=(_limit_table(limits), _drift_table(drifts)),
         plots=(_knocks(limits[0]), _drifts(drifts)),
-        differences=_DIFFERENCES,
+        differences=_differences(limits),
         facts={
             "worst_error": max(abs(limit.error) for limit in limits),
             "limit": limits[0].simulated,
@@ -110,25 +113,29 @@ def _limit(loop: Loop, halvings: int) -> Limit:
 
 
 def _drift(stiffness: float, seed: int) -> tuple[float, float]:
-    assembly = assemble(SOFT_TASK, effects=patch_of(SOFT_TASK, PATCH), rate=None, scale=1.0, arm=None)
-    return hand_drift(assembly, stiffness, seed)
+    return hand_drift(_soft(), stiffness, seed)
 
 
-_DIFFERENCES = (
-    "**Above.** The thesis names neither the rate of its loop nor the damping of its springs, and both decide. Its "
-    "controller was a Python program beside the robot, certainly slower than the robot's own 1000 Hz: a longer period "
-    "lowers the limit, and at a fifth of that rate it is near the thesis's 900 N/m. The limit comes from a "
-    "stiff spring "
-    "whose torque is late, around joints in which rotor and link swing against each other (a mode of 30 Hz here) with "
-    "little damping of their own: the controller's damping hardly reaches it, for the robot reports speeds 13.5 "
-    "ms late. "
-    "The plant's sensors do not round here and the knock is a thousandth of the task's: with rounded angles the loop "
-    "oscillates slightly below its limit already, and above it the robot's bound on the rate of torque keeps the "
-    "oscillation small.\n\n"
-    "**Below.** Nothing special happens at 10 N/m: a hand sinks by the uncompensated weight over the stiffness. "
-    "The thesis does not print its robot's error; 2 N (0.2 kg) is assumed. Where the spring gives 10 N/m (and the "
-    "joint springs a little more) that is a decimetre, which looks like drift."
-)
+def _differences(limits: list[Limit]) -> str:
+    assembly, slowest = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None), limits[-1]
+    weight, lag = unknown_weight(_soft()), assembly.robot.sensors.velocity_filter
+    return (
+        "**Above.** The thesis names neither the rate of its loop nor the damping of its springs, and both decide. Its "
+        "controller was a Python program beside the robot, certainly slower than the robot's own "
+        f"{assembly.robot.timing.rate_max:g} Hz: a longer period lowers the limit, and at {slowest.loop.rate:g} Hz it "
+        f"is {slowest.simulated:.0f} N/m beside the thesis's {PRINTED_HIGHEST:g}. The limit comes from a stiff spring "
+        "whose torque is late, around joints in which rotor and link swing against each other with little damping of "
+        "their own: the controller's damping hardly reaches this mode, for the robot reports speeds "
+        f"{1e3 * lag:g} ms late. The plant's sensors do not round here and the knock is a small part of the task's: "
+        "rounded angles keep a loop oscillating slightly, and the robot's bound on the rate of torque keeps a large "
+        "oscillation small.\n\n"
+        f"**Below.** Nothing special happens at {PRINTED_LOWEST:g} N/m: a hand sinks by the uncompensated weight over "
+        f"the stiffness. The thesis does not print its robot's error; {weight:.2g} N is assumed."
+    )
+
+
+def _soft() -> Assembly:
+    return assemble(SOFT_TASK, effects=patch_of(SOFT_TASK, PATCH), rate=None, scale=1.0, arm=None)
 
 
 def _summary(limits: list[Limit]) -> str:
@@ -140,7 +147,8 @@ def _summary(limits: list[Limit]) -> str:
         f"and ratio {first.loop.ratio:g}; "
         f"`impedance check` predicts {first.predicted:.0f} N/m before anything moves, from elastic joints, delay, "
         "sampling and the robot's velocity filter. At the other end a very soft hand "
-        f"(`{SOFT_TASK}`) holds 0.2 kg that the robot does not compensate (`--effects {PATCH}.yaml`)."
+        f"(`{SOFT_TASK}`) holds {unknown_weight(_soft()):.2g} N that the robot does not compensate "
+        f"(`--effects {PATCH}.yaml`)."
     )
 
 
@@ -148,7 +156,7 @@ def _comparisons(limits: list[Limit], drifts: list[tuple[float, float, float]]) 
     rows = [
         ThesisValue(
             f"highest stable endpoint stiffness, {limit.loop.rate:g} Hz, ratio {limit.loop.ratio:g}",
-            "about 900",
+            f"about {PRINTED_HIGHEST:g}",
             round(limit.simulated),
             "N/m",
             f"`check` predicts {limit.predicted:.0f} ({100 * limit.error:+.1f} %); see below",
@@ -156,9 +164,10 @@ def _comparisons(limits: list[Limit], drifts: list[tuple[float, float, float]]) 
         )
         for limit in limits
     ]
+    weight = unknown_weight(_soft())
     for stiffness, found, predicted in drifts:
-        printed = "drifts below about 10 N/m" if stiffness <= 10.0 else None
-        reason = f"statics predict {1e3 * predicted:.0f}; 2 N that the robot does not carry"
+        printed = f"drifts below about {PRINTED_LOWEST:g} N/m" if stiffness <= PRINTED_LOWEST else None
+        reason = f"statics predict {1e3 * predicted:.0f}; {weight:.2g} N that the robot does not carry"
         rows.append(
             ThesisValue(f"hand sinks at {stiffness:g} N/m by", printed, round(1e3 * found), "mm", reason)
         )
@@ -199,12 +208,15 @@ def _drift_table(drifts: list[tuple[float, float, float]]) -> ResultTable:
         [k, round(1e3 * found, 1), round(1e3 * predicted_drift, 1)] for k, found, predicted_drift in drifts
     ]
     return ResultTable(
-        "How far 0.2 kg let a soft hand sink", ("stiffness [N/m]", "plant [mm]", "statics [mm]"), rows
+        f"How far {unknown_weight(_soft()):.2g} N let a soft hand sink",
+        ("stiffness [N/m]", "plant [mm]", "statics [mm]"),
+        rows,
     )
 
 
 def _knocks(limit: Limit) -> Plot:
     figure, axes = panels((8.0, 3.6))
+    hit = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None).task.pushes[0].start
     for knock, colour in ((limit.unstable, "C3"), (limit.stable, "C0")):
         axes.semilogy(
             knock.time,
@@ -213,7 +225,7 @@ def _knocks(limit: Limit) -> Plot:
             linewidth=0.8,
             label=f"{knock.stiffness:.0f} N/m",
         )
-    axes.set(xlabel="time [s]", ylabel="fast motion of the motors [rad/s]", title="hit at 0.7 s")
+    axes.set(xlabel="time [s]", ylabel="fast motion of the motors [rad/s]", title=f"hit at {hit:g} s")
     axes.legend()
     return Plot("knock", "Just below the limit the motors' oscillation decays, just above it grows", figure)
 
@@ -229,7 +241,7 @@ def _drifts(drifts: list[tuple[float, float, float]]) -> Plot:
         label="statics",
     )
     axes.loglog(stiffness, [1e3 * found for _, found, _ in drifts], "o", label="plant")
-    axes.axvline(10.0, color="C3", linestyle=":", label="thesis: drifts below")
+    axes.axvline(PRINTED_LOWEST, color="C3", linestyle=":", label="thesis: drifts below")
     axes.set(xlabel="endpoint stiffness [N/m]", ylabel="hand sinks by [mm]")
     axes.legend()
     return Plot("drift", "A hand sinks by the uncompensated weight", figure)

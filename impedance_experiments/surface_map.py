@@ -144,8 +144,8 @@ def _errors_table(errors: dict[float, MapErrors]) -> ResultTable:
 
 
 SUMMARY = (
-    "The task `map-sheet` strokes the sheet of `slide-over` three times, leaning on it a little more each "
-    "time (about 10, 20 and 30 N). `impedance map EPISODE --out DIR --truth` makes two maps of the recording "
+    "The task `map-sheet` strokes the sheet of `slide-over` several times, leaning on it a little more each "
+    "time. `impedance map EPISODE --out DIR --truth` makes two maps of the recording "
     "from the hand's position and the force estimated from joint torques alone: where the hand was (the "
     "thesis's tactile map, figure 5-5), and, from how height and force go together at each place, the shape "
     "at rest and the local stiffness (the impedance map that the thesis proposes in 6.2.3)."
@@ -159,10 +159,10 @@ CAPTION = (
 DIFFERENCES = """
 - **One stroke is not enough** for stiffness: the thesis's single pass shows shape and deflection together. Where the
   force hardly varies, the map gives no stiffness and leaves the cell empty.
-- **Stiff places** are measured less well than soft ones: on the table 20 N sink in by half a millimetre, about two
-  steps of the joint encoders at the hand. The standard errors count scatter, not the encoders' grid, and are too small
+- **Stiff places** are measured less well than soft ones: there a force sinks in by little more than the joint
+  encoders' steps at the hand. The standard errors count scatter, not the encoders' grid, and are too small
   there.
-- **The flat part** has no one stiffness: the sheet bulges by a tenth of a millimetre between supports, and where the
+- **The flat part** has no one stiffness: the sheet bulges a little between supports, and where the
   hand reaches the table too, both carry. The line shows the sum where the mean pressed height reaches both.
 - **Friction** is taken out by the slope of the touched path; a hand that reverses within a cell gives wrong values.
 """

@@ -11,9 +11,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from impedance_experiments.terrain_prose import (
+    PRINTED_IMPEDANCE,
+    PRINTED_VELOCITY,
+    bar_flank,
+    differences_of,
+    highest_hill,
+    playback_of,
+    sheet_at_rest,
+    spring_depth,
+    summary_of,
+)
 from impedance_experiments.terrain_slides import LEANT, Slide, SlideJob, deviation_along_y, slide, slide_all
 from impedance_experiments.terrain_variations import (
     COEFFICIENTS,
+    FLAT,
+    OVER,
     Robustness,
     friction_table,
     how_robust,
@@ -22,22 +35,10 @@ from impedance_experiments.terrain_variations import (
 )
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.control.assembly import assemble
-from impedance_modules.prediction.contact_geometry import place_surface
 
-FLAT, OVER = "slide-flat", "slide-over"
 MODES = ("velocity", "position")
 ALL_PHASES, TO_THE_LEFT = 5, 3
 """Phases of the task: the whole slide to and fro, and the half of it that the short form makes."""
-SUMMARY = (
-    "A hand leans on a table and slides 32 cm to the left and back, over the flat table that its map shows, then "
-    "over a bar (1 inch) and a block (2 inches) under a flexible sheet that it does not show. It is controlled by the "
-    "springs of the thesis's tables 5.1 and 5.2, or by the robot's own velocity or position mode, which plays "
-    "back what the joints did on the flat table. The tasks are `slide-flat`, `slide-over`, `slide-over-velocity` "
-    "and `slide-over-position` in tasks/thesis. The springs keep contact and their path; velocity playback loses "
-    "contact at the bar and hangs there; position playback stops at the bar, as in the thesis. What ends or "
-    "pauses a playback stands in robots/baxter/robot.yaml and was fixed before anything was played back; other "
-    "values are tried below."
-)
 MODE_COLOURS = {"impedance": "C0", "velocity": "C1", "position": "C3"}
 MILLIMETRES = 1000.0
 
@@ -52,21 +53,23 @@ def reproduce(settings: Settings) -> Page:
     plots = [picture_of_slides(found)]
     facts = _facts(found)
     robust: Robustness | None = None
+    unhindered: Slide | None = None
     rubbed: dict[float, float] = {}
     if not settings.short:
         table, rubbed = friction_table(settings)
         tables += [table]
-        tables += threshold_tables(flat, settings)
+        more, unhindered = threshold_tables(flat, settings)
+        tables += more
         robust = how_robust(flat, settings)
         tables.append(robustness_table(robust))
         plots.append(picture_of_errors(robust))
         facts |= {f"kept contact, {name}": robust.kept(name) for name in robust.slides}
     return Page(
-        summary=SUMMARY,
+        summary=summary_of(found),
         comparisons=_comparisons(found, robust, rubbed),
         tables=tuple(tables),
         plots=tuple(plots),
-        differences=DIFFERENCES,
+        differences=differences_of(found, robust, unhindered),
         facts=facts,
     )
 
@@ -128,10 +131,10 @@ def _comparisons(
     rows = [
         ThesisValue(
             "impedance: RMS deviation of y, flat against curved",
-            0.024,
+            PRINTED_IMPEDANCE,
             _deviation(found, "impedance"),
             "m",
-            "the surface's friction decides, see the table of frictions",
+            "the surface's friction, which the thesis does not print, decides: table of frictions",
             ", ".join(f"{rubbed[mu]:.3f} at a friction of {mu:g}" for mu in COEFFICIENTS[1:] if rubbed),
         ),
         ThesisValue(
@@ -139,7 +142,8 @@ def _comparisons(
             "throughout",
             f"{100.0 * impedance.contact:.1f} %",
             "",
-            "the spring reaches 24 cm below the table, the hills are 5 cm high",
+            f"the spring reaches {100.0 * spring_depth():.0f} cm below the table, the hills are "
+            f"{100.0 * highest_hill():.0f} cm high",
         ),
     ]
     if ("velocity", "over") in found:
@@ -147,10 +151,11 @@ def _comparisons(
         rows += [
             ThesisValue(
                 "velocity playback: RMS deviation of y",
-                0.119,
+                PRINTED_VELOCITY,
                 _deviation(found, "velocity"),
                 "m",
-                "it hangs at the bar; the thesis's slid back with its path. Pauses of 2 s after collisions decide",
+                f"it hangs at the bar; the thesis's slid back with its path. Pauses of {playback_of().pause:g} s after "
+                "collisions decide",
             ),
             ThesisValue(
                 "velocity playback: contact",
@@ -166,7 +171,9 @@ def _comparisons(
             "shuts down at the bar",
             f"shuts down at y = {position.place[-1, 1]:.3f} m" if position.stopped else "does not shut down",
             "",
-            "the bar's flank begins at y = -0.35 m, its top at -0.233 m; a collision holds the arm, the path runs away",
+            f"the bar's flank begins at y = {bar_flank()[0]:.2f} m, its top at {bar_flank()[1]:.2f} m; a collision "
+            "holds "
+            "the arm, the path runs away",
         )
     )
     rows += [
@@ -196,30 +203,10 @@ def _comparisons(
     return tuple(rows)
 
 
-DIFFERENCES = """
-- **Force.** The thesis states 25 N. With K_z = 50 N/m, 24 cm deep, the end spring gives 12 N, the net stiffness of eq.
-  5.1 (71.8 N/m) 17 N; on the plant about 11 N act on the table, 18 N on the block. The stiffness was taken over.
-- **The surface** is ours: the thesis has a drawing without measures. The sheet is 0.5 mm of aluminium, 15 cm wide.
-- **The springs' dampers** are chosen here; the thesis prints none. E1, S0 and W0 have 0.005 N.m/rad as in appendix C.
-- **Playback.** The trajectory server's numbers (0.2 rad, gain 2, 100 Hz) are Rethink's published defaults; the
-  collision thresholds are the parameter server's, but their unit (N.m) and times are assumed, as is the joints'
-  servo. A collision is judged from the true contact torque, not from sensors.
-- **What stops position playback** is the collision, not distance alone: held for 2 s, it falls behind its path.
-  Were nothing a collision, no joint would be further than 0.106 rad from its path; it would play to the end, at 136 N.
-- **The RMS of y** with the springs grows with the friction of the surface: uphill it holds the hand back, downhill it
-  lets go. The thesis names neither the friction of its aluminium nor the tool; the table of frictions shows where its
-  0.024 m lies. Dry friction in the joints, of the size assumed elsewhere, adds little.
-- **Wrong maps.** Tables more than some millimetres below the map are never touched by a playback. A robot cannot start
-  inside a table: maps whose table stands over where the hand starts are drawn again. With `--full` the springs slide
-  over 500 maps and the playbacks over the first 200 of them, for the time that they take.
-- **One hand touches with one point**; the flange of the real arm can catch on an edge, which this one cannot.
-"""
-
-
 def picture_of_slides(found: Mapping[tuple[str, str], Slide]) -> Plot:
     """Draws the hands' paths over the surface, y and the force over time."""
     figure, (path, along, force) = panels((8.0, 8.5), 3, 1)
-    surface_y, surface_z = _surface()
+    surface_y, surface_z = (MILLIMETRES * values for values in sheet_at_rest())
     path.fill_between(surface_y, surface_z, -320.0, color="0.85", label="sheet at rest over bar and block")
     for (way, surface), run in found.items():
         colour, dashed = MODE_COLOURS[way], "--" if surface == "flat" else "-"
@@ -245,23 +232,6 @@ def picture_of_slides(found: Mapping[tuple[str, str], Slide]) -> Plot:
         "and over bar and block (figure 5-4); below: the force of the surface. A cross: the robot stopped."
     )
     return Plot("slides", caption, figure)
-
-
-def _surface() -> tuple[list[float], list[float]]:
-    """Gives y and height of the sheet at rest [mm]."""
-    surfaces = assemble("slide-over", effects=None, rate=None, scale=1.0, arm=None).task.environment
-    placed = [place_surface(surface) for surface in surfaces if surface.sheet is not None]
-    y, z = [], []
-    for surface in placed:
-        if surface.sheet is None:
-            continue
-        for x in np.linspace(surface.sheet.spans[0, 0] + 0.05, 0.47, 200):
-            point = surface.sheet.point(float(x))
-            if point is not None:
-                world = surface.origin + surface.rotation @ np.array([x, 0.0, point.height])
-                y.append(MILLIMETRES * float(world[1]))
-                z.append(MILLIMETRES * float(world[2]))
-    return y, z
 
 
 def picture_of_errors(found: Robustness) -> Plot:

@@ -49,6 +49,8 @@ SENSITIVITIES = (0.5, 1.0, 2.0, math.inf)
 """Collision thresholds over those of the robot file; with infinity nothing is a collision."""
 TOLERANCES = (0.05, 0.1, 0.2, 0.35, 0.7)
 """Of position mode [rad]."""
+OUTER = (0.1, 0.9)
+"""Quantiles that are given beside the median."""
 NO_TOLERANCE = 6.0
 """Never reached [rad]."""
 
@@ -165,8 +167,9 @@ def robustness_table(found: Robustness) -> ResultTable:
         )
     return ResultTable(
         f"Wrong maps: height up to {1000 * HEIGHT:.0f} mm, tilts up to {np.degrees(TILT):.0f} degrees about x "
-        f"and y, stiffness {STIFFNESS[0]:g} to {STIFFNESS[1]:g} N/m; 32 cm to the left. {found.redrawn} tables stood "
-        "over where the hand starts and were drawn again. Median (10 % to 90 %)",
+        f"and y, stiffness {STIFFNESS[0]:g} to {STIFFNESS[1]:g} N/m; to the left. {found.redrawn} tables stood over "
+        "where "
+        f"the hand starts and were drawn again. Median ({100.0 * OUTER[0]:g} % to {100.0 * OUTER[1]:g} %)",
         (
             "controlled by",
             "runs",
@@ -181,7 +184,7 @@ def robustness_table(found: Robustness) -> ResultTable:
 
 
 def _quantiles(values: object, form: str) -> str:
-    low, middle, high = np.quantile(np.asarray(values, dtype=float), (0.1, 0.5, 0.9))
+    low, middle, high = np.quantile(np.asarray(values, dtype=float), (OUTER[0], 0.5, OUTER[1]))
     return f"{form.format(middle)} ({form.format(low)} to {form.format(high)})"
 
 
@@ -225,11 +228,14 @@ def _whole(over: Slide) -> tuple[float, float]:
     return round(100.0 * over.contact, 1), over.peak
 
 
-def threshold_tables(flat: Slide, settings: Settings) -> list[ResultTable]:
+def threshold_tables(flat: Slide, settings: Settings) -> tuple[list[ResultTable], Slide]:
     """Plays the path back in both modes, with collisions found more or less easily, and never stopping by distance.
 
     Where position mode would have stopped with a tolerance is read from the distance of such a run: up to that moment
     both are the same.
+
+    Returns:
+        Both tables, and the slide in position mode in which nothing is a collision.
     """
     robot = assemble("slide-over-position", effects=None, rate=None, scale=1.0, arm=None).robot
     if robot.playback is None:
@@ -244,7 +250,7 @@ def threshold_tables(flat: Slide, settings: Settings) -> list[ResultTable]:
     }
     done = slide_all(list(jobs.values()), settings, (0.3, 0.4), "other thresholds")
     runs = dict(zip(jobs, done, strict=True))
-    return [_position_table(runs, spec), _velocity_table(runs, flat)]
+    return [_position_table(runs, spec), _velocity_table(runs, flat)], runs["position", math.inf]
 
 
 def scaled_collisions(spec: PlaybackSpec, factor: float) -> PlaybackSpec:

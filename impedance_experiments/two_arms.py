@@ -24,6 +24,7 @@ from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.plant.ground_truth import OBJECT
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import Analysed, analyse_state
+from impedance_modules.spec.task_reader import read_task
 from impedance_modules.superposition.object_impedance import HeldImpedance
 from impedance_modules.superposition.operational_inertia import carry_inertia
 
@@ -66,10 +67,18 @@ def reproduce(settings: Settings) -> Page:
         comparisons=_comparisons(found),
         tables=_tables(found),
         plots=(_picture(found),),
-        differences="The thesis proposes this experiment (6.2.4) and prints no number. What remains: the robot rounds "
-        "joint angles (0.4 mrad) and estimates speeds with 13.5 ms of lag; the inertia is fitted from the first "
-        "0.9 s after a push, in which the motors' friction takes a third of the momentum away.",
+        differences=_differences(),
         facts=_facts(found),
+    )
+
+
+def _differences() -> str:
+    sensors = read_task("two-arms-inertia")[1].sensors
+    return (
+        "The thesis proposes this experiment (6.2.4) and prints no number. What remains: the robot rounds joint angles "
+        f"({1e3 * sensors.position_resolution:.2g} mrad) and estimates speeds with a lag of "
+        f"{1e3 * sensors.velocity_filter:g} ms; the inertia is fitted from the first {FIT_TIME:g} s after a push, in "
+        "which the motors' friction takes momentum away."
     )
 
 
@@ -132,7 +141,7 @@ def _facts(found: _Found) -> dict[str, float]:
 def _summary(found: _Found) -> str:
     _, within = _joint_errors(found)
     return (
-        "Both arms of the robot hold one box of 1.2 kg, welded to the palms, and the box is pushed on the "
+        f"Both arms of the robot hold one box of {_box_mass():g} kg, welded to the palms, and the box is pushed on the "
         "simulated plant: slowly against springs (`two-arms-stiffness`), steadily against dampers "
         "(`two-arms-damping`), shortly against nothing but inertia (`two-arms-inertia`), along and about every axis. "
         "The predictions are sums: each arm's 6x6 matrix carried to the box's centre, plus the box's own inertia. No "
@@ -142,6 +151,13 @@ def _summary(found: _Found) -> str:
         f"springs let them: up to {100.0 * float(within.max()):.0f} % of the joints' move is such self-motion. The "
         "sums contain it, and the joints' moves agree, too."
     )
+
+
+def _box_mass() -> float:
+    held = read_task("two-arms-stiffness")[0].object
+    if held is None:
+        raise ValueError(NOTHING_HELD)
+    return held.mass
 
 
 def _comparisons(found: _Found) -> tuple[ThesisValue, ...]:

@@ -77,13 +77,7 @@ def reproduce(settings: Settings) -> Page:
     start = assembly.task.pushes[0].start
     shift = _rest(traces["water"], start) - _rest(traces["air"], start)
     return Page(
-        summary=(
-            "A hand on springs of 400 N/m is slowly displaced by 20 N and released, once in air and once with the "
-            "forearm's outer half and the wrist in sea water (`--effects robots/baxter/patches/under-water.yaml`: "
-            "buoyancy, added mass, quadratic drag). The springs do not depend on the medium: the hand is about as "
-            "stiff under water as in air. But it rests higher, because the robot goes on carrying the dry weight, and "
-            "it swings slower, as if it were heavier across the forearm. At these speeds the drag hardly shows."
-        ),
+        summary=_summary(assembly),
         comparisons=_comparisons(measured, linear, shift),
         tables=(_table(measured, linear),),
         plots=(_picture(traces),),
@@ -94,6 +88,18 @@ def reproduce(settings: Settings) -> Page:
             "and without bound: no waves, no current, no wall nearby, no lift across a flow."
         ),
         facts=_facts(measured, linear, shift),
+    )
+
+
+def _summary(assembly: Assembly) -> str:
+    spring = assembly.task.arms[only_arm(assembly)].springs[0]
+    push = max(np.abs(assembly.task.pushes[0].wrench))
+    return (
+        f"A hand on springs of {spring.stiffness[0, 0]:g} N/m is slowly displaced by {push:g} N and released, once in "
+        "air and once with the forearm's outer half and the wrist in sea water "
+        f"(`--effects robots/baxter/patches/{PATCH}.yaml`: buoyancy, added mass, quadratic drag). The springs do not "
+        "depend on the medium: the hand is about as stiff under water as in air. But it rests higher, because the "
+        "robot goes on carrying the dry weight, and it swings slower, as if it were heavier across the forearm."
     )
 
 

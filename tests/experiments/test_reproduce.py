@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from impedance_experiments.page_files import PROSE_WIDTH, wrapped
+from impedance_experiments.page_files import AS_PRINTED, PROSE_WIDTH, difference, wrapped
 from impedance_experiments.thesis_experiments import EXPERIMENTS, find_experiment
 from impedance_modules.cli.reproduce_verb import reproduce_command as command
 from impedance_modules.errors import BadInput
@@ -44,6 +44,7 @@ def test_the_lines_of_a_page_are_filled() -> None:
     lines = wrapped(f"{'A word ' * 40}\nand more\n\n{item}\n{item}").splitlines()
     starts = [line[:2] for line in lines]
     assert max(map(len, lines)) <= PROSE_WIDTH and starts.count("- ") == 2 and starts.count("") == 1
+    assert wrapped("one\n\ntwo\n\nthree") == "one\n\ntwo\n\nthree"
     assert sum("`tune a-task --alone`" in line for line in lines) == 2 and " and more" in " ".join(lines)
 
 
@@ -56,10 +57,48 @@ def test_the_index_keeps_the_rows_of_pages_made_before(tmp_path: Path) -> None:
     make_page("--seed", "3", out=tmp_path)
     index = (tmp_path / "README.md").read_text()
     full = "[terrain](terrain.md) | `impedance reproduce terrain --full` |"
-    assert f"| 5.1 | keeps contact | throughout | 99.5 % |  | 1 | {full}" in index and "| 812 |" in index
+    assert f"| 5.1 | keeps contact | throughout | 99.5 % |  | 1 | in words; springs | {full}" in index
+    assert "| 812 |" in index
     assert "columns" not in index
     assert index.count("[terrain]") == 2 and index.count("`impedance reproduce planar-arms --seed 3`") == 13
     assert index.index("eq. 4.30, both, Lambda_x,x") < index.index("keeps contact |")
+
+
+@pytest.mark.parametrize(
+    ("thesis", "ours", "expected"),
+    [
+        ("1.58", "1.51", "-4.4 %"),
+        ("9.18", "9.179", "as printed"),
+        ("-2.5", "-2.61", "+4.4 %"),
+        ("0.60 +- 0.039", "0.61", "+1.7 %, within its spread"),
+        ("0.60 +- 0.039", "0.7", "+16.7 %"),
+        ("about 90", "28.78", "-68.0 %"),
+        ("2.50 (squared)", "2.279", "-8.8 %"),
+        ("0", "0.799", "no per cent of zero"),
+        ("0", "0", "as printed"),
+        ("-", "3.5", "not in the thesis"),
+        ("no", "no", "as printed"),
+        ("lost at the bar", "90.6 % of the slide", "in words"),
+        ("30", "3e+01", "as printed"),
+    ],
+)
+def test_the_index_says_how_far_ours_is(thesis: str, ours: str, expected: str) -> None:
+    assert difference(thesis, ours) == expected
+
+
+def test_every_number_of_ours_that_differs_has_a_reason() -> None:
+    lines = (
+        (CHECKOUT / "docs" / "thesis" / "README.md")
+        .read_text()
+        .split("## Thesis against ours")[1]
+        .splitlines()
+    )
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    place = rows[0].index("how far, and why")
+    silent = [
+        row[1] for row in rows[1:] if row[2] != "-" and row[place] != AS_PRINTED and ";" not in row[place]
+    ]
+    assert len(rows) > 100 and not silent
 
 
 def test_an_unknown_name_is_refused_with_the_nearest_one(tmp_path: Path) -> None:
