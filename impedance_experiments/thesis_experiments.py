@@ -38,6 +38,7 @@ class Experiment:
 
 
 _ALL: tuple[Experiment, ...] = (
+    Experiment("kinematics", "2.2", "Do two models of Baxter's arm agree?", "printed_kinematics"),
     Experiment("series-elastic", "3.1", "What do the springs in the joints do?", "series_elastic_joint"),
     Experiment("reflected-inertia", "3.2", "How large is a rotor's reflected inertia?", "reflected_inertia"),
     Experiment(
@@ -54,6 +55,8 @@ _ALL: tuple[Experiment, ...] = (
         "How does one impedance-controlled arm react?",
         "impedance_controller",
     ),
+    Experiment("stiffness-matrix", "5.1.3, app. C", "What is the stiffness of eq. 5.1?", "stiffness_matrix"),
+    Experiment("self-motion", "4.3", "What does the arm do that the hand does not see?", "self_motion"),
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
     Experiment("terrain", "5.1", "Who keeps contact with a surface that the map does not show?", "terrain"),
     Experiment("surface-map", "5.1.5, 6.2.3", "What does a hand learn of what it strokes?", "surface_map"),

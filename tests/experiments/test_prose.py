@@ -22,7 +22,7 @@ UNITS = (
 NUMBER = re.compile(rf"(?<![\w.^])(?<!\^[-+])[-+]?\d+(?:\.\d+|(?=\s?(?:{UNITS})(?![\w/])))")
 REFERENCES = (
     re.compile(
-        r"(?:\beqs?\.|[Ff]ig\.|\bfigures?|[Tt]ables?|\bsections?)\s+\d[\d.]*\d(?:(?:,| and| to)\s+\d[\d.]*\d)*"
+        r"(?:\b[Ee]qs?\.|[Ff]ig\.|\bfigures?|[Tt]ables?|\bsections?)\s+\d[\d.]*\d(?:(?:,| and| to)\s+\d[\d.]*\d)*"
     ),
     re.compile(r"\(\d\.\d+(?:\.\d+)?\)|\b\d\.\d\.\d\b"),
 )
