@@ -48,6 +48,9 @@ _ALL: tuple[Experiment, ...] = (
         "reflected_inertia_matters",
     ),
     Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
+    Experiment(
+        "reaction-moment", "4.4, 4.5", "Does a blow along the normal turn the hand?", "reaction_moment"
+    ),
     Experiment("one-joint", "4.1", "Does one joint follow eq. 4.8?", "one_joint"),
     Experiment(
         "impedance-controller",
