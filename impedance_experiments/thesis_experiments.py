@@ -58,6 +58,7 @@ _ALL: tuple[Experiment, ...] = (
         "How does one impedance-controlled arm react?",
         "impedance_controller",
     ),
+    Experiment("pseudo-hybrid", "4.7", "Press by a force or by a spring?", "pseudo_hybrid"),
     Experiment("stiffness-matrix", "5.1.3, app. C", "What is the stiffness of eq. 5.1?", "stiffness_matrix"),
     Experiment("self-motion", "4.3", "What does the arm do that the hand does not see?", "self_motion"),
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
