@@ -249,7 +249,7 @@ def case_table(schemes: dict[str, DepthRuns]) -> ResultTable:
         for case, windows in scheme.cases.items()
     ]
     columns = ("depth", "case", "windows", f"{BAND_NAME} [N rms]", "friction", "normal force [N]")
-    return ResultTable(f"Windows of {LENGTH:g} s, mean and standard deviation", columns, rows)
+    return ResultTable(f"Windows of {LENGTH:g} s, mean and standard deviation {TUNED}", columns, rows)
 
 
 def rule_table(judged: RuleEvaluation) -> ResultTable:

@@ -47,20 +47,22 @@ _ALL: tuple[Experiment, ...] = (
         "How much heavier do the rotors make a blow?",
         "reflected_inertia_matters",
     ),
-    Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
+    Experiment("one-joint", "4.1", "Does one joint follow eq. 4.8?", "one_joint"),
+    Experiment("self-motion", "4.3", "Do the joints come back when the hand does?", "self_motion"),
     Experiment(
         "reaction-moment", "4.4, 4.5", "Does a blow along the normal turn the hand?", "reaction_moment"
     ),
-    Experiment("one-joint", "4.1", "Does one joint follow eq. 4.8?", "one_joint"),
+    Experiment("planar-arms", "4.5", "Do the inertias of two mirrored planar arms add?", "planar_arms"),
     Experiment(
         "impedance-controller",
         "4.1 to 4.7, 5.1.3",
         "How does one impedance-controlled arm react?",
         "impedance_controller",
     ),
-    Experiment("pseudo-hybrid", "4.7", "Press by a force or by a spring?", "pseudo_hybrid"),
+    Experiment(
+        "pseudo-hybrid", "4.7", "What differs between pressing by a force and by a spring?", "pseudo_hybrid"
+    ),
     Experiment("stiffness-matrix", "5.1.3, app. C", "What is the stiffness of eq. 5.1?", "stiffness_matrix"),
-    Experiment("self-motion", "4.3", "What does the arm do that the hand does not see?", "self_motion"),
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
     Experiment("terrain", "5.1", "Who keeps contact with a surface that the map does not show?", "terrain"),
     Experiment("surface-map", "5.1.5, 6.2.3", "What does a hand learn of what it strokes?", "surface_map"),
