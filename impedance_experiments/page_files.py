@@ -226,7 +226,7 @@ def difference(thesis: str, ours: str) -> str:
     if round(found - wanted, _decimals(printed["value"])) == 0.0:
         return AS_PRINTED
     if wanted == 0.0:
-        return "no per cent of zero"
+        return f"{found:+.3g} from zero"
     within = printed["spread"] is not None and abs(found - wanted) <= float(printed["spread"])
     return f"{100.0 * (found / wanted - 1.0):+.1f} %" + (", within its spread" if within else "")
 

@@ -43,6 +43,7 @@ INERTIA_ROUNDING = np.array([5e-3, 5e-3, 5e-4, 5e-4, 5e-4, 5e-4, 5e-5])
 GRIPPER = 0.025
 """From the hand to the gripper's tip, where the library's chain ends by default [m]."""
 STARTS = 12
+NOT_EXACT = "the posture is the one nearest to all rows of the library, which fit none exactly"
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,7 @@ def _summary(limb: Limb, found: Recovered) -> str:
 
 def _pose_rows(found: Recovered) -> list[ThesisValue]:
     ways = {
-        "dynamics library": (found.library, "posture recovered from these rows"),
+        "dynamics library": (found.library, f"at the gripper's tip; {NOT_EXACT}"),
         "DH convention": (
             found.chain,
             "the thesis's chain at the library's posture; its own row was taken at another one: the angles differ, too",
@@ -195,20 +196,20 @@ def _pose_rows(found: Recovered) -> list[ThesisValue]:
 
 
 def _inertia_rows(limb: Limb, found: Recovered) -> list[ThesisValue]:
-    ways = {
-        "dynamics library": (
-            found.inertia,
-            "our model without rotors, at the posture recovered from these rows",
-        ),
-        "DH convention": (
-            found.listed,
-            "the listing as it stands, at the library's posture: it leaves the inertias in the links' axes",
-        ),
-    }
+    library, listing = (PRINTED_INERTIAS[way] for way in PRINTED_INERTIAS)
+    effects = [
+        f"the listing at the library's posture: {100.0 * float(listed / ours - 1.0):+.0f} % over our model, printed "
+        f"{100.0 * (b / a - 1.0):+.0f} % over the library"
+        for listed, ours, a, b in zip(found.listed, found.inertia, library, listing, strict=True)
+    ]
+    plain = [f"our model without rotors; {NOT_EXACT}"] * len(library)
+    ways = {"dynamics library": (found.inertia, plain), "DH convention": (found.listed, effects)}
     return [
         ThesisValue(f"Table 2.2, {way}, {name}", printed, float(f"{ours:.3g}"), "kg.m^2", reason)
-        for way, (numbers, reason) in ways.items()
-        for name, printed, ours in zip(limb.short_names, PRINTED_INERTIAS[way], numbers, strict=True)
+        for way, (numbers, reasons) in ways.items()
+        for name, printed, ours, reason in zip(
+            limb.short_names, PRINTED_INERTIAS[way], numbers, reasons, strict=True
+        )
     ]
 
 

@@ -53,7 +53,7 @@ def reproduce(settings: Settings) -> Page:
         f"`{TASK}`; the frequency up to which the joint is rigid therefore spreads over the joints around the "
         "thesis's single number. At the link the external torque's mobility has a zero where the rotor swings on "
         "its spring (the link is held still by it), so for a blow the departure comes earlier than for the motor.",
-        facts=_facts(joint, limits, blow),
+        facts=_facts(joint, limits, blow) | {"rigid limit of the drawn joint": limits[studied]},
     )
 
 

@@ -91,6 +91,31 @@ def test_no_result_stands_in_prose(path: Path) -> None:
     assert not found, f"{path.name}: compute these numbers, or drop the sentence:\n" + "\n".join(found)
 
 
+def constant_rows(source: str) -> list[int]:
+    """Lists the lines of comparisons whose own number is written down instead of computed."""
+    return [
+        node.lineno
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "ThesisValue"
+        for ours in (*node.args[2:3], *(word.value for word in node.keywords if word.arg == "ours"))
+        if isinstance(ours, ast.Constant)
+    ]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_no_comparison_has_a_constant_for_ours(path: Path) -> None:
+    assert not constant_rows(path.read_text())
+
+
+def test_a_constant_for_ours_is_found() -> None:
+    assert (
+        constant_rows('ThesisValue("a", 1.0, 2.0, "m", "b")')
+        == constant_rows('ThesisValue("a", ours="no")')
+        == [1]
+    )
+    assert not constant_rows('ThesisValue("a", 1.0, round(x, 2), "m", "b")')
+
+
 def test_every_reviewed_exception_is_still_there() -> None:
     for name, fragments in REVIEWED.items():
         text = " ".join(

@@ -74,7 +74,7 @@ def test_the_index_keeps_the_rows_of_pages_made_before(tmp_path: Path) -> None:
         ("0.60 +- 0.039", "0.7", "+16.7 %"),
         ("about 90", "28.78", "-68.0 %"),
         ("2.50 (squared)", "2.279", "-8.8 %"),
-        ("0", "0.799", "no per cent of zero"),
+        ("0", "0.799", "+0.799 from zero"),
         ("0", "0", "as printed"),
         ("-", "3.5", "not in the thesis"),
         ("no", "no", "as printed"),
