@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impedance_experiments.planar_arms import NAMES, PLANE, PRINTED
-from impedance_experiments.task_run import PushTrace, only_arm, trace_pushed
+from impedance_experiments.task_run import PushTrace, first_pushes, only_arm, trace_pushed
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
@@ -23,8 +23,10 @@ from impedance_modules.superposition.object_impedance import superpose
 
 TASKS = {"one arm": "planar-one-arm", "two arms": "planar-arms"}
 MATRICES = {"one arm": "eq. 4.28, right arm", "two arms": "eq. 4.30, both"}
-BOX_TASK = "two-arms-inertia"
-"""Both arms of Baxter on one box."""
+BOX_TASKS = {"one arm": "one-arm-inertia", "two arms": "two-arms-inertia"}
+"""Baxter's arms on one box."""
+BOX_END = 0.3
+"""After a blow on the box a run goes on for so long [s]."""
 NORMAL, TURN = 1, 2
 """Of the plane's coordinates: the blow's direction y, and the turn."""
 LEVER = 0.2
@@ -71,11 +73,11 @@ def reproduce(settings: Settings) -> Page:
             assemble(task, effects=None, rate=None, scale=1.0, arm=None), settings.seed
         )
     settings.on_progress(0.9, "both arms on a box")
-    box = box_moments()
+    box, turns = box_moments(), box_turns(settings.seed)
     one, two = found.values()
     return Page(
         summary=_summary(found),
-        comparisons=(*_rows(found), *_box_rows(box)),
+        comparisons=(*_rows(found), *_box_rows(box), *_turn_rows(turns)),
         tables=(*(_matrix(name, part) for name, part in found.items()), _box_table(box)),
         plots=(_picture(found, box),),
         differences=_differences(box),
@@ -87,6 +89,11 @@ def reproduce(settings: Settings) -> Page:
             "two, turn": turn_over_way(two.measured),
             "worst inertia": max(float(np.abs(s.measured - s.predicted).max()) for s in (one, two)),
             **{f"box, {name}": float(np.linalg.norm(moments)) for name, moments in box.items()},
+            **{f"box turn, {name}": float(np.hypot(turn[0][0], turn[0][2])) for name, turn in turns.items()},
+            **{
+                f"box turn predicted, {name}": float(np.hypot(turn[1][0], turn[1][2]))
+                for name, turn in turns.items()
+            },
         },
     )
 
@@ -131,15 +138,50 @@ def _answer(assembly: Assembly, trace: PushTrace) -> Array:
 
 def box_moments() -> dict[str, Array]:
     """Gives, for Baxter's arms on a box, the moments (3, 3) for each newton along x, y and z (columns) [m]."""
-    analysis = analyse_task(assemble(BOX_TASK, effects=None, rate=None, scale=1.0, arm=None), None)
+    both = BOX_TASKS["two arms"]
+    analysis = analyse_task(assemble(both, effects=None, rate=None, scale=1.0, arm=None), None)
     hands = list(analysis.summands.values())
     moments = {}
     for name, held in {"one arm": hands[:1], "two arms": hands}.items():
         inertia = superpose(held, analysis.own).inertia.inertia
         if inertia is None:
-            raise ValueError(f"task '{BOX_TASK}': an arm is singular at its posture")
+            raise ValueError(f"task '{both}': an arm is singular at its posture")
         moments[name] = np.asarray(inertia[3:, :3] / np.diag(inertia)[:3])
     return moments
+
+
+def box_turns(seed: int) -> dict[str, tuple[Array, Array]]:
+    """Strikes Baxter's box along x; gives its turn (3,) for each metre along x, measured and predicted [rad/m]."""
+    found = {}
+    for name, task in BOX_TASKS.items():
+        assembly = assemble(task, effects=None, rate=None, scale=1.0, arm=None)
+        analysed = analyse_task(assembly, None).object
+        if analysed is None:
+            raise ValueError(f"task '{task}' holds nothing")
+        once = first_pushes(assembly, 1, BOX_END)
+        trace = trace_pushed(once, OBJECT, seed=seed, noise=True)
+        push = once.task.pushes[0]
+        before, after = (
+            trace.twist[int(np.searchsorted(trace.time, time))]
+            for time in (push.start, push.start + push.rise + push.hold + push.fall)
+        )
+        moved = after - before
+        mobility = analysed.mobility
+        found[name] = np.asarray(moved[3:] / moved[0]), np.asarray(mobility[3:, 0] / mobility[0, 0])
+    return found
+
+
+def _turn_rows(turns: dict[str, tuple[Array, Array]]) -> list[ThesisValue]:
+    return [
+        ThesisValue(
+            f"Baxter's box struck along x, {name}: turn about x and z for each metre, measured",
+            None,
+            round(float(np.hypot(measured[0], measured[2])), 3),
+            "rad/m",
+            f"predicted {np.hypot(predicted[0], predicted[2]):.3f}; motors' friction acts during the blow",
+        )
+        for name, (measured, predicted) in turns.items()
+    ]
 
 
 def _summary(found: dict[str, Struck]) -> str:
@@ -154,7 +196,7 @@ def _summary(found: dict[str, Struck]) -> str:
         "without turning, one hand needs a moment of "
         f"{moment_over_force(one.measured):.3f} N.m for each newton; two, {moment_over_force(two.measured):.4f}. Both "
         "inertias are measured by blows along x, along y and about the upright axis, and compared with the sum of the "
-        "arms that superposition gives."
+        "arms that superposition gives. Then Baxter's own box is struck along x, in one hand and in both."
     )
 
 

@@ -16,6 +16,9 @@ def test_one_arm_reacts_as_eq_4_28_says_and_two_do_not(facts_of) -> None:
     # Both inertias as measured by three blows, in kg, kg.m and kg.m^2.
     assert facts["worst inertia"] < 1.0
     assert facts["box, two arms"] < facts["box, one arm"]
+    # Baxter's box, struck on the plant: what a mirror plane cancels is gone.
+    assert facts["box turn, one arm"] == pytest.approx(facts["box turn predicted, one arm"], rel=0.15)
+    assert facts["box turn, two arms"] < 0.02 * facts["box turn, one arm"]
 
 
 def test_the_moments_that_a_mirror_plane_cancels_are_gone_and_the_others_stay() -> None:
