@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.robot.description import rigid_model
+from impedance_modules.robot.description import name_apart, rigid_model
 from impedance_modules.robot.model import RobotModel
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -80,6 +80,7 @@ class RigidModel:
                     f"{urdf}: has no joint '{name}'{nearest(name, known)} (valid: {', '.join(known)})"
                 )
         others = [full.getJointId(name) for name in known if name not in joint_names]
+        name_apart(full, others)
         try:
             reduced = pin.buildReducedModel(full, others, pin.neutral(full))
         except (ValueError, RuntimeError) as error:  # two frames of one name, say

@@ -3,21 +3,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pinocchio as pin
 
 from impedance_modules.errors import BadInput
 
-MARK = " (fixed joint)"
-"""Added to the name of a fixed joint that is called like a link; no joint of a URDF can be asked for by such a name."""
+MARK = " (joint)"
+"""Added to the name of a joint's frame that is called like a link; no joint of a URDF is asked for by such a name."""
 
 
 def rigid_model(urdf: Path, text: str | None = None) -> pin.Model:
     """Builds pinocchio's model of a description, all its joints free.
 
-    A URDF may give a fixed joint the name of a link (Rethink's own Baxter: ``left_hand``). Frames of fixed joints are
-    named apart from links then, since joints of a model with two frames of one name cannot be locked.
+    A URDF may give a joint the name of a link (Rethink's own Baxter: ``left_hand``; the SO-100: ``gripper``). Frames of
+    joints are named apart from links then, since joints of a model with two frames of one name cannot be locked.
 
     Args:
         urdf: The file; named in messages.
@@ -32,6 +33,19 @@ def rigid_model(urdf: Path, text: str | None = None) -> pin.Model:
         raise BadInput(f"{urdf}: not a robot description that can be read: {error}") from None
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for frame in model.frames:
-        if frame.type == pin.FrameType.FIXED_JOINT and frame.name in links:
+        if frame.type in (pin.FrameType.FIXED_JOINT, pin.FrameType.JOINT) and frame.name in links:
             frame.name += MARK
     return model
+
+
+def name_apart(model: pin.Model, joints: Sequence[int]) -> None:
+    """Names joints that will be locked apart from links: what is left of them is a frame of the same name.
+
+    Args:
+        model: From ``rigid_model``; changed.
+        joints: Their indices.
+    """
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for joint in joints:
+        if model.names[joint] in links:
+            model.names[joint] += MARK

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.robot.description import rigid_model
+from impedance_modules.robot.description import name_apart, rigid_model
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.robot_spec import BodyChange, JointOrigin, JointSpec, RobotSpec
 
@@ -61,6 +61,7 @@ class RobotModel:
         reference = pin.neutral(full)
         for name, angle in spec.locked.items():
             reference[full.joints[full.getJointId(name)].idx_q] = angle
+        name_apart(full, locked)
         self._full, self._locked, self._reference = full, locked, reference
         try:
             self.pin_model: pin.Model = pin.buildReducedModel(full, locked, reference)

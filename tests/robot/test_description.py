@@ -11,7 +11,7 @@ import pytest
 
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.errors import BadInput
-from impedance_modules.robot.description import rigid_model
+from impedance_modules.robot.description import name_apart, rigid_model
 
 LINK = (
     '<link name="{name}"><inertial><mass value="{mass}"/><origin xyz="0.01 0 0.2"/>'
@@ -40,7 +40,8 @@ def arm(folder: Path, *, hand_joint: str, head_joint: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("hand_joint", "head_joint"), [("left_hand", "neck"), ("wrist", "head"), ("left_hand", "head")]
+    ("hand_joint", "head_joint"),
+    [("left_hand", "neck"), ("wrist", "head"), ("left_hand", "head"), ("wrist", "fore")],
 )
 def test_a_joint_called_like_a_link_is_another_frame(
     tmp_path: Path, hand_joint: str, head_joint: str
@@ -54,9 +55,26 @@ def test_a_joint_called_like_a_link_is_another_frame(
     np.testing.assert_array_equal(found.torque(q, v, a), expected.torque(q, v, a))
     np.testing.assert_array_equal(found.body_inertia("left_hand"), expected.body_inertia("left_hand"))
     # Every single joint of the description can be locked.
-    model = rigid_model(shared)
-    for name in list(model.names)[1:]:
-        assert pin.buildReducedModel(model, [model.getJointId(name)], pin.neutral(model)).nq == model.nq - 1
+    for joint in range(1, rigid_model(shared).njoints):
+        model = rigid_model(shared)
+        name_apart(model, [joint])
+        assert pin.buildReducedModel(model, [joint], pin.neutral(model)).nq == model.nq - 1
+
+
+def test_a_moving_joint_called_like_the_link_before_it_can_be_kept_or_locked(tmp_path: Path) -> None:
+    """As the SO-100's ``gripper``: parent link and joint of one name."""
+    path = arm(tmp_path, hand_joint="fastening", head_joint="base")
+    apart = arm(tmp_path, hand_joint="fastening", head_joint="neck")
+    for kept, same in (
+        (("shoulder", "elbow"), ("shoulder", "elbow")),
+        (("base", "elbow"), ("neck", "elbow")),
+    ):
+        q, v, a = np.random.default_rng(2).uniform(-2.0, 2.0, (3, 5, 2))
+        found = RigidModel.from_urdf(path, kept)
+        assert set(found.joint_names) == set(kept)
+        np.testing.assert_array_equal(
+            found.torque(q, v, a), RigidModel.from_urdf(apart, same).torque(q, v, a)
+        )
 
 
 def test_what_is_no_description_is_refused_by_name(tmp_path: Path) -> None:
