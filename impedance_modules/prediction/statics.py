@@ -3,9 +3,15 @@ r"""Where a task comes to rest: springs, forces, weights and surfaces in balance
 
     \tau_modules(q) + J_O^T m g + \sum J_p^T n k d(q) + A^T \lambda = 0,        every grasp kept
 
-Newton's method on all joints at once. The matrix is the analysis's own stiffness in joint space,
-K_j - \Gamma + J^T K J, plus that of surfaces and of the object's turning loads. While steps fail, a multiple of the
-inertia is added, which makes them shorter (Levenberg and Marquardt's damping).
+Away from rest the arm is followed as if it crept there, its inertia taken for damping and nothing thrown about:
+
+    (H + r M) \Delta q = \tau(q),        H = K_j - \Gamma + J^T K J + surfaces + the object's turning loads
+
+which is an implicit Euler step of M dq/ds = \tau of length 1 / r. H is the analysis's own stiffness in joint space.
+As the motion dies away the steps grow, r goes to 0 and what is left is Newton's method, which ends at rest to rounding
+(pseudo-transient continuation, Kelley and Keyes 1998). A step need not make the torque that is left smaller: where an
+arm moves on a stiff surface against joint springs that are a million times softer, the way to rest is a narrow curved
+valley of the energy, each step along it presses the hand a little into the surface, and the next one brings it back.
 """
 
 from __future__ import annotations
@@ -32,18 +38,23 @@ BALANCED = 1e-9
 CLOSED = 1e-11
 """Largest disagreement of the hands on the object's pose at rest [m, rad]."""
 
-TRIES = 80
+STEPS = 200
+"""Of a search, steps that were too long included."""
+
 NEAR = 0.02
 """Distance from a surface at which a step reckons with a point [m]."""
 
 SWITCHES = 10
 """Solutions per step while points that the step itself brings in or takes out are added or let go."""
 
-GAP_WEIGHT = 1e3
-"""Torque that counts like a disagreement of the hands [N.m per m or rad]."""
-
-LONGEST_STEP = 0.2
+LONGEST_STEP = 0.1
 """Of any joint in one step [rad]."""
+
+SHORTER, LONGER = 4.0, 3.0
+"""Factors of r after a step that would have been too long, and of the step's length 1 / r after any other."""
+
+SHORTEST = 1e-6
+"""Least 1 / r: a step that is still too long then closes the grasps, and is cut [s^2]."""
 
 
 @dataclass(frozen=True)
@@ -112,22 +123,19 @@ def find_rest(
     Returns:
         The equilibrium, or None where the search does not converge.
     """
-    balance = _Balance(mechanism, setting, loads)
-    q, mass_weight = start.copy(), 0.0
-    error = balance.at(q)
-    for _ in range(TRIES):
+    balance, q, length = _Balance(mechanism, setting, loads), start.copy(), 1.0
+    balance.move_to(q)
+    for _ in range(STEPS):
         if balance.converged:
             return Rest(q, balance.effort, balance.pressure())
-        trial = q.copy()
-        trial[mechanism.joints] += balance.step(q, mass_weight)
-        new = balance.at(trial)
-        if new < error or (mass_weight == 0.0 and new < 2.0 * error):
-            q, error, mass_weight = trial, new, 0.0 if mass_weight < 1.0 else mass_weight / 10.0
-        else:
-            mass_weight = max(10.0 * mass_weight, 1.0)
-            error = balance.at(q)
-            if mass_weight > 1e9:
-                return None
+        step = balance.step(length)
+        longest = float(np.max(np.abs(step)))
+        if longest > LONGEST_STEP and length > SHORTEST:
+            length /= SHORTER
+            continue
+        q[mechanism.joints] += step * min(1.0, LONGEST_STEP / max(longest, LONGEST_STEP))
+        balance.move_to(q)
+        length *= LONGER
     return None
 
 
@@ -139,10 +147,11 @@ class _Balance:
         self._force, self._left = np.zeros(mechanism.k), np.zeros(mechanism.k)
         self._rows, self._gap = np.zeros((0, mechanism.k)), np.zeros(0)
         self._near: list[tuple[Contact, Array]] = []
+        self._hessian = np.zeros((mechanism.k, mechanism.k))
         self.effort: Array = np.zeros(mechanism.model.n)
 
-    def at(self, q: Array) -> float:
-        """Moves to q; returns how far from balance it is [N.m], grasps included."""
+    def move_to(self, q: Array) -> None:
+        """Finds forces and their derivative at q (n,) [rad]."""
         mechanism, setting = self._mechanism, self._setting
         still = np.zeros_like(q)
         mechanism.update(q, still)
@@ -156,7 +165,7 @@ class _Balance:
         for contact, J in self._touching:
             force = force + J.T @ (contact.surface.stiffness * contact.depth * contact.normal)
         self._left = _unsupported(force, self._rows)
-        return float(np.linalg.norm(self._left)) + GAP_WEIGHT * float(np.linalg.norm(self._gap))
+        self._hessian = self._derivative(q)
 
     @property
     def converged(self) -> bool:
@@ -168,20 +177,20 @@ class _Balance:
     def _touching(self) -> list[tuple[Contact, Array]]:
         return [(contact, J) for contact, J in self._near if contact.depth > 0.0]
 
-    def step(self, q: Array, mass_weight: float) -> Array:
-        """Gives a Newton step (k,) from q, the last posture; ``mass_weight`` [1/s^2] weighs the mass in.
+    def step(self, length: float) -> Array:
+        """Gives the implicit step (k,) [rad] of a length 1 / r [s^2] from the last posture.
 
         Depths change in proportion to the step, and just those points press that are inside after it.
         """
-        hessian = self._hessian(q) + (mass_weight + 1e-8) * self._mechanism.inertia()
+        matrix = self._hessian + (1.0 / length + 1e-8) * self._mechanism.inertia()
         points = self._touching
         for _ in range(SWITCHES):
-            found = self._solve(hessian, points)
+            found = self._solve(matrix, points)
             inside = [(c, J) for c, J in self._near if c.depth - float(c.normal @ J @ found) > 0.0]
             if [c.key for c, _ in inside] == [c.key for c, _ in points]:
                 break
             points = inside
-        return np.asarray(found * min(1.0, LONGEST_STEP / max(float(np.max(np.abs(found))), 1e-12)))
+        return found
 
     def _solve(self, hessian: Array, points: list[tuple[Contact, Array]]) -> Array:
         """Solves for one set of points that press; ``hessian`` and the force are without them."""
@@ -209,7 +218,7 @@ class _Balance:
     def _body(self, frame: str) -> Array:
         return self._mechanism.object_jacobian() if frame == OBJECT else self._mechanism.jacobian(frame)
 
-    def _hessian(self, q: Array) -> Array:
+    def _derivative(self, q: Array) -> Array:
         """Gives minus the derivative of the force by the joints, (k, k), loads that turn included.
 
         Without what pressing deeper adds, which ``step`` puts in.

@@ -11,6 +11,7 @@ PHASE_LOOPS = "impedance_modules/prediction/phase_loops.py"
 PHASE_END = "impedance_modules/prediction/phase_end.py"
 STATICS = "impedance_modules/prediction/statics.py"
 
+STATICS_TESTS = "tests/prediction/test_statics.py"
 CHECK, ANALYSIS = "tests/prediction/test_check.py", "tests/prediction/test_analysis.py"
 TESTS = {
     CONTACT: (CHECK,),
@@ -20,7 +21,7 @@ TESTS = {
     PHASE_LOOPS: ("tests/prediction/test_phase_loops.py",),
     MECHANISM: (CHECK, ANALYSIS),
     PHASE_END: (CHECK,),
-    STATICS: (CHECK, ANALYSIS),
+    STATICS: (CHECK, ANALYSIS, STATICS_TESTS),
 }
 
 MUTANTS = (
@@ -40,4 +41,7 @@ MUTANTS = (
     (PHASE_END, "if there == until.present else 0.0", "if there != until.present else 0.0"),
     (STATICS, "np.concatenate([force, np.cross(contact.arm, force)])", "np.concatenate([force, np.cross(force, contact.arm)])"),
     (STATICS, "closed and float(np.max(np.abs(self._left))) < BALANCED", "closed"),
+    (STATICS, "self._hessian + (1.0 / length + 1e-8) * self._mechanism.inertia()", "self._hessian"),
+    (STATICS, "longest > LONGEST_STEP and length > SHORTEST", "longest > LONGEST_STEP"),
+    (STATICS, "contact.surface.stiffness * np.outer(into, into)", "0.5 * contact.surface.stiffness * np.outer(into, into)"),
 )  # fmt: skip
