@@ -21,6 +21,7 @@ from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import Loads, analyse_state, find_rest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.spec.task import ArmSpec, PushSpec
 
 BRACKET = 1.2
@@ -209,4 +210,4 @@ def unknown_weight(assembly: Assembly) -> float:
             for parameters in effect.parameters.values()
         ]
     )
-    return 9.81 * sum(masses)
+    return STANDARD_GRAVITY * sum(masses)

@@ -27,12 +27,13 @@ from impedance_modules.backends.baxter.preflight_checks import PreflightResult
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.modules.arms import TaskModules
-from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
+from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.robot.external_torque import ExternalTorque
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.patch_file import read_patch
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.spec.task import AXES, ContactCondition
 
 if TYPE_CHECKING:

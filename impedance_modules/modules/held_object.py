@@ -17,14 +17,11 @@ from impedance_modules.records import Array3, Indices, Matrix, Record, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import compose, skew
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.spec.task import ObjectSpec
 
 OBJECT = "object"
 """Name by which a target refers to the held object."""
-
-
-STANDARD_GRAVITY = 9.81
-"""[m/s^2], along -z of the world; the value robots and simulators here use."""
 
 
 class ObjectLoads(Record):

@@ -35,6 +35,7 @@ from impedance_modules.plant.step_stability import stable_step
 from impedance_modules.records import Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.robot_spec import UPRIGHT_GRAVITY
 from impedance_modules.spec.task import PushSpec, SurfaceSpec
 
 ROBOT_LOOP = 1e-3
@@ -63,7 +64,7 @@ class PlantOptions:
     noise: bool = True
     step: float = 0.25e-3
     shortest_step: float | None = None
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = UPRIGHT_GRAVITY
 
     def __post_init__(self) -> None:
         for name in ("rate", "step"):

@@ -18,7 +18,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
-from impedance_modules.modules.held_object import STANDARD_GRAVITY, HeldObject
+from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.sum import lay_out, sum_modules, write_equilibrium, write_gains
 from impedance_modules.plant.point_contact import hand_point, object_points
 from impedance_modules.plant.pushes import push_wrench
@@ -27,6 +27,7 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import log3
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,11 @@ from impedance_modules.arrays import Array
 from impedance_modules.control.contact_detection import REGULARISATION
 from impedance_modules.modules.arms import ArmModule
 from impedance_modules.modules.equilibrium import PhaseMotion
-from impedance_modules.modules.held_object import OBJECT, STANDARD_GRAVITY
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition
 
 

@@ -10,6 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+STANDARD_GRAVITY = 9.81
+"""Acceleration of free fall, everywhere in this package and its plant [m/s^2]."""
+
+UPRIGHT_GRAVITY = (0.0, 0.0, -STANDARD_GRAVITY)
+"""Gravity's acceleration in world axes, and in the axes of a base that stands upright [m/s^2]."""
+
 
 @dataclass(frozen=True)
 class JointSpec:
@@ -227,6 +233,6 @@ class RobotSpec:
     folder: Path
     body_changes: tuple[BodyChange, ...] = ()
     parallel_springs: Mapping[str, ParallelSpringSpec] = field(default_factory=dict)
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = UPRIGHT_GRAVITY
     joint_origins: Mapping[str, JointOrigin] = field(default_factory=dict)
     playback: PlaybackSpec | None = None

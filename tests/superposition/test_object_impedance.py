@@ -6,11 +6,12 @@ import itertools
 import numpy as np
 import pytest
 
-from impedance_modules.modules.held_object import STANDARD_GRAVITY, carry_weight, share_wrench, squeeze_forces
+from impedance_modules.modules.held_object import carry_weight, share_wrench, squeeze_forces
 from impedance_modules.modules.mobility import carry_mobility, mobility, parallel_sum
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry, rotate_six
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.superposition.net_stiffness import hand_damping, spring_stiffness
 from impedance_modules.superposition.object_impedance import (
     HandImpedance,

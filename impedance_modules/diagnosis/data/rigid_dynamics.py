@@ -19,9 +19,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree
 from impedance_modules.effects.rigid_model import RigidModel
-
-GRAVITY = (0.0, 0.0, -9.81)
-"""In the axes of the URDF's root [m/s^2]."""
+from impedance_modules.spec.robot_spec import UPRIGHT_GRAVITY
 
 
 class BatchedRigidModel(RigidModel):
@@ -116,7 +114,7 @@ def inertial_regressor(tree: RigidTree, q: Array, v: Array, a: Array, gravity: A
         q: (N, n) positions [rad].
         v: (N, n) velocities [rad/s].
         a: (N, n) accelerations [rad/s^2].
-        gravity: (3,) [m/s^2]; None takes `GRAVITY`.
+        gravity: (3,) [m/s^2]; None takes `UPRIGHT_GRAVITY`.
 
     Returns:
         (N, n, 10 n) [N.m per parameter].
@@ -158,7 +156,7 @@ def _outwards(
 ) -> tuple[list[Array], list[Array], list[tuple[Array, Array, Array]]]:
     """Placements of all bodies in their carriers, and their motions."""
     samples = len(q)
-    field = np.array(GRAVITY) if gravity is None else gravity
+    field = np.array(UPRIGHT_GRAVITY) if gravity is None else gravity
     base = (np.zeros((samples, 3)), np.zeros((samples, 3)), np.tile(-field, (samples, 1)))
     turns: list[Array] = []
     shifts: list[Array] = []
