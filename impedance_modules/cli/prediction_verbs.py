@@ -52,7 +52,7 @@ def check_command(task: str, effects: Path | None, rate: float | None, scale: fl
 @click.option("--phase", metavar="NAME", help="At rest where this phase ends  [default: the start posture].")
 @effects_option
 @click.option(
-    "--json", "json_file", type=click.Path(path_type=Path), metavar="F", help="Write the matrices to a file."
+    "--json", "json_file", type=click.Path(path_type=Path), metavar="F", help="Write all of it to a file."
 )
 def analyze_command(task: str, phase: str | None, effects: Path | None, json_file: Path | None) -> int:
     """Analyse TASK: inertia, damping and stiffness of every arm, and their sum at the object.
@@ -62,7 +62,8 @@ def analyze_command(task: str, phase: str | None, effects: Path | None, json_fil
     from impedance_modules.cli.print_analysis import print_analysis
     from impedance_modules.control.adjust import as_taught
     from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.analysis import analyse_task, write_analysis
+    from impedance_modules.prediction.analysis import analyse_task
+    from impedance_modules.prediction.analysis_json import write_analysis
 
     assembly = assemble(task, effects=effects, rate=None, scale=1.0, arm=None)
     assembly = replace(assembly, task=as_taught(assembly.task))

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,15 +15,11 @@ from rich.text import Text
 from impedance_modules.arrays import Array
 from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.analysis import Analysis, FrameImpedance, carried_inertia
+from impedance_modules.prediction.analysis import Analysis, FrameImpedance
+from impedance_modules.prediction.analysis_json import in_hertz, quaternion_of
 from impedance_modules.spec.task import AXES
-from impedance_modules.spec.task_draft import twist_signs
-from impedance_modules.superposition.operational_inertia import (
-    Ellipsoid,
-    angular_ellipsoid,
-    carry_inertia,
-    linear_ellipsoid,
-)
+from impedance_modules.superposition.object_sum import ObjectSum
+from impedance_modules.superposition.operational_inertia import Ellipsoid, angular_ellipsoid, linear_ellipsoid
 
 QUANTITIES = (
     ("inertia", "kg, kg.m, kg.m^2"),
@@ -36,11 +31,14 @@ QUANTITIES = (
     ("stiffness_without_preload", "N/m, N, N.m"),
 )
 
-ELLIPSOIDS = (
-    ("inertia", "kg", "kg.m^2"),
-    ("mobility", "1/kg", "1/(kg.m^2)"),
-    ("stiffness", "N/m", "N.m"),
-)
+ELLIPSOID_UNITS = {
+    "inertia": ("kg", "kg.m^2"),
+    "mobility": ("1/kg", "1/(kg.m^2)"),
+    "stiffness": ("N/m", "N.m"),
+}
+
+MORE = {"object": "of the object itself", "load": "by the load: lever arms that turn"}
+"""What adds up at the object besides its arms."""
 
 SLOWEST_MODES = 10
 """Of a frame's modes that are printed."""
@@ -55,24 +53,25 @@ def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
     )
     for limb, frame_impedance in analysis.arms.items():
         console.rule(f"{limb}: {frame_impedance.frame}")
-        _print_at_hand(console, frame_impedance, analysis)
-    if analysis.object is not None:
+        _print_at_frame(console, frame_impedance)
+    if analysis.object is not None and analysis.sum is not None:
         console.rule("object: the arms' sum")
-        _print_sum(console, assembly, analysis)
-        _print_at_hand(console, analysis.object, analysis)
+        _print_sum(console, analysis.sum)
+        _print_at_frame(console, analysis.object)
 
 
-def _print_at_hand(console: Console, frame_impedance: FrameImpedance, analysis: Analysis) -> None:
-    console.print(f"origin {_vector(frame_impedance.position)} m")
-    carried = "modules exert" if frame_impedance.frame == "object" else "joint springs carry"
+def _print_at_frame(console: Console, frame_impedance: FrameImpedance) -> None:
     console.print(
-        f"{carried} {_vector(frame_impedance.preload[:3])} N, {_vector(frame_impedance.preload[3:])} N.m"
+        f"origin {_vector(frame_impedance.position)} m, orientation"
+        f" {_vector(quaternion_of(frame_impedance.rotation))} as quaternion x, y, z, w",
+        soft_wrap=True,
     )
-    if frame_impedance.frame in analysis.pressure:
-        force = analysis.pressure[frame_impedance.frame]
-        console.print(f"surfaces press {_vector(force[:3])} N, {_vector(force[3:])} N.m")
-    if frame_impedance.frame == "object" and analysis.squeeze is not None:
-        console.print(f"hands squeeze with {analysis.squeeze:.2f} N each")
+    console.print(
+        f"preload, what the joint springs carry: {_wrench(frame_impedance.preload)}", soft_wrap=True
+    )
+    console.print(f"modules exert {_wrench(frame_impedance.wrench)}", soft_wrap=True)
+    if frame_impedance.pressure is not None:
+        console.print(f"surfaces press {_wrench(frame_impedance.pressure)}", soft_wrap=True)
     if frame_impedance.folds:
         console.print(styled("[red]folds[/red]: the springs cannot hold the load; no stiffness is given"))
     matrices = [
@@ -85,42 +84,28 @@ def _print_at_hand(console: Console, frame_impedance: FrameImpedance, analysis: 
     console.print("modes " + ", ".join(_modes(frame_impedance)), soft_wrap=True)
 
 
-def _print_sum(console: Console, assembly: Assembly, analysis: Analysis) -> None:
-    """Prints right + left + object = sum, all at the object's origin."""
-    inertias = {limb: carried_inertia(hand).inertia for limb, hand in analysis.summands.items()}
-    unit = "kg, kg.m, kg.m^2"
-    parts = [_matrix(f"inertia of '{limb}', at the object", unit, m) for limb, m in inertias.items()]
-    parts.append(_matrix("inertia of the object itself", unit, analysis.own))
-    stiffnesses = {
-        limb: None if hand.stiffness is None else carry_inertia(hand.stiffness, hand.offset)
-        for limb, hand in analysis.summands.items()
-    }
-    parts += [
-        _matrix(f"stiffness of '{limb}', at the object", "N/m, N, N.m", m) for limb, m in stiffnesses.items()
-    ]
+def _print_sum(console: Console, found: ObjectSum) -> None:
+    """Prints right + left + the object's own = sum, all at the object's origin."""
+    parts: list[Table] = []
+    for name, unit in (("inertia", "kg, kg.m, kg.m^2"), ("stiffness", "N/m, N, N.m")):
+        summands = found.summands[name]
+        parts += [_matrix(f"{name} of '{limb}', at the object", unit, m) for limb, m in summands.arms.items()]
+        parts += [_matrix(f"{name} {MORE[more]}", unit, m) for more, m in summands.more.items()]
     console.print(Columns(parts))
-    frame_impedance = analysis.object
-    mirror = assembly.robot.mirror
-    if frame_impedance is None or mirror is None:
-        return
-    for name, single, total in (
-        ("inertia", inertias, frame_impedance.inertia),
-        ("stiffness", stiffnesses, frame_impedance.stiffness),
-    ):
-        shares = [f"{limb} {_across(m, mirror.plane)}" for limb, m in single.items()]
+    for name, coupling in found.coupling.items():
+        shares = [f"{limb} {_percent(share)}" for limb, share in coupling.arms.items()]
         console.print(
-            f"{name}: coupling across the mirror plane {mirror.plane}: {', '.join(shares)};"
-            f" in the sum {_across(total, mirror.plane)} of the largest entry"
+            f"{name}: coupling across the mirror plane {found.plane}: {', '.join(shares)};"
+            f" in the sum {_percent(coupling.sum)} of the largest entry",
+            soft_wrap=True,
         )
+    console.print(f"hands squeeze with {found.squeeze:.2f} N each")
+    for limb, wrench in found.internal.items():
+        console.print(f"'{limb}' exerts against the others {_wrench(wrench)}", soft_wrap=True)
 
 
-def _across(matrix: Array | None, plane: str) -> str:
-    """Gives the largest entry that couples motions in a plane with motions across it, as a share."""
-    if matrix is None:
-        return "-"
-    signs = twist_signs(plane)
-    odd = 0.5 * (matrix - signs[:, None] * matrix * signs)
-    return f"{100.0 * float(np.max(np.abs(odd)) / np.max(np.abs(matrix))):.2f} %"
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.2f} %"
 
 
 def _matrix(title: str, unit: str, matrix: Array | None) -> Table:
@@ -152,7 +137,7 @@ def _ellipsoids(frame_impedance: FrameImpedance) -> Table:
     table = Table(title=title, title_justify="left", box=SIMPLE, padding=(0, 1))
     for heading in ("of", "values", "largest along"):
         table.add_column(heading)
-    for name, moving, turning in ELLIPSOIDS:
+    for name, (moving, turning) in ELLIPSOID_UNITS.items():
         matrix = getattr(frame_impedance, name)
         if matrix is not None:
             table.add_row(f"{name}, linear", *_axes(linear_ellipsoid(matrix), moving))
@@ -171,8 +156,12 @@ def _modes(frame_impedance: FrameImpedance) -> Iterator[str]:
         if mode.damping_ratio is None:
             yield "free"
         else:
-            yield f"{mode.frequency / (2.0 * math.pi):.2f} Hz (ratio {mode.damping_ratio:.2f})"
+            yield f"{in_hertz(mode):.2f} Hz (ratio {mode.damping_ratio:.2f})"
+
+
+def _wrench(values: Array) -> str:
+    return f"{_vector(values[:3])} N, {_vector(values[3:])} N.m"
 
 
 def _vector(values: Array) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.3f}" for value in values) + ")"
+    return "(" + ", ".join(f"{round(float(value), 3) + 0.0:.3f}" for value in values) + ")"

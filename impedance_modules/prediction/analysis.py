@@ -7,14 +7,10 @@ printed: no stiffness where an arm folds or its joint springs are singular, no i
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
@@ -29,13 +25,8 @@ from impedance_modules.robot.model import Limb
 from impedance_modules.superposition.arm_impedance import ArmImpedance
 from impedance_modules.superposition.modes import JointSpace, VibrationMode, natural_modes
 from impedance_modules.superposition.net_stiffness import net_stiffness
-from impedance_modules.superposition.object_impedance import (
-    HandImpedance,
-    HeldImpedance,
-    squeeze_force,
-    superpose,
-)
-from impedance_modules.superposition.operational_inertia import OperationalInertia
+from impedance_modules.superposition.object_impedance import HeldImpedance, superpose
+from impedance_modules.superposition.object_sum import ObjectSum, carried_preload, sum_at_object
 
 
 @dataclass(frozen=True)
@@ -45,6 +36,7 @@ class FrameImpedance:
     Attributes:
         frame: A hand, or ``object``.
         position: (3,) of its origin in world [m].
+        rotation: (3, 3) of its axes in world.
         q: Joint -> angle [rad], of all joints behind it.
         inertia, inertia_without_reflected: None at a singular posture.
         mobility: The inertia's inverse, which always exists.
@@ -53,13 +45,17 @@ class FrameImpedance:
         compliance: Given in the stiffness's place where joint springs are singular; None where the frame
             can move freely.
         stiffness_without_preload: Of the same springs, relaxed; None as above.
-        preload: (6,) a hand: what the joint springs carry; the object: what all modules exert on it [N, N.m].
+        preload: (6,) what the joint springs carry, F_b of the net stiffness; the object's: those of all arms that
+            hold it, at its origin [N, N.m].
+        wrench: (6,) what the modules exert through the frame on whatever it touches or holds [N, N.m].
+        pressure: (6,) of the surfaces on it [N, N.m]; None at the start posture.
         folds: The springs cannot hold the load: pushed, it runs away.
         modes: Slowest first, of the joints behind it, motor friction included.
     """
 
     frame: str
     position: Array
+    rotation: Array
     q: Mapping[str, float]
     inertia: Array | None
     inertia_without_reflected: Array | None
@@ -69,6 +65,8 @@ class FrameImpedance:
     compliance: Array | None
     stiffness_without_preload: Array | None
     preload: Array
+    wrench: Array
+    pressure: Array | None
     folds: bool
     modes: tuple[VibrationMode, ...]
 
@@ -81,19 +79,13 @@ class Analysis:
         phase: Its name; None at the start posture.
         arms: Limb name -> its hand.
         object: What they hold; None for nothing.
-        summands: What adds up to the object's matrices: limb name -> hand carried to the object.
-        own: (6, 6) inertia of the object itself; None without one.
-        squeeze: How hard the hands press the object [N]; None without one.
-        pressure: Hand frame or ``object`` -> (6,) of the surfaces on it [N, N.m]; empty at the start posture.
+        sum: How the hands' impedances make the object's; None for nothing held.
     """
 
     phase: str | None
     arms: Mapping[str, FrameImpedance]
     object: FrameImpedance | None
-    summands: Mapping[str, HandImpedance]
-    own: Array | None
-    squeeze: float | None
-    pressure: Mapping[str, Array]
+    sum: ObjectSum | None
 
 
 def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
@@ -110,7 +102,7 @@ def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
         mechanism.update(q, np.zeros_like(q))
         damping = phase_damping(modules, mechanism.kinematics)
         setting = Setting(modules, start_equilibrium(modules), damping)
-        return _analysis(mechanism, setting, q, None, None)
+        return _analysis(assembly, mechanism, setting, q, None)
     names = [spec.name for spec in assembly.task.phases]
     if phase not in names:
         raise BadInput(
@@ -124,29 +116,43 @@ def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
             f"--phase {phase}: no static equilibrium where it ends; a force axis without stiffness may push into"
             " nothing, or an arm folds (valid: a phase that comes to rest)"
         )
-    return _analysis(mechanism, predicted.setting, rest.q, phase, rest)
+    return _analysis(assembly, mechanism, predicted.setting, rest.q, (phase, rest))
 
 
 def _analysis(
-    mechanism: Mechanism, setting: Setting, q: Array, phase: str | None, rest: Rest | None
+    assembly: Assembly, mechanism: Mechanism, setting: Setting, q: Array, rest: tuple[str, Rest] | None
 ) -> Analysis:
     state, modules = analyse_state(mechanism, setting, q), setting.modules
+    phase, pressure = (None, {}) if rest is None else (rest[0], rest[1].pressure)
     limbs = {arm.limb.name: arm.limb for arm in modules.arms}
-    arms = {name: _hand(mechanism, limbs[name], arm, q) for name, arm in state.arms.items()}
-    pressure = {} if rest is None else rest.pressure
+    arms = {
+        name: _pressed(_hand(mechanism, limbs[name], arm, q), pressure) for name, arm in state.arms.items()
+    }
     held = state.held
     if held is None or modules.held is None:
-        return Analysis(phase, arms, None, {}, None, None, pressure)
-    holding = modules.held.limbs
+        return Analysis(phase, arms, None, None)
+    holding, mirror = modules.held.limbs, assembly.robot.mirror
+    at_object = _object(mechanism, [limbs[name] for name in holding], state.arms, held, q)
+    for name, hand in zip(holding, held.hands, strict=True):
+        arms[name] = replace(arms[name], wrench=hand.wrench + hand.shared)
     return Analysis(
         phase=phase,
         arms=arms,
-        object=_object(mechanism, [limbs[name] for name in holding], state.arms, held, q),
-        summands=dict(zip(holding, held.hands, strict=True)),
-        own=modules.held.inertia(held.pose.rotation),
-        squeeze=squeeze_force(held.hands, held.impedance.internal),
-        pressure=pressure,
+        object=_pressed(at_object, pressure),
+        sum=sum_at_object(
+            holding,
+            state.arms,
+            held,
+            modules.held.inertia(held.pose.rotation),
+            plane=None if mirror is None else mirror.plane,
+            stiffness=at_object.stiffness,
+        ),
     )
+
+
+def _pressed(found: FrameImpedance, pressure: Mapping[str, Array]) -> FrameImpedance:
+    """Adds what the surfaces exert on the frame, where that is known."""
+    return replace(found, pressure=pressure.get(found.frame))
 
 
 def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> FrameImpedance:
@@ -155,6 +161,7 @@ def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> Fram
     return FrameImpedance(
         frame=limb.hand,
         position=arm.pose.translation,
+        rotation=arm.pose.rotation,
         q=_angles(limb, q),
         inertia=arm.inertia.inertia,
         inertia_without_reflected=arm.inertia_without_reflected.inertia,
@@ -164,22 +171,29 @@ def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> Fram
         compliance=found.compliance if found.stiffness is None else None,
         stiffness_without_preload=arm.stiffness_without_preload.stiffness,
         preload=arm.preload,
+        wrench=arm.wrench - arm.preload,
+        pressure=None,
         folds=found.folds,
         modes=_modes(arm.system, friction),
     )
 
 
 def _object(
-    mechanism: Mechanism, limbs: list[Limb], arms: Mapping[str, ArmImpedance], held: HeldImpedance, q: Array
+    mechanism: Mechanism,
+    limbs: list[Limb],
+    arms: Mapping[str, ArmImpedance],
+    held: HeldImpedance,
+    q: Array,
 ) -> FrameImpedance:
     found, singular = held.impedance, held.joints_singular
-    motion = held.motion
+    motion, holding = held.motion, [arms[limb.name] for limb in limbs]
     joints = np.concatenate([limb.joints for limb in limbs])
     friction = np.diag(mechanism.model.column("motor_damping")[joints])
     hidden = singular or held.folds
     return FrameImpedance(
         frame=OBJECT,
         position=held.pose.translation,
+        rotation=held.pose.rotation,
         q={name: angle for limb in limbs for name, angle in _angles(limb, q).items()},
         inertia=found.inertia.inertia,
         inertia_without_reflected=held.impedance_without_reflected.inertia.inertia,
@@ -187,8 +201,10 @@ def _object(
         damping=found.damping,
         stiffness=None if hidden else found.stiffness,
         compliance=_compliance(held) if singular and not held.folds else None,
-        stiffness_without_preload=_relaxed([arms[limb.name] for limb in limbs], held),
-        preload=found.wrench,
+        stiffness_without_preload=_relaxed(holding, held),
+        preload=carried_preload(holding, held.pose.translation),
+        wrench=found.wrench,
+        pressure=None,
         folds=held.folds,
         modes=_modes(held.system, motion.motion.T @ friction @ motion.motion),
     )
@@ -217,57 +233,3 @@ def _modes(system: JointSpace, friction: Array) -> tuple[VibrationMode, ...]:
 
 def _angles(limb: Limb, q: Array) -> dict[str, float]:
     return {name: float(q[joint]) for name, joint in zip(limb.joint_names, limb.joints, strict=True)}
-
-
-def carried_inertia(hand: HandImpedance) -> OperationalInertia:
-    """Carries a hand's inertia to the object: one summand of the thesis's eq. 4.30."""
-    return hand.inertia.carried(hand.offset)
-
-
-MATRICES = (
-    "inertia",
-    "inertia_without_reflected",
-    "mobility",
-    "damping",
-    "stiffness",
-    "compliance",
-    "stiffness_without_preload",
-)
-
-
-def analysis_json(analysis: Analysis) -> dict[str, Any]:
-    """Gives ``{"format": 1, "arms": {SIDE: X}, "object": X or null}``."""
-    impedance = analysis.object
-    return {
-        "format": 1,
-        "arms": {limb: _frame(found, analysis.phase) for limb, found in analysis.arms.items()},
-        "object": None if impedance is None else _frame(impedance, analysis.phase),
-    }
-
-
-def write_analysis(analysis: Analysis, path: Path) -> None:
-    """Writes the JSON file.
-
-    Raises:
-        BadInput: The file cannot be written.
-    """
-    text = json.dumps(analysis_json(analysis), indent=1, allow_nan=False)
-    try:
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise BadInput(f"--json {path}: cannot be written: {error.strerror}") from None
-
-
-def _frame(impedance: FrameImpedance, phase: str | None) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "frame": impedance.frame,
-        "position": impedance.position.tolist(),
-        "q": dict(impedance.q),
-    }
-    found.update({name: _numbers(getattr(impedance, name)) for name in MATRICES})
-    found.update({"preload": impedance.preload.tolist(), "folds": impedance.folds, "phase": phase})
-    return found
-
-
-def _numbers(matrix: NDArray[np.float64] | None) -> list[list[float]] | None:
-    return None if matrix is None else [[float(value) for value in row] for row in matrix]

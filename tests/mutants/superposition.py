@@ -9,6 +9,7 @@ LOOP = "impedance_modules/superposition/sampled_loop.py"
 MODES = "impedance_modules/superposition/modes.py"
 NET = "impedance_modules/superposition/net_stiffness.py"
 OBJECT = "impedance_modules/superposition/object_impedance.py"
+SUM = "impedance_modules/superposition/object_sum.py"
 
 TESTS = {
     ARM: ("tests/superposition/test_loaded_task.py",),
@@ -18,6 +19,7 @@ TESTS = {
     MODES: ("tests/superposition/test_modes.py",),
     NET: ("tests/superposition/test_net_stiffness.py", "tests/superposition/test_object_impedance.py"),
     OBJECT: ("tests/superposition/test_object_impedance.py", "tests/superposition/test_loaded_task.py"),
+    SUM: ("tests/superposition/test_loaded_task.py", "tests/prediction/test_analysis_json.py"),
 }
 
 MUTANTS = (
@@ -29,6 +31,12 @@ MUTANTS = (
     (OBJECT, "shared += carry_weight(", "shared -= carry_weight("),
     (OBJECT, "shared[:, :3] += squeeze_forces(", "shared[:, :3] -= squeeze_forces("),
     (OBJECT, "wrench=arm.wrench - arm.preload", "wrench=arm.wrench + arm.preload"),
+    # What is listed as adding up at the object.
+    (SUM, "lever_arm_stiffness(-hand.wrench[:3], hand.offset)", "lever_arm_stiffness(hand.wrench[:3], hand.offset)"),
+    (SUM, "carry_inertia(matrix, hands[name].offset)", "carry_inertia(matrix, -hands[name].offset)"),
+    (SUM, "carry(arm.pose.translation - origin).T @ arm.preload", "arm.preload"),
+    (SUM, "arms[name].inertia_without_reflected.inertia for", "arms[name].inertia.inertia for"),
+    (SUM, "odd = 0.5 * (matrix - signs", "odd = 0.5 * (matrix + signs"),
     # Frames: X_i maps the object's twist to hand i's.
     (INERTIA, "return X.T @ at_hand @ X", "return X @ at_hand @ X.T"),
     (INERTIA, "X = carry(offset)\n", "X = carry(-offset)\n"),

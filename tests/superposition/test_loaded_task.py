@@ -14,10 +14,12 @@ from impedance_modules.modules.sum import sum_modules
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
+from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import HybridAxis
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
 from impedance_modules.superposition.modes import hold_together
 from impedance_modules.superposition.object_impedance import HeldImpedance, held_impedance, squeeze_force
+from impedance_modules.superposition.object_sum import carried_preload, sum_at_object
 from tests.support.arm_samples import (
     ROBOTS,
     TYPICAL_STIFFNESS,
@@ -219,3 +221,42 @@ def test_a_held_loaded_object_moves_as_the_sum_says(robot, seed: int) -> None:
     pairs = zip(found.hands, found.impedance.internal, strict=True)
     summed = sum(carry(hand.offset).T @ wrench for hand, wrench in pairs)
     np.testing.assert_allclose(summed, 0.0, atol=1e-8)
+
+
+@ROBOTS
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_listed_at_the_object_adds_up_under_load(robot, seed: int) -> None:
+    """Random postures, springs and loads, at rest or not: every matrix is the sum of its parts, the load's too."""
+    random = np.random.default_rng(40 + seed)
+    task = HeldTask(robot(), random)
+    arms = task.arms(task.modules.posture)
+    found, limbs = held_impedance(task.modules.held, arms), task.modules.held.limbs
+    own = task.modules.held.inertia(found.pose.rotation)
+    listed = sum_at_object(limbs, arms, found, own, plane="xz", stiffness=found.impedance.stiffness)
+    totals = {
+        "inertia": found.impedance.inertia.inertia,
+        "inertia_without_reflected": found.impedance_without_reflected.inertia.inertia,
+        "damping": found.impedance.damping,
+        "stiffness": found.impedance.stiffness,
+    }
+    assert set(listed.summands) == set(totals)
+    for name, parts in listed.summands.items():
+        assert relative(sum((*parts.arms.values(), *parts.more.values())), totals[name]) < 1e-9
+    load = listed.summands["stiffness"].more["load"]
+    assert np.max(np.abs(load)) > 1e-7 * np.max(np.abs(totals["stiffness"]))
+
+    def moment(turn: Array) -> Array:
+        """Of the hands' forces about the object's origin, which keep their directions while it turns."""
+        arms = [exp3(turn) @ hand.offset for hand in found.hands]
+        return sum(np.cross(r, hand.wrench[:3]) for r, hand in zip(arms, found.hands, strict=True))
+
+    steps = 1e-6 * np.eye(3)
+    measured = np.array([(moment(-step) - moment(step)) / 2e-6 for step in steps]).T
+    np.testing.assert_allclose(load[3:, 3:], measured, atol=1e-6)
+    np.testing.assert_array_equal(load[:3], 0.0)
+    origin, held_by = found.pose.translation, [arms[limb] for limb in limbs]
+    levers = [np.cross(arm.pose.translation - origin, arm.preload[:3]) for arm in held_by]
+    expected = sum(arm.preload for arm in held_by) + np.append(np.zeros(3), sum(levers))
+    np.testing.assert_allclose(carried_preload(held_by, origin), expected, rtol=1e-9, atol=1e-9)
+    hidden = sum_at_object(limbs, arms, found, own, plane=None, stiffness=None)
+    assert set(hidden.summands["stiffness"].arms.values()) == {None} and not hidden.coupling
