@@ -99,16 +99,18 @@ def wrapped(markdown: str) -> str:
 
 
 def _filled(block: str) -> str:
-    """Fills one paragraph or list item; no line begins with a dash, which Markdown would take for an item."""
+    """Fills one paragraph or list item; no line begins with a dash, which Markdown would take for an item.
+
+    The empty line above a paragraph stays.
+    """
     words = re.sub(
         r"`[^`]+`| (?=[-+*] )", lambda found: re.sub(r"\s", "\0", found[0]), " ".join(block.split())
     )
-    indent = "  " if words.startswith("- ") else ""
+    indent, above = "  " if words.startswith("- ") else "", "\n" if block.startswith("\n") else ""
     lines = textwrap.wrap(
         words, PROSE_WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
-    gap = "\n" if block.startswith("\n") else ""
-    return gap + "\n".join(lines).replace("\0", " ")
+    return above + "\n".join(lines).replace("\0", " ")
 
 
 def comparison_lines(comparisons: Sequence[ThesisValue]) -> list[str]:

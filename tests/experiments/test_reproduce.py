@@ -45,6 +45,10 @@ def test_the_lines_of_a_page_are_filled() -> None:
     starts = [line[:2] for line in lines]
     assert max(map(len, lines)) <= PROSE_WIDTH and starts.count("- ") == 2 and starts.count("") == 1
     assert wrapped("one\n\ntwo\n\nthree") == "one\n\ntwo\n\nthree"
+    assert wrapped("One paragraph.\n\n**Another** one.\n").split("\n\n") == [
+        "One paragraph.",
+        "**Another** one.",
+    ]
     assert sum("`tune a-task --alone`" in line for line in lines) == 2 and " and more" in " ".join(lines)
 
 
