@@ -66,6 +66,10 @@ def _print_at_frame(console: Console, frame_impedance: FrameImpedance) -> None:
         f" {_vector(quaternion_of(frame_impedance.rotation))} as quaternion x, y, z, w",
         soft_wrap=True,
     )
+    if frame_impedance.until_rest is not None:
+        joint, angle = max(frame_impedance.until_rest.items(), key=lambda item: abs(item[1]))
+        turn = f"{round(angle, 3) + 0.0:.3f}"
+        console.print(styled("from the end of the phase until rest {} turns most, by {} rad", joint, turn))
     console.print(
         f"preload, what the joint springs carry: {_wrench(frame_impedance.preload)}", soft_wrap=True
     )

@@ -38,6 +38,8 @@ class FrameImpedance:
         position: (3,) of its origin in world [m].
         rotation: (3, 3) of its axes in world.
         q: Joint -> angle [rad], of all joints behind it.
+        until_rest: Joint -> by how much it turns from where the phase is predicted to end until it rests [rad]; None
+            at the start posture.
         inertia, inertia_without_reflected: None at a singular posture.
         mobility: The inertia's inverse, which always exists.
         damping: None where the joints' dampers or the posture are singular.
@@ -57,6 +59,7 @@ class FrameImpedance:
     position: Array
     rotation: Array
     q: Mapping[str, float]
+    until_rest: Mapping[str, float] | None
     inertia: Array | None
     inertia_without_reflected: Array | None
     mobility: Array
@@ -116,7 +119,13 @@ def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
             f"--phase {phase}: no static equilibrium where it ends; a force axis without stiffness may push into"
             " nothing, or an arm folds (valid: a phase that comes to rest)"
         )
-    return _analysis(assembly, mechanism, predicted.setting, rest.q, (phase, rest))
+    found = _analysis(assembly, mechanism, predicted.setting, rest.q, (phase, rest))
+    end = dict(zip(assembly.model.joint_names, predicted.q.tolist(), strict=True))
+    return replace(
+        found,
+        arms={limb: _since(arm, end) for limb, arm in found.arms.items()},
+        object=None if found.object is None else _since(found.object, end),
+    )
 
 
 def _analysis(
@@ -150,6 +159,11 @@ def _analysis(
     )
 
 
+def _since(found: FrameImpedance, end: Mapping[str, float]) -> FrameImpedance:
+    """Adds how far the joints turn from the predicted end of the phase, joint -> [rad], until they rest."""
+    return replace(found, until_rest={name: angle - end[name] for name, angle in found.q.items()})
+
+
 def _pressed(found: FrameImpedance, pressure: Mapping[str, Array]) -> FrameImpedance:
     """Adds what the surfaces exert on the frame, where that is known."""
     return replace(found, pressure=pressure.get(found.frame))
@@ -163,6 +177,7 @@ def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> Fram
         position=arm.pose.translation,
         rotation=arm.pose.rotation,
         q=_angles(limb, q),
+        until_rest=None,
         inertia=arm.inertia.inertia,
         inertia_without_reflected=arm.inertia_without_reflected.inertia,
         mobility=arm.inertia.mobility,
@@ -195,6 +210,7 @@ def _object(
         position=held.pose.translation,
         rotation=held.pose.rotation,
         q={name: angle for limb in limbs for name, angle in _angles(limb, q).items()},
+        until_rest=None,
         inertia=found.inertia.inertia,
         inertia_without_reflected=held.impedance_without_reflected.inertia.inertia,
         mobility=found.inertia.mobility,

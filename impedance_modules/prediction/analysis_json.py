@@ -83,6 +83,7 @@ def _frame(impedance: FrameImpedance, phase: str | None) -> dict[str, Any]:
         "position": impedance.position.tolist(),
         "orientation": quaternion_of(impedance.rotation).tolist(),
         "q": dict(impedance.q),
+        "until_rest": None if impedance.until_rest is None else dict(impedance.until_rest),
     }
     found.update({name: _numbers(getattr(impedance, name)) for name in MATRICES})
     found.update({name: _numbers(getattr(impedance, name)) for name in ("preload", "wrench", "pressure")})

@@ -8,7 +8,7 @@ whether the sampled loop is stable. Of the whole task: the energy that its tank 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,11 +24,31 @@ from impedance_modules.prediction.loop_stability import StabilityForecast
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.phase_loops import PhaseLoops
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
-from impedance_modules.prediction.statics import Rest
+from impedance_modules.prediction.statics import Rest, analyse_state
 from impedance_modules.robot.model import Limb, RobotModel
+from impedance_modules.superposition.modes import longest_time_constant, natural_modes
 
 GRAVITY_SAMPLES = 40
 """Moments of a phase at which the arms' own weight is taken into account."""
+
+
+SLOW_REST, FAR_REST = 30.0, 0.25
+"""A rest is noted as far off from these on: time constant [s] and way of a joint from the phase's end [rad]."""
+
+
+@dataclass(frozen=True)
+class SlowRest:
+    """A rest that a phase's end is far from, and that is come to slowly.
+
+    Attributes:
+        joint: That turns most until then.
+        angle: By how much [rad].
+        time_constant: Of the slowest motion of its arm at rest [s].
+    """
+
+    joint: str
+    angle: float
+    time_constant: float
 
 
 @dataclass(frozen=True)
@@ -109,6 +129,7 @@ class PhaseForecast:
         object: The held object at rest; None without an object or a rest.
         loops: Stability of every loop with this phase's gains.
         folds: Arms (or ``object``) that would fold at rest.
+        slow: Where the rest is far off in time; None where it is not, or where there is none.
     """
 
     predicted: PredictedPhase
@@ -117,6 +138,7 @@ class PhaseForecast:
     object: ObjectForecast | None
     loops: tuple[StabilityForecast, ...]
     folds: tuple[str, ...]
+    slow: SlowRest | None
 
 
 @dataclass(frozen=True)
@@ -166,7 +188,24 @@ def _forecast_phase(
         object=None if rest is None else _forecast_object(mechanism, phase.equilibrium, rest),
         loops=judged.loops,
         folds=() if rest is None else tuple(folds),
+        slow=None if rest is None else _slow_rest(mechanism, phase, rest),
     )
+
+
+def _slow_rest(mechanism: Mechanism, phase: PredictedPhase, rest: Rest) -> SlowRest | None:
+    """Looks how far the phase's end is from its rest, and how slowly a free arm comes to it."""
+    model, held = mechanism.model, phase.modules.held
+    way, holding = rest.q - phase.q, () if held is None else held.limbs
+    for limb in (arm.limb for arm in phase.modules.arms if arm.limb.name not in holding):
+        joint = int(limb.joints[np.argmax(np.abs(way[limb.joints]))])
+        if abs(way[joint]) < FAR_REST:
+            continue
+        system = analyse_state(mechanism, phase.setting, rest.q).arms[limb.name].system
+        friction = np.diag(model.column("motor_damping")[limb.joints])
+        slowest = longest_time_constant(natural_modes(replace(system, damping=system.damping + friction)))
+        if slowest > SLOW_REST:
+            return SlowRest(model.joint_names[joint], float(way[joint]), slowest)
+    return None
 
 
 def _forecast_arm(
@@ -233,6 +272,11 @@ def _notes(phase: PhaseForecast) -> Iterator[str]:
         yield f"phase '{name}': what it waits for has not come by the end of its duration"
     if phase.rest is None:
         yield f"phase '{name}': no static equilibrium was found where it ends"
+    if phase.slow is not None:
+        yield (
+            f"phase '{name}': until it rests {phase.slow.joint} still turns by {phase.slow.angle:.2f} rad, with a time"
+            f" constant of {phase.slow.time_constant:.0f} s; the phase ends long before"
+        )
     for what in phase.folds:
         yield f"phase '{name}': '{what}' folds at rest: loads outweigh the springs"
     for arm in phase.arms:

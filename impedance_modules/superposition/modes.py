@@ -66,6 +66,12 @@ def joint_space_stiffness(
     return springs - gamma + jacobian.T @ end_stiffness @ jacobian
 
 
+def longest_time_constant(modes: Sequence[VibrationMode]) -> float:
+    r"""Gives 1 / |Re s| = 1 / (\zeta |s|) of the mode that decays most slowly [s]; infinite if one does not decay."""
+    slowest = min(mode.frequency * (mode.damping_ratio or 0.0) for mode in modes)
+    return 1.0 / slowest if slowest > 0.0 else float("inf")
+
+
 def natural_modes(system: JointSpace) -> tuple[VibrationMode, ...]:
     """Finds the modes of M qdd + D qd + K q = 0, slowest first.
 

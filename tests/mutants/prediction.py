@@ -4,6 +4,7 @@
 
 CONTACT = "impedance_modules/prediction/contact_geometry.py"
 FEASIBILITY = "impedance_modules/prediction/feasibility.py"
+FORECAST = "impedance_modules/prediction/forecast.py"
 LOOPS = "impedance_modules/prediction/loop_stability.py"
 MECHANISM = "impedance_modules/prediction/mechanism.py"
 PASSAGES = "impedance_modules/prediction/passages.py"
@@ -16,6 +17,7 @@ CHECK, ANALYSIS = "tests/prediction/test_check.py", "tests/prediction/test_analy
 TESTS = {
     CONTACT: (CHECK,),
     FEASIBILITY: (CHECK, "tests/prediction/test_passages.py"),
+    FORECAST: (STATICS_TESTS,),
     LOOPS: (CHECK,),
     PASSAGES: ("tests/prediction/test_passages.py",),
     PHASE_LOOPS: ("tests/prediction/test_phase_loops.py",),
@@ -41,6 +43,8 @@ MUTANTS = (
     (PHASE_END, "if there == until.present else 0.0", "if there != until.present else 0.0"),
     (STATICS, "np.concatenate([force, np.cross(contact.arm, force)])", "np.concatenate([force, np.cross(force, contact.arm)])"),
     (STATICS, "closed and float(np.max(np.abs(self._left))) < BALANCED", "closed"),
+    (FORECAST, "damping=system.damping + friction", "damping=friction"),
+    (FORECAST, "way, holding = rest.q - phase.q,", "way, holding = phase.q - rest.q,"),
     (STATICS, "self._hessian + (1.0 / length + 1e-8) * self._mechanism.inertia()", "self._hessian"),
     (STATICS, "longest > LONGEST_STEP and length > SHORTEST", "longest > LONGEST_STEP"),
     (STATICS, "contact.surface.stiffness * np.outer(into, into)", "0.5 * contact.surface.stiffness * np.outer(into, into)"),

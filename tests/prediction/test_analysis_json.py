@@ -52,7 +52,8 @@ def in_text(printed: str) -> Told:
         ):
             told.append((section, found[1], numbers(found[2]) + numbers(found[3])))
         elif found := re.match(
-            r"(origin|preload|modules exert|surfaces press|modes|hands squeeze|'\w+' exerts|\w+: coupling)",
+            r"(origin|from the end|preload|modules exert|surfaces press|modes|hands squeeze|'\w+' exerts"
+            r"|\w+: coupling)",
             words,
         ):
             text = words[found.end() :] if found[1] != "modes" else words.replace("free", "0 0")
@@ -102,6 +103,8 @@ def of_sum(held: dict) -> Iterator[tuple[str, str, tuple[float, ...] | None]]:
 
 def of_frame(section: str, frame: dict) -> Iterator[tuple[str, str, tuple[float, ...] | None]]:
     yield section, "origin", rounded([*frame["position"], *frame["orientation"]], ".3f")
+    if frame["until_rest"] is not None:
+        yield section, "from the end", rounded(max(frame["until_rest"].values(), key=abs), ".3f")
     yield section, "preload", rounded(frame["preload"], ".3f")
     yield section, "modules exert", rounded(frame["wrench"], ".3f")
     if frame["pressure"] is not None:

@@ -10,11 +10,12 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.spring import displacement_of
 from impedance_modules.plant.sheet import Sheet
 from impedance_modules.prediction.contact_geometry import TOO_DEEP, place_surface
+from impedance_modules.prediction.forecast import forecast_task
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import PredictedPhase, predict_motion
-from impedance_modules.prediction.statics import SURROUNDINGS, Loads, Rest, find_rest
+from impedance_modules.prediction.statics import SURROUNDINGS, Loads, Rest, analyse_state, find_rest
 from tests.support.commands import invoke
-from tests.support.forecast_tasks import BOX, assembled, write_task
+from tests.support.forecast_tasks import BOX, assembled, predicted, write_task
 from tests.support.paths import CHECKOUT
 
 HAND = "right_hand"
@@ -106,6 +107,22 @@ def test_both_verbs_find_the_rest_that_was_missing() -> None:
     printed = invoke("check", "slide-over").stdout
     assert "no static equilibrium" not in printed
     assert "at rest where 'stay' ends" in invoke("analyze", "slide-over", "--phase", "stay").stdout
+
+
+def test_a_rest_that_is_far_off_in_time_is_noted_and_another_is_not() -> None:
+    """With next to no spring the wrist turns for minutes; the linear creep at rest has that time constant."""
+    assembly, prediction = predicted("slide-over")
+    found = forecast_task(assembly, prediction).phases[STAY]
+    mechanism, rest, phase = Mechanism(assembly), prediction.rests[STAY], found.predicted
+    way = rest.q - phase.q
+    assert found.slow.joint == "right_w0" == assembly.model.joint_names[int(np.argmax(np.abs(way)))]
+    assert found.slow.angle == way[assembly.model.joint_names.index("right_w0")]
+    (arm,) = analyse_state(mechanism, phase.setting, rest.q).arms.values()
+    damping = arm.system.damping + np.diag(assembly.model.column("motor_damping")[mechanism.joints])
+    creep = np.linalg.eigvals(np.linalg.solve(damping, arm.system.stiffness)).real
+    assert found.slow.time_constant == pytest.approx(1.0 / np.min(creep), rel=0.05)
+    assert "until it rests right_w0 still turns by" in invoke("check", "slide-over").stdout.replace("\n", " ")
+    assert "until it rests" not in invoke("check", "press-and-slide").stdout
 
 
 def test_a_hand_that_nothing_stops_has_no_rest(tmp_path: Path) -> None:
