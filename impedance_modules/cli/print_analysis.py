@@ -76,6 +76,11 @@ def _print_at_frame(console: Console, frame_impedance: FrameImpedance) -> None:
     console.print(f"modules exert {_wrench(frame_impedance.wrench)}", soft_wrap=True)
     if frame_impedance.pressure is not None:
         console.print(f"surfaces press {_wrench(frame_impedance.pressure)}", soft_wrap=True)
+    if frame_impedance.friction is not None:
+        hold = frame_impedance.friction
+        console.print(
+            f"friction of {hold.force:.3f} N stops it at {_vector(hold.position)} m", soft_wrap=True
+        )
     if frame_impedance.folds:
         console.print(styled("[red]folds[/red]: the springs cannot hold the load; no stiffness is given"))
     matrices = [

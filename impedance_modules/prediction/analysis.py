@@ -18,6 +18,7 @@ from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.modules.held_object import OBJECT
+from impedance_modules.prediction.held_by_friction import FrictionHold, held_by_friction
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.prediction.statics import Rest, analyse_state, find_rest
@@ -51,6 +52,8 @@ class FrameImpedance:
             hold it, at its origin [N, N.m].
         wrench: (6,) what the modules exert through the frame on whatever it touches or holds [N, N.m].
         pressure: (6,) of the surfaces on it [N, N.m]; None at the start posture.
+        friction: Of the surfaces on a hand that holds nothing, and where it stops the hand; None where no rough surface
+            presses it, and at the start posture.
         folds: The springs cannot hold the load: pushed, it runs away.
         modes: Slowest first, of the joints behind it, motor friction included.
     """
@@ -70,6 +73,7 @@ class FrameImpedance:
     preload: Array
     wrench: Array
     pressure: Array | None
+    friction: FrictionHold | None
     folds: bool
     modes: tuple[VibrationMode, ...]
 
@@ -121,9 +125,15 @@ def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
         )
     found = _analysis(assembly, mechanism, predicted.setting, rest.q, (phase, rest))
     end = dict(zip(assembly.model.joint_names, predicted.q.tolist(), strict=True))
+    held = assembly.modules.held
+    holds = {
+        limb: held_by_friction(mechanism, predicted.setting, rest, predicted.q, arm.frame)
+        for limb, arm in found.arms.items()
+        if held is None or limb not in held.limbs
+    }
     return replace(
         found,
-        arms={limb: _since(arm, end) for limb, arm in found.arms.items()},
+        arms={limb: replace(_since(arm, end), friction=holds.get(limb)) for limb, arm in found.arms.items()},
         object=None if found.object is None else _since(found.object, end),
     )
 
@@ -188,6 +198,7 @@ def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> Fram
         preload=arm.preload,
         wrench=arm.wrench - arm.preload,
         pressure=None,
+        friction=None,
         folds=found.folds,
         modes=_modes(arm.system, friction),
     )
@@ -221,6 +232,7 @@ def _object(
         preload=carried_preload(holding, held.pose.translation),
         wrench=found.wrench,
         pressure=None,
+        friction=None,
         folds=held.folds,
         modes=_modes(held.system, motion.motion.T @ friction @ motion.motion),
     )

@@ -87,6 +87,8 @@ def _frame(impedance: FrameImpedance, phase: str | None) -> dict[str, Any]:
     }
     found.update({name: _numbers(getattr(impedance, name)) for name in MATRICES})
     found.update({name: _numbers(getattr(impedance, name)) for name in ("preload", "wrench", "pressure")})
+    hold = impedance.friction
+    found["friction"] = None if hold is None else {"force": hold.force, "position": hold.position.tolist()}
     found["ellipsoids"] = {name: _ellipsoids(getattr(impedance, name)) for name in ELLIPSOIDS}
     found["modes"] = [
         {"frequency": in_hertz(mode), "damping_ratio": mode.damping_ratio} for mode in impedance.modes

@@ -5,6 +5,7 @@
 CONTACT = "impedance_modules/prediction/contact_geometry.py"
 FEASIBILITY = "impedance_modules/prediction/feasibility.py"
 FORECAST = "impedance_modules/prediction/forecast.py"
+FRICTION = "impedance_modules/prediction/held_by_friction.py"
 LOOPS = "impedance_modules/prediction/loop_stability.py"
 MECHANISM = "impedance_modules/prediction/mechanism.py"
 PASSAGES = "impedance_modules/prediction/passages.py"
@@ -18,6 +19,7 @@ TESTS = {
     CONTACT: (CHECK,),
     FEASIBILITY: (CHECK, "tests/prediction/test_passages.py"),
     FORECAST: (STATICS_TESTS,),
+    FRICTION: (STATICS_TESTS,),
     LOOPS: (CHECK,),
     PASSAGES: ("tests/prediction/test_passages.py",),
     PHASE_LOOPS: ("tests/prediction/test_phase_loops.py",),
@@ -45,6 +47,9 @@ MUTANTS = (
     (STATICS, "closed and float(np.max(np.abs(self._left))) < BALANCED", "closed"),
     (FORECAST, "damping=system.damping + friction", "damping=friction"),
     (FORECAST, "way, holding = rest.q - phase.q,", "way, holding = phase.q - rest.q,"),
+    (FRICTION, "found += contact.surface.fresh_friction", "found -= contact.surface.fresh_friction"),
+    (FRICTION, "start if farther else stops", "stops"),
+    (FRICTION, "start if farther else stops", "start"),
     (STATICS, "self._hessian + (1.0 / length + 1e-8) * self._mechanism.inertia()", "self._hessian"),
     (STATICS, "longest > LONGEST_STEP and length > SHORTEST", "longest > LONGEST_STEP"),
     (STATICS, "contact.surface.stiffness * np.outer(into, into)", "0.5 * contact.surface.stiffness * np.outer(into, into)"),

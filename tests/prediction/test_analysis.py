@@ -25,7 +25,7 @@ JOINTS = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
 KEYS = {
     "frame", "position", "q", "inertia", "inertia_without_reflected", "mobility", "damping", "stiffness",
     "compliance", "stiffness_without_preload", "preload", "folds", "phase",
-    "orientation", "until_rest", "wrench", "pressure", "ellipsoids", "modes",
+    "orientation", "until_rest", "friction", "wrench", "pressure", "ellipsoids", "modes",
 }  # fmt: skip
 OF_THE_SUM = {"summands", "squeeze", "internal", "coupling"}
 

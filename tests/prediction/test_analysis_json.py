@@ -52,7 +52,7 @@ def in_text(printed: str) -> Told:
         ):
             told.append((section, found[1], numbers(found[2]) + numbers(found[3])))
         elif found := re.match(
-            r"(origin|from the end|preload|modules exert|surfaces press|modes|hands squeeze|'\w+' exerts"
+            r"(origin|from the end|preload|modules exert|surfaces press|friction|modes|hands squeeze|'\w+' exerts"
             r"|\w+: coupling)",
             words,
         ):
@@ -109,6 +109,12 @@ def of_frame(section: str, frame: dict) -> Iterator[tuple[str, str, tuple[float,
     yield section, "modules exert", rounded(frame["wrench"], ".3f")
     if frame["pressure"] is not None:
         yield section, "surfaces press", rounded(frame["pressure"], ".3f")
+    if frame["friction"] is not None:
+        yield (
+            section,
+            "friction",
+            rounded([frame["friction"]["force"], *frame["friction"]["position"]], ".3f"),
+        )
     for name in MATRICES:
         if name != "compliance" or frame[name] is not None:
             yield section, name, None if frame[name] is None else rounded(frame[name], ".3g")

@@ -4,8 +4,10 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.prediction.held_by_friction import held_by_friction
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import PredictedPhase, predict_motion
 from impedance_modules.prediction.statics import SURROUNDINGS, Loads, Rest, find_rest
@@ -83,3 +85,20 @@ def test_on_rough_surfaces_the_plant_rests_short_of_it_by_its_friction(tmp_path:
             float(np.linalg.norm(mechanism.kinematics.pose(HAND).translation - settled(run, f"at {HAND}")))
         )
     assert away[0] > 5e-3 and away[1] < 1e-3
+
+
+def test_the_plant_stops_where_friction_is_predicted_to_hold_it(tmp_path: Path) -> None:
+    """On the table, on the way and on the block, at the end of three phases of the shipped speeds."""
+    path = CHECKOUT / "tasks" / "thesis" / "slide-over.yaml"
+    assembly, run = assembled(path), watch(path, duration=11.4)
+    model = assembly.model
+    for phase in predict_motion(assembly).phases[1:4]:
+        rest = rest_of(assembly, phase)
+        found = held_by_friction(Mechanism(assembly), phase.setting, rest, phase.q, HAND)
+        assert found is not None
+        press = rest.pressure[HAND][:3]
+        assert found.force == pytest.approx(0.2 * np.linalg.norm(press), rel=0.05)
+        place = run.seen(f"at {HAND}", phase.name)[-1]
+        assert np.linalg.norm(found.position - place) < 2.5e-3
+        if phase.name != "lean":
+            assert np.linalg.norm(model.pose(rest.q, HAND).translation - place) > 0.01

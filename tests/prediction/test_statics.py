@@ -11,6 +11,7 @@ from impedance_modules.modules.spring import displacement_of
 from impedance_modules.plant.sheet import Sheet
 from impedance_modules.prediction.contact_geometry import TOO_DEEP, place_surface
 from impedance_modules.prediction.forecast import forecast_task
+from impedance_modules.prediction.held_by_friction import held_by_friction
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import PredictedPhase, predict_motion
 from impedance_modules.prediction.statics import SURROUNDINGS, Loads, Rest, analyse_state, find_rest
@@ -140,3 +141,40 @@ def test_a_hand_that_nothing_stops_has_no_rest(tmp_path: Path) -> None:
     assembly = assembled(write_task(tmp_path, TERRAIN, *free))
     phase = predict_motion(assembly).phases[0]
     assert find_rest(Mechanism(assembly), phase.setting, phase.q) is None
+
+
+def test_friction_holds_no_hand_that_is_free_and_none_on_smooth_ground(tmp_path: Path) -> None:
+    assembly = assembled(write_task(tmp_path, TERRAIN, ("friction: 0.2", "friction: 0")))
+    phases = predict_motion(assembly).phases
+    for phase in (phases[0], phases[STAY]):
+        rest = rest_of(assembly, phase)
+        assert held_by_friction(Mechanism(assembly), phase.setting, rest, phase.q, HAND) is None
+
+
+def test_a_hand_that_comes_from_far_stops_where_friction_and_springs_balance(tmp_path: Path) -> None:
+    """The longer the way, the surer the friction is all used: the statics pushed by it rest there."""
+    assembly = assembled("slide-over")
+    phase = predict_motion(assembly).phases[STAY]
+    mechanism, rest = Mechanism(assembly), rest_of(assembly, phase)
+    far = phase.q.copy()
+    far[assembly.model.joint_names.index("right_s0")] -= 0.05
+    found = held_by_friction(mechanism, phase.setting, rest, far, HAND)
+    assert found is not None
+    smooth = assembly.model.pose(rest.q, HAND).translation
+    came_from = assembly.model.pose(far, HAND).translation
+    assert 0.008 < np.linalg.norm(found.position - smooth) < 0.9 * np.linalg.norm(came_from - smooth)
+    back = (came_from - smooth) / np.linalg.norm(came_from - smooth)
+    pushed = rest_of(
+        assembly, phase, Loads({HAND: np.append(found.force * back, np.zeros(3))}, surfaces=True)
+    )
+    mechanism.update(pushed.q, np.zeros_like(pushed.q))
+    np.testing.assert_allclose(mechanism.kinematics.pose(HAND).translation, found.position, atol=1e-3)
+
+
+def test_friction_does_not_push_a_hand_back() -> None:
+    """A phase that ends nearer to its rest than friction reaches leaves the hand where it is."""
+    assembly = assembled("slide-over")
+    phase = predict_motion(assembly).phases[1]
+    found = held_by_friction(Mechanism(assembly), phase.setting, rest_of(assembly, phase), phase.q, HAND)
+    assert found is not None
+    np.testing.assert_array_equal(found.position, assembly.model.pose(phase.q, HAND).translation)
