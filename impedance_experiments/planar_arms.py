@@ -31,8 +31,10 @@ PRINTED = {
 def reproduce(settings: Settings) -> Page:  # noqa: ARG001 - all experiments are called alike
     """Adds the two arms' inertias and lays the sums beside the printed matrices."""
     assembly = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None)
-    hands = analyse_task(assembly, None).summands
-    first, mirrored = hands.values()
+    held = analyse_task(assembly, None).sum
+    if held is None:
+        raise ValueError(f"task '{TASK}' holds nothing")
+    first, mirrored = held.hands.values()
     sums = ([first], [mirrored], [first, mirrored])
     found = dict(zip(PRINTED, (planar_inertia_of(part) for part in sums), strict=True))
     worst = max(float(np.max(np.abs(found[name] - np.array(PRINTED[name])))) for name in PRINTED)

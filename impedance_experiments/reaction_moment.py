@@ -139,11 +139,13 @@ def _answer(assembly: Assembly, trace: PushTrace) -> Array:
 def box_moments() -> dict[str, Array]:
     """Gives, for Baxter's arms on a box, the moments (3, 3) for each newton along x, y and z (columns) [m]."""
     both = BOX_TASKS["two arms"]
-    analysis = analyse_task(assemble(both, effects=None, rate=None, scale=1.0, arm=None), None)
-    hands = list(analysis.summands.values())
+    found = analyse_task(assemble(both, effects=None, rate=None, scale=1.0, arm=None), None).sum
+    if found is None:
+        raise ValueError(f"task '{both}' holds nothing")
+    hands = list(found.hands.values())
     moments = {}
     for name, held in {"one arm": hands[:1], "two arms": hands}.items():
-        inertia = superpose(held, analysis.own).inertia.inertia
+        inertia = superpose(held, found.own).inertia.inertia
         if inertia is None:
             raise ValueError(f"task '{both}': an arm is singular at its posture")
         moments[name] = np.asarray(inertia[3:, :3] / np.diag(inertia)[:3])

@@ -64,6 +64,8 @@ class ObjectSum:
     """How the hands' impedances and wrenches make the object's.
 
     Attributes:
+        hands: Limb name -> its hand's impedance, and where it is from the object's origin.
+        own: (6, 6) inertia of the object itself at its origin, world axes.
         summands: ``inertia``, ``inertia_without_reflected``, ``damping``, ``stiffness`` -> its parts.
         squeeze: Mean force with which the hands press towards the object's origin [N].
         internal: Limb name -> (6,) what its hand exerts against the others, at the hand [N, N.m]; carried to the
@@ -72,6 +74,8 @@ class ObjectSum:
         coupling: ``inertia``, ``stiffness`` -> across that plane; empty without one.
     """
 
+    hands: Mapping[str, HandImpedance]
+    own: Array
     summands: Mapping[str, Summands]
     squeeze: float
     internal: Mapping[str, Array]
@@ -108,6 +112,8 @@ def sum_at_object(
     }
     totals = {"inertia": held.impedance.inertia.inertia, "stiffness": stiffness}
     return ObjectSum(
+        hands=hands,
+        own=own,
         summands=summands,
         squeeze=squeeze_force(held.hands, held.impedance.internal),
         internal=dict(zip(limbs, held.impedance.internal, strict=True)),

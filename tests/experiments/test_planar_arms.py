@@ -20,7 +20,9 @@ def assembly():
 
 
 def test_each_arm_and_their_sum_are_what_kinetic_energy_says(assembly) -> None:
-    hands = analyse_task(assembly, None).summands
+    held = analyse_task(assembly, None).sum
+    assert held is not None
+    hands = held.hands
     alone = {name: planar_inertia(np.radians(angles)) for name, angles in ANGLES.items()}
     for name, expected in alone.items():
         np.testing.assert_allclose(planar_inertia_of([hands[name]]), expected, rtol=1e-9, atol=1e-9)
