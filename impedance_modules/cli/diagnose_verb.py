@@ -44,7 +44,7 @@ PATH = click.Path(path_type=Path)
     default=0.01,
     show_default=True,
     metavar="SHARE",
-    help="Of each joint's torque and simulated motion: a gap within it raises no alarm.",
+    help="Of each joint's torque range: a gap within it that changes no simulated motion raises no alarm.",
 )
 @click.option("--json", "json_path", type=PATH, metavar="F", help="Write the answer as JSON.")
 @click.option("--report", type=PATH, metavar="F.html", help="Write a report as one HTML file.")
@@ -232,9 +232,7 @@ def print_diagnosis(found: Diagnosis, console: Console) -> None:
             console.print(f"reported velocities are those of the positions: {', '.join(quiet)}")
     _print_causes(found.causes, console)
     if found.small:
-        console.print(
-            f"small, within {100.0 * found.tolerance:.3g} % of the joints' ranges of torque and motion:"
-        )
+        console.print(f"small, within {100.0 * found.tolerance:.3g} % of the joints' torque ranges:")
         _print_causes(found.small, console)
     _print_rollouts(found, console)
     if found.remainder.structure:

@@ -70,8 +70,8 @@ def diagnose(
         heldout: Names of recordings that no step of the fit may use; empty: it chooses them.
         without: Ids of effects that are left out of the catalogue.
         under_water: The robot was under water; only then are the effects of water candidates.
-        tolerance: Share of each joint's ranges of torque and motion within which a gap is called none; 0 for no such
-            share.
+        tolerance: Share of each joint's torque range within which a gap that changes no simulated motion is called
+            none; 0 for no such share.
         known_effects: Effects of a patch that the nominal model includes from the beginning.
         progress: Called with a sentence for each step.
 

@@ -26,8 +26,8 @@ EXIT_CODES: Mapping[str, int] = {
 class Diagnosis:
     """The whole result.
 
-    ``tolerance`` is the share of joints' ranges of torque and motion within which a gap does not matter; ``small`` are
-    the causes of a gap that is within it, most explaining first. They are in no patch.
+    ``tolerance`` is the share of joints' torque ranges within which a gap does not matter; ``small`` are the causes of
+    a gap that is within it and changes no simulated motion, most explaining first. They are in no patch.
     """
 
     verdict: str

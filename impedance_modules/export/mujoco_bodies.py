@@ -16,11 +16,12 @@ from impedance_modules.export.carrier import NotCarried
 from impedance_modules.export.edited_xml import number, numbers
 from impedance_modules.export.mujoco_model import DEGREE, ONE_AXIS, MujocoDescription
 from impedance_modules.robot.rotation import exp3
+from impedance_modules.spec.robot_spec import UPRIGHT_GRAVITY
 
 ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 """Attributes that turn an element in its parent."""
 
-GRAVITY = (0.0, 0.0, -9.81)
+GRAVITY = UPRIGHT_GRAVITY
 """Of a model that does not say [m/s^2]."""
 
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""What is seen but does not matter: gaps within a stated share of each joint's torque and of its simulated motion.
+r"""What is seen but does not matter: gaps within a stated share of each joint's torque that change no simulated motion.
 
 With good sensors and long recordings, torques of a thousandth of a joint's range are certain. Nobody is warned of them:
 
     \tau_{rms} \le s (\tau_{max} - \tau_{min})      for every joint and residual,
 
-the range over all recordings (of reported velocities, the range of speeds), s the tolerance. And the nominal model must
-simulate the motion as well: each joint's error is at most s times the range of its positions, or what noise makes.
+the range over all recordings (of reported velocities, the range of speeds), s the tolerance. And the simulated motion
+must be as good without each cause as with it, and with all of them as near to the recorded one as its noise allows.
 """
 
 from __future__ import annotations
@@ -23,10 +23,13 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Rollout
 
 DEFAULT_TOLERANCE = 0.01
-"""Share of a joint's ranges of torque and motion."""
+"""Share of a joint's torque range."""
+
+CHANGED = 1.21
+"""Power of the simulated motion's error without a cause over that with it, from which the cause changes the motion."""
 
 DRIFT = 1.5
-"""Simulated error over its noise that is still noise."""
+"""Simulated error over its noise, beyond which what remains changes the motion."""
 
 
 def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> Diagnosis:
@@ -42,20 +45,20 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
         return found
     limits = tolerance * ranges(evidence.prepared, evidence.design.groups)
     left = evidence.rms(evidence.model_fit, range(len(evidence.prepared)))
-    small = all(is_small(cause, evidence, limits) for cause in found.causes)
-    if not small or not (found.remainder.explained or np.all(left <= limits)):
+    if not all(is_small(cause, evidence, limits) for cause in found.causes):
         return found
-    if not stays_near(found.rollout, evidence.prepared, tolerance):
+    if not found.remainder.explained and not (np.all(left <= limits) and stays_near(found.rollout)):
         return found
-    words = (
-        f"; the gap is within the tolerance of {100.0 * tolerance:.3g} % of each joint's torque and motion"
-    )
+    words = f"; within the tolerance of {100.0 * tolerance:.3g} % of each joint's torque range"
     remainder = replace(found.remainder, explained=True, structure=found.remainder.structure + words)
     return replace(found, verdict="no_gap", causes=(), small=found.causes, remainder=remainder)
 
 
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
-    """Whether a cause's torque is within the limits (groups,) at each joint."""
+    """Whether a cause's torque is within the limits (groups,) at each joint, and the simulated motion needs it not."""
+    shown = cause.rollout
+    if shown is not None and shown.verdict == "helps" and shown.ratio >= CHANGED:
+        return False
     model_fit, recordings = evidence.model_fit, range(len(evidence.prepared))
     terms = [
         i
@@ -72,14 +75,9 @@ def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
     return bool(terms)
 
 
-def stays_near(rollout: Rollout, prepared: Sequence[Prepared], tolerance: float) -> bool:
-    """Whether the nominal model simulates each joint's motion within the tolerance, or as well as noise allows."""
-    travel = np.ptp(np.concatenate([item.position for item in prepared]), axis=0)
-    allowed = dict(zip(prepared[0].tree.joints, tolerance * travel, strict=True))
-    return all(
-        drift.before <= max(allowed[joint], DRIFT * drift.noise_floor)
-        for joint, drift in rollout.position.items()
-    )
+def stays_near(rollout: Rollout) -> bool:
+    """Whether the simulated motion with all causes is about as near to the recorded one as its noise allows."""
+    return all(drift.after <= DRIFT * drift.noise_floor for drift in rollout.position.values())
 
 
 def ranges(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:

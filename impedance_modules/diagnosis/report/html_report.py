@@ -67,7 +67,7 @@ def html_report(found: Diagnosis, answer: dict[str, Any]) -> str:
     if found.series:
         parts += [_how_large(answer["gap"]), _where(answer)]
         parts.append(cause_sections(answer["causes"], answer["unexplained_weight"]))
-        parts.append(_small(answer["small"], answer["tolerance"]))
+        parts.append(small_section(answer["small"], answer["tolerance"]))
         parts.append(section("Before and after, over time", over_time(found.series)))
         parts.append(rollout_section(answer["gap"]["rollout"], found.rollout.traces))
         parts.append(_left(answer["remainder"]))
@@ -190,11 +190,13 @@ def cause_sections(causes: Sequence[dict[str, Any]], unexplained: float) -> str:
     return section("Causes", head, *(_cause(cause) for cause in causes))
 
 
-def _small(causes: Sequence[dict[str, Any]], tolerance: float) -> str:
+def small_section(causes: Sequence[dict[str, Any]], tolerance: float) -> str:
     """What was found within the tolerance; nothing where that is none."""
     if not causes:
         return ""
-    words = f"Within {percent(tolerance)} of each joint's range of torque, and of its simulated motion."
+    words = (
+        f"Within {percent(tolerance)} of each joint's torque range, and no change of the simulated motion."
+    )
     return section("Small", paragraph(words), *(_cause(cause) for cause in causes))
 
 
