@@ -127,7 +127,7 @@ def _law_rows(touches: Touches) -> tuple[ThesisValue, ...]:
             None,
             round(_over_stiffness(touches), 3),
             "",
-            "law: 0.5; the stiffer the surface, the less of the rotors' mass is in the blow",
+            "law: one half; the stiffer the surface, the less of the rotors' mass is in the blow",
         ),
     )
 
@@ -218,7 +218,7 @@ def _differences(touches: Touches) -> str:
         f"{found[0].rotors_share:.2f} on {stiffness / 1000:g} kN/m" for stiffness, found in touches.items()
     ]
     return (
-        "**The thesis** asks in 1.3 how fast a hand may come to make contact, and measures nothing there; the law is "
+        "**The thesis** asks how fast a hand may come to make contact, and measures nothing there; the law is "
         "the textbook's.\n\n"
         "**Which mass** strikes depends on the surface: behind the springs of its joints the rotors arrive later than "
         "the links. The mass in the blow lies between the links' apparent mass and the whole arm's; the part of the "

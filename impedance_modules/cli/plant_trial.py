@@ -25,13 +25,13 @@ def tried(assembly: Assembly, prediction: TaskPrediction, seed: int, console: Co
     Raises:
         BadFile: A joint is too fast there.
     """
-    from impedance_modules.cli.print_run import progress
     from impedance_modules.prediction.joint_limits import limits_met
 
     met = limits_met(assembly.model, prediction)
     if not met or assembly.allow_unstable:
         return None
     # Imported only here: from this line on functions are compiled.
+    from impedance_modules.cli.print_run import progress
     from impedance_modules.runs.trial_run import try_on_plant
 
     with progress(sum(phase.duration for phase in assembly.task.phases), console) as on_progress:
