@@ -68,10 +68,12 @@ def sweep_command(
 
     PATH is a number's place in the task file, e.g. environment.0.height or arms.right.springs.hand.stiffness.x; one
     that begins with effects. is a number of the patch. Writes DIR/sweep.csv, a line for every run as it ends, and a
-    plot over every PATH. A run that is refused or stops is a result, too. Exit: 0 done, 2 bad input.
+    plot over every PATH. A run that is refused or stops is a result, too. Exit: 0 done, 2 bad input, or every run was
+    refused.
     """
     from impedance_modules.cli.terminal import Terminal
     from impedance_modules.tools.sweep_plan import SweepPlan, make_jobs, read_range
+    from impedance_modules.tools.sweep_runs import REFUSED
 
     _refuse_counts(draws=draws, seeds=seeds, jobs=jobs, duration=duration)
     if jobs is not None and scheduler is not None:
@@ -93,7 +95,7 @@ def sweep_command(
         _running(todo, jobs, scheduler), len(todo), [found.path for found in ranges], folder, console
     )
     _print(rows, console)
-    return 0
+    return 2 if all(row.ending == REFUSED for row in rows) else 0
 
 
 def _refuse_counts(*, draws: int | None, seeds: int, jobs: int | None, duration: float | None) -> None:

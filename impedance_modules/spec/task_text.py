@@ -12,7 +12,7 @@ import yaml
 
 from impedance_modules.errors import BadInput, ImpedanceError, nearest
 from impedance_modules.spec.document import Document, parse_document, print_path, scan_document
-from impedance_modules.spec.locate import find_robot, find_task
+from impedance_modules.spec.locate import data_folder, find_robot, find_task
 from impedance_modules.spec.yaml_tree import KeyPath
 
 Spent = Literal["throughout", "at its end"]
@@ -72,10 +72,11 @@ def changed(document: Document, changes: Mapping[KeyPath, Any], heading: str = "
         for step in steps[:-1]:
             here = here[step]
         here[steps[-1]] = value
-    robot = str(data.get("robot", ""))
-    if "/" in robot or "\\" in robot:
-        # The changed file may lie elsewhere.
-        data["robot"] = str(find_robot(robot, document.path).resolve())
+    robot = data.get("robot")
+    if isinstance(robot, str):
+        # The changed file may lie elsewhere, where only shipped robots go by their names.
+        folder = find_robot(robot, document.path)
+        data["robot"] = robot if folder == data_folder("robots") / robot else str(folder.resolve())
     return heading + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
 
 

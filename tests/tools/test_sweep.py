@@ -2,6 +2,7 @@
 """`impedance sweep`: every point of the grid is run as the task would be, here or on a cluster."""
 
 import csv
+import shutil
 import sys
 from pathlib import Path
 
@@ -108,3 +109,31 @@ def test_without_dask_or_a_scheduler_the_remedy_is_named(monkeypatch: pytest.Mon
     monkeypatch.setattr("impedance_modules.tools.sweep_runs.CONNECTING", 0.5)
     with pytest.raises(BadInput, match="no Dask scheduler answers"):
         list(run_on_cluster(jobs, "tcp://127.0.0.1:1"))
+
+
+def beside_its_robot(folder: Path) -> Path:
+    """A copy of a task whose robot is known beside it only."""
+    shutil.copytree(CHECKOUT / "robots" / "single_wheel", folder / "robots" / "my_wheel")
+    text = (CHECKOUT / "tasks" / "thesis" / "one-joint.yaml").read_text()
+    task = folder / "task.yaml"
+    task.write_text(text.replace("robot: single_wheel", "robot: my_wheel"))
+    return task
+
+
+def test_a_robot_beside_the_task_is_found_by_every_run(tmp_path: Path) -> None:
+    task = beside_its_robot(tmp_path)
+    rz = "arms.wheel.springs.hand.stiffness.rz"
+    done = invoke(
+        "sweep", task, "--vary", f"{rz}=4:6:2", "--duration", 0.1, "--jobs", 1, "--out", tmp_path / "o"
+    )
+    assert done.return_value == 0 and "refused" not in done.output
+    assert [row["ending"] for row in table(tmp_path / "o")] == ["interrupted"] * 2
+
+
+def test_a_sweep_of_nothing_but_refused_runs_fails(tmp_path: Path) -> None:
+    task = beside_its_robot(tmp_path)
+    rz = "arms.wheel.springs.hand.stiffness.rz"
+    words = ("sweep", task, "--duration", 0.1, "--jobs", 1, "--vary")
+    assert invoke(*words, f"{rz}=2e4:4e4:2", "--out", tmp_path / "all").return_value == 2
+    assert [row["ending"] for row in table(tmp_path / "all")] == ["refused"] * 2
+    assert invoke(*words, f"{rz}=5:2e4:2", "--out", tmp_path / "some").return_value == 0
