@@ -185,7 +185,7 @@ class Distances:
         """Prepares to measure; arguments as in ``DistanceState``, ``pairs`` as (link, link) names."""
         self.pairs = tuple(pairs)
         self._kinematics = kinematics
-        self._geometry = kinematics.model.geometry()
+        self._geometry = kinematics.model.geometry({link for pair in self.pairs for link in pair})
         self._shapes = [self._shape_pairs(first, second) for first, second in self.pairs]
         self._data = pin.GeometryData(self._geometry)
         moves = [self._moves(both.second) - self._moves(both.first) for both in self._geometry.collisionPairs]

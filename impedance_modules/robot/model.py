@@ -7,7 +7,7 @@ mobility that controller, damping and filter rows use (design 4, "Which inertia"
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.robot.description import name_apart, rigid_model
+from impedance_modules.robot.link_geometry import read_geometry
 from impedance_modules.robot.pose import Pose
 from impedance_modules.spec.robot_spec import BodyChange, JointOrigin, JointSpec, RobotSpec
 
@@ -163,12 +164,16 @@ class RobotModel:
         matrix = pin.crba(self.pin_model, self.pin_model.createData(), q)
         return np.asarray(np.triu(matrix) + np.triu(matrix, 1).T)
 
-    def geometry(self) -> pin.GeometryModel:
-        """Builds the collision shapes of all links, fresh and without pairs; for robot/ and plant/ only."""
-        try:
-            shapes = pin.buildGeomFromUrdf(self._full, str(self.spec.urdf), pin.GeometryType.COLLISION)
-        except (ValueError, RuntimeError) as error:
-            raise BadInput(f"{self.spec.urdf}: a collision shape cannot be read: {error}") from None
+    def geometry(self, links: Collection[str] | None = None) -> pin.GeometryModel:
+        """Builds collision shapes, fresh and without pairs; for robot/ and plant/ only.
+
+        Args:
+            links: Whose; None for all, but for meshes that are not there.
+
+        Raises:
+            BadInput: A mesh of one of ``links`` is not there, or a shape cannot be read.
+        """
+        shapes = read_geometry(self._full, self.spec.urdf, links)
         _, reduced = pin.buildReducedModel(self._full, shapes, self._locked, self._reference)
         for shape in reduced.geometryObjects:
             shape.geometry.computeLocalAABB()

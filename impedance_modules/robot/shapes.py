@@ -34,10 +34,10 @@ class LinkShape:
 
 
 def link_shapes(model: RobotModel) -> tuple[LinkShape, ...]:
-    """Lists the shapes of all links.
+    """Lists the shapes of all links; a mesh is drawn as the box around it, one that is not there is left out.
 
     Raises:
-        BadInput: A link's shape is a mesh or another kind that cannot be drawn.
+        BadInput: A link's shape is of a kind that cannot be drawn.
     """
     return tuple(_link_shape(model, shape) for shape in model.geometry().geometryObjects)
 
@@ -46,6 +46,11 @@ def _link_shape(model: RobotModel, shape: pin.GeometryObject) -> LinkShape:
     frame = model.pin_model.frames[shape.parentFrame]
     # Shapes are placed in their joint; people think of them in their link.
     X_LS = frame.placement.inverse() * shape.placement
+    if isinstance(shape.geometry, coal.ConvexBase):
+        box = shape.geometry.aabb_local
+        X_LC = X_LS * pin.SE3(np.eye(3), 0.5 * (box.max_ + box.min_))
+        edges = tuple(map(float, box.max_ - box.min_))
+        return LinkShape(frame.name, "box", edges, Pose(X_LC.rotation.copy(), X_LC.translation.copy()))
     kind, size = _kind_and_size(shape)
     return LinkShape(frame.name, kind, size, Pose(X_LS.rotation.copy(), X_LS.translation.copy()))
 

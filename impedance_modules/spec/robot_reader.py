@@ -355,6 +355,10 @@ def _collision_problems(document: Document, urdf: UrdfFacts) -> Iterator[Problem
             elif link not in urdf.links_with_collision:
                 message = f"the link '{link}' has no <collision> shape"
                 yield document.problem((*here, side), message, shaped)
+            elif link in urdf.missing_meshes:
+                message = f"the mesh '{urdf.missing_meshes[link]}' of link '{link}' is not there"
+                valid = "a file beside the description, or its package below a folder above it"
+                yield document.problem((*here, side), message, (valid,))
         if frozenset(pair) in seen:
             yield document.problem(here, f"the pair {pair[0]}, {pair[1]} is listed twice")
         seen.add(frozenset(pair))

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from impedance_modules.errors import BadFile, Problem, printable
 from impedance_modules.spec.located_xml import Faults, parse_xml
+from impedance_modules.spec.mesh_files import missing_mesh
 from impedance_modules.spec.urdf_numbers import check_numbers
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -66,6 +67,7 @@ class UrdfFacts:
         joints: Joint name -> joint, in the file's order.
         links_without_inertia: Links without a positive mass and a positive moment about each axis.
         links_with_collision: Links that have at least one collision shape.
+        missing_meshes: Link -> name of a mesh of its collision shapes that is not there.
         link_lines: Link name -> line of its element.
     """
 
@@ -74,6 +76,7 @@ class UrdfFacts:
     joints: Mapping[str, UrdfJoint]
     links_without_inertia: frozenset[str]
     links_with_collision: frozenset[str]
+    missing_meshes: Mapping[str, str]
     link_lines: Mapping[str, int]
 
     def moving_joints(self, link: str) -> tuple[str, ...]:
@@ -137,6 +140,9 @@ def read_urdf(path: Path) -> UrdfFacts:
         links_with_collision=frozenset(
             name for name, link in links.items() if link.find("collision/geometry") is not None
         ),
+        missing_meshes={
+            name: missing for name, link in links.items() if (missing := missing_mesh(path, link)) is not None
+        },
         link_lines={name: lines[link] for name, link in links.items()},
     )
 

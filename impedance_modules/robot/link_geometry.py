@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Collision shapes of a description as its maker ships it: meshes in packages, or not there at all.
+
+Only what somebody asks for is read. A mesh becomes its convex hull (coal): distances of hulls are never larger than
+those of what is inside, and a direction that separates them exists.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Collection
+from pathlib import Path
+
+import coal
+import pinocchio as pin
+
+from impedance_modules.errors import BadInput
+from impedance_modules.spec.mesh_files import find_mesh
+
+
+def read_geometry(model: pin.Model, urdf: Path, links: Collection[str] | None) -> pin.GeometryModel:
+    """Builds the collision shapes of links, without pairs.
+
+    Args:
+        model: Of all joints of the description.
+        urdf: The description, which its reader has checked.
+        links: Names of those whose shapes are asked for; None for all, as far as their meshes are there.
+
+    Raises:
+        BadInput: A mesh of one of ``links`` is not there, or a shape cannot be read.
+    """
+    tree = ET.parse(urdf)
+    for link in tree.getroot().iter("link"):
+        _keep_readable(link, urdf, links)
+    text = ET.tostring(tree.getroot(), encoding="unicode")
+    try:
+        found = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+    except (ValueError, RuntimeError) as error:
+        raise BadInput(f"{urdf}: a collision shape cannot be read: {error}") from None
+    for shape in found.geometryObjects:
+        if isinstance(shape.geometry, coal.BVHModelBase):
+            shape.geometry.buildConvexRepresentation(False)
+            shape.geometry = shape.geometry.convex
+    return found
+
+
+def _keep_readable(link: ET.Element, urdf: Path, links: Collection[str] | None) -> None:
+    """Takes away what is not asked for, and where all is asked for what is not there; writes meshes' whole paths."""
+    for shape in link.findall("collision"):
+        mesh = shape.find("geometry/mesh")
+        path = None if mesh is None else find_mesh(urdf, mesh.get("filename", ""))
+        wanted = links is None or link.get("name") in links
+        if mesh is not None and path is None and wanted and links is not None:
+            raise BadInput(
+                f"{urdf}: the mesh '{mesh.get('filename')}' of link '{link.get('name')}' is not there, and distances of"
+                " that link are asked for (valid: a file beside the description, a package below a folder above it, or"
+                " no pair with this link)"
+            )
+        if not wanted or (mesh is not None and path is None):
+            link.remove(shape)
+        elif mesh is not None:
+            mesh.set("filename", str(path))
