@@ -66,6 +66,7 @@ PREDICTION = (
     c("check touch-and-stop"),
     c("check one-joint"),
     c("check slide-over-position"),
+    c("check forward-path"),
     c("analyze press-and-slide --json analysis.json"),
     c("analyze press-and-slide --phase slide"),
     c("analyze wipe-table-depth --phase lean"),
