@@ -87,6 +87,7 @@ def _read_robot(document: Document, robot_reader: RobotReader) -> tuple[RobotSpe
 
 
 def _meaning_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
+    yield from _mode_problems(draft)
     yield from arm_problems(draft, arms)
     yield from spring_problems(draft, arms)
     yield from object_problems(draft, arms)
@@ -96,6 +97,15 @@ def _meaning_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterato
     yield from playback_problems(draft)
     yield from wood_problems(draft)
     yield from phase_problems(draft, arms)
+
+
+def _mode_problems(draft: TaskDraft) -> Iterator[Problem]:
+    """The robot of a task takes torques: springs command nothing else."""
+    robot = draft.robot
+    if robot is not None and "torque" not in robot.control_modes:
+        takes = ", ".join(robot.control_modes)
+        message = f"robot '{robot.name}' takes no torque commands: its control_modes are {takes}"
+        yield draft.document.problem(("robot",), message, ("a robot whose control_modes name torque",))
 
 
 def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:

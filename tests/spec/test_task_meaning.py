@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The rules of meaning of a task file as laws: matrices, mirror images, undamped axes."""
 
+import dataclasses
 import functools
 import json
 import pickle
@@ -174,3 +175,14 @@ def test_a_trap_behind_an_alias_is_reported_once_where_it_stands():
     line = text[: text.index("s0: 0.0974")].count("\n") + 1
     found = problems_of(text.replace("s0: 0.0974", "s0: *nowhere"))
     assert [(p.line, p.path) for p in found] == [(line, "arms.right.posture.s0")]
+
+
+def test_a_robot_that_takes_no_torques_carries_no_task_out():
+    def without_torque(path):
+        return dataclasses.replace(cached_robot(path), control_modes=("position", "velocity"))
+
+    with pytest.raises(BadFile) as caught:
+        check_task(parse_document(PRESS_BOX, PRESS_BOX.read_text()), without_torque)
+    (problem,) = caught.value.problems
+    assert "robot 'baxter' takes no torque commands: its control_modes are position, velocity" in str(problem)
+    assert PRESS_BOX.read_text().splitlines()[problem.line - 1].startswith("robot:")
