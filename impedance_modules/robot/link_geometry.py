@@ -15,6 +15,7 @@ import coal
 import pinocchio as pin
 
 from impedance_modules.errors import BadInput
+from impedance_modules.spec.located_xml import parse_xml
 from impedance_modules.spec.mesh_files import find_mesh
 
 
@@ -29,10 +30,10 @@ def read_geometry(model: pin.Model, urdf: Path, links: Collection[str] | None) -
     Raises:
         BadInput: A mesh of one of ``links`` is not there, or a shape cannot be read.
     """
-    tree = ET.parse(urdf)
-    for link in tree.getroot().iter("link"):
+    root, _ = parse_xml(urdf)
+    for link in root.iter("link"):
         _keep_readable(link, urdf, links)
-    text = ET.tostring(tree.getroot(), encoding="unicode")
+    text = ET.tostring(root, encoding="unicode")
     try:
         found = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as error:
@@ -49,14 +50,8 @@ def _keep_readable(link: ET.Element, urdf: Path, links: Collection[str] | None) 
     for shape in link.findall("collision"):
         mesh = shape.find("geometry/mesh")
         path = None if mesh is None else find_mesh(urdf, mesh.get("filename", ""))
-        wanted = links is None or link.get("name") in links
-        if mesh is not None and path is None and wanted and links is not None:
-            raise BadInput(
-                f"{urdf}: the mesh '{mesh.get('filename')}' of link '{link.get('name')}' is not there, and distances of"
-                " that link are asked for (valid: a file beside the description, a package below a folder above it, or"
-                " no pair with this link)"
-            )
-        if not wanted or (mesh is not None and path is None):
+        there = mesh is None or path is not None
+        if not (there if links is None else link.get("name") in links):
             link.remove(shape)
-        elif mesh is not None:
+        elif mesh is not None and path is not None:
             mesh.set("filename", str(path))

@@ -6,6 +6,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+from impedance_modules.input_files import is_file
+
 PACKAGE, FILE = "package://", "file://"
 
 
@@ -19,14 +21,19 @@ def find_mesh(urdf: Path, name: str) -> Path | None:
         urdf: The description.
         name: As its ``<mesh filename>`` says.
     """
-    if name.startswith(PACKAGE):
-        package, _, rest = name.removeprefix(PACKAGE).partition("/")
-        above = urdf.resolve().parents
-        tried = [folder / package / rest for folder in above]
-        tried += [folder / rest for folder in above if folder.name == package]
-    else:
-        tried = [urdf.resolve().parent / name.removeprefix(FILE)]
-    return next((path for path in tried if path.is_file()), None)
+    if not name.startswith(PACKAGE):
+        path = mesh_path(urdf, name)
+        return path if is_file(path) else None
+    package, _, rest = name.removeprefix(PACKAGE).partition("/")
+    above = urdf.resolve().parents
+    tried = [folder / package / rest for folder in above]
+    tried += [folder / rest for folder in above if folder.name == package]
+    return next((path for path in tried if is_file(path)), None)
+
+
+def mesh_path(urdf: Path, name: str) -> Path:
+    """Gives the place that a name without a package means."""
+    return urdf.resolve().parent / name.removeprefix(FILE)
 
 
 def missing_mesh(urdf: Path, link: ET.Element) -> str | None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 from impedance_modules.input_files import is_file
 from impedance_modules.spec.located_xml import Faults
+from impedance_modules.spec.mesh_files import mesh_path
 
 _OF_ORIGIN = ("xyz", "rpy")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -73,8 +74,8 @@ def _check_shapes(part: ET.Element, faults: Faults) -> None:
 
 def _check_mesh(mesh: ET.Element, faults: Faults) -> None:
     """A mesh that is there is a file: a device would be read without end."""
-    name = mesh.get("filename", "").removeprefix("file://")
-    path = faults.path.parent / name
+    name = mesh.get("filename", "")
+    path = mesh_path(faults.path, name)
     try:
         there = path.exists()
     except (OSError, ValueError):
