@@ -114,8 +114,8 @@ def white_noise(values: Array) -> Array:
 
 def made_by_grid(item: Prepared) -> Rounding | None:
     """What the encoders' grids do to the residuals of a recording; None where there are no grids."""
-    errors = item.log.rounding
-    return None if errors is None or not errors.any() else differentiated(item, errors)
+    found = _grid_motion(item)
+    return _torques(item, *found) if any(part.any() for part in found) else None
 
 
 def made_by_positions(item: Prepared, seed: int) -> Rounding:
@@ -128,19 +128,24 @@ def made_by_positions(item: Prepared, seed: int) -> Rounding:
         seed: Of the white noise.
     """
     noise = read_noise(item) * np.random.default_rng(seed).standard_normal(item.log.position.shape)
-    white, grid, errors = differentiated(item, noise), made_by_grid(item), item.log.rounding
-    if grid is None or errors is None:
-        return white
-    stronger = np.mean(grid.velocity**2, axis=0) > np.mean(white.velocity**2, axis=0)
-    return differentiated(item, np.where(stronger, errors, noise))
+    white, grid = _motion(item, noise), _grid_motion(item)
+    stronger = np.mean(grid[0] ** 2, axis=0) > np.mean(white[0] ** 2, axis=0)
+    velocity, acceleration = (np.where(stronger, *both) for both in zip(grid, white, strict=True))
+    return _torques(item, velocity, acceleration)
 
 
-def differentiated(item: Prepared, noise: Array) -> Rounding:
-    """What errors (N, n) of its positions [rad] do to the residuals of a recording."""
+def _grid_motion(item: Prepared) -> tuple[Array, Array]:
+    """As ``_motion``, of the errors that the encoders' grids make; zero where there are no grids."""
+    errors = item.log.rounding
+    return _motion(item, np.zeros_like(item.log.position) if errors is None else errors)
+
+
+def _motion(item: Prepared, errors: Array) -> tuple[Array, Array]:
+    """Velocity [rad/s] and acceleration [rad/s^2] in the band, (M, n) each, that errors (N, n) of positions pretend."""
     log = item.log
     time = np.arange(log.samples) / log.rate
-    v = differentiate(item.band.smooth(noise), time)
-    return _torques(item, item.band.condense(v), item.band.condense(differentiate(v, time)))
+    v = differentiate(item.band.smooth(errors), time)
+    return item.band.condense(v), item.band.condense(differentiate(v, time))
 
 
 def noise_ratios(
@@ -182,10 +187,11 @@ def noise_ratios(
 
 def _grid_powers(prepared: Sequence[Prepared]) -> tuple[Array, Array]:
     """Power of velocities' [rad^2/s^2] and accelerations' [rad^2/s^4] errors by the grids, (recordings, n) each."""
-    made = [made_by_grid(item) for item in prepared]
-    none = np.zeros(prepared[0].signals.n)
-    speeds = [none if x is None else np.mean(x.velocity**2, axis=0) for x in made]
-    return np.array(speeds), np.array([none if x is None else x.power for x in made])
+    made = [_grid_motion(item) for item in prepared]
+    speeds, accelerations = (
+        np.array([np.mean(errors**2, axis=0) for errors in part]) for part in zip(*made, strict=True)
+    )
+    return speeds, accelerations
 
 
 def acceleration_noise(one: Prepared, other: Prepared) -> Array:
