@@ -12,6 +12,7 @@ from rich.text import Text
 
 from impedance_modules.cli.plain_lines import say
 from impedance_modules.cli.terminal import Terminal, styled
+from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ PATH = click.Path(path_type=Path)
 @click.option(
     "--tolerance",
     type=click.FloatRange(0.0, 1.0, max_open=True),
-    default=0.01,
+    default=DEFAULT_TOLERANCE,
     show_default=True,
     metavar="SHARE",
     help="Of each joint's torque range: a gap within it that changes no simulated motion raises no alarm.",

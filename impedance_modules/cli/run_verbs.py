@@ -14,7 +14,7 @@ import click
 
 from impedance_modules.cli.baxter.connection import transport_option
 from impedance_modules.cli.plain_lines import say
-from impedance_modules.cli.plant_trial import tried
+from impedance_modules.cli.plant_trial import trial_line, tried
 from impedance_modules.cli.shared_options import (
     arm_option,
     effects_option,
@@ -198,8 +198,9 @@ def _carry_out(
     # Read-only, no torque is sent: there is no loop that could be unstable.
     judged = replace(assembly, allow_unstable=assembly.allow_unstable or asked.read_only)
     prediction = refuse_infeasible(judged)
-    if asked.backend != "replay":
-        tried(judged, prediction, asked.seed, console)
+    trial = None if asked.backend == "replay" else tried(judged, prediction, asked.seed, console)
+    if trial is not None:
+        console.print(trial_line(trial), highlight=False, soft_wrap=True)
     # Imported only here: from this line on functions are compiled.
     from impedance_modules.runs.execution import RunOptions, carry_out
     from impedance_modules.runs.run_backends import baxter_backend, make_backend

@@ -32,14 +32,14 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
-from impedance_modules.diagnosis.model_selection.tolerance import DEFAULT_TOLERANCE, set_small_aside
+from impedance_modules.diagnosis.model_selection.tolerance import set_small_aside
 from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
     without_links_in_contact,
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
-from impedance_modules.diagnosis.result import Diagnosis, LeftOut, Remainder, no_rollout
+from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE, Diagnosis, LeftOut, Remainder, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
 from impedance_modules.effects.catalogue import not_searched
 from impedance_modules.episode.data import Episode

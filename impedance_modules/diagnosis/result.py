@@ -21,6 +21,9 @@ EXIT_CODES: Mapping[str, int] = {
 }
 """Verdict -> exit code of the command line."""
 
+DEFAULT_TOLERANCE = 0.01
+"""Share of a joint's torque range within which a gap that changes no simulated motion is called none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:

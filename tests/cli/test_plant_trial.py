@@ -86,6 +86,8 @@ def test_what_was_tried_is_said(tmp_path: Path) -> None:
     assert "tried on the built-in plant, because it would meet joint limits: done after 5." in text
     assert "fastest joint right_s0, 1.2" in text
     assert "tried" not in invoke("check", "box-hold").output
+    ran = " ".join(invoke("run", FORWARD_PATH, "--duration", 0.1, "--out", tmp_path / "run").output.split())
+    assert "tried on the built-in plant" in ran
 
 
 def test_a_task_that_meets_no_limit_is_not_tried_and_needs_no_compiler() -> None:

@@ -117,5 +117,13 @@ def test_meshes_are_looked_for_beside_the_description_and_in_packages_above_it(t
     shutil.move(tmp_path / "share" / "arm_description", renamed)
     assert find_mesh(renamed / "urdf" / "arm.urdf", "package://arm_description/meshes/link.stl") is None
     assert find_mesh(renamed / "urdf" / "arm.urdf", "package://arm-1.2/meshes/link.stl") is not None
-    for name in ("/dev/null", "", "package://", "package://a", "x" * 5000, f"package://{'x' * 5000}/y", "a\0b"):
+    for name in (
+        "/dev/null",
+        "",
+        "package://",
+        "package://a",
+        "x" * 5000,
+        f"package://{'x' * 5000}/y",
+        "a\0b",
+    ):
         assert find_mesh(renamed / "urdf" / "arm.urdf", name) is None

@@ -22,9 +22,6 @@ from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Rollout
 
-DEFAULT_TOLERANCE = 0.01
-"""Share of a joint's torque range."""
-
 CHANGED = 1.21
 """Power of the simulated motion's error without a cause over that with it, from which the cause changes the motion."""
 
