@@ -53,7 +53,8 @@ def export_command(patch: Path, urdf: Path | None, mujoco: Path | None, out: Pat
         changes = export_patch(patch, MUJOCO, mujoco, out)
     for change in changes:
         say(f"{urdf or mujoco}:{change.line}: {_words(change)}")
-    say(f"wrote {out}: {len(changes)} change{'' if len(changes) == 1 else 's'}")
+    number = f"{len(changes)} change{'' if len(changes) == 1 else 's'}"
+    say(f"wrote {out}: {number}, in the units of the file; load it instead of {urdf or mujoco}")
     return 0
 
 
