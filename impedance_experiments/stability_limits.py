@@ -94,7 +94,8 @@ def reproduce(settings: Settings) -> Page:
     )
 
 
-def _loop_task(loop: Loop) -> Assembly:
+def loop_task(loop: Loop) -> Assembly:
+    """Assembles the knocked hand with one way to close its loop, a tank that does not matter, and fine sensors."""
     assembly = assemble(TASK, effects=None, rate=loop.rate, scale=1.0, arm=None)
     task = assembly.task
     arms = {
@@ -106,7 +107,7 @@ def _loop_task(loop: Loop) -> Assembly:
 
 
 def _limit(loop: Loop, halvings: int) -> Limit:
-    assembly = _loop_task(loop)
+    assembly = loop_task(loop)
     predicted = predicted_limit(assembly)
     stable, unstable = simulated_limit(assembly, predicted, halvings)
     return Limit(loop, predicted, stable, unstable)

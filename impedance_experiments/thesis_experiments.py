@@ -48,6 +48,7 @@ _ALL: tuple[Experiment, ...] = (
         "How much heavier do the rotors make a blow?",
         "reflected_inertia_matters",
     ),
+    Experiment("torque-loop", "3.2, 4", "How light may torque feedback make a rotor?", "torque_loop"),
     Experiment("one-joint", "4.1", "Does one joint follow eq. 4.8?", "one_joint"),
     Experiment("self-motion", "4.3", "Do the joints come back when the hand does?", "self_motion"),
     Experiment(

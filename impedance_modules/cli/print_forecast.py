@@ -14,6 +14,7 @@ from impedance_modules.cli.plant_trial import trial_line
 from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.forecast import Deflection, Forecast, JointLoad, PhaseForecast
+from impedance_modules.prediction.inner_loop_limit import InnerLoopLimit, inner_loop_limit
 from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ def print_forecast(assembly: Assembly, forecast: Forecast, trial: Trial | None) 
     )
     console.print(_loads(forecast))
     console.print(_loops(forecast))
+    inner = inner_loop_limit(assembly)
+    if inner is not None:
+        console.print(_inner_loop(inner), soft_wrap=True)
     console.print(_tank(assembly, forecast))
     if trial is not None:
         console.print(trial_line(trial), soft_wrap=True)
@@ -129,6 +133,20 @@ def _loop(loop: StabilityForecast) -> tuple[str, str | Text, str, str | Text]:
     else:
         highest = f"{loop.scale * loop.stiffness:.0f} (x {loop.scale:.2f})"
     return loop.name, mode, f"{loop.stiffness:.0f}", highest
+
+
+def _inner_loop(found: InnerLoopLimit) -> Text:
+    """Says up to which gain the robot's own torque loops are passive."""
+    limit, verdict = found.limit, "passive" if found.passive else "[red]not passive[/red]"
+    most = "any gain" if math.isinf(limit.gain) else f"at most {limit.gain:.2f}"
+    return styled(
+        f"inner torque loop: gain {{}} ({verdict}: {{}}, by {{}} at {{}} rad/s); rotors appear {{}} times lighter\n",
+        f"{found.gain:g}",
+        most,
+        limit.joint,
+        f"{limit.frequency:.0f}",
+        f"{1.0 + found.gain:g}",
+    )
 
 
 def _tank(assembly: Assembly, forecast: Forecast) -> Table:

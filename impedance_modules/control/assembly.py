@@ -154,8 +154,10 @@ def _tank_settings(task: TaskSpec, model: RobotModel, rate: float) -> TankSettin
 
 
 def _filter_limits(model: RobotModel, inertia: Array, rate: float) -> FilterLimits:
+    # A torque accelerates a rotor as light as the robot's own torque loop makes it.
+    drives = zip(model.joints, map(float, model.reflected_inertia), strict=True)
     return limits_of(
-        model.joints,
+        tuple(replace(joint, reflected_inertia=inertia_met) for joint, inertia_met in drives),
         model.spec.timing,
         rate=rate,
         deceleration=braking_deceleration(model.column("effort_max"), inertia),
@@ -164,7 +166,7 @@ def _filter_limits(model: RobotModel, inertia: Array, rate: float) -> FilterLimi
 
 
 def _brake_gains(model: RobotModel, inertia: Array, rate: float) -> BrakeGains:
-    damping = trusted_motor_damping(model.column("motor_damping"), model.reflected_inertia)
+    damping = trusted_motor_damping(model.motor_damping, model.reflected_inertia)
     return brake_gains(damping, inertia, 1.0 / rate, delay_periods(model.spec, rate))
 
 

@@ -332,7 +332,7 @@ def _make_cycle(
     expected = expected_motion(
         compliance=assembly.tank.compliance,
         reflected_inertia=assembly.limits.reflected_inertia,
-        motor_damping=assembly.model.column("motor_damping"),
+        motor_damping=assembly.model.motor_damping,
         arms=(arms.inverse_inertia, arms.bias, arms.weight),
         slow=motor.rate,
         period=assembly.period,

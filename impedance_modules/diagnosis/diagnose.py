@@ -22,6 +22,7 @@ from pathlib import Path
 from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.folds import DataSplit, assign_folds
 from impedance_modules.diagnosis.data.log import DataReport
+from impedance_modules.diagnosis.data.motor_torques import with_motor_torques
 from impedance_modules.diagnosis.data.nominal_model import NominalModel, with_known_effects
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.model_selection.cause_search import Progress, search_causes
@@ -81,6 +82,7 @@ def diagnose(
     """
     progress("admitting the recordings")
     logs, report = admit(episodes, model)
+    logs = with_motor_torques(logs, model)
     model, known_effects = with_known_effects(model, known_effects, logs)
     cutoff = choose_cutoff(logs)
     run_in = filter_length(cutoff)

@@ -269,7 +269,7 @@ class TransmissionCoupling(Effect):
 
 def _check_coupled_inertia(builder: PlantBuilder, i: int, j: int) -> None:
     """Refuses an off-diagonal inertia that the two rotors' own cannot carry."""
-    own = builder.model.reflected_inertia
+    own = builder.model.rotor_inertia
     largest = float(np.sqrt(own[i] * own[j]))
     if abs(builder.coupling[i, j]) > 0.99 * largest > 0.0 or (builder.coupling[i, j] and largest == 0.0):
         names = builder.model.joint_names

@@ -172,13 +172,13 @@ class PlantBuilder:
         """Computes the links' acceleration per torque on each (n,) [1/(kg.m^2)]; rigid joints carry rotors."""
         links = pin.Model(self.model.pin_model)
         rigid = [joint.spring_stiffness is None for joint in self.model.joints]
-        links.armature = np.where(rigid, self.model.reflected_inertia, 0.0)
+        links.armature = np.where(rigid, self.model.rotor_inertia, 0.0)
         return np.array(np.diag(pin.computeMinverse(links, links.createData(), position)))
 
     def motor_mobility(self, position: Array) -> Array:
         """Computes the motors' acceleration per torque (n,) [1/(kg.m^2)]; rigid and ideal ones move links."""
         alone = [j.spring_stiffness is not None and j.reflected_inertia > 0.0 for j in self.model.joints]
-        rotors = np.where(alone, self.model.reflected_inertia, 1.0)
+        rotors = np.where(alone, self.model.rotor_inertia, 1.0)
         return np.where(alone, 1.0 / rotors, self.link_mobility(position))
 
     def finish(self) -> PlantEffects:

@@ -149,7 +149,7 @@ class DrivenPlant(Plant):
     def servo_gains(self) -> tuple[Vector, Vector]:
         """Gives a servo as stiff as the joints' own springs, critically damped for the rotors alone, (n,) each."""
         stiffness = np.array([structural_stiffness(joint) for joint in self.model.joints])
-        return stiffness, 2.0 * np.sqrt(stiffness * self.model.reflected_inertia)
+        return stiffness, 2.0 * np.sqrt(stiffness * self.model.rotor_inertia)
 
     def contact_torque(self) -> Vector:
         """Gives the torque of all surfaces on the joints (n,) [N.m], of the last step."""

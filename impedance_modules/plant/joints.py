@@ -202,5 +202,5 @@ def hold_gains(model: RobotModel, mobility: Matrix) -> tuple[Vector, Vector]:
         mobility: (n, n) inverse mass matrix of the links at the pose to hold.
     """
     stiffness = np.array([structural_stiffness(joint) for joint in model.joints])
-    inertia = model.reflected_inertia + 1.0 / np.diag(mobility)
+    inertia = model.rotor_inertia + 1.0 / np.diag(mobility)
     return stiffness, 2.0 * np.sqrt(stiffness * inertia)

@@ -32,6 +32,7 @@ from impedance_modules.plant.pushes import Pushes
 from impedance_modules.plant.rigid_object import ObjectBody
 from impedance_modules.plant.sensors import Sensors
 from impedance_modules.plant.step_stability import stable_step
+from impedance_modules.plant.torque_feedback import TorqueFeedback
 from impedance_modules.records import Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
@@ -158,6 +159,8 @@ class Plant(GroundTruth):
         self._weight = WeightCompensation(model, self._effects, options.gravity)
         self._start = StartAtRest(integrator, held, self._effects, self._weight)
         self._assist = state.joints["assist"]
+        inner = model.spec.inner_torque_loop
+        self._inner_loop = None if inner is None else TorqueFeedback(inner, state)
         self._ideal = bool(np.any(state.joints["kind"] == IDEAL))
         self._queue: CommandQueue | None = None
         self._standing: Order | None = None
@@ -218,6 +221,8 @@ class Plant(GroundTruth):
         self._standing = None
         self._periods = 0
         self._integrator.time = 0.0
+        if self._inner_loop is not None:
+            self._inner_loop.reset(self.division.loop)
 
     def _running(self) -> CommandQueue:
         if self._queue is None:
@@ -286,8 +291,11 @@ class Plant(GroundTruth):
 
     def _robot_loop(self) -> None:
         """Advances by one loop of the robot: its gravity compensation, pushes, the steps, its sensors."""
-        if self._weight.acts:
-            self._assist[:] = self._weight.torque(self._sensors.position)
+        if self._weight.acts or self._inner_loop is not None:
+            carried = self._weight.torque(self._sensors.position)
+            self._assist[:] = carried
+            if self._inner_loop is not None:
+                self._assist += self._inner_loop.added(carried)
         self._pushes.apply(self.state, self.time)
         if self._ideal:
             self._deflect_ideal_joints()

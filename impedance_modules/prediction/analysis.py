@@ -181,7 +181,7 @@ def _pressed(found: FrameImpedance, pressure: Mapping[str, Array]) -> FrameImped
 
 def _hand(mechanism: Mechanism, limb: Limb, arm: ArmImpedance, q: Array) -> FrameImpedance:
     found = arm.stiffness
-    friction = np.diag(mechanism.model.column("motor_damping")[limb.joints])
+    friction = np.diag(mechanism.model.motor_damping[limb.joints])
     return FrameImpedance(
         frame=limb.hand,
         position=arm.pose.translation,
@@ -214,7 +214,7 @@ def _object(
     found, singular = held.impedance, held.joints_singular
     motion, holding = held.motion, [arms[limb.name] for limb in limbs]
     joints = np.concatenate([limb.joints for limb in limbs])
-    friction = np.diag(mechanism.model.column("motor_damping")[joints])
+    friction = np.diag(mechanism.model.motor_damping[joints])
     hidden = singular or held.folds
     return FrameImpedance(
         frame=OBJECT,

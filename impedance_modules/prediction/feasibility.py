@@ -12,6 +12,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
+from impedance_modules.prediction.inner_loop_limit import beyond_passive_gain
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.passages import passage_problems
 from impedance_modules.prediction.phase_loops import PhaseLoops, judge_loops, unstable_loops
@@ -43,10 +44,10 @@ class TaskPrediction:
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
-    A sine that the control rate cannot follow; hands or an object so deep inside a surface at the start that it pushes
-    harder than the joints can; a torque beyond a joint's limit, in motion or at rest; a tank that holds less than the
-    task needs; a loop that is unstable at this rate and delay, at a phase's rest or for too long on the way, unless the
-    assembly allows it.
+    A torque loop of the robot's own that is not passive; a sine that the control rate cannot follow; hands or an object
+    so deep inside a surface at the start that it pushes harder than the joints can; a torque beyond a joint's limit, in
+    motion or at rest; a tank that holds less than the task needs; a loop that is unstable at this rate and delay, at a
+    phase's rest or for too long on the way, unless the assembly allows it.
 
     Returns:
         What was predicted.
@@ -55,7 +56,8 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
         BadFile: With the place in the task file of every reason.
     """
     mechanism = Mechanism(assembly)
-    at_start = [*_sines_above_nyquist(assembly), *_pressed_at_start(assembly, mechanism)]
+    gain = [] if assembly.allow_unstable else beyond_passive_gain(assembly)
+    at_start = [*gain, *_sines_above_nyquist(assembly), *_pressed_at_start(assembly, mechanism)]
     if at_start:
         raise BadFile(at_start)
     motion = predict_motion(assembly)

@@ -201,7 +201,7 @@ def _slow_rest(mechanism: Mechanism, phase: PredictedPhase, rest: Rest) -> SlowR
         if abs(way[joint]) < FAR_REST:
             continue
         system = analyse_state(mechanism, phase.setting, rest.q).arms[limb.name].system
-        friction = np.diag(model.column("motor_damping")[limb.joints])
+        friction = np.diag(model.motor_damping[limb.joints])
         slowest = longest_time_constant(natural_modes(replace(system, damping=system.damping + friction)))
         if slowest > SLOW_REST:
             return SlowRest(model.joint_names[joint], float(way[joint]), slowest)

@@ -163,7 +163,7 @@ class _Integration:
     def __init__(self, assembly: Assembly) -> None:
         self._mechanism = Mechanism(assembly)
         model = assembly.model
-        self._motor_damping = np.diag(model.column("motor_damping")[self._mechanism.joints])
+        self._motor_damping = np.diag(model.motor_damping[self._mechanism.joints])
         self._fastest = RUNAWAY * model.column("velocity_max")
         self._q, self._v = assembly.modules.posture.copy(), np.zeros(model.n)
         self._modules = assembly.modules

@@ -51,7 +51,10 @@ class RobotModel:
         joint_names: Names of all n joints, in the order of every vector.
         limbs: Limb name -> ``Limb``.
         frames: Names of all link frames.
-        reflected_inertia: (n,) I_r [kg.m^2].
+        reflected_inertia: (n,) I_r as the commanded torque meets it, that is divided by 1 + k where the robot has an
+            inner torque loop of gain k (``robot/inner_torque_loop.py``) [kg.m^2].
+        rotor_inertia: (n,) I_r of the rotors themselves, whatever loop runs around them [kg.m^2].
+        motor_damping: (n,) D, seen the same way [N.m.s/rad].
         pin_model: Pinocchio model with armature I_r; for robot/ and plant/ only.
     """
 
@@ -70,7 +73,12 @@ class RobotModel:
             raise BadInput(f"{spec.urdf}: its locked joints cannot be fixed: {error}") from None
         self.joint_names: tuple[str, ...] = tuple(self.pin_model.names)[1:]
         self.joints: tuple[JointSpec, ...] = tuple(spec.joints[name] for name in self.joint_names)
-        self.reflected_inertia: Array = self.column("reflected_inertia")
+        self.rotor_inertia: Array = self.column("reflected_inertia")
+        self.reflected_inertia: Array = self.rotor_inertia.copy()
+        self.motor_damping: Array = self.column("motor_damping")
+        if spec.inner_torque_loop is not None:
+            self.reflected_inertia /= 1.0 + spec.inner_torque_loop.gain
+            self.motor_damping /= 1.0 + spec.inner_torque_loop.gain
         self.pin_model.armature = self.reflected_inertia
         self.pin_model.gravity.linear = np.array(spec.gravity)
         for change in spec.body_changes:

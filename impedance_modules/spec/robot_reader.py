@@ -19,6 +19,7 @@ from impedance_modules.spec.locate import ROBOT_FILE, find_robot
 from impedance_modules.spec.robot_spec import (
     CollisionSpec,
     ContactDetectionSpec,
+    InnerTorqueLoopSpec,
     JointSpec,
     LimbSpec,
     MirrorSpec,
@@ -79,6 +80,7 @@ def robot_problems(document: Document, urdf: UrdfFacts) -> list[Problem]:
         *_timing_problems(document),
         *_collision_problems(document, urdf),
         *_playback_problems(document),
+        *_inner_torque_loop_problems(document),
     ]
 
 
@@ -104,6 +106,9 @@ def _build(data: Mapping[str, Any], folder: Path) -> RobotSpec:
         solver=data["solver"],
         folder=folder,
         playback=_playback(data["playback"]) if "playback" in data else None,
+        inner_torque_loop=_inner_torque_loop(data["inner_torque_loop"])
+        if "inner_torque_loop" in data
+        else None,
     )
 
 
@@ -118,18 +123,27 @@ def _playback(data: Mapping[str, Any]) -> PlaybackSpec:
     return PlaybackSpec(**found)
 
 
+def _inner_torque_loop(data: Mapping[str, Any]) -> InnerTorqueLoopSpec:
+    return InnerTorqueLoopSpec(float(data["gain"]), float(data.get("delay", 0.0)))
+
+
 def _mirror(data: Mapping[str, Any]) -> MirrorSpec:
     return MirrorSpec(data["plane"], {short: int(sign) for short, sign in data["joint_sign"].items()})
 
 
 def _joints(data: Mapping[str, Any]) -> dict[str, JointSpec]:
     """Collects each joint's numbers from the tables; its URDF name wins over its short name."""
-    joints: dict[str, JointSpec] = {}
+    return {name: _joint(name, row) for name, row in _rows(data)}
+
+
+def _rows(data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Gives each joint's URDF name and its numbers by quantity, None where a table lacks it."""
     for limb in data["limbs"].values():
         for short, name in limb["joints"].items():
-            row = {quantity: table.get(name, table.get(short)) for quantity, table in data["joints"].items()}
-            joints[name] = _joint(name, row)
-    return joints
+            yield (
+                name,
+                {quantity: table.get(name, table.get(short)) for quantity, table in data["joints"].items()},
+            )
 
 
 def _joint(name: str, row: Mapping[str, Any]) -> JointSpec:
@@ -156,6 +170,22 @@ def _playback_problems(document: Document) -> Iterator[Problem]:
             if short not in known:
                 message = f"no limb has a joint '{short}'{nearest(short, known)}"
                 yield document.problem(("playback", table, short), message, known)
+
+
+def _inner_torque_loop_problems(document: Document) -> Iterator[Problem]:
+    """A loop around torque has a spring that measures it and a rotor that it moves, in every joint."""
+    if "inner_torque_loop" not in document.data:
+        return
+    for name, row in _rows(document.data):
+        if row["spring_stiffness"] in (None, RIGID) or not row["reflected_inertia"]:
+            message = (
+                f"the joint '{name}' has no spring or no rotor (spring_stiffness {row['spring_stiffness']},"
+                f" reflected_inertia {row['reflected_inertia']}), which this loop needs"
+            )
+            yield document.problem(
+                ("inner_torque_loop",), message, ("numbers above 0 for every joint",), at="key"
+            )
+            return
 
 
 def _limb_problems(document: Document, urdf: UrdfFacts) -> Iterator[Problem]:

@@ -112,6 +112,19 @@ class SensorSpec:
 
 
 @dataclass(frozen=True)
+class InnerTorqueLoopSpec:
+    """The robot's own feedback of the torque in its joints' springs to their motors.
+
+    Attributes:
+        gain: k, the same for every joint [1].
+        delay: Of the measured torque, beyond the loop's own sampling [s].
+    """
+
+    gain: float
+    delay: float
+
+
+@dataclass(frozen=True)
 class ContactDetectionSpec:
     """When effort alone says that a hand touches something: force [N] held for a time [s]."""
 
@@ -215,6 +228,7 @@ class RobotSpec:
         gravity: Acceleration in the base's axes [m/s^2]; upright unless a patch tilts the base.
         joint_origins: URDF joint name -> where this very robot has been calibrated to have it; none in a robot file.
         playback: The robot's own way to play a joint path back; None where it has none.
+        inner_torque_loop: The robot's own feedback of torque; None where it has none.
     """
 
     name: str
@@ -236,3 +250,4 @@ class RobotSpec:
     gravity: tuple[float, float, float] = UPRIGHT_GRAVITY
     joint_origins: Mapping[str, JointOrigin] = field(default_factory=dict)
     playback: PlaybackSpec | None = None
+    inner_torque_loop: InnerTorqueLoopSpec | None = None

@@ -5,6 +5,8 @@ r"""Small motions of elastic joints between two control samples, exactly: x_k+1 
     motors   I_r \theta'' + D \theta' = \tau - \tau_s                         (thesis 3.1-3.3)
     sensed   v <- v + (1 - exp(-T / T_f)) ((q_k - q_k-1) / T - v)     in the robot's own loop of period T
 
+    inner    \tau <- (1 + k) \tau - k K_sea (\theta - q), sampled likewise      (``robot/inner_torque_loop.py``)
+
 A joint without a series spring is one body with its rotor; a joint without rotor inertia passes its torque
 on unchanged. Links that hold one object together move as q = N y.
 """
@@ -18,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
+from impedance_modules.robot.inner_torque_loop import loop_delay
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.robot_spec import InnerTorqueLoopSpec, RobotSpec
 
 ROBOT_RATE = 1000.0
 """Slowest rate of a robot's own estimator [Hz]; a slower controller leaves it whole loops per period."""
@@ -38,12 +41,20 @@ class Drives:
         reflected_inertia: (k,) I_r [kg.m^2].
         motor_damping: (k,) D [N.m.s/rad].
         spring_damping: (k,) D_sea [N.m.s/rad].
+        inner_loop: The robot's own torque loop around them, all elastic then; None without.
     """
 
     spring_stiffness: Array
     reflected_inertia: Array
     motor_damping: Array
     spring_damping: Array
+    inner_loop: InnerTorqueLoopSpec | None = None
+
+    @property
+    def apparent_inertia(self) -> Array:
+        """(k,) I_r as a commanded torque meets it, I_r / (1 + gain) [kg.m^2]."""
+        loop = self.inner_loop
+        return self.reflected_inertia if loop is None else self.reflected_inertia / (1.0 + loop.gain)
 
     @property
     def elastic(self) -> NDArray[np.bool_]:
@@ -102,9 +113,10 @@ def drives_of(model: RobotModel, joints: NDArray[np.intp]) -> Drives:
         stiffness = 1.0 / compliance
     return Drives(
         stiffness,
-        model.reflected_inertia[joints],
+        model.rotor_inertia[joints],
         model.column("motor_damping")[joints],
         model.column("spring_damping")[joints],
+        model.spec.inner_torque_loop,
     )
 
 
@@ -138,16 +150,38 @@ def sampled_arm(
     generator = np.zeros((size + k, size + k))
     generator[:size, :size], generator[:size, size:] = system, torque
     step = _exponential(generator * period)
+    own, push = step[:size, :size], step[:size, size:]
+    if drives.inner_loop is not None:
+        own, push = _with_inner_loop(own, push, drives, N, period)
+    size = len(own)
     links = np.eye(size)[: N.shape[1]]
-    loop, push = _with_estimate(
-        step[:size, :size], step[:size, size:], N @ links, period, sampling.velocity_filter
-    )
+    loop, push = _with_estimate(own, push, N @ links, period, sampling.velocity_filter)
     A, B = np.eye(len(loop)), np.zeros_like(push)
     for _ in range(sampling.robot_loops):
         A, B = loop @ A, loop @ B + push
     reads = np.eye(len(loop))
     arm = SampledArm(A, B, reads[size : size + k], reads[size + k :], sampling)
     return _on_motor_side(arm, drives, N) if sampling.motor_side else arm
+
+
+def _with_inner_loop(
+    step: Array, push: Array, drives: Drives, N: Array, period: float
+) -> tuple[Array, Array]:
+    """Closes the drives' own torque loop; torques that were measured and are still under way join the state."""
+    loop, (size, k) = drives.inner_loop, push.shape
+    if loop is None:
+        return step, push
+    measured = np.zeros((k, size))
+    measured[:, : N.shape[1] + k] = drives.spring_stiffness[:, None] * np.hstack([-N, np.eye(k)])
+    late = loop_delay(loop, period)
+    if late == 0:
+        return step - loop.gain * push @ measured, (1.0 + loop.gain) * push
+    closed = np.zeros((size + k * late, size + k * late))
+    closed[:size, :size] = step
+    closed[:size, size : size + k] = -loop.gain * push
+    closed[size:-k, size + k :] = np.eye(k * (late - 1))
+    closed[-k:, :size] = measured
+    return closed, np.vstack([(1.0 + loop.gain) * push, np.zeros((k * late, k))])
 
 
 def _exponential(matrix: Array) -> Array:
@@ -219,7 +253,7 @@ def _second_order(
     damping[:m, :m] += N.T @ np.diag(np.where(rigid, drives.motor_damping, 0.0)) @ N
     damping[m:, m:] += np.diag(drives.motor_damping[elastic])
     # Rotors on springs move on their own; those of rigid joints stay with the links.
-    links = inertia - np.diag(np.where(rigid, 0.0, drives.reflected_inertia))
+    links = inertia - np.diag(np.where(rigid, 0.0, drives.apparent_inertia))
     mass = np.zeros((m + e, m + e))
     mass[:m, :m] = N.T @ links @ N + (0.0 if carried is None else carried)
     mass[m:, m:] = np.diag(drives.reflected_inertia[elastic])

@@ -65,6 +65,32 @@ def test_the_command_drives_whole_joints_and_the_cause_closes_the_gap(viscous: t
     assert cause["rollout"]["verdict"] == "helps"
 
 
+@pytest.fixture(scope="module")
+def looped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The robot with joints that feed their torque back to their motors."""
+    robot = robot_folder(tmp_path_factory.mktemp("looped"))
+    text = (robot / "robot.yaml").read_text().replace("turn: rigid", "turn: 1200")
+    (robot / "robot.yaml").write_text(text + "\ninner_torque_loop: {gain: 1.5}\n")
+    return robot
+
+
+def test_friction_behind_an_inner_torque_loop_is_found_with_its_own_size(
+    tmp_path: Path, looped: Path
+) -> None:
+    """The loop hides most of a drive's friction from the command; the motor's torque is computed back."""
+    logs = record(tmp_path, looped, VISCOUS)
+    _, found = diagnosed(tmp_path, *logs, "--robot", looped)
+    (cause,) = causes(found, "viscous_friction", "port_lift")
+    assert cause["port"] == "actuator"
+    assert cause["parameters"]["port_lift"]["fv"]["value"] == pytest.approx(4.0, rel=0.1)
+    assert cause["rollout"]["verdict"] == "helps"
+
+
+def test_clean_recordings_behind_an_inner_torque_loop_name_nothing(tmp_path: Path, looped: Path) -> None:
+    _, found = diagnosed(tmp_path, *record(tmp_path, looped, None), "--robot", looped)
+    assert found["causes"] == []
+
+
 def test_with_the_patch_applied_neither_torque_nor_rollout_shows_the_gap(viscous: tuple, robot: Path) -> None:
     folder, logs, found = viscous
     _, again = diagnosed(folder, *logs, "--robot", robot, "--effects", folder / "found.yaml")

@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.patch_file import EffectSpec
-from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.robot_spec import InnerTorqueLoopSpec, RobotSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +38,7 @@ class NominalModel:
         position_resolution, effort_resolution: Grids of the sensors; 0 where nothing is stated.
         effort_max: (n,) [N.m]; infinite where nothing is stated.
         spring_damping: (n,) beside the joint's spring [N.m.s/rad].
+        inner_loop: The robot's own feedback of joint torque; None where nothing is stated.
     """
 
     robot: str
@@ -51,6 +52,7 @@ class NominalModel:
     effort_resolution: float
     effort_max: Array
     spring_damping: Array
+    inner_loop: InnerTorqueLoopSpec | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -104,6 +106,7 @@ def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
         effort_resolution=spec.sensors.effort_resolution,
         effort_max=np.array([drive.effort_max for drive in drives]),
         spring_damping=np.array([drive.spring_damping for drive in drives]),
+        inner_loop=spec.inner_torque_loop,
     )
 
 

@@ -26,10 +26,10 @@ PASSBAND = 0.4
 
 
 def delayed(values: Array, time: Array, late: float) -> Array:
-    """Delays samples (N, n) by a time [s], by cubic interpolation; before the start the first value is held."""
+    """Delays samples (N, n) by a time [s], by cubic interpolation; beyond either end the value there is held."""
     if late == 0.0:
         return values
-    return np.asarray(CubicSpline(time, values)(np.maximum(time - late, time[0])))
+    return np.asarray(CubicSpline(time, values)(np.clip(time - late, time[0], time[-1])))
 
 
 def unify_rates(logs: Sequence[Log], warnings: list[str]) -> list[Log]:
