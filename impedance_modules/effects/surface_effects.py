@@ -32,6 +32,9 @@ NAME = re.compile(r"surface(\d+)")
 
 PORTS: tuple[Port, ...] = ("contact",)
 
+FLAT_KINDS = ("plane", "box")
+"""Surfaces that have the same normal wherever a hand presses on them from above."""
+
 
 def surface_index(key: str) -> int | None:
     """Reads the place in the environment from a key; None if it names no surface."""
@@ -108,7 +111,7 @@ class SurfaceEffect(Effect):
         if index is None or index >= len(site.signals.surfaces):
             return None
         surface = site.signals.surfaces[index]
-        return surface if surface.sheet is None and surface.wood is None else None
+        return surface if surface.surface in FLAT_KINDS and surface.wood is None else None
 
     def lowest(self, surface: SurfaceSpec) -> float:
         """Gives the coefficient's lower bound."""

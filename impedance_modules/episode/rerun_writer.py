@@ -34,7 +34,7 @@ from impedance_modules.episode.view_scene import (
     check_sample,
     series_colour,
 )
-from impedance_modules.errors import NotRecorded
+from impedance_modules.errors import BadInput, NotRecorded
 
 METRES_PER_NEWTON = 0.015
 METRES_PER_NEWTON_METRE = 0.1
@@ -362,6 +362,20 @@ def _sphere(shape: BodyShape, look: dict[str, Any]) -> Any:
     return rr.Ellipsoids3D(radii=[shape.size[0]], **_placed(shape), **look)
 
 
+def _triangles(shape: BodyShape, look: dict[str, Any]) -> Any:
+    drawn, pose = shape.drawn, shape.pose
+    if drawn is None:
+        raise BadInput(f"shape '{shape.name}' has no triangles to be drawn")
+    x, y, z, w = pose[3:]
+    turn = np.array([x, y, z])
+    # v + 2 w (u x v) + 2 u x (u x v) turns v by the unit quaternion (u, w).
+    across = np.cross(turn, drawn.vertices)
+    places = drawn.vertices + 2.0 * (w * across + np.cross(turn, across)) + np.array(pose[:3])
+    return rr.Mesh3D(
+        vertex_positions=places, triangle_indices=drawn.triangles, albedo_factor=look["colors"][0]
+    )
+
+
 def _placed(shape: BodyShape) -> dict[str, Any]:
     return {"centers": [shape.pose[:3]], "quaternions": [shape.pose[3:]]}
 
@@ -371,4 +385,5 @@ _SOLIDS: dict[str, Callable[[BodyShape, dict[str, Any]], Any]] = {
     "box": _box,
     "cylinder": _cylinder,
     "sphere": _sphere,
+    "triangles": _triangles,
 }

@@ -11,6 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
 
@@ -38,6 +41,14 @@ TORQUE: Colour = (204, 121, 167, 255)
 LIMIT: Colour = (200, 60, 60, 255)
 
 
+@dataclass(frozen=True, eq=False)
+class DrawnTriangles:
+    """Triangles to be drawn: vertices (v, 3) in the shape's axes [m], and three of their indices each, (t, 3)."""
+
+    vertices: Array
+    triangles: NDArray[np.int64]
+
+
 @dataclass(frozen=True)
 class BodyShape:
     """A solid that moves with a body.
@@ -45,15 +56,17 @@ class BodyShape:
     Attributes:
         name: Unique within the body.
         kind: ``capsule`` (radius, length of its straight part, along z), ``box`` (full edge lengths),
-            ``cylinder`` (radius, full length, along z) or ``sphere`` (radius).
+            ``cylinder`` (radius, full length, along z), ``sphere`` (radius) or ``triangles`` (no size).
         size: As ``kind`` says [m].
         pose: Of the shape's centre in the body.
+        drawn: What ``triangles`` are drawn; None for others.
     """
 
     name: str
-    kind: Literal["capsule", "box", "cylinder", "sphere"]
+    kind: Literal["capsule", "box", "cylinder", "sphere", "triangles"]
     size: tuple[float, ...]
     pose: Pose7 = AT_ORIGIN
+    drawn: DrawnTriangles | None = None
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from impedance_modules.plant.point_contact import (
     contact_table,
     hand_point,
     object_points,
-    surface_table,
 )
 from impedance_modules.plant.rigid_object import ObjectBody, object_state
+from impedance_modules.plant.surfaces import surface_tables
 from impedance_modules.plant.wood import renew_wood, wood_tables
 from impedance_modules.records import Array3, Matrix, Vector, new_table
 from impedance_modules.robot.model import RobotModel
@@ -54,6 +54,7 @@ def build_plant_state(
     if held is not None:
         bodies.append(object_points(held.spec.shape, held.spec.size))
     woods, friction_work, splinters = wood_tables(surfaces)
+    table, mesh_nodes, triangles = surface_tables(surfaces)
     return PlantState(
         start=state_vector(n),
         stage=state_vector(n),
@@ -64,7 +65,9 @@ def build_plant_state(
         hands=hands,
         body=object_state(held, links.gravity.linear),
         contacts=contact_table(surfaces, bodies, woods),
-        surfaces=surface_table(surfaces),
+        surfaces=table,
+        mesh_nodes=mesh_nodes,
+        triangles=triangles,
         woods=woods,
         friction_work=friction_work,
         splinters=splinters,

@@ -2,7 +2,8 @@
 """The state of the plant: what moves, what acts, and what all of it is made of, in one record.
 
 Laws take it whole (``plant.joints[i].kind``, ``plant.stage.velocity[i]``) or the row that they need. The rows of its
-tables are defined beside their laws: ``joints``, ``links``, ``grasp``, ``point_contact``, ``sheet``, ``wood``.
+tables are defined beside their laws: ``joints``, ``links``, ``grasp``, ``point_contact``, ``surfaces``,
+``mesh_surface``, ``sheet``, ``wood``.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ import numpy as np
 from impedance_modules.plant.grasp import HAND
 from impedance_modules.plant.joints import JOINT
 from impedance_modules.plant.links import LINK
-from impedance_modules.plant.point_contact import CONTACT_POINT, SURFACE
+from impedance_modules.plant.mesh_surface import NODE, TRIANGLE
+from impedance_modules.plant.point_contact import CONTACT_POINT
 from impedance_modules.plant.rigid_object import ObjectState
+from impedance_modules.plant.surfaces import SURFACE
 from impedance_modules.plant.wood import SPLINTER, WOOD
 from impedance_modules.records import Array3, Matrix, Record, Table, Vector
 
@@ -97,6 +100,8 @@ class PlantState(Record):
         body: The object.
         contacts: (points x surfaces,) of ``CONTACT_POINT``.
         surfaces: Of ``SURFACE``.
+        mesh_nodes: Of ``NODE``: the boxes around the triangles of all meshes.
+        triangles: Of ``TRIANGLE``: those of all meshes.
         woods: Of ``WOOD``.
         friction_work: (nodes,) per area, of all wood [J/m^2].
         splinters: Of ``SPLINTER``.
@@ -118,6 +123,8 @@ class PlantState(Record):
     body: ObjectState
     contacts: Annotated[Table, CONTACT_POINT]
     surfaces: Annotated[Table, SURFACE]
+    mesh_nodes: Annotated[Table, NODE]
+    triangles: Annotated[Table, TRIANGLE]
     woods: Annotated[Table, WOOD]
     friction_work: Vector
     splinters: Annotated[Table, SPLINTER]

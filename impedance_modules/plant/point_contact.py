@@ -11,8 +11,9 @@ eight corners, a cylinder (axis z) with eight points of each rim, a sphere with 
 
 A point near a surface queries coal for distance and normal; far ones are passed over by a bound on the distance.
 Between two queries the surface counts as flat: the normal stays, the depth changes linearly. While the same face of the
-surface is nearest that is exact; around edges coal is queried again every ``FRESH``. A flexible sheet is evaluated
-anew at every stage instead (``sheet``), and its normal force is the gradient of its energy.
+surface is nearest that is exact; around edges coal is queried again every ``FRESH``. A flexible sheet (``sheet``),
+round surfaces and meshes (``surfaces``) are evaluated anew at every stage instead, and their normal force is the
+gradient of their energy.
 """
 
 from __future__ import annotations
@@ -26,10 +27,16 @@ import coal
 import numpy as np
 
 from impedance_modules.compiled import compiled
-from impedance_modules.errors import BadInput
-from impedance_modules.plant.sheet import SHEET, find_on_sheet, place_on_sheet, press_on_sheet, sheet_row
+from impedance_modules.plant.sheet import find_on_sheet, place_on_sheet, press_on_sheet
+from impedance_modules.plant.surfaces import (
+    FLAT,
+    find_on_shape,
+    shape_push,
+    surface_tables,
+    to_surface_axes,
+)
 from impedance_modules.records import Matrix, Row, Table, Vector, new_table
-from impedance_modules.robot.rotation import add_cross, dot, exp3, turn
+from impedance_modules.robot.rotation import add_cross, dot, turn
 from impedance_modules.spec.task import SurfaceSpec
 
 if TYPE_CHECKING:
@@ -94,18 +101,6 @@ along [m]. ``wood`` is the surface's piece of wood or -1, ``splinter`` the one t
 point in the box's axes while it is ``on_wood``.
 """
 
-SURFACE = np.dtype(
-    [
-        ("is_plane", np.int64),
-        ("translation", np.float64, (3,)),
-        ("rotation", np.float64, (3, 3)),
-        ("half", np.float64, (3,)),
-        ("sheet", SHEET),
-    ],
-    align=True,
-)
-"""One surface: its pose, half a box's edges [m], and its sheet, whose ``span_count`` is 0 if it is none."""
-
 
 @compiled
 def find_near_points(plant: PlantState, clearance: float) -> int:
@@ -126,6 +121,9 @@ def find_near_points(plant: PlantState, clearance: float) -> int:
         to_surface_axes(surface, contact.position, local)
         if surface.sheet.span_count > 0:
             find_on_sheet(surface.sheet, contact, local, clearance)
+            continue
+        if surface.kind != FLAT:
+            find_on_shape(plant, surface, contact, local, clearance)
             continue
         contact.near = _distance_bound(surface, local) < contact.radius + clearance
         contact.stale = 0
@@ -154,15 +152,6 @@ def _moved(contact: Row) -> float:
     for k in range(3):
         square += (contact.position[k] - contact.measured_at[k]) ** 2
     return math.sqrt(square)
-
-
-@compiled
-def to_surface_axes(surface: Row, position: Vector, local: Vector) -> None:
-    """Writes a point of the world in the surface's own axes (3,) [m]."""
-    for k in range(3):
-        local[k] = 0.0
-        for j in range(3):
-            local[k] += surface.rotation[j, k] * (position[j] - surface.translation[j])
 
 
 @compiled
@@ -227,7 +216,7 @@ def contact_forces(plant: PlantState) -> float:
             velocity[k] = twist[k]
         add_cross(displacement[3:], contact.lever, contact.displacement)
         add_cross(twist[3:], contact.lever, velocity)
-        if point_force(plant.surfaces[contact.surface], contact, velocity):
+        if point_force(plant, contact, velocity):
             wrench = plant.contact_wrench[contact.body]
             for k in range(3):
                 wrench[k] += contact.force[k]
@@ -237,11 +226,13 @@ def contact_forces(plant: PlantState) -> float:
 
 
 @compiled
-def point_force(surface: Row, contact: Row, velocity: Vector) -> bool:
+def point_force(plant: PlantState, contact: Row, velocity: Vector) -> bool:
     """Writes the force on one point with a velocity (3,) [m/s] in newtons; returns whether it touches."""
-    normal = contact.normal
+    normal, surface = contact.normal, plant.surfaces[contact.surface]
     if surface.sheet.span_count > 0:
         push = _sheet_push(surface, contact)
+    elif surface.kind != FLAT:
+        push = shape_push(plant, surface, contact)
     else:
         push = -contact.stiffness * (contact.distance + dot(normal, contact.displacement))
     if push <= 0.0:
@@ -323,39 +314,6 @@ def object_points(shape: str, size: tuple[float, ...]) -> tuple[Point, ...]:
     )
 
 
-def surface_table(surfaces: Sequence[SurfaceSpec]) -> Table:
-    """Tabulates the surfaces' poses and sizes for the search for near points."""
-    table = new_table(len(surfaces), SURFACE)
-    for row, surface in zip(table, surfaces, strict=True):
-        row["is_plane"] = surface.surface == "plane"
-        row["rotation"] = exp3(np.array(surface.rotation))
-        row["translation"] = _origin(surface)
-        if surface.size is not None:
-            row["half"] = 0.5 * np.array(surface.size)
-        if surface.sheet is not None:
-            row["sheet"] = sheet_row(surface.sheet)
-    return table
-
-
-def _origin(surface: SurfaceSpec) -> Vector:
-    """Gives a point of a plane, the centre of a box, or the origin of a sheet [m].
-
-    Raises:
-        BadInput: The numbers do not describe the surface.
-    """
-    if surface.surface == "plane" and surface.height is not None:
-        return np.array([0.0, 0.0, surface.height])
-    if surface.surface == "box" and surface.position is not None and surface.size is not None:
-        return np.array(surface.position)
-    if surface.surface == "sheet" and surface.position is not None and surface.sheet is not None:
-        return np.array(surface.position)
-    raise BadInput(
-        f"surface '{surface.surface}' is not one the plant knows, or lacks its numbers"
-        " (valid: plane with height; box with position and size; sheet with position, supports, width and bending"
-        " stiffness)"
-    )
-
-
 def contact_table(surfaces: Sequence[SurfaceSpec], bodies: Sequence[Sequence[Point]], woods: Table) -> Table:
     """Tabulates every point of every body against every surface and the wood on it."""
     rows = [
@@ -380,7 +338,7 @@ class SurfaceDistances:
     """Coal's shapes, one query per pair of point and surface, and the table that takes the answers."""
 
     def __init__(self, surfaces: Sequence[SurfaceSpec], contacts: Table) -> None:
-        table = surface_table(surfaces)
+        table, _, _ = surface_tables(surfaces)
         shapes = [_shape(surface, row) for surface, row in zip(surfaces, table, strict=True)]
         self._stale = contacts["stale"]
         self._position, self._radius = contacts["position"], contacts["radius"]
@@ -391,7 +349,7 @@ class SurfaceDistances:
         self._request = coal.DistanceRequest()
         self._request.enable_signed_distance = True
         self._result = coal.DistanceResult()
-        # Coal is not queried for a sheet, so no point on it goes stale.
+        # Coal is asked about planes and boxes alone: no point on another surface goes stale.
         queried = [(i, shapes[index]) for i, index in enumerate(contacts["surface"])]
         # Kept whole: a query does not keep its shape alive.
         self._shapes = {i: shape for i, shape in queried if shape is not None}
@@ -412,8 +370,8 @@ class SurfaceDistances:
 
 
 def _shape(surface: SurfaceSpec, row: Row) -> tuple[coal.CollisionGeometry, coal.Transform3s] | None:
-    """Builds coal's shape and pose of one surface; None of a sheet."""
-    if surface.sheet is not None:
+    """Builds coal's shape and pose of a plane or a box; None of others."""
+    if surface.surface not in {"plane", "box"}:
         return None
     if surface.size is None:
         normal = np.array(row["rotation"][:, 2])

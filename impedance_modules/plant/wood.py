@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impedance_modules.compiled import compiled
-from impedance_modules.plant.point_contact import to_surface_axes
+from impedance_modules.plant.surfaces import to_surface_axes
 from impedance_modules.records import Matrix, Row, Table, Vector, new_table
 from impedance_modules.robot.rotation import dot
 from impedance_modules.spec.task import SurfaceSpec, WoodSpec

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Where hands and object press into the task's surfaces: depth, normal and stiffness of every point.
 
-The same points and the same stiffness as the plant's (``plant.contact``), with a plane's and a box's distance
-written out, so that a forecast needs neither compiler nor collision library. A sheet is taken, where it is
-pressed, as a surface with the slope and the stiffness of the bent sheet.
+The same points and the same stiffness as the plant's (``plant.point_contact``), with a plane's and a box's distance
+written out, so that a forecast needs neither compiler nor collision library; round surfaces and meshes have the plant's
+own distance. A sheet is taken, where it is pressed, as a surface with the slope and the stiffness of the bent sheet.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,12 +17,16 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.plant.point_contact import Point
 from impedance_modules.plant.sheet import Sheet
+from impedance_modules.plant.surfaces import KINDS, SurfaceShape
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec
 
 TOO_DEEP = 0.05
-"""A point further below a sheet at rest did not come from above it: a forecast sees single states [m]."""
+"""A point further below a sheet at rest, or a saddle, did not come from above it: a forecast sees single states [m]."""
+
+DIFFERENCE = 1e-6
+"""Of a point, for the derivative of a round surface's normal [m]."""
 
 BULGE = 0.05
 """Between its supports a sheet may bulge above the highest by no more than this [m]."""
@@ -37,6 +42,7 @@ class Contact:
         normal: (3,) out of the surface.
         depth: How far the point is inside [m]; negative outside.
         surface: Stiffness, damping and friction.
+        turning: (3, 3) how the normal turns as the point moves, dn/dx [1/m]; None of a flat face.
     """
 
     key: tuple[int, int, int]
@@ -44,6 +50,7 @@ class Contact:
     normal: Array
     depth: float
     surface: SurfaceSpec
+    turning: Array | None = None
 
     def jacobian(self, body: Array) -> Array:
         """Gives the point's Jacobian (3, k) from its body's (6, k): v + w x r."""
@@ -55,12 +62,13 @@ class Contact:
 
 @dataclass(frozen=True)
 class PlacedSurface:
-    """A surface with its rotation (3, 3) and a point of it, a box's centre or a sheet's origin (3,), in world."""
+    """A surface with its rotation (3, 3) and a point of it, its centre or the origin of its axes (3,), in world."""
 
     spec: SurfaceSpec
     rotation: Array
     origin: Array
     sheet: Sheet | None = None
+    shape: SurfaceShape | None = None
 
 
 def place_surface(spec: SurfaceSpec) -> PlacedSurface:
@@ -68,7 +76,8 @@ def place_surface(spec: SurfaceSpec) -> PlacedSurface:
     rotation = exp3(np.array(spec.rotation))
     if spec.position is not None:
         sheet = None if spec.sheet is None else Sheet(spec.sheet)
-        return PlacedSurface(spec, rotation, np.array(spec.position), sheet)
+        shape = SurfaceShape(spec) if spec.surface in KINDS else None
+        return PlacedSurface(spec, rotation, np.array(spec.position), sheet, shape)
     return PlacedSurface(spec, rotation, np.array([0.0, 0.0, 0.0 if spec.height is None else spec.height]))
 
 
@@ -86,7 +95,8 @@ def find_contacts(
             if local is not None and local.depth > -near:
                 arm = centres[number] - pose.translation - radii[number] * local.normal
                 key = (body, int(number), index)
-                found.append(Contact(key, arm, local.normal, local.depth, local.surface))
+                turning = _turning(surface, centres[number]) if local.depth > 0.0 else None
+                found.append(Contact(key, arm, local.normal, local.depth, local.surface, turning))
     return found
 
 
@@ -100,9 +110,11 @@ class _LocalSurface:
 
 
 def _surface_at(placed: PlacedSurface, centre: Array, radius: float) -> _LocalSurface | None:
-    """Describes a surface under a point; None beside a sheet, or too deep in one to have come from above."""
+    """Describes a surface under a point; None beside a sheet or saddle, or too deep in one to have come from above."""
     if placed.sheet is None:
         distance, normal = surface_distance(placed, centre)
+        if placed.spec.surface == "saddle" and (distance == math.inf or distance - radius < -TOO_DEEP):
+            return None
         return _LocalSurface(normal, radius - distance, placed.spec)
     local = placed.rotation.T @ (centre - placed.origin) - np.array([0.0, 0.0, radius])
     here = placed.sheet.point(float(local[0]))
@@ -120,6 +132,8 @@ def _surface_at(placed: PlacedSurface, centre: Array, radius: float) -> _LocalSu
 def _clearance(surface: PlacedSurface, points: Array) -> Array:
     """Bounds the distance of points (p, 3) from a surface from below, (p,) [m]."""
     local = (points - surface.origin) @ surface.rotation
+    if surface.shape is not None:
+        return surface.shape.gaps(local)
     if surface.spec.sheet is not None:
         return np.asarray(local[:, 2] - max(height for _, height in surface.spec.sheet.supports) - BULGE)
     if surface.spec.size is None:
@@ -127,9 +141,26 @@ def _clearance(surface: PlacedSurface, points: Array) -> Array:
     return np.asarray(np.max(np.abs(local) - 0.5 * np.array(surface.spec.size), axis=1))
 
 
+def _turning(surface: PlacedSurface, point: Array) -> Array | None:
+    """Differentiates the normal by the point, (3, 3) [1/m]; None of flat faces, among them those of a mesh."""
+    if surface.shape is None or surface.spec.mesh is not None:
+        return None
+    found = np.empty((3, 3))
+    for k, way in enumerate(DIFFERENCE * np.eye(3)):
+        ahead, back = (surface_distance(surface, point + side * way)[1] for side in (1.0, -1.0))
+        found[:, k] = (ahead - back) / (2.0 * DIFFERENCE)
+    return found
+
+
 def surface_distance(surface: PlacedSurface, point: Array) -> tuple[float, Array]:
-    """Measures a point's signed distance from a surface [m], below 0 inside, and the outward normal (3,)."""
+    """Measures a point's signed distance from a surface [m], below 0 inside, and the outward normal (3,).
+
+    Infinite beside a saddle.
+    """
     local = surface.rotation.T @ (point - surface.origin)
+    if surface.shape is not None:
+        distance, normal = surface.shape.distance(local)
+        return distance, surface.rotation @ normal
     if surface.spec.size is None:
         return float(local[2]), surface.rotation[:, 2]
     excess = np.abs(local) - 0.5 * np.array(surface.spec.size)

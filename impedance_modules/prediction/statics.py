@@ -229,6 +229,10 @@ class _Balance:
         for limb, arm in state.arms.items():
             part = mechanism.parts[limb]
             found[part, part] = arm.system.stiffness
+        for contact, J in self._touching:
+            if contact.turning is not None:
+                push = contact.surface.stiffness * contact.depth
+                found -= push * J.T @ (0.5 * (contact.turning + contact.turning.T)) @ J
         turning = np.zeros((6, 6))
         if state.held is not None:
             for hand in state.held.hands:

@@ -14,6 +14,7 @@ from impedance_modules.episode.background import Background
 from impedance_modules.episode.live_view import RecordingView
 from impedance_modules.episode.view_scene import (
     BodyShape,
+    DrawnTriangles,
     EllipsoidStyle,
     Pose7,
     Scene,
@@ -41,7 +42,7 @@ GROUND = 4.0
 """Edge length at which a plane is drawn [m]."""
 
 STRIPS, THIN = 40, 0.002
-"""How many strips a sheet is drawn as, and how thick [m]."""
+"""How many strips a sheet is drawn as, also each way a saddle, and how thick [m]."""
 
 
 class SceneView:
@@ -209,18 +210,45 @@ def _object_shape(held: ObjectSpec) -> BodyShape:
 
 def _surface(index: int, surface: SurfaceSpec) -> SceneBody:
     rotation = exp3(np.array(surface.rotation))
+    name = f"{surface.surface} {index}"
     if surface.sheet is not None:
-        return SceneBody(
-            f"{surface.surface} {index}", _strips(surface, Sheet(surface.sheet), rotation), "surface"
-        )
-    if surface.position is not None and surface.size is not None:
-        centre, size = np.array(surface.position), surface.size
-    else:
+        return SceneBody(name, _strips(surface, Sheet(surface.sheet), rotation), "surface")
+    if surface.position is None:
         thickness = 0.02
         top = np.array([0.0, 0.0, surface.height or 0.0])
-        centre, size = top - rotation[:, 2] * 0.5 * thickness, (GROUND, GROUND, thickness)
-    shape = BodyShape(surface.surface, "box", size, _seven(Pose(rotation, centre)))
-    return SceneBody(f"{surface.surface} {index}", (shape,), "surface")
+        pose = Pose(rotation, top - rotation[:, 2] * 0.5 * thickness)
+        shape = BodyShape(surface.surface, "box", (GROUND, GROUND, thickness), _seven(pose))
+    else:
+        shape = _body_of_surface(surface, _seven(Pose(rotation, np.array(surface.position))))
+    return SceneBody(name, (shape,), "surface")
+
+
+def _body_of_surface(surface: SurfaceSpec, pose: Pose7) -> BodyShape:
+    """Draws a box, a cylinder, a sphere, a mesh or a saddle where it stands."""
+    size, name = surface.size or (), surface.surface
+    if surface.mesh is not None:
+        drawn = DrawnTriangles(surface.mesh.vertices, surface.mesh.triangles)
+        return BodyShape(name, "triangles", (), pose, drawn)
+    if surface.radii is not None:
+        return BodyShape(name, "triangles", (), pose, _saddle(size, surface.radii))
+    if name == "cylinder":
+        return BodyShape(name, "cylinder", (0.5 * size[0], size[1]), pose)
+    if name == "sphere":
+        return BodyShape(name, "sphere", (0.5 * size[0],), pose)
+    return BodyShape(name, "box", size, pose)
+
+
+def _saddle(size: tuple[float, ...], radii: tuple[float, float]) -> DrawnTriangles:
+    """Draws a saddle at rest as a grid of triangles over its rectangle."""
+    x, y = (np.linspace(-0.5 * edge, 0.5 * edge, STRIPS + 1) for edge in size)
+    x, y = np.meshgrid(x, y, indexing="ij")
+    z = x**2 / (2.0 * radii[0]) - y**2 / (2.0 * radii[1])
+    number = np.arange(x.size).reshape(x.shape)
+    first, second, third, fourth = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    triangles = [np.stack(corners, axis=-1) for corners in ((first, second, third), (first, third, fourth))]
+    return DrawnTriangles(
+        np.stack([x, y, z], axis=-1).reshape(-1, 3), np.concatenate(triangles).reshape(-1, 3)
+    )
 
 
 def _strips(surface: SurfaceSpec, sheet: Sheet, rotation: Array) -> tuple[BodyShape, ...]:

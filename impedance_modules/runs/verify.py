@@ -22,6 +22,7 @@ from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.recorder import MISSED
 from impedance_modules.runs.run_backends import acting_in
 from impedance_modules.spec.robot_spec import JointOrigin
+from impedance_modules.spec.task_text import beside_another
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def _beside_original(folder: Path, metadata: Mapping[str, object], text: str) ->
     if robots is not None:
         (folder / "robots").symlink_to(robots.resolve(), target_is_directory=True)
     task = folder / "task.yaml"
-    task.write_text(text, encoding="utf-8", errors="replace")
+    task.write_text(beside_another(text, original), encoding="utf-8", errors="replace")
     return task
 
 

@@ -105,19 +105,25 @@ def build_tank(raw: Raw) -> TankSpec:
 
 
 def build_surface(raw: Raw) -> SurfaceSpec:
-    """Makes one surface of the plant."""
+    """Makes one surface of the plant; a mesh is still without its triangles, which are in another file."""
     return SurfaceSpec(
         surface=raw["surface"],
         height=_number(raw, "height"),
         position=_triple(raw["position"]) if "position" in raw else None,
         rotation=_triple(raw.get("rotation", (0.0, 0.0, 0.0))),
-        size=_triple(raw["size"]) if "size" in raw else None,
+        size=tuple(float(length) for length in raw["size"]) if "size" in raw else None,
         stiffness=float(raw["stiffness"]),
         damping=float(raw["damping"]),
         friction=float(raw["friction"]),
         wood=build_wood(raw["wood"]) if "wood" in raw else None,
         sheet=_sheet(raw) if raw["surface"] == "sheet" else None,
+        radii=(float(raw["radii"][0]), float(raw["radii"][1])) if "radii" in raw else None,
     )
+
+
+def build_scale(raw: Raw) -> float:
+    """Gives the metres per unit of a mesh's file."""
+    return float(raw.get("scale", 1.0))
 
 
 def _sheet(raw: Raw) -> SheetSpec:

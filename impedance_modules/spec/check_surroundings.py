@@ -6,8 +6,16 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping
 
-from impedance_modules.errors import Problem, nearest
-from impedance_modules.spec.build_task import build_object, build_push, build_surface, build_tank, build_wood
+from impedance_modules.errors import BadInput, Problem, nearest
+from impedance_modules.spec.build_task import (
+    build_object,
+    build_push,
+    build_scale,
+    build_surface,
+    build_tank,
+    build_wood,
+)
+from impedance_modules.spec.surface_mesh import mesh_faults, mesh_path, read_mesh
 from impedance_modules.spec.task import ObjectSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft
 
@@ -52,11 +60,17 @@ def tank_problems(draft: TaskDraft) -> Iterator[Problem]:
 
 
 def surface_problems(draft: TaskDraft) -> Iterator[Problem]:
-    """Checks that the supports of every sheet lie one after the other, far enough for a gentle sheet between."""
+    """Checks that the supports of every sheet lie one after the other, far enough for a gentle sheet between.
+
+    And that the file of every mesh can be read and holds a closed body.
+    """
     for place in (("environment",), ("playback", "taught_on")):
         for i in draft.count(*place):
-            if draft.clean(*place, i) and draft.value(*place, i, "surface") == "sheet":
+            kind = draft.value(*place, i, "surface") if draft.clean(*place, i) else None
+            if kind == "sheet":
                 yield from _support_problems(draft, (*place, i, "supports"))
+            elif kind == "mesh":
+                yield from _mesh_problems(draft, (*place, i))
 
 
 def push_problems(draft: TaskDraft) -> Iterator[Problem]:
@@ -130,6 +144,18 @@ def _start_problems(draft: TaskDraft, held: ObjectSpec) -> Iterator[Problem]:
                 f"at {surface.height:g} m"
             )
             yield draft.problem(("object", "position", 2), message)
+
+
+def _mesh_problems(draft: TaskDraft, at: tuple[str | int, ...]) -> Iterator[Problem]:
+    raw = draft.value(*at)
+    path = mesh_path(draft.document.path, raw["file"])
+    try:
+        mesh = read_mesh(path, raw["file"], build_scale(raw))
+    except BadInput as error:
+        yield draft.problem((*at, "file"), str(error))
+        return
+    for fault in mesh_faults(mesh):
+        yield draft.problem((*at, "file"), f"{path} {fault}")
 
 
 def _support_problems(draft: TaskDraft, at: tuple[str | int, ...]) -> Iterator[Problem]:

@@ -190,32 +190,54 @@ class SheetSpec:
 
 
 @dataclass(frozen=True)
+class MeshSpec:
+    """A closed body of triangles, in its own axes (``spec.surface_mesh`` reads it).
+
+    Attributes:
+        file: As the task names it.
+        vertices: (v, 3) [m].
+        triangles: (t, 3) indices of vertices, against the clock as seen from outside.
+    """
+
+    file: str
+    vertices: Matrix = field(repr=False, compare=False)
+    triangles: NDArray[np.int64] = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True)
 class SurfaceSpec:
     """A compliant surface of the built-in plant.
 
     Attributes:
-        surface: ``plane`` (horizontal half-space below ``height``), ``box`` or ``sheet``.
+        surface: ``plane`` (horizontal half-space below ``height``), ``box``, ``cylinder``, ``sphere``, ``saddle``,
+            ``mesh`` or ``sheet``.
         height: Of a plane, in world [m]; None for others.
-        position: Centre of a box or origin of a sheet's axes, in world [m]; None for a plane.
-        rotation: Rotation vector of a box or sheet, or tilt of a plane, in world [rad].
-        size: Full edge lengths of a box [m]; None for others.
+        position: Centre of a body, middle of a saddle, or origin of the axes of a mesh or sheet, in world [m]; None
+            for a plane.
+        rotation: Rotation vector of the surface's axes, or tilt of a plane, in world [rad].
+        size: Full edge lengths of a box (3) or a saddle (2), diameter and length of a cylinder, diameter of a
+            sphere [m]; None for others.
         stiffness: Normal [N/m].
         damping: Normal [N.s/m].
         friction: Coulomb coefficient; of smooth wood where there is wood.
         wood: On the top face of a box; None for none.
         sheet: What makes a sheet one; None for others.
+        radii: Radii of curvature of a saddle, upwards along x and downwards along y [m]; None for others.
+        mesh: The triangles of a mesh; None for others.
     """
 
     surface: str
     height: float | None
     position: tuple[float, float, float] | None
     rotation: tuple[float, float, float]
-    size: tuple[float, float, float] | None
+    size: tuple[float, ...] | None
     stiffness: float
     damping: float
     friction: float
     wood: WoodSpec | None = None
     sheet: SheetSpec | None = None
+    radii: tuple[float, float] | None = None
+    mesh: MeshSpec | None = None
 
     @property
     def fresh_friction(self) -> float:

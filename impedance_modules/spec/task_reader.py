@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from impedance_modules.errors import BadFile, BadInput, Problem
 from impedance_modules.spec.build_task import (
@@ -12,6 +14,7 @@ from impedance_modules.spec.build_task import (
     build_phase,
     build_playback,
     build_push,
+    build_scale,
     build_surface,
     build_tank,
 )
@@ -31,7 +34,8 @@ from impedance_modules.spec.locate import find_robot, find_task
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.schema import schema_faults
-from impedance_modules.spec.task import TaskSpec
+from impedance_modules.spec.surface_mesh import mesh_path, read_mesh
+from impedance_modules.spec.task import SurfaceSpec, TaskPlayback, TaskSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft, draft_arms
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 
@@ -118,11 +122,28 @@ def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:
         arms={name: arm.finished() for name, arm in arms.items()},
         object=build_object(data["object"]) if "object" in data else None,
         tank=build_tank(data["safety"]["tank"]),
-        environment=tuple(build_surface(raw) for raw in data.get("environment", [])),
+        environment=_surfaces(document, data.get("environment", [])),
         pushes=tuple(build_push(raw) for raw in data.get("pushes", [])),
         phases=tuple(build_phase(raw) for raw in data["phases"]),
         path=document.path,
         text=document.text,
         document=document,
-        playback=build_playback(data["playback"]) if "playback" in data else None,
+        playback=_playback(document) if "playback" in data else None,
     )
+
+
+def _playback(document: Document) -> TaskPlayback:
+    raw = document.data["playback"]
+    return replace(build_playback(raw), taught_on=_surfaces(document, raw["taught_on"]))
+
+
+def _surfaces(document: Document, given: Sequence[Mapping[str, Any]]) -> tuple[SurfaceSpec, ...]:
+    """Makes surfaces, meshes with their triangles."""
+    surfaces = []
+    for raw in given:
+        surface = build_surface(raw)
+        if "file" in raw:
+            path = mesh_path(document.path, raw["file"])
+            surface = replace(surface, mesh=read_mesh(path, raw["file"], build_scale(raw)))
+        surfaces.append(surface)
+    return tuple(surfaces)

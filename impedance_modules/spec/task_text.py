@@ -13,6 +13,7 @@ import yaml
 from impedance_modules.errors import BadInput, ImpedanceError, nearest
 from impedance_modules.spec.document import Document, parse_document, print_path, scan_document
 from impedance_modules.spec.locate import data_folder, find_robot, find_task
+from impedance_modules.spec.surface_mesh import mesh_path
 from impedance_modules.spec.yaml_tree import KeyPath
 
 Spent = Literal["throughout", "at its end"]
@@ -72,12 +73,51 @@ def changed(document: Document, changes: Mapping[KeyPath, Any], heading: str = "
         for step in steps[:-1]:
             here = here[step]
         here[steps[-1]] = value
+    name_whole_mesh_paths(data, document.path)
     robot = data.get("robot")
     if isinstance(robot, str):
         # The changed file may lie elsewhere, where only shipped robots go by their names.
         folder = find_robot(robot, document.path)
         data["robot"] = robot if folder == data_folder("robots") / robot else str(folder.resolve())
     return heading + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
+
+
+def beside_another(text: str, original: Path) -> str:
+    """Writes a task's text such that it can be read in another folder: meshes are named by their whole paths.
+
+    Args:
+        text: As a recording keeps it; one that is no task, or names no mesh, is returned as it is.
+        original: Where the task file was.
+    """
+    try:
+        data: Any = deepcopy(parse_document(original, text).data)
+    except ImpedanceError:
+        return text
+    if not name_whole_mesh_paths(data, original):
+        return text
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
+
+
+def name_whole_mesh_paths(data: Any, task: Path) -> int:
+    """Replaces the meshes' names in a task's data by whole paths; returns how many there are."""
+    found = [
+        surface
+        for holder, key in ((data, "environment"), (_mapping(data, "playback"), "taught_on"))
+        for surface in _list(holder, key)
+        if isinstance(surface, dict) and isinstance(surface.get("file"), str)
+    ]
+    for surface in found:
+        surface["file"] = str(mesh_path(task, surface["file"]))
+    return len(found)
+
+
+def _mapping(data: Any, key: str) -> Any:
+    return data.get(key) if isinstance(data, dict) else None
+
+
+def _list(data: Any, key: str) -> list[Any]:
+    found = _mapping(data, key)
+    return found if isinstance(found, list) else []
 
 
 def contact_phases(text: str) -> dict[str, Spent]:

@@ -10,12 +10,17 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
-from impedance_modules.prediction.contact_geometry import PlacedSurface, place_surface
+from impedance_modules.prediction.contact_geometry import PlacedSurface, place_surface, surface_distance
 from impedance_modules.spec.task import SurfaceSpec
 from impedance_modules.tools.surface_fit import SurfaceMap
 
 STEPS = 20
 """Repetitions after which a point of a tilted sheet is found to the last digit."""
+
+
+DESCENTS, STRIDE, ARRIVED = 10_000, 2e-3, 1e-9
+"""Most steps down to a round surface or a mesh, the length of those beside a saddle, and the distance that ends them
+[m]."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,8 @@ def _under(surface: PlacedSurface, x: float, y: float) -> tuple[float, float] | 
     rotation, origin = surface.rotation, surface.origin
     if surface.sheet is not None:
         return _under_sheet(surface, x, y)
+    if surface.shape is not None:
+        return _under_shape(surface, x, y)
     normal = rotation[:, 2]
     foot = origin if surface.spec.size is None else origin + 0.5 * surface.spec.size[2] * normal
     height = float(foot[2] - (normal[0] * (x - foot[0]) + normal[1] * (y - foot[1])) / normal[2])
@@ -104,6 +111,35 @@ def _under_sheet(surface: PlacedSurface, x: float, y: float) -> tuple[float, flo
         height += (point.height - float(local[2])) / float(surface.rotation[2, 2])
         compliance = 1.0 / surface.spec.stiffness + point.compliance
     return height, compliance
+
+
+def _under_shape(surface: PlacedSurface, x: float, y: float) -> tuple[float, float] | None:
+    """The same of a round surface or a mesh: from above it goes down by the distance, which passes nothing over.
+
+    A saddle is met where the vertical comes down on its rectangle from above; beside that it has no distance.
+    """
+    lowest, height = _heights(surface)
+    for _ in range(DESCENTS):
+        if height < lowest:
+            return None
+        distance, normal = surface_distance(surface, np.array([x, y, height]))
+        if abs(distance) < ARRIVED:
+            return height, float(1.0 / (surface.spec.stiffness * normal[2] ** 2))
+        if distance < 0.0:
+            return None
+        # Beside a saddle nothing is known: a small step passes over no more than itself.
+        height -= distance if distance < np.inf else STRIDE
+    return None
+
+
+def _heights(surface: PlacedSurface) -> tuple[float, float]:
+    """Gives the lowest and highest height of the box around a round surface or a mesh, in world [m]."""
+    if surface.shape is None:
+        return 0.0, 0.0
+    low, high, turn = surface.shape.low, surface.shape.high, surface.rotation[2]
+    middle = float(surface.origin[2] + turn @ (0.5 * (low + high)))
+    reach = float(np.abs(turn) @ (0.5 * (high - low)))
+    return middle - reach - STRIDE, middle + reach + STRIDE
 
 
 def map_errors(found: SurfaceMap, truth: TrueSurface) -> MapErrors:
