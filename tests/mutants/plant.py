@@ -44,7 +44,6 @@ MUTANTS = (
     (POINT, "bound = contact.friction * contact.normal_force /", "bound = 2.0 * contact.friction * contact.normal_force /"),
     (POINT, "contact.force[k] + normal_force * normal[k]", "contact.force[k] - normal_force * normal[k]"),
     (POINT, "max(0.0, push + contact.damping * approach)", "max(0.0, push - contact.damping * approach)"),
-    (POINT, "surface.rotation[j, k] * (position[j]", "surface.rotation[k, j] * (position[j]"),
     (POINT, "            add_cross(contact.lever, contact.force, wrench[3:])\n", ""),
     (POINT, "contact.position[k] - origin - contact.radius", "contact.position[k] - origin + contact.radius"),
     (POINT, "= -contact.stiffness * stretch - contact.damping * slide", "= -contact.stiffness * stretch"),

@@ -68,6 +68,15 @@ def surface(kind: str, **numbers: object) -> SurfaceSpec:
     return SurfaceSpec(kind, **{**values, **numbers})
 
 
+SHAPES = {
+    "cylinder": surface("cylinder", size=(0.2, 0.4)),
+    "sphere": surface("sphere", size=(0.2,)),
+    "saddle": surface("saddle", size=(0.4, 0.3), radii=(0.15, 0.2)),
+    "mesh": surface("mesh", mesh=ball_mesh(0.1)),
+}
+"""One surface of every kind that has a distance of its own."""
+
+
 def write_stl(path: Path, body: MeshSpec) -> Path:
     corners = body.vertices[body.triangles].astype("<f4")
     records = b"".join(struct.pack("<3f", 0, 0, 0) + tri.tobytes() + b"\0\0" for tri in corners)

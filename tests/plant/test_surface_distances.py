@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Round surfaces and meshes: their distances are exact, the plant presses along the normal, forecasts agree."""
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from impedance_modules.plant.mesh_surface import MeshTree, distance_from_triangle, nearest_triangle
+from impedance_modules.plant.point_contact import CLEARANCE
+from impedance_modules.plant.surfaces import SurfaceShape
+from impedance_modules.prediction.contact_geometry import find_contacts, place_surface, surface_distance
+from impedance_modules.robot.pose import Pose
+from tests.support.both_ways import ways  # noqa: F401 - a fixture
+from tests.support.closed_meshes import SHAPES, ball_mesh, block_under, box_mesh, mesh, saddle_block, surface
+from tests.support.plant_parts import BAXTER, WEIGHTLESS, exact, loose, place_object, spec_of, started
+
+ROBOT = exact(spec_of(BAXTER))
+LENGTH = st.floats(0.03, 0.5)
+SHARE = st.floats(-1.3, 1.3)
+POINT = st.tuples(SHARE, SHARE, SHARE)
+
+ROUND = ("cylinder", "sphere", "saddle")
+EVERY_SHAPE = pytest.mark.parametrize("kind", SHAPES)
+
+
+def point_about(shape: SurfaceShape, share: tuple[float, float, float]) -> np.ndarray:
+    """A point inside the box around a shape, or a little outside."""
+    return 0.5 * (shape.low + shape.high) + 0.5 * (shape.high - shape.low) * np.array(share)
+
+
+@settings(deadline=None, max_examples=60)
+@given(diameter=LENGTH, length=LENGTH, share=POINT)
+def test_a_cylinder_and_a_sphere_are_as_far_as_coal_says(diameter, length, share) -> None:
+    """Outside; inside, where coal's own answer for a cylinder is not exact, as far as the nearest of three faces."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    solids = {
+        "cylinder": ((diameter, length), coal.Cylinder(0.5 * diameter, length)),
+        "sphere": ((diameter,), coal.Sphere(0.5 * diameter)),
+    }
+    for kind, (size, solid) in solids.items():
+        shape = SurfaceShape(surface(kind, size=size))
+        point = point_about(shape, share)
+        distance, _ = shape.distance(point)
+        away = np.hypot(point[0], point[1]) if kind == "cylinder" else np.linalg.norm(point)
+        faces = [away - 0.5 * diameter] + ([abs(point[2]) - 0.5 * length] if kind == "cylinder" else [])
+        if max(faces) < 0.0:
+            assert distance == pytest.approx(max(faces), abs=1e-12)
+        else:
+            result.clear()
+            place = coal.Transform3s(np.eye(3), point)
+            found = coal.distance(coal.Sphere(1e-9), place, solid, coal.Transform3s(), request, result)
+            assert distance == pytest.approx(found, abs=1e-5)
+
+
+@settings(deadline=None, max_examples=40)
+@given(radii=st.tuples(LENGTH, LENGTH), share=POINT, depth=st.floats(-0.9, 0.9))
+def test_a_saddle_is_as_far_as_its_nearest_point(radii, share, depth) -> None:
+    """From a point of the saddle along the normal: as far as the centres of curvature no other point is nearer."""
+    up, down = radii
+    shape = SurfaceShape(surface("saddle", size=(0.2, 0.2), radii=radii))
+    u, v = 0.099 * np.clip(share[:2], -1.0, 1.0)
+    normal = np.array([-u / up, v / down, 1.0])
+    normal /= np.linalg.norm(normal)
+    # The sharpest curvature is at the middle: up to its radius a point sees its own foot alone.
+    expected = depth * min(radii)
+    foot = np.array([u, v, u**2 / (2.0 * up) - v**2 / (2.0 * down)])
+    distance, found = shape.distance(foot + expected * normal)
+    np.testing.assert_allclose(found, normal, atol=1e-9)
+    assert distance == pytest.approx(expected, abs=1e-12)
+
+    def squared(at: np.ndarray) -> float:
+        height = at[0] ** 2 / (2.0 * up) - at[1] ** 2 / (2.0 * down)
+        return float(np.sum((np.array([*at, height]) - foot - expected * normal) ** 2))
+
+    near = min(minimize(squared, [u + a, v + b], tol=1e-12).fun for a in (-0.03, 0.03) for b in (-0.03, 0.03))
+    assert abs(distance) <= np.sqrt(near) + 1e-6
+
+
+@settings(deadline=None, max_examples=60)
+@given(kind=st.sampled_from(sorted(ROUND)), share=POINT)
+def test_the_normal_is_the_gradient_of_the_distance(kind, share) -> None:
+    shape = SurfaceShape(SHAPES[kind])
+    point = point_about(shape, share)
+    distance, normal = shape.distance(point)
+    sides = [[shape.distance(point + side * way)[0] for side in (1.0, -1.0)] for way in 1e-6 * np.eye(3)]
+    # At an edge of the saddle's rectangle, and where another face becomes the nearest, there is no gradient.
+    slope = np.array([(ahead - back) / 2e-6 for ahead, back in sides]) if np.isfinite(sides).all() else None
+    if slope is not None and np.isfinite(distance) and np.linalg.norm(slope) > 0.999:
+        np.testing.assert_allclose(normal, slope, atol=1e-4)
+    assert np.linalg.norm(normal) == pytest.approx(1.0)
+
+
+def distance_to_box(point: np.ndarray, half: np.ndarray) -> float:
+    beyond = np.abs(point) - half
+    return float(np.linalg.norm(np.maximum(beyond, 0.0)) + min(0.0, beyond.max()))
+
+
+@settings(deadline=None, max_examples=80)
+@given(size=st.tuples(LENGTH, LENGTH, LENGTH), share=POINT)
+def test_a_mesh_of_a_box_is_the_box_inside_outside_and_around_its_corners(size, share) -> None:
+    shape = SurfaceShape(surface("mesh", mesh=box_mesh(size)))
+    point = 0.5 * np.array(size) * share
+    distance, normal = shape.distance(point)
+    assert distance == pytest.approx(distance_to_box(point, 0.5 * np.array(size)), abs=1e-12)
+    assert np.linalg.norm(normal) == pytest.approx(1.0)
+
+
+@settings(deadline=None, max_examples=60)
+@given(radius=st.floats(0.02, 0.3), way=POINT, depth=st.floats(-0.9, 1.0))
+def test_a_fine_mesh_is_its_sphere_within_its_facets(radius, way, depth) -> None:
+    shape, turn = SurfaceShape(surface("mesh", mesh=ball_mesh(radius))), np.array(way) + 1e-6
+    point = (1.0 + depth) * radius * turn / np.linalg.norm(turn)
+    distance, normal = shape.distance(point)
+    sagitta = radius * (1.0 - np.cos(np.pi / 24.0) ** 2)
+    assert depth * radius - 1e-9 <= distance <= depth * radius + sagitta
+    if depth > -0.5:
+        assert normal @ point > np.cos(0.3) * np.linalg.norm(point)
+
+
+def test_a_mesh_of_a_saddle_is_the_saddle_on_both_sides() -> None:
+    radii, size, rng = (0.15, 0.1), (0.2, 0.2), np.random.default_rng(3)
+    exactly = SurfaceShape(surface("saddle", size=size, radii=radii))
+    cut = SurfaceShape(surface("mesh", mesh=saddle_block(radii, size)))
+    bulge = (0.2 / 40) ** 2 / 4.0 * sum(1.0 / radius for radius in radii)
+    for _ in range(100):
+        x, y = rng.uniform(-0.07, 0.07, 2)
+        height = x**2 / 0.3 - y**2 / 0.2
+        point = np.array([x, y, height + rng.uniform(-0.015, 0.015)])
+        distance, normal = exactly.distance(point)
+        meshed, facet = cut.distance(point)
+        assert meshed == pytest.approx(distance, abs=bulge)
+        assert abs(distance) < 2.0 * bulge or normal @ facet > 0.98
+
+
+def stairs() -> np.ndarray:
+    """Vertices and triangles of a block with a step: one edge of it points inwards."""
+    x, y = np.array([-0.1, 0.0, 1e-9, 0.1]), np.array([-0.1, 0.1])
+    heights = np.array([[0.02, 0.02], [0.02, 0.02], [-0.03, -0.03], [-0.03, -0.03]])
+    return block_under(heights, x, y, -0.1)
+
+
+def test_the_sign_is_right_near_edges_that_point_inwards_and_outwards() -> None:
+    shape, rng = SurfaceShape(surface("mesh", mesh=stairs())), np.random.default_rng(5)
+    for _ in range(300):
+        point = rng.uniform([-0.12, -0.12, -0.12], [0.12, 0.12, 0.05])
+        within = abs(point[0]) < 0.1 and abs(point[1]) < 0.1 and point[2] > -0.1
+        inside = within and point[2] < (0.02 if point[0] < 0.0 else -0.03)
+        distance, _ = shape.distance(point)
+        assert (distance < 0.0) == inside, point
+
+
+def test_the_search_finds_the_nearest_triangle_from_any_guess(ways) -> None:  # noqa: F811
+    """Against all triangles one by one, and outside against coal's own mesh."""
+    tree, rng = MeshTree(stairs()), np.random.default_rng(6)
+    body = coal.BVHModelOBBRSS()
+    body.beginModel(len(tree.triangles), 3 * len(tree.triangles))
+    for corners in tree.triangles["corners"]:
+        body.addTriangle(*corners)
+    body.endModel()
+    one, other = np.empty(3), np.empty(3)
+    for _ in range(40):
+        point = rng.uniform(-0.2, 0.2, 3)
+        guess = int(rng.integers(len(tree.triangles)))
+        found = nearest_triangle(tree.nodes, tree.triangles, 0, point, guess)
+        distance = distance_from_triangle(tree.triangles[found], point, one)
+        each = [abs(distance_from_triangle(row, point, other)) for row in tree.triangles]
+        assert abs(distance) == pytest.approx(min(each), abs=1e-15)
+        if distance > 0.0:
+            place = coal.Transform3s(np.eye(3), point)
+            request, result = coal.DistanceRequest(), coal.DistanceResult()
+            least = coal.distance(coal.Sphere(1e-9), place, body, coal.Transform3s(), request, result)
+            assert distance == pytest.approx(least, abs=1e-6)
+
+
+@EVERY_SHAPE
+def test_the_plant_presses_along_the_normal_as_the_forecast_says(kind, ways) -> None:  # noqa: F811
+    """Everywhere around a turned surface: k d along n, and the same distance in both; two of them do not mix."""
+    turned = replace(SHAPES[kind], rotation=(0.3, -0.2, 0.5))
+    beside = replace(SHAPES["mesh"], position=(5.0, 0.0, 0.0))
+    ball = loose(shape="sphere", size=(0.004,))
+    subject = started(ROBOT, [beside, turned], ball, gravity=WEIGHTLESS)
+    placed, shape, rng = place_surface(turned), SurfaceShape(turned), np.random.default_rng(1)
+    contact, pressed = subject.state.contacts[-1], 0
+    for _ in range(60):
+        point = placed.origin + placed.rotation @ point_about(shape, rng.uniform(-1.0, 1.0, 3))
+        distance, normal = surface_distance(placed, point)
+        place_object(subject, Pose(np.eye(3), point), np.zeros(6))
+        contact["face"] = 1
+        subject._integrator.refresh()
+        if not contact["near"]:
+            assert kind == "saddle" or distance - 0.002 >= CLEARANCE
+            continue
+        assert contact["distance"] == pytest.approx(distance - 0.002, abs=1e-12)
+        subject._integrator.rate()
+        force = subject.state.contact_wrench[-1, :3]
+        if distance < 0.002:
+            pressed += 1
+            np.testing.assert_allclose(force, 20000.0 * (0.002 - distance) * normal, atol=1e-6)
+        else:
+            assert not force.any()
+    assert pressed > 5
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "sphere", "saddle"])
+def test_a_forecast_knows_how_the_normal_turns(kind) -> None:
+    """By 1/R along a circle around a pipe and a ball, and not at all along the pipe; by -1/R in a saddle's hollow."""
+    across, along = {"cylinder": (10.0, 0.0), "sphere": (10.0, 10.0), "saddle": (1.0 / 0.2, -1.0 / 0.15)}[
+        kind
+    ]
+    ground = replace(SHAPES[kind], rotation=(0.0, np.pi / 2, 0.0) if kind == "cylinder" else (0.0, 0.0, 0.0))
+    top = np.array(ground.position) + np.array([0.0, 0.0, 0.0 if kind == "saddle" else 0.1])
+    (contact,) = find_contacts(
+        0, Pose(np.eye(3), top - [0.0, 0.0, 1e-9]), [(np.zeros(3), 0.0)], [place_surface(ground)], 0.01
+    )
+    np.testing.assert_allclose(contact.turning, np.diag([along, across, 0.0]), atol=1e-4)
+    assert contact.depth == pytest.approx(1e-9)
+
+
+def test_a_body_of_two_parts_and_a_cavity_has_both() -> None:
+    """Two boxes and a cavity in one of them, its triangles the other way round."""
+    outer, inner = box_mesh((0.2, 0.2, 0.2)), box_mesh((0.1, 0.1, 0.1))
+    vertices = np.concatenate([outer.vertices, inner.vertices, outer.vertices + np.array([0.5, 0.0, 0.0])])
+    triangles = np.concatenate([outer.triangles, inner.triangles[:, ::-1] + 8, outer.triangles + 16])
+    shape = SurfaceShape(surface("mesh", mesh=mesh(vertices, triangles)))
+    for point, expected in (
+        ((0.0, 0.0, 0.03), 0.02),
+        ((0.0, 0.0, 0.06), -0.01),
+        ((0.0, 0.0, 0.12), 0.02),
+        ((0.5, 0.0, 0.09), -0.01),
+        ((0.25, 0.0, 0.0), 0.15),
+    ):
+        assert shape.distance(np.array(point))[0] == pytest.approx(expected)
