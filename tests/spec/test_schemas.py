@@ -72,8 +72,9 @@ def document_keys(data):
 
 
 def test_the_fixture_every_key_has_every_key():
-    """Together with a task that is played back, which holds and is pushed by nothing."""
+    """Together with a task that is played back, which holds and is pushed by nothing, and with surfaces from files."""
     properties = [node.get("properties") for _, node in parts(load_schema("task"))]
     known = set().union(*(given for given in properties if isinstance(given, dict)))
-    played = CHECKOUT / "tasks" / "thesis" / "slide-over-position.yaml"
-    assert known <= set().union(*(document_keys(yaml.safe_load(p.read_text())) for p in (EVERY_KEY, played)))
+    others = ("slide-over-position", "hold-to-saddle", "hold-to-fouled-pipe")
+    paths = (EVERY_KEY, *(CHECKOUT / "tasks" / "thesis" / f"{name}.yaml" for name in others))
+    assert known <= set().union(*(document_keys(yaml.safe_load(path.read_text())) for path in paths))
