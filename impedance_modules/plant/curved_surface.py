@@ -67,7 +67,8 @@ def sphere_distance(surface: Row, local: Vector, normal: Vector) -> float:
 def saddle_distance(surface: Row, local: Vector, normal: Vector) -> float:
     """Writes the normal (3,) of a saddle nearest to a point (3,); returns its signed distance [m].
 
-    Infinite where the nearest point is not on the saddle's rectangle.
+    Infinite where the nearest point is not on the saddle's rectangle; not above the true one beyond the centres of
+    curvature.
     """
     up, down = surface.radii[0], surface.radii[1]
     s = _saddle_share(up, down, local)

@@ -272,6 +272,11 @@ def _notes(phase: PhaseForecast) -> Iterator[str]:
         yield f"phase '{name}': what it waits for has not come by the end of its duration"
     if phase.rest is None:
         yield f"phase '{name}': no static equilibrium was found where it ends"
+    elif phase.rest.slides_off:
+        yield (
+            f"phase '{name}': where it rests a round surface falls away faster than the springs hold (N/R outweighs"
+            " them): only friction keeps it there"
+        )
     if phase.slow is not None:
         yield (
             f"phase '{name}': until it rests {phase.slow.joint} still turns by {phase.slow.angle:.2f} rad, with a time"

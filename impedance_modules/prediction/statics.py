@@ -44,6 +44,9 @@ STEPS = 200
 NEAR = 0.02
 """Distance from a surface at which a step reckons with a point [m]."""
 
+GRASPED = 1e-9
+"""A motion of the joints that changes a grasp by less per rad keeps it [m, rad]."""
+
 SWITCHES = 10
 """Solutions per step while points that the step itself brings in or takes out are added or let go."""
 
@@ -65,11 +68,14 @@ class Rest:
         q: (n,) [rad].
         effort: (n,) torque that the modules command [N.m].
         pressure: Hand frame or ``object`` -> (6,) of the surfaces on it, at its origin, world axes [N, N.m].
+        slides_off: Whether a round surface falls away faster than the springs hold: without friction the least push
+            would end it.
     """
 
     q: Array
     effort: Array
     pressure: Mapping[str, Array]
+    slides_off: bool = False
 
 
 @dataclass(frozen=True)
@@ -127,7 +133,7 @@ def find_rest(
     balance.move_to(q)
     for _ in range(STEPS):
         if balance.converged:
-            return Rest(q, balance.effort, balance.pressure())
+            return Rest(q, balance.effort, balance.pressure(), balance.slides_off)
         step = balance.step(length)
         longest = float(np.max(np.abs(step)))
         if longest > LONGEST_STEP and length > SHORTEST:
@@ -215,6 +221,34 @@ class _Balance:
             found[names[contact.key[0]]] += np.concatenate([force, np.cross(contact.arm, force)])
         return found
 
+    @property
+    def slides_off(self) -> bool:
+        """Whether the turning normals of round surfaces take all stiffness from some motion of the joints."""
+        if not self._turns:
+            return False
+        pressed = self._hessian.copy()
+        for contact, J in self._touching:
+            into = contact.normal @ J
+            pressed += contact.surface.stiffness * np.outer(into, into)
+        _, sizes, right = np.linalg.svd(self._rows)
+        free = right[np.count_nonzero(sizes > GRASPED) :].T
+        without = pressed + self._turning_normals()
+        least, before = (np.linalg.eigvalsh(free.T @ matrix @ free)[0] for matrix in (pressed, without))
+        return bool(least < 0.0 <= before)
+
+    @property
+    def _turns(self) -> bool:
+        return any(contact.turning is not None for contact, _ in self._touching)
+
+    def _turning_normals(self) -> Array:
+        """Gives how the force on the joints changes because round surfaces' normals turn, N J^T dn/dx J (k, k)."""
+        found = np.zeros_like(self._hessian)
+        for contact, J in self._touching:
+            if contact.turning is not None:
+                push = contact.surface.stiffness * contact.depth
+                found += push * J.T @ (0.5 * (contact.turning + contact.turning.T)) @ J
+        return found
+
     def _body(self, frame: str) -> Array:
         return self._mechanism.object_jacobian() if frame == OBJECT else self._mechanism.jacobian(frame)
 
@@ -229,10 +263,8 @@ class _Balance:
         for limb, arm in state.arms.items():
             part = mechanism.parts[limb]
             found[part, part] = arm.system.stiffness
-        for contact, J in self._touching:
-            if contact.turning is not None:
-                push = contact.surface.stiffness * contact.depth
-                found -= push * J.T @ (0.5 * (contact.turning + contact.turning.T)) @ J
+        if self._turns:
+            found -= self._turning_normals()
         turning = np.zeros((6, 6))
         if state.held is not None:
             for hand in state.held.hands:

@@ -107,6 +107,20 @@ def test_where_the_forecast_comes_to_rest_the_surface_carries_what_presses(name:
             assert np.linalg.norm(wrench[:3]) == pytest.approx(FORCE, rel=0.1)
 
 
+def test_check_says_where_only_friction_holds_on_a_pipe(tmp_path: Path) -> None:
+    """A pipe of 2 R = 20 cm is held: N/R is half of K. On one of 8 cm it is more than K."""
+    data = yaml.safe_load(find_task("hold-to-saddle").read_text())
+    data["phases"], data["pushes"] = data["phases"][:1], []
+    for diameter, slides in ((0.2, False), (0.08, True)):
+        data["environment"] = [
+            {"surface": "cylinder", "position": [0.7, -0.3, -0.03 - 0.5 * diameter], "rotation": [0, 1.5707963, 0],
+             "size": [diameter, 0.4], "stiffness": 20000, "damping": 100, "friction": 0.3}
+        ]  # fmt: skip
+        (tmp_path / "task.yaml").write_text(yaml.safe_dump(data))
+        said = " ".join(invoke("check", tmp_path / "task.yaml").output.split())
+        assert ("only friction keeps it there" in said) == slides
+
+
 def flat_map(places: np.ndarray) -> SurfaceMap:
     """A map that only says where it was pressed."""
     nothing = np.zeros(len(places))

@@ -14,7 +14,8 @@ TESTS |= {READER: ("tests/spec/test_surface_mesh.py",)}
 
 MUTANTS = (
     # Round surfaces.
-    (CURVED, "if side > 0.0 and end > 0.0:", "if side > 0.0:"),
+    (CURVED, "math.sqrt(around * around + along * along)", "around + along"),
+    (CURVED, "around, along = around / distance, along / distance", "around, along = 1.0, 0.0"),
     (CURVED, "distance = max(side, end)", "distance = min(side, end)"),
     (CURVED, "normal[2] = along if local[2] >= 0.0 else -along", "normal[2] = along"),
     (CURVED, "float(away - surface.half[0])", "float(away - 2.0 * surface.half[0])"),

@@ -59,6 +59,13 @@ PREDICTION = (
     c("check pair-wipe.yaml"),
     c("check pair-box.yaml"),
     c("check map-sheet"),
+    c("check hold-to-pipe"),
+    c("check hold-to-saddle"),
+    c("check ball.yaml"),
+    c("check written.yaml"),
+    c("check block.yaml"),
+    c("check open.yaml", 2),
+    c("check away.yaml", 2, says="meshes there"),
     c("check sand-until-smooth"),
     c("check joint-springs"),
     c("check reach-and-return"),
@@ -133,6 +140,11 @@ SURFACES = (
     c("run strokes.yaml --rate 200 --out strokes"),
     c("map strokes --out map --truth"),
     c("map strokes --out coarse-map --hand right_hand --force 3 --cell 0.02"),
+    c("run fouled.yaml --rate 400 --duration 9 --out fouled"),
+    c("map fouled --out fouled-map --truth"),
+    c("replay --verify fouled"),
+    c("run hold-to-saddle --rate 400 --duration 2 --out saddle"),
+    c("run hold-to-pipe --rate 400 --duration 1 --out pipe"),
     c("run sanding.yaml --rate 250 --out sanded", 0, 3),
     c("roughness sanded --windows 2"),
     c(
@@ -211,6 +223,7 @@ EXPERIMENTS = (
     c("reproduce planar-arms --full --out full-pages"),
     c("reproduce under-water --short --out pages"),
     c("reproduce one-joint --short --out pages"),
+    c("reproduce securing --short --out pages"),
     c("reproduce planar-arm", 2),
 )
 

@@ -22,6 +22,7 @@ from tests.episode.test_import_bags import KINDS, arm_bag, bag_map_data, two_rat
 from tests.export.test_mujoco_models import MODEL, ORIENTATIONS
 from tests.export.test_urdf_export import ARM
 from tests.spec.test_robot_files import CASES as ROBOT_MISTAKES
+from tests.support.closed_meshes import box_mesh, mesh, obj_text, written_stl
 from tests.support.effect_recordings import AppliedEffect, applied
 from tests.support.import_logs import base_map, motion, table_log, write_map, write_table
 from tests.support.log_metadata import log_metadata
@@ -39,6 +40,9 @@ BROKEN_ROBOTS = tuple(f"broken-robot-{number}" for number in range(len(ROBOT_MIS
 MODELS = tuple(f"model-{number}.xml" for number in range(len(ORIENTATIONS)))
 BARE = (ARM[ARM.index("<inertial>") : ARM.index("</link>")], "")
 """What makes the small robot's root link nothing but a frame."""
+
+BLOCK = box_mesh((200.0, 200.0, 208.0))
+"""A block in millimetres, as high as the shipped mesh's pipe."""
 
 MISTAKEN_LOGS = (
     ("ragged", "text"),
@@ -68,6 +72,30 @@ def write_tasks() -> None:
     write_variant(find_task("map-sheet"), "strokes.yaml", "duration: 9", "duration: 4")
     write_variant(find_task("sand-until-smooth"), "sanding.yaml", "duration: 60", "duration: 16")
     write_variant(find_task("soft-hold"), "near.yaml", "s0: 0.5462", "s0: 0.35")
+    write_meshes()
+
+
+def write_meshes() -> None:
+    """Tasks on surfaces from files: as shipped, written, as OBJ, open, and not there; and on a ball."""
+    task, named = find_task("hold-to-fouled-pipe"), "fouled-pipe.stl"
+    shutil.copy(task, HERE / "fouled.yaml")
+    shutil.copy(task.with_name(named), HERE)
+    (HERE / "written.stl").write_text(written_stl(BLOCK))
+    (HERE / "block.obj").write_text(obj_text(BLOCK))
+    (HERE / "open.obj").write_text(obj_text(mesh(BLOCK.vertices, BLOCK.triangles[1:])))
+    for name, file in (
+        ("written", "written.stl"),
+        ("block", "block.obj"),
+        ("open", "open.obj"),
+        ("away", "no.stl"),
+    ):
+        write_variant("fouled.yaml", f"{name}.yaml", named, file)
+    saddle = find_task("hold-to-saddle")
+    write_variant(saddle, "ball.yaml", "size: [0.3, 0.2] # m, along x and y", "size: [0.3]")
+    write_variant("ball.yaml", "ball.yaml", "surface: saddle", "surface: sphere")
+    write_variant("ball.yaml", "ball.yaml", "    radii: [0.15, 0.1] # m: up along x, down along y\n", "")
+    write_variant("ball.yaml", "ball.yaml", "-0.3, -0.03]", "-0.3, -0.18]")
+    write_variant("ball.yaml", "ball.yaml", "initial: 1.9", "initial: 2.5")
 
 
 def write_variant(source: str | Path, target: str | Path, old: str, new: str) -> None:
