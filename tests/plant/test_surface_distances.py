@@ -230,7 +230,7 @@ def test_the_search_finds_the_nearest_triangle_from_any_guess(ways) -> None:  # 
 def test_the_plant_presses_along_the_normal_as_the_forecast_says(kind, ways) -> None:  # noqa: F811
     """Everywhere around a turned surface: k d along n, and the same distance in both; two of them do not mix."""
     turned = replace(SHAPES[kind], rotation=(0.3, -0.2, 0.5))
-    beside = replace(SHAPES["mesh"], position=(5.0, 0.0, 0.0))
+    beside = surface("mesh", mesh=box_mesh((0.1, 0.1, 0.1)), position=(5.0, 0.0, 0.0))
     ball = loose(shape="sphere", size=(0.004,))
     subject = started(ROBOT, [beside, turned], ball, gravity=WEIGHTLESS)
     placed, shape, rng = place_surface(turned), SurfaceShape(turned), np.random.default_rng(1)
