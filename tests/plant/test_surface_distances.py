@@ -50,8 +50,10 @@ def test_a_cylinder_and_a_sphere_are_as_far_as_their_nearest_point(diameter, len
         faces = [away - 0.5 * diameter] + ([abs(point[2]) - 0.5 * length] if upright else [])
         cut = round_part * min(1.0, 0.5 * diameter / max(away, 1e-300))
         cut[2] = np.clip(point[2], -0.5 * length, 0.5 * length) if upright else cut[2]
-        distance, _ = shape.distance(point)
+        distance, normal = shape.distance(point)
         outside = float(np.linalg.norm(point - cut))
+        if outside > 1e-6:
+            np.testing.assert_allclose(normal, (point - cut) / outside, atol=1e-6)
         assert distance == pytest.approx(outside if max(faces) > 0.0 else max(faces), abs=1e-12)
         # Where solids touch or overlap, coal's answer is another.
         if outside > 1e-3:
