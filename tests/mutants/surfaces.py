@@ -34,7 +34,6 @@ MUTANTS = (
     (MESH, "np.add.at(found, which[:, k], faces)", "found[which[:, k]] = faces"),
     (MESH, 'moved["skip"] += before', 'moved["skip"] += 0'),
     (MESH, 'moved["begin"] += many', 'moved["begin"] += 0'),
-    (MESH, "skips[entry] = len(rows)", "skips[entry] = len(rows) - 1"),
     # In the plant and in forecasts.
     (SURFACES, "surface.rotation[j, k] * (position[j]", "surface.rotation[k, j] * (position[j]"),
     (SURFACES, "contact.radius - shape_distance(plant", "contact.radius + shape_distance(plant"),
