@@ -39,7 +39,6 @@ MUTANTS = (
     (SURFACES, "contact.radius - shape_distance(plant", "contact.radius + shape_distance(plant"),
     (SURFACES, "shape_distance(plant, surface, contact, local) - contact.radius", "shape_distance(plant, surface, contact, local)"),
     (SURFACES, "    turn(surface.rotation, normal, contact.normal)\n", "    contact.normal[:] = normal\n"),
-    (SURFACES, "contact.face = nearest - surface.first_triangle", "contact.face = nearest"),
     (SURFACES, "low = -fall - radii[1]", "low = -fall"),
     (GEOMETRY, "(ahead - back) / (2.0 * DIFFERENCE)", "(back - ahead) / (2.0 * DIFFERENCE)"),
     # Files.

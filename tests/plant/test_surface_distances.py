@@ -109,6 +109,20 @@ def test_the_normal_leads_from_the_surface_through_the_point(kind, share, out) -
         assert farther == pytest.approx(distance + out, abs=1e-9) or farther == np.inf
 
 
+@settings(deadline=None, max_examples=300)
+@given(kind=st.sampled_from(sorted(SHAPES)), share=POINT)
+def test_the_box_around_a_surface_is_never_farther_than_the_surface(kind, share) -> None:
+    """And a point below it, over its rectangle, is inside the box, however deep."""
+    shape = SurfaceShape(SHAPES[kind])
+    point = np.array(share) * [0.25, 0.25, 0.15]
+    distance, _ = shape.distance(point)
+    if kind != "saddle" or -0.14 < distance < 0.14:
+        gap = shape.gaps(point[None])[0]
+        assert gap <= abs(distance) + 1e-12
+        over = np.all(np.abs(point[:2]) < 0.14)
+        assert gap <= 0.0 or distance > 0.0 or not over
+
+
 def distance_to_box(point: np.ndarray, half: np.ndarray) -> float:
     beyond = np.abs(point) - half
     return float(np.linalg.norm(np.maximum(beyond, 0.0)) + min(0.0, beyond.max()))
