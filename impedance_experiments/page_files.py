@@ -18,7 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from impedance_experiments.thesis_experiments import EXPERIMENTS, Experiment
 from impedance_experiments.thesis_page import Cell, Page, Size, ThesisValue
 
-RESOLUTION = 110
+RESOLUTION = 150
 """Dots per inch."""
 COMPARISON_COLUMNS = ("quantity", "thesis", "ours", "spread", "unit", "why")
 COMPARISONS = "## Thesis against ours"

@@ -9,7 +9,25 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
+
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
+"""Okabe and Ito's colours, which the colour-blind tell apart: C0 blue, C1 orange, C2 green, C3 vermilion, C4 purple, C5
+sky blue, C6 black.
+"""
+# Colours by number and sizes of letters are read when a drawing is written, so they hold for all drawings.
+mpl.rcParams.update(
+    {
+        "axes.prop_cycle": cycler("color", COLOURS),
+        "font.size": 9.0,
+        "axes.titlesize": 9.0,
+        "legend.fontsize": 8.0,
+        "legend.handlelength": 1.6,
+        "lines.linewidth": 1.2,
+    }
+)
 
 Cell = str | float | int | None
 
