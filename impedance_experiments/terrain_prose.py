@@ -13,7 +13,6 @@ from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.prediction.contact_geometry import place_surface
 from impedance_modules.spec.robot_spec import PlaybackSpec
-from impedance_modules.superposition.examples import thesis_net_stiffness
 
 PRINTED_FORCE, PRINTED_IMPEDANCE, PRINTED_VELOCITY = 25.0, 0.024, 0.119
 """Of 5.1: the static force [N], and the RMS deviations of y with springs and in velocity mode [m]."""
@@ -144,15 +143,14 @@ def _softest() -> float:
 
 def _about_force(found: Mapping[tuple[str, str], Slide]) -> str:
     stiffness, depth = float(_task(FLAT).modules.arms[0].springs[0].stiffness[Z, Z]), spring_depth()
-    net = thesis_net_stiffness().at_hand
-    printed = "" if net is None else f", the net stiffness of eq. 5.1 {net[Z, Z] * depth:.0f} N"
     flat, over = found["impedance", "flat"], found["impedance", "over"]
     table = float(np.mean(np.linalg.norm(flat.force[flat.sliding], axis=1)))
     return (
-        f"- **Force.** The thesis states {PRINTED_FORCE:g} N. With K_z = {stiffness:g} N/m, {100.0 * depth:.0f} cm "
-        "deep, "
-        f"the end spring gives {stiffness * depth:.0f} N{printed}; on the plant {table:.0f} N act on the table on "
-        f"average, at most {over.peak:.0f} N on bar and block. The stiffness was taken over."
+        f"- **Force.** The thesis states {PRINTED_FORCE:g} N. On the plant {table:.0f} N act on the table on average, "
+        f"at most {over.peak:.0f} N on bar and block: with K_z = {stiffness:g} N/m, {100.0 * depth:.0f} cm deep, the "
+        f"spring at the hand gives {stiffness * depth:.0f} N, and the joint springs, which rest at the posture above "
+        "the table, take some of it back. [press-25-newton](press-25-newton.md) looks for the rest: the thesis's "
+        "stiffnesses give its force where the joint springs, too, rest with the hand below the table."
     )
 
 

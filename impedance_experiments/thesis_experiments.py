@@ -68,6 +68,9 @@ _ALL: tuple[Experiment, ...] = (
     Experiment("stiffness-matrix", "5.1.3, app. C", "What is the stiffness of eq. 5.1?", "stiffness_matrix"),
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
     Experiment("terrain", "5.1", "Who keeps contact with a surface that the map does not show?", "terrain"),
+    Experiment(
+        "press-25-newton", "5.1.3", "From where could the force of the first task come?", "pressing_force"
+    ),
     Experiment("surface-map", "5.1.5, 6.2.3", "What does a hand learn of what it strokes?", "surface_map"),
     Experiment("sanding", "5.2", "Can it sand wood, and tell when the wood is smooth?", "sanding"),
     Experiment("two-arms", "4.5, 6.2.4", "Do two real arms on one object add?", "two_arms"),
