@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_experiments.sanding_plots import wear_values
+from impedance_experiments.sanding_course import WEAR, Course, task_wear
 from impedance_experiments.sanding_rule import RocCurve
 from impedance_experiments.sanding_runs import (
     DEEP,
@@ -20,6 +20,7 @@ from impedance_experiments.sanding_runs import (
     numbers,
     sanding_task,
     spectrum,
+    wear_values,
 )
 from impedance_modules.control.roughness_detection import BAND, LENGTH, Window
 from impedance_modules.spec.task import Sine
@@ -99,7 +100,7 @@ def spectral_peaks(windows: Sequence[Window]) -> tuple[float, float]:
 def summary_of(shallow: DepthRuns, judged: RuleEvaluation, finished: Sanding) -> str:
     """Returns what was done and what came out; Markdown."""
     run = shallow.rough
-    _, left = wear_values(run)
+    _, left = wear_values(run.wood)
     return (
         f"A point of sandpaper goes to and fro on a splintered board at {stroke_rate():g} Hz with the gains of Tables "
         f"B.3 and B.4 (tasks `{SHALLOW}`, `{DEEP}`, `{SLANTED}`). {_held(run)} No phase, condition or message "
@@ -125,7 +126,7 @@ def _about_rule(judged: RuleEvaluation) -> str:
 
 def _about_end(finished: Sanding) -> str:
     most = sum(phase.duration for phase in sanding_task(UNTIL_SMOOTH).task.phases)
-    least, mean = wear_values(finished)
+    least, mean = wear_values(finished.wood)
     return (
         f"As a phase's `until: {{smooth: ...}}` it ended `{UNTIL_SMOOTH}` after {finished.time[-1]:.1f} s of at most "
         f"{most:g} s ({finished.ending}), with {100 * least:.0f} % of the roughness left where it had rubbed most and "
@@ -143,11 +144,11 @@ def _held(run: Sanding) -> str:
     )
 
 
-def differences_of(shallow: DepthRuns, judged: RuleEvaluation) -> str:
+def differences_of(shallow: DepthRuns, judged: RuleEvaluation, course: Course) -> str:
     """Returns what could not be matched and why; Markdown."""
     return "\n".join(
         (
-            _about_wood(shallow),
+            _about_wood(shallow, course),
             "- Splinters hold until the damage done by load over time breaks them; that is why a spring that never "
             "gets "
             "stronger frees the hand after a few cycles. In the thesis the force grows slowly; ours has the same "
@@ -165,14 +166,17 @@ def differences_of(shallow: DepthRuns, judged: RuleEvaluation) -> str:
     )
 
 
-def _about_wood(shallow: DepthRuns) -> str:
+def _about_wood(shallow: DepthRuns, course: Course) -> str:
     sanded = shallow.rough.time[-1] - lowering_time()
     return (
         "- The thesis describes its wood, sandpaper and tool in words only. Ours are assumptions (`sanding_rule.py`) "
         f"and tuned where a row says {TUNED[1:-1]}, so how long splinters hold, how far a spectrum falls and what a "
-        "coefficient of friction is are properties of the wood chosen, and only the kinds of behaviour can agree. The "
-        f"thesis sands for {PRINTED_TIME / 60.0:g} minutes, {PRINTED_CYCLES} cycles; {sanded:.0f} s, "
-        f"{sanded * stroke_rate():.0f} cycles, stand for them here, on wood that wears as much faster."
+        "coefficient of friction is are properties of the wood chosen, and only the kinds of behaviour can agree.\n"
+        f"- The thesis sands for {PRINTED_TIME / 60.0:g} minutes, {PRINTED_CYCLES} cycles. The long sanding here takes "
+        f"{course.seconds / 60.0:g} minutes, {course.seconds * stroke_rate():.0f} cycles, on wood with a resistance to "
+        f"wear of {1e-3 * WEAR:g} kJ/m^2, the one number that was tuned, near the surface. The tasks, the rule and the "
+        f"other rows use {1e-3 * task_wear(SHALLOW):g} kJ/m^2, so that {sanded:.0f} s, "
+        f"{sanded * stroke_rate():.0f} cycles, are enough to see wood become smoother."
     )
 
 

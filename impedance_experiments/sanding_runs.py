@@ -53,6 +53,7 @@ class Sanding:
         windows: All windows of strokes towards the robot.
         refused: How many strokes gave none, by reason.
         wood: What became of the wood.
+        left: (M, 3) every second: time [s], least and mean roughness left where the hand has rubbed, 0 to 1.
         tank: What the energy tank gave [J].
         ending: How the run ended, and after how many seconds.
         messages: Of the run.
@@ -67,6 +68,7 @@ class Sanding:
     windows: tuple[Window, ...]
     refused: dict[str, int]
     wood: WoodState
+    left: Array
     tank: float
     ending: str
     messages: tuple[str, ...]
@@ -98,6 +100,12 @@ def board_of(assembly: Assembly) -> SurfaceSpec:
     return next(surface for surface in assembly.task.environment if surface.wood is not None)
 
 
+def wear_values(wood: WoodState) -> tuple[float, float]:
+    """Gives the least and the mean roughness left where the hand has rubbed, 0 to 1."""
+    rubbed = wood.remaining[wood.remaining < 1.0]
+    return (float(rubbed.min()), float(np.mean(rubbed))) if rubbed.size else (1.0, 1.0)
+
+
 def sanding_task(name: str, *, board: SurfaceSpec | None = None, seconds: float | None = None) -> Assembly:
     """Assembles a sanding task, on another piece of wood or for another time [s] of sanding."""
     assembly = assemble(name, effects=None, rate=None, scale=1.0, arm=None)
@@ -122,6 +130,7 @@ class _SandingRecorder:
         self.windows: list[Window] = []
         self.rows: list[tuple[Array, ...]] = []
         self.wood: WoodState | None = None
+        self.left: list[tuple[float, float, float]] = []
 
     def observe(self, state: RobotState, plant: Plant, supervisor: Supervisor) -> None:
         """Takes one control cycle into account."""
@@ -147,6 +156,8 @@ class _SandingRecorder:
             )
         )
         self.wood = plant.woods[0]
+        if state.time >= len(self.left):
+            self.left.append((state.time, *wear_values(self.wood)))
 
 
 def sand(assembly: Assembly, seed: int) -> Sanding:
@@ -173,6 +184,7 @@ def sand(assembly: Assembly, seed: int) -> Sanding:
         windows=tuple(recorder.windows),
         refused=dict(recorder.finder.refused),
         wood=recorder.wood,
+        left=np.array(recorder.left),
         tank=assembly.tank.initial - float(supervisor.controller.tank.level),
         ending=f"{ending} {supervisor.reason}".strip(),
         messages=tuple(text for _, text in supervisor.messages),
