@@ -39,7 +39,7 @@ from impedance_modules.control.assembly import assemble
 MODES = ("velocity", "position")
 ALL_PHASES, TO_THE_LEFT = 5, 3
 """Phases of the task: the whole slide to and fro, and the half of it that the short form makes."""
-MODE_COLOURS = {"impedance": "C0", "velocity": "C1", "position": "C3"}
+MODE_COLOURS = {"impedance": "C0", "velocity": "C1", "position": "C4"}
 MILLIMETRES = 1000.0
 
 
@@ -205,38 +205,41 @@ def _comparisons(
 
 def picture_of_slides(found: Mapping[tuple[str, str], Slide]) -> Plot:
     """Draws the hands' paths over the surface, y and the force over time."""
-    figure, (path, along, force) = panels((8.0, 8.5), 3, 1)
+    figure, (path, along, force) = panels((7.0, 7.0), 3, 1)
     surface_y, surface_z = (MILLIMETRES * values for values in sheet_at_rest())
-    path.fill_between(surface_y, surface_z, -320.0, color="0.85", label="sheet at rest over bar and block")
+    path.fill_between(surface_y, surface_z, -320.0, color="0.85")
     for (way, surface), run in found.items():
         colour, dashed = MODE_COLOURS[way], "--" if surface == "flat" else "-"
         here = run.sliding
-        label = f"{way}, {'flat table' if surface == 'flat' else 'bar and block'}"
         if surface == "over":
             path.plot(
                 MILLIMETRES * run.place[here, 1], MILLIMETRES * run.place[here, 2], color=colour, label=way
             )
-            force.plot(run.time, np.linalg.norm(run.force, axis=1), color=colour, lw=0.8, label=way)
-        along.plot(run.time, MILLIMETRES * run.place[:, 1], dashed, color=colour, label=label)
+            force.plot(run.time, np.linalg.norm(run.force, axis=1), color=colour, lw=0.8)
+        along.plot(run.time, MILLIMETRES * run.place[:, 1], dashed, color=colour)
         if run.stopped:
             along.plot(run.time[-1], MILLIMETRES * run.place[-1, 1], "x", color=colour, ms=9)
             path.plot(*(MILLIMETRES * run.place[-1, 1:]), "x", color=colour, ms=9)
-    path.set(xlabel="y [mm]", ylabel="z [mm]", ylim=(-312.0, -235.0))
-    along.set(xlabel="time [s]", ylabel="y [mm]", xlim=(LEANT - 1.0, None))
-    force.set(xlabel="time [s]", ylabel="force on the hand [N]", xlim=(LEANT - 1.0, None))
+    path.set(xlabel="y [mm]", ylabel="z [mm]", xlim=(-400.0, -30.0), ylim=(-312.0, -240.0))
+    along.set(xlabel="time [s]", ylabel="y [mm]")
+    force.set(xlabel="time [s]", ylabel="force on the hand [N]")
+    last = max(float(run.time[-1]) for run in found.values())
+    for axes in (along, force):
+        axes.set_xlim(LEANT - 1.0, last)
     for axes in (path, along, force):
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=7, loc="upper left")
+    figure.legend(loc="outside upper center", ncols=len(MODE_COLOURS))
     caption = (
-        "Above: the hand's path over the surface (figure 5-3); middle: its way along y on the flat table (dashed) "
-        "and over bar and block (figure 5-4); below: the force of the surface. A cross: the robot stopped."
+        "Above: the hand's path over the sheet, which lies over bar and block and is drawn at rest (figure 5-3); "
+        "middle: its way along y on the flat table (dashed) and over bar and block (figure 5-4); below: the force of "
+        "the surface. A cross: the robot stopped."
     )
     return Plot("slides", caption, figure)
 
 
 def picture_of_errors(found: Robustness) -> Plot:
     """Draws contact against the errors of the map, and how deviations and forces are distributed."""
-    figure, ((height, slope), (deviation, peak)) = panels((8.0, 5.6), 2, 2)
+    figure, ((height, slope), (deviation, peak)) = panels((7.0, 5.2), 2, 2)
     for way, runs in found.slides.items():
         colour, errors = MODE_COLOURS[way], found.errors[: len(runs)]
         contact = [100.0 * run.contact for run in runs]
@@ -244,17 +247,18 @@ def picture_of_errors(found: Robustness) -> Plot:
         for mark in ("o", "x"):
             chosen = [i for i, shape in enumerate(marks) if shape == mark]
             for axes, values in ((height, MILLIMETRES * errors[:, 0]), (slope, np.degrees(errors[:, 1]))):
-                axes.plot(values[chosen], np.array(contact)[chosen], mark, color=colour, ms=4, alpha=0.7)
+                axes.plot(values[chosen], np.array(contact)[chosen], mark, color=colour, ms=3, alpha=0.6)
         share = np.arange(1, len(runs) + 1) / len(runs)
-        deviation.step(np.sort(found.deviations(way)), share, color=colour, where="post", label=way)
+        along = MILLIMETRES * np.sort(found.deviations(way))
+        deviation.step(along, share, color=colour, where="post", label=way)
         peak.step(np.sort([run.peak for run in runs]), share, color=colour, where="post", label=way)
     height.set(xlabel="table higher than the map [mm]", ylabel="in contact [%]")
     slope.set(xlabel="tilt about x: rising along y [degrees]", ylabel="in contact [%]")
-    deviation.set(xlabel="RMS deviation of y [m]", ylabel="share of runs")
+    deviation.set(xlabel="RMS deviation of y [mm]", ylabel="share of runs")
     peak.set(xlabel="peak force [N]", ylabel="share of runs")
     for axes in (height, slope, deviation, peak):
         axes.grid(alpha=0.3)
-    deviation.legend(fontsize=8)
+    figure.legend(loc="outside upper center", ncols=len(found.slides))
     caption = (
         "Wrong maps. Above: contact against the map's errors (a cross: the robot stopped); below: distributions of the "
         "deviation along y and of the peak force."

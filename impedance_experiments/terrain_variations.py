@@ -8,8 +8,9 @@ playback would have come to with others than those that were fixed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from impedance_experiments.terrain_slides import Slide, SlideJob, deviation_alon
 from impedance_experiments.thesis_page import Cell, ResultTable, Settings
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import assemble
+from impedance_modules.plant.playback import JointPath
 from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.robot_spec import PlaybackSpec
@@ -51,6 +53,16 @@ TOLERANCES = (0.05, 0.1, 0.2, 0.35, 0.7)
 """Of position mode [rad]."""
 OUTER = (0.1, 0.9)
 """Quantiles that are given beside the median."""
+QUANTILES = f"Median ({100.0 * OUTER[0]:g} % to {100.0 * OUTER[1]:g} %)"
+ROBUSTNESS_COLUMNS = (
+    "controlled by",
+    "runs",
+    "keeps contact",
+    "shut down",
+    "in contact [%]",
+    "RMS dev. of y [m]",
+    "peak force [N]",
+)
 NO_TOLERANCE = 6.0
 """Never reached [rad]."""
 
@@ -61,8 +73,9 @@ class Robustness:
 
     Attributes:
         flat: Over the map itself.
-        errors: (N, 4) height [m], tilt about x and y [rad], stiffness [N/m].
-        redrawn: How many tables stood over where the hand starts, and were drawn again.
+        errors: (N, m) what was drawn: (N, 4) height [m], tilt about x and y [rad], stiffness [N/m] of a table, or
+            (N, 17) heights of a sheet's supports [m].
+        redrawn: How many surfaces stood over where the hand starts, and were drawn again.
         slides: Way of control -> slides over the first rows of ``errors``.
     """
 
@@ -73,7 +86,7 @@ class Robustness:
 
     def kept(self, way: str) -> float:
         """Share of the slides that ended in contact."""
-        return float(np.mean([_keeps(run) for run in self.slides[way]]))
+        return float(np.mean([keeps(run) for run in self.slides[way]]))
 
     def interval(self, way: str) -> str:
         """Wilson's 95 % interval of that share, as text."""
@@ -87,35 +100,59 @@ class Robustness:
         return np.array([deviation_along_y(self.flat, run) for run in self.slides[way]])
 
 
-def _keeps(run: Slide) -> bool:
+def keeps(run: Slide) -> bool:
+    """Whether a slide went to the end in contact."""
     return not run.stopped and run.contact >= KEPT
 
 
 def how_robust(flat: Slide, settings: Settings) -> Robustness:
     """Slides over wrong maps, in all three ways over the same ones (in the full size the playbacks over the first)."""
-    count, played = settings.choose(4, 50, 500), settings.choose(2, 50, PLAYED)
-    table = assemble("slide-flat", effects=None, rate=None, scale=1.0, arm=None).task.environment[0]
+    count = settings.choose(4, 50, 500)
+    table = assemble(FLAT, effects=None, rate=None, scale=1.0, arm=None).task.environment[0]
     errors, redrawn = draw_maps(np.random.default_rng(settings.seed), count, table, flat.place[0])
-    early = flat.time < LASTING
-    path = replace(flat, time=flat.time[early], path=flat.path[early]).joint_path()
-    sizes = {"impedance": count, "velocity": played, "position": played}
-    jobs = [
-        _wrong_map_job(way, wrong_table(table, row), settings.seed + i, None if way == "impedance" else path)
-        for way, size in sizes.items()
-        for i, row in enumerate(errors[:size])
-    ]
-    done = slide_all(jobs, settings, (0.4, 1.0), "over wrong maps")
-    slides, start = {}, 0
-    for way, size in sizes.items():
-        slides[way] = tuple(done[start : start + size])
-        start += size
+    maps = [(wrong_table(table, row),) for row in errors]
+    played = settings.choose(2, 50, PLAYED)
+    slides = slide_over_maps(flat, maps, played, settings, (0.4, 1.0))
     return Robustness(flat, errors, redrawn, slides)
 
 
-def _wrong_map_job(way: str, table: SurfaceSpec, seed: int, path: object) -> SlideJob:
+def slide_over_maps(
+    flat: Slide,
+    maps: Sequence[tuple[SurfaceSpec, ...]],
+    played: int,
+    settings: Settings,
+    share: tuple[float, float],
+) -> dict[str, tuple[Slide, ...]]:
+    """Slides to the left over what is really there, in all three ways.
+
+    Args:
+        flat: Over the map itself; a playback plays its joints back.
+        maps: The surfaces of every slide.
+        played: Over how many of them, the first ones, the playbacks slide.
+        settings: Of the experiment.
+        share: Of the experiment that is done before and after, for its progress.
+
+    Returns:
+        Way of control -> slides, in the order of the maps.
+    """
+    early = flat.time < LASTING
+    path = replace(flat, time=flat.time[early], path=flat.path[early]).joint_path()
+    sizes = {"impedance": len(maps), "velocity": played, "position": played}
+    jobs = [
+        _wrong_map_job(way, surfaces, settings.seed + i, None if way == "impedance" else path)
+        for way, size in sizes.items()
+        for i, surfaces in enumerate(maps[:size])
+    ]
+    done = iter(slide_all(jobs, settings, share, "over wrong maps"))
+    return {way: tuple(islice(done, size)) for way, size in sizes.items()}
+
+
+def _wrong_map_job(
+    way: str, surfaces: tuple[SurfaceSpec, ...], seed: int, path: JointPath | None
+) -> SlideJob:
     if path is None:
-        return SlideJob("slide-flat", surfaces=(table,), phases=LEFTWARDS, seed=seed)
-    return SlideJob(f"slide-over-{way}", surfaces=(table,), path=path, seed=seed)  # type: ignore[arg-type]
+        return SlideJob(FLAT, surfaces=surfaces, phases=LEFTWARDS, seed=seed)
+    return SlideJob(f"{OVER}-{way}", surfaces=surfaces, path=path, seed=seed)
 
 
 def draw_maps(random: np.random.Generator, count: int, table: SurfaceSpec, hand: Array) -> tuple[Array, int]:
@@ -151,36 +188,29 @@ def wrong_table(table: SurfaceSpec, errors: Array) -> SurfaceSpec:
 
 def robustness_table(found: Robustness) -> ResultTable:
     """Tabulates the distributions."""
-    rows: list[list[Cell]] = []
-    for way, runs in found.slides.items():
-        deviations, peaks = found.deviations(way), np.array([run.peak for run in runs])
-        rows.append(
-            [
-                way,
-                len(runs),
-                f"{100.0 * found.kept(way):.0f} % ({found.interval(way)})",
-                sum(bool(run.stopped) for run in runs),
-                _quantiles([100.0 * run.contact for run in runs], "{:.0f}"),
-                _quantiles(deviations, "{:.3f}"),
-                _quantiles(peaks, "{:.0f}"),
-            ]
-        )
     return ResultTable(
         f"Wrong maps: height up to {1000 * HEIGHT:.0f} mm, tilts up to {np.degrees(TILT):.0f} degrees about x "
         f"and y, stiffness {STIFFNESS[0]:g} to {STIFFNESS[1]:g} N/m; to the left. {found.redrawn} tables stood over "
-        "where "
-        f"the hand starts and were drawn again. Median ({100.0 * OUTER[0]:g} % to {100.0 * OUTER[1]:g} %)",
-        (
-            "controlled by",
-            "runs",
-            "keeps contact",
-            "shut down",
-            "in contact [%]",
-            "RMS dev. of y [m]",
-            "peak force [N]",
-        ),
-        rows,
+        f"where the hand starts and were drawn again. {QUANTILES}",
+        ROBUSTNESS_COLUMNS,
+        robustness_rows(found),
     )
+
+
+def robustness_rows(found: Robustness) -> list[list[Cell]]:
+    """Gives a row per way of control, for ``ROBUSTNESS_COLUMNS``."""
+    return [
+        [
+            way,
+            len(runs),
+            f"{100.0 * found.kept(way):.0f} % ({found.interval(way)})",
+            sum(bool(run.stopped) for run in runs),
+            _quantiles([100.0 * run.contact for run in runs], "{:.0f}"),
+            _quantiles(found.deviations(way), "{:.3f}"),
+            _quantiles([run.peak for run in runs], "{:.0f}"),
+        ]
+        for way, runs in found.slides.items()
+    ]
 
 
 def _quantiles(values: object, form: str) -> str:

@@ -69,6 +69,12 @@ _ALL: tuple[Experiment, ...] = (
     Experiment("stability-limits", "5.1.3", "How stiff and how soft can a hand be?", "stability_limits"),
     Experiment("terrain", "5.1", "Who keeps contact with a surface that the map does not show?", "terrain"),
     Experiment(
+        "terrain-shapes",
+        "5.1.4",
+        "Who keeps contact where the map does not know the shape?",
+        "terrain_shapes",
+    ),
+    Experiment(
         "press-25-newton", "5.1.3", "From where could the force of the first task come?", "pressing_force"
     ),
     Experiment("surface-map", "5.1.5, 6.2.3", "What does a hand learn of what it strokes?", "surface_map"),

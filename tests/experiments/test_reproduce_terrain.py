@@ -3,7 +3,18 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from impedance_experiments.terrain_shapes import (
+    HIGHEST,
+    draw_heights,
+    draw_sheets,
+    height_over,
+    shaped_sheet,
+    steepness,
+    support_places,
+)
 from impedance_experiments.terrain_slides import Slide, deviation_along_y
 from impedance_experiments.terrain_variations import (
     CLEARANCE,
@@ -13,6 +24,7 @@ from impedance_experiments.terrain_variations import (
     stopped_at,
     wrong_table,
 )
+from impedance_modules.control.assembly import assemble
 from impedance_modules.prediction.contact_geometry import place_surface, surface_distance
 from impedance_modules.spec.task import SurfaceSpec
 
@@ -50,6 +62,39 @@ def test_no_hand_starts_inside_a_table() -> None:
     heights = [surface_distance(place_surface(wrong_table(table, row)), hand)[0] for row in maps]
     assert maps.shape == (60, 4) and redrawn > 5 and min(heights) >= CLEARANCE
     assert np.ptp(maps[:, 0]) > 0.04
+
+
+def test_springs_keep_contact_with_shapes_that_playback_does_not_follow(facts_of) -> None:
+    facts = facts_of("terrain-shapes")
+    assert facts["kept contact, impedance"] > facts["kept contact, velocity"]
+    assert facts["deviation, impedance"] < facts["deviation, velocity"]
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_shaped_sheet_passes_through_what_was_drawn(seed: int) -> None:
+    places = support_places()
+    heights = draw_heights(np.random.default_rng(seed), places)
+    assert heights.shape == places.shape == (17,) and np.abs(heights).max() <= HIGHEST + 1e-12
+    task = assemble("slide-over", effects=None, rate=None, scale=1.0, arm=None).task
+    sheet = next(surface for surface in task.environment if surface.sheet is not None)
+    placed = place_surface(shaped_sheet(sheet, places, heights))
+    for place, height in zip(places, heights, strict=True):
+        over = placed.origin + placed.rotation @ np.array([place, 0.0, height + 0.01])
+        assert height_over(placed, over) == pytest.approx(0.01, abs=1e-9)
+    between = placed.origin + placed.rotation @ np.array([-0.01, 0.0, 0.0])
+    assert height_over(placed, between) == np.inf
+    flat = np.abs(np.diff(heights)).max() / np.diff(places)[0]
+    assert steepness(heights[None])[0] == pytest.approx(flat)
+
+
+def test_no_hand_starts_inside_a_sheet() -> None:
+    hand = np.array([0.634, -0.38, -0.285])
+    sheets = draw_sheets(np.random.default_rng(1), 40, hand)
+    clear = [height_over(place_surface(sheet), hand) for _, sheet in sheets.maps]
+    assert min(clear) >= CLEARANCE and sheets.redrawn > 2
+    for (floor, _), heights in zip(sheets.maps, sheets.heights, strict=True):
+        assert floor.height < -0.3 + heights.min()
 
 
 def test_deviation_and_thresholds_are_read_from_the_slides() -> None:
