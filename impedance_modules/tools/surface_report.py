@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from impedance_modules.errors import BadInput
-from impedance_modules.plain_figures import plain_figure
+from impedance_modules.plain_figures import plain_figure, plain_powers
 from impedance_modules.tools.surface_fit import SurfaceMap, Touches
 from impedance_modules.tools.surface_truth import MapErrors, TrueSurface
 
@@ -178,4 +178,5 @@ def _draw_stiffness(axes: Axes, found: SurfaceMap, truth: TrueSurface | None) ->
         label="stiffness, two standard errors",
     )
     axes.set_yscale("log")
+    plain_powers(axes.yaxis)
     axes.set_ylabel("upward stiffness [N/m]")

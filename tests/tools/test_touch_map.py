@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from impedance_modules.episode.columns import pose_columns, wrench_columns
+from impedance_modules.plain_figures import plain_figure, plain_powers
 from impedance_modules.spec.task import SheetSpec, SurfaceSpec
 from impedance_modules.tools.surface_fit import Touches, map_surface
 from impedance_modules.tools.surface_truth import map_errors, true_surface
@@ -101,6 +103,16 @@ def test_one_force_shows_the_pressed_shape_and_no_stiffness() -> None:
     found = map_surface(strokes(np.random.default_rng(0), (10.0,), 0.2), 0.01)
     assert np.isnan(found.stiffness).all() and np.isnan(found.rest).all()
     assert np.isfinite(found.pressed).all()
+
+
+def test_a_logarithmic_axis_of_names_has_numbers_and_no_formulas() -> None:
+    figure = plain_figure()
+    axes = figure.subplots()
+    axes.semilogy([0.0, 1.0], [3e3, 4e4])
+    plain_powers(axes.yaxis)
+    FigureCanvasAgg(figure).draw()
+    marks = [text.get_text() for text in axes.yaxis.get_ticklabels(which="both") if text.get_text()]
+    assert "5000" in marks and "10000" in marks and not any("$" in mark for mark in marks)
 
 
 def test_the_truth_of_a_tilted_sheet_over_a_table() -> None:

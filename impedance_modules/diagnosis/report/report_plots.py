@@ -27,6 +27,7 @@ from impedance_modules.diagnosis.report.html_elements import (
     table,
 )
 from impedance_modules.diagnosis.result import ResidualSeries, RolloutTrace
+from impedance_modules.plain_figures import plain_powers
 
 MOST_POINTS = 700
 """A curve is drawn by the lowest and highest value in as many intervals as a screen can show."""
@@ -197,6 +198,7 @@ def _figures(rollout: dict[str, Any], traces: Sequence[RolloutTrace]) -> list[st
         over.legend(fontsize=7)
         for side, colour in (("before", BEFORE), ("after", AFTER)):
             grown.semilogy(growth["time_s"], growth[side][trace.joint], "o-", color=colour, markersize=3)
+        plain_powers(grown.yaxis)
         grown.set_xlabel("since the start [s]", fontsize=8)
         grown.set_ylabel(f"rms error [{unit}]", fontsize=8)
         figures.append(
