@@ -150,7 +150,8 @@ def _about_force(found: Mapping[tuple[str, str], Slide]) -> str:
         f"at most {over.peak:.0f} N on bar and block: with K_z = {stiffness:g} N/m, {100.0 * depth:.0f} cm deep, the "
         f"spring at the hand gives {stiffness * depth:.0f} N, and the joint springs, which rest at the posture above "
         "the table, take some of it back. [press-25-newton](press-25-newton.md) looks for the rest: the thesis's "
-        "stiffnesses give its force where the joint springs, too, rest with the hand below the table."
+        "stiffnesses come near its force where the joint springs, too, rest with the hand below the table and the hand "
+        "lies flat."
     )
 
 
