@@ -211,7 +211,7 @@ def _elbows(elbows: TuningResult) -> ResultTable:
 
 
 def _picture(elbows: TuningResult, runs: dict[float, tuple[Array, Array]]) -> Plot:
-    figure, (left, right) = panels((9.0, 3.4), 1, 2)
+    figure, (left, right) = panels((7.0, 3.0), 1, 2)
     left.plot([f.posture.along for f in elbows.found], [f.total for f in elbows.found], "o-")
     left.set(
         xlabel="elbow, along the self-motion [rad]", ylabel="sum of joint springs [N.m/rad]", ylim=(0, None)
@@ -221,7 +221,7 @@ def _picture(elbows: TuningResult, runs: dict[float, tuple[Array, Array]]) -> Pl
     right.axvline(RAMP_TIME, color="0.7", linewidth=1)
     right.set(xlabel="time [s], full load from the line on", ylabel="joints away from the posture [rad]")
     if runs:
-        right.legend(fontsize=8)
+        right.legend(loc="upper left")
     for axes in (left, right):
         axes.grid(alpha=0.3)
     return Plot("folding", "Least joint springs by elbow; what the plant does at and below them", figure)

@@ -183,7 +183,7 @@ def _table(touches: Touches) -> ResultTable:
 
 
 def _peaks(touches: Touches) -> Plot:
-    figure, axes = panels((6.0, 4.2))
+    figure, axes = panels((5.0, 3.6))
     for number, (stiffness, found) in enumerate(touches.items()):
         speeds, colour = np.array([0.0, found[0].speed]), f"C{number}"
         for mass, style in ((found[0].mass, "--"), (found[0].links, ":")):
@@ -200,7 +200,7 @@ def _peaks(touches: Touches) -> Plot:
 
 
 def _course(found: list[Touch], threshold: float) -> Plot:
-    figure, axes = panels((6.0, 3.6))
+    figure, axes = panels((5.0, 3.2))
     for number, touch in enumerate(found):
         shown, label = touch.time < 0.3, f"{1e3 * touch.speed:.0f} mm/s"
         axes.plot(1e3 * touch.time[shown], touch.force[shown], color=f"C{number}", label=label)

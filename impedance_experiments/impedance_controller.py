@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from impedance_experiments.loaded_hand import (
     LARGE_TANK,
@@ -229,8 +228,8 @@ def _presses(lost: list[LostSupport]) -> ResultTable:
 
 
 def _drawn_lines(runs: list[Displaced]) -> Plot:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    for axis, axes in enumerate(figure.subplots(1, 3)):
+    figure, columns = panels((7.0, 3.0), 1, 3, sharex=True, sharey=True)
+    for axis, axes in enumerate(columns):
         for run, colour, label in zip(runs, ("C0", "C1"), ("no dry friction", "dry friction"), strict=False):
             own = np.argmax(np.abs(run.trace.push[:, :3]) / [14.0, 12.0, 4.0], axis=1) == axis
             own &= np.any(run.trace.push != 0.0, axis=1)
@@ -244,13 +243,15 @@ def _drawn_lines(runs: list[Displaced]) -> Plot:
             )
         way = np.array([-WAY, WAY])
         axes.plot(1e3 * way, runs[0].stiffness[axis, axis] * way, "k--", linewidth=0.8, label="K_net")
-        axes.set(xlabel=f"{AXES[axis]} [mm]", ylabel="force [N]")
-    figure.axes[0].legend(fontsize=7)
+        axes.set(xlabel=f"{AXES[axis]} [mm]")
+        axes.grid(alpha=0.3)
+    columns[0].set_ylabel("force [N]")
+    figure.legend(*columns[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return Plot("stiffness", "Force over way of a displaced hand (as fig. 5-2)", figure)
 
 
 def _drawn_losses(lost: list[LostSupport]) -> Plot:
-    figure, (force, energy, speed) = panels((9.0, 3.4), 1, 3)
+    figure, (force, energy, speed) = panels((7.0, 3.0), 1, 3)
     for index, run in enumerate(lost):
         way = np.linspace(0.0, 1.2 * run.stretch, 50)
         stiffness = run.force / run.stretch
@@ -321,7 +322,8 @@ def mass_table(found: Mapping[str, HandInertia]) -> ResultTable:
 
 def ellipsoid_plot(found: Mapping[str, HandInertia]) -> Plot:
     """Draws the arms from above and from the side, with the outlines of both ellipsoids around the hand."""
-    figure, rows = panels((10.0, 7.0), len(VIEWS), len(found), squeeze=False)
+    figure, rows = panels((7.2, 5.6), len(VIEWS), len(found), squeeze=False)
+    first = POSTURES[next(iter(found))]
     for column, (name, hand) in enumerate(found.items()):
         for axes, (view, plane) in zip(rows[:, column], VIEWS.items(), strict=True):
             _draw_ellipsoids(axes, hand, plane, POSTURES[name])
@@ -329,7 +331,11 @@ def ellipsoid_plot(found: Mapping[str, HandInertia]) -> Plot:
                 title=f"{name}, {view}", xlabel=f"{NAMES[plane[0]]} [m]", ylabel=f"{NAMES[plane[1]]} [m]"
             )
             axes.set_aspect("equal", adjustable="datalim")
-        rows[0, column].legend(fontsize=7, loc="best")
+        # The other postures have the first one's scale.
+        if POSTURES[name] == first:
+            for axes, model in zip(rows[1:, column], rows[1:, 0], strict=True):
+                axes.sharey(model)
+        rows[0, column].legend(loc="lower center", bbox_to_anchor=(0.5, 1.15), frameon=False, fontsize=7)
     caption = (
         "Arms and, around the hand, outlines of the inertia ellipsoid (half axes: apparent masses; note the scale, a "
         "hundredth for the stretched arm) and of the mobility ellipsoid, which stays small and finite near the "

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from impedance_experiments.drive_fit import DriveFit, fit_drive, swinging_joint
 from impedance_experiments.task_run import TaskRun, patch_of, record_task, task_with
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.effects.joint_motion import sign
 from impedance_modules.spec.patch_file import EffectSpec
@@ -189,9 +188,9 @@ def _table(
 
 
 def _drawn(plain: Mapping[str, DriveFit], loaded: Mapping[str, DriveFit]) -> Plot:
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    figure, columns = panels((7.0, 3.4), 1, 2, sharex=True, sharey=True)
     for axes, fits, title in zip(
-        figure.subplots(1, 2, sharey=True),
+        columns,
         (plain, loaded),
         ("by speed alone", "by speed, load taken off"),
         strict=True,
@@ -204,9 +203,10 @@ def _drawn(plain: Mapping[str, DriveFit], loaded: Mapping[str, DriveFit]) -> Plo
             axes.plot(fit.speed, friction, ".", ms=2, color=colour, alpha=0.5)
             speeds = np.linspace(fit.speed.min(), fit.speed.max(), 300)
             axes.plot(speeds, friction_torque(fit.values, speeds, np.zeros(300)), color=colour, label=task)
-        axes.set(xlabel="motor speed [rad/s]", ylabel="friction torque [N.m]", title=title)
-        axes.legend(fontsize=8)
+        axes.set(xlabel="motor speed [rad/s]", title=title)
+        axes.legend(loc="upper left")
         axes.grid(alpha=0.3)
+    columns[0].set_ylabel("friction torque [N.m]")
     return Plot(
         "friction", "Friction of one drive over its speed, by both excitations; lines: fitted laws", figure
     )

@@ -135,13 +135,13 @@ def _rest(assembly: Assembly) -> float:
 
 
 def _drawn(trace: PushTrace, predicted: Array, angle: Array) -> Plot:
-    figure, axes = panels((7.0, 3.4))
+    figure, axes = panels((5.5, 3.2))
     axes.plot(trace.time, angle, color="C3", label="plant")
     axes.plot(trace.time, predicted, "k--", linewidth=1.0, label="eq. 4.8")
     axes.plot(
         trace.time, 0.1 * trace.push[:, TURN], color="C0", linewidth=1.0, label="a tenth of the push [N.m]"
     )
     axes.set(xlabel="time [s]", ylabel="angle [rad]")
-    axes.legend()
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
     axes.grid(alpha=0.3)
     return Plot("swing", "A jump of the equilibrium and a push: the plant beside eq. 4.8", figure)

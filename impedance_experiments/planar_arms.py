@@ -80,7 +80,7 @@ def _matrix(name: str, matrix: Array) -> ResultTable:
 
 def _picture(assembly: Assembly, found: dict[str, Array]) -> Plot:
     """Draws each arm, and the ellipse v^T Lambda v = 1 of its translational mobility at the hand."""
-    figure, columns = panels((9.0, 3.4), 1, 3)
+    figure, columns = panels((7.0, 3.0), 1, 3, sharex=True, sharey=True)
     arms = list(assembly.task.arms)
     for axes, (name, matrix), drawn in zip(columns, found.items(), (arms[:1], arms[1:], arms), strict=True):
         for arm in drawn:
@@ -91,7 +91,7 @@ def _picture(assembly: Assembly, found: dict[str, Array]) -> Plot:
         axes.plot(*ellipse, color="C1", label="mobility ellipse [kg^-1/2]")
         axes.set(aspect="equal", title=name, xlabel="x [m]")
     columns[0].set_ylabel("y [m]")
-    columns[0].legend(fontsize=7, loc="lower left")
+    figure.legend(*columns[0].get_legend_handles_labels(), loc="outside upper center")
     return Plot(
         "arms", "The arms and the mobility at the common hand point: tilted singly, upright together", figure
     )

@@ -270,7 +270,7 @@ def _differences(found: Recovered) -> str:
 
 def _picture(limb: Limb, found: Recovered) -> Plot:
     """Draws the relative differences of Table 2.2, printed and found."""
-    figure, axes = panels((7.0, 3.2))
+    figure, axes = panels((5.5, 3.0))
     library, listing = (np.array(PRINTED_INERTIAS[way]) for way in PRINTED_INERTIAS)
     place = np.arange(len(found.q))
     axes.bar(place - 0.2, 100.0 * (listing / library - 1.0), 0.4, label="printed: DH convention over library")
@@ -280,5 +280,6 @@ def _picture(limb: Limb, found: Recovered) -> Plot:
     axes.axhline(0.0, color="0.4", linewidth=0.8)
     axes.set_xticks(place, limb.short_names)
     axes.set(ylabel="inertia about the joint, apart by [%]")
-    axes.legend(fontsize=8)
+    axes.set_xlabel("joint")
+    axes.legend()
     return Plot("inertia", "What Table 2.2 and the listing of Appendix A make of the same arm", figure)

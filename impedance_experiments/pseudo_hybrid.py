@@ -219,7 +219,7 @@ def _facts(
 
 def _picture(found: dict[str, dict[float, Press]], stiffness: dict[str, tuple[float, float]]) -> Plot:
     """Draws the force over the table's height, and the hand's height while it is pushed."""
-    figure, (force, height) = panels((9.0, 3.4), 1, 2)
+    figure, (force, height) = panels((7.0, 3.2), 1, 2)
     for colour, (way, runs) in zip(("C3", "C0"), found.items(), strict=True):
         offsets = np.array(list(runs))
         force.plot(1e3 * offsets, [run.pressed for run in runs.values()], "o", color=colour, label=way)
@@ -232,8 +232,8 @@ def _picture(found: dict[str, dict[float, Press]], stiffness: dict[str, tuple[fl
     height.axvspan(run.start, run.end, color="0.9")
     force.set(xlabel="table higher than the map [mm]", ylabel="force on the table [N]", ylim=(0.0, None))
     height.set(xlabel="time [s], pushed in the grey part", ylabel="hand over the table [mm]")
+    figure.legend(*height.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     for axes in (force, height):
-        axes.legend(fontsize=8)
         axes.grid(alpha=0.3)
     return Plot(
         "push", "Force on tables at other heights (dashed: by K_net), and the push on the mapped one", figure

@@ -274,16 +274,16 @@ def _differences(box: dict[str, Array]) -> str:
 
 def _picture(found: dict[str, Struck], box: dict[str, Array]) -> Plot:
     """Draws how far the struck bodies turn, and Baxter's moments."""
-    figure, (turn, bars) = panels((9.0, 3.4), 1, 2)
+    figure, (turn, bars) = panels((7.0, 3.2), 1, 2)
     for colour, (name, part) in zip(("C3", "C0"), found.items(), strict=True):
         turn.plot(part.trace.time, np.degrees(part.turn), color=colour, label=name)
-    turn.set(xlabel="time [s]", ylabel="turn after a blow along the normal [deg]")
-    turn.legend(fontsize=8)
+    turn.set(xlabel="time [s]", ylabel="turn after a blow [deg]")
+    turn.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     turn.grid(alpha=0.3)
     place = np.arange(3)
     for shift, colour, (name, moments) in zip((-0.2, 0.2), ("C3", "C0"), box.items(), strict=True):
         bars.bar(place + shift, np.linalg.norm(moments, axis=0), 0.4, color=colour, label=f"Baxter, {name}")
-    bars.set_xticks(place, [f"struck along {axis}" for axis in AXES])
-    bars.set_ylabel("moment for each newton [m]")
-    bars.legend(fontsize=8)
+    bars.set_xticks(place, [f"along {axis}" for axis in AXES])
+    bars.set(xlabel="struck", ylabel="moment for each newton [m]")
+    bars.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     return Plot("moments", "Planar arms struck on the plant; Baxter's arms on a box, predicted", figure)

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from impedance_experiments.drive_fit import DriveFit, FreeSwing, fit_drive, strike
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
@@ -309,7 +308,7 @@ def _blow_table(found: _Found) -> ResultTable:
 
 
 def _drawn_steps(steps: Sequence[StepsFit]) -> Plot:
-    figure, (angle, torque) = panels((9.0, 3.4), 1, 2)
+    figure, (angle, torque) = panels((7.0, 3.4), 1, 2)
     one = steps[0]
     angle.plot(one.time, one.angle, color="C3", label="measured")
     angle.plot(one.time, one.fitted, color="C0", linestyle="--", label="second-order model")
@@ -318,20 +317,18 @@ def _drawn_steps(steps: Sequence[StepsFit]) -> Plot:
     torque.plot(one.fit.time, one.fit.fitted, color="C0", linestyle="--", label="I_r, D, dry friction")
     torque.set(xlabel="time [s]", ylabel="torque [N.m]", title="torque of the drive itself")
     for axes in (angle, torque):
-        axes.legend(fontsize=8)
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.1), frameon=False)
         axes.grid(alpha=0.3)
     return Plot("steps", "Four steps of torque against a real spring, and the fit (as fig. 3-7)", figure)
 
 
 def _drawn_blows(struck: dict[str, list[FreeSwing]]) -> Plot:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    for axes, (joint, swings) in zip(figure.subplots(1, 2), struck.items(), strict=True):
+    figure, columns = panels((7.0, 3.6), 1, 2)
+    for axes, (joint, swings) in zip(columns, struck.items(), strict=True):
         for index, one in enumerate(swings):
             axes.plot(one.time, 1e3 * one.angle, color=f"C{index}", label=f"{one.stiffness:g} N.m/rad")
             axes.plot(one.time, 1e3 * one.fitted, "k--", linewidth=0.7)
         axes.set(xlabel="since the blow [s]", ylabel="angle [mrad]", title=joint)
-        axes.legend(fontsize=8, title="virtual spring")
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.1), ncols=2, frameon=False)
         axes.grid(alpha=0.3)
-    return Plot(
-        "blows", "Free swings after a blow on a virtual spring; dashed: fitted decaying sines", figure
-    )
+    return Plot("blows", "Free swings after a blow on virtual springs; dashed: fitted decaying sines", figure)

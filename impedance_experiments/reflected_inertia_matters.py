@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from impedance_experiments.apparent_mass import (
     ABSOLUTE,
@@ -20,7 +19,7 @@ from impedance_experiments.apparent_mass import (
     first_contact,
     planar_masses,
 )
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 
 PRINTED = {"with": (2.574, 1.31), "without": (1.628, 0.7683)}
 """Table 3.1: largest and smallest apparent mass [kg]."""
@@ -324,8 +323,8 @@ def _surface_name(stiffness: float) -> str:
 
 def _ellipses(masses: dict[str, Masses]) -> Plot:
     """Draws u^T Lambda u over directions as the thesis does: half axes are the masses."""
-    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
-    for axes, (name, found) in zip(figure.subplots(1, 2), masses.items(), strict=True):
+    figure, columns = panels((7.0, 3.9), 1, 2, sharex=True, sharey=True)
+    for axes, (name, found) in zip(columns, masses.items(), strict=True):
         for robot, colour in (("with", "C3"), ("without", "C0")):
             _draw_mass(axes, found.inverse[robot], colour, f"{robot} I_r")
         axes.set(
@@ -336,7 +335,8 @@ def _ellipses(masses: dict[str, Masses]) -> Plot:
             xlabel="outwards [kg]",
             ylabel="up [kg]",
         )
-        axes.legend(fontsize=8)
+        axes.grid(alpha=0.3)
+    figure.legend(*columns[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return Plot("mass", "Apparent mass by direction, half axes are eigenvalues of Lambda (fig. 3-9)", figure)
 
 
@@ -346,15 +346,15 @@ def _draw_mass(axes: Axes, inverse: np.ndarray, colour: str, label: str) -> None
 
 
 def _forces(strikes: dict[float, Pair]) -> Plot:
-    figure = Figure(figsize=(5.0 * 2, 3.6), layout="constrained")
+    figure, columns = panels((7.0, 3.2), 1, 2, sharex=True, sharey=True)
     surfaces = (WITH_70_MS, WITHOUT_70_MS)
-    for axes, stiffness in zip(figure.subplots(1, 2, sharey=True), surfaces, strict=True):
+    for axes, stiffness in zip(columns, surfaces, strict=True):
         for hit, colour, label in zip(strikes[stiffness], ("C3", "C0"), ("with I_r", "without"), strict=True):
             axes.plot(1e3 * hit.time, hit.force * SPEED / hit.speed, color=colour, label=label)
         axes.set(title=f"surface of {stiffness / 1000:g} kN/m", xlabel="since the touch [ms]")
         axes.grid(alpha=0.3)
     figure.axes[0].set_ylabel(f"normal force at {SPEED} m/s [N]")
-    figure.axes[0].legend()
+    figure.legend(*columns[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return Plot("force", f"Force on the surface, scaled to an arrival at {SPEED} m/s", figure)
 
 

@@ -219,23 +219,34 @@ def _differences(found: Mapping[str, Loops]) -> str:
     )
 
 
+def _extent(points: Array) -> tuple[Array, Array]:
+    """Gives the least and the largest coordinates of points (m, 2)."""
+    return points.min(axis=0), points.max(axis=0)
+
+
 def _picture(found: Mapping[str, Loops]) -> Plot:
     """Draws the drift over the loops, and the arms after the first and the last loop, seen from the front."""
-    figure, axes = panels((10.0, 3.6), 1, 1 + len(found))
+    figure, axes = panels((7.4, 3.6), 1, 1 + len(found), width_ratios=(2.0, *(1.0 for _ in found)))
     for colour, (way, loops) in zip(("C3", "C0", "C1"), found.items(), strict=True):
         axes[0].plot(range(1, len(loops.q)), loops.drift[1:], "o-", color=colour, label=way, markersize=3)
     axes[0].set(xlabel="loop", ylabel="joints away from the first loop's end [rad]")
-    axes[0].legend(fontsize=7)
+    axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
     axes[0].grid(alpha=0.3)
+    ends = np.concatenate([loops.links[k][:, 1:] for loops in found.values() for k in (1, -1)])
+    margin = 0.3 * float(np.ptp(ends[:, 0]))
+    across, upward = (
+        (float(low) - margin, float(high) + margin) for low, high in zip(*_extent(ends), strict=True)
+    )
     for view, colour, (way, loops) in zip(axes[1:], ("C3", "C0", "C1"), found.items(), strict=True):
-        view.plot(*loops.links[1][:, 1:].T, "o-", color="0.6", markersize=3, label="after the first loop")
-        view.plot(*loops.links[-1][:, 1:].T, "o-", color=colour, markersize=3, label="after the last")
-        view.set(xlabel="y [m]")
-        view.set_title(way, fontsize=9)
-        view.set_aspect("equal", adjustable="datalim")
-        view.legend(fontsize=6)
+        view.plot(*loops.links[1][:, 1:].T, "o-", color="0.6", markersize=3)
+        view.plot(*loops.links[-1][:, 1:].T, "o-", color=colour, markersize=3)
+        view.set(xlabel="y [m]", xlim=across, ylim=upward)
+        view.set_title(way.replace(" and ", "\nand "))
+        view.set_aspect("equal")
+        view.locator_params(axis="x", nbins=3)
     axes[1].set_ylabel("z [m]")
     caption = (
-        "How far the joints are from the first loop's end, and the arm seen from the front (as fig. 4-3)"
+        "How far the joints are from the first loop's end, and the arm seen from the front, after the first loop "
+        "(grey) and after the last (as fig. 4-3)"
     )
     return Plot("loops", caption, figure)

@@ -254,21 +254,21 @@ def blow_response(joint: SeriesElasticJoint, lever: float) -> Blow:
 
 def draw_bode(joint: SeriesElasticJoint, omega: Array) -> Plot:
     """Draws the link's velocity per torque, in magnitude and phase, for both inputs."""
-    figure, axes = panels((9.0, 5.2), 2, 2, sharex=True)
+    figure, axes = panels((7.0, 4.8), 2, 2, sharex=True, sharey="row")
     mobility, rigid = joint.mobility(omega)[:, 0, :], joint.rigid_mobility(omega)
     for column, title in enumerate(("external torque (collocated)", "motor torque (non-collocated)")):
         magnitude, phase = axes[0, column], axes[1, column]
         for values, label, style in ((mobility[:, column], "with its spring", "-"), (rigid, "reduced", "--")):
             magnitude.loglog(omega, np.abs(values), style, label=label)
             phase.semilogx(omega, np.degrees(np.unwrap(np.angle(values))), style)
-        magnitude.set_title(f"{title} to link velocity", fontsize=10)
+        magnitude.set_title(f"{title} to link velocity")
         magnitude.axvline(PRINTED_LIMIT, color="0.7", linewidth=0.8)
         phase.axvline(PRINTED_LIMIT, color="0.7", linewidth=0.8)
         phase.axhspan(-300.0, -90.0, color="C3", alpha=0.08)
         phase.set(xlabel="frequency [rad/s]", ylim=(-290.0, 100.0))
     axes[0, 0].set_ylabel("rad/s per N.m")
     axes[1, 0].set_ylabel("phase [deg]")
-    axes[0, 0].legend(fontsize=8)
+    axes[0, 0].legend(loc="lower left")
     return Plot(
         "bode",
         f"Fig. 3-2. Grey: the thesis's {PRINTED_LIMIT:g} rad/s. Shaded: phase below a lag of a quarter turn, where the "
@@ -279,7 +279,7 @@ def draw_bode(joint: SeriesElasticJoint, omega: Array) -> Plot:
 
 def draw_poles(joint: SeriesElasticJoint) -> Plot:
     """Draws the poles, the link's zeros, and where a damper that reads the link drives the poles."""
-    figure, axes = panels((6.4, 4.2))
+    figure, axes = panels((5.5, 4.0))
     limit = joint.highest_damping_gain(sensed_at_link=True)
     for gain in np.linspace(0.0, 3.0 * limit, 40):
         loop = joint.system - gain * np.outer(joint.inputs[:, 1], [0.0, 0.0, 1.0, 0.0])
@@ -291,7 +291,7 @@ def draw_poles(joint: SeriesElasticJoint) -> Plot:
     axes.axvline(0.0, color="0.4", linewidth=0.8)
     axes.set(xlabel="real [rad/s]", ylabel="imaginary [rad/s]")
     axes.plot([], [], ".", color="C1", label=f"damper at the link, b up to {3.0 * limit:.3g} N.m.s/rad")
-    axes.legend(fontsize=8)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     return Plot(
         "poles",
         "Fig. 3-5. The elastic pair lies near the imaginary axis; modest gains push it across",
@@ -307,12 +307,12 @@ def _zeros_at_the_link(joint: SeriesElasticJoint) -> NDArray[np.complex128]:
 
 def draw_blow(blow: Blow) -> Plot:
     """Draws angle and velocity after the blow, and the blow."""
-    figure, (left, right) = panels((9.0, 3.2), 1, 2)
+    figure, (left, right) = panels((7.0, 3.0), 1, 2)
     for axes, row, label in ((left, 0, "link angle [rad]"), (right, 1, "link velocity [rad/s]")):
         axes.plot(blow.time, blow.full[row], label="with its spring")
         axes.plot(blow.time, blow.reduced[row], "--", label="reduced")
         axes.set(xlabel="time [s]", ylabel=label)
-    left.legend(fontsize=8, loc="lower right")
+    left.legend(loc="lower right")
     right.set_xlim(BLOW_TIME - 0.1, BLOW_TIME + 0.6)
     force = right.twinx()
     force.plot(blow.time, blow.force, color="0.6", linewidth=0.8)

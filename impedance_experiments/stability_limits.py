@@ -11,6 +11,8 @@ from impedance_experiments.stability_search import (
     Knock,
     finely_sensed,
     hand_drift,
+    hand_stiffness,
+    knocked,
     predicted_limit,
     simulated_limit,
     stiffened,
@@ -19,6 +21,7 @@ from impedance_experiments.stability_search import (
 from impedance_experiments.task_run import patch_of
 from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.plain_figures import plain_powers
 
 TASK, SOFT_TASK = "stiff-hand", "drifting-hand"
 PATCH = "unknown-payload"
@@ -44,6 +47,8 @@ LOOPS = (
     Loop(250.0, 0.7),
     Loop(200.0, 0.7),
 )
+APART, AVERAGED = 0.1, 0.25
+"""In the picture: how far from the limit the stiffness is, and time of a root mean square [s]."""
 QUICK = (Loop(250.0, 0.7),)
 STIFFNESSES = (100.0, 30.0, 10.0, 5.0)
 """Of the drifting hand [N/m]."""
@@ -83,7 +88,7 @@ def reproduce(settings: Settings) -> Page:
         summary=_summary(limits),
         comparisons=_comparisons(limits, drifts),
         tables=(_limit_table(limits), _drift_table(drifts)),
-        plots=(_knocks(limits[0]), _drifts(drifts)),
+        plots=(_knocks(limits[0], settings.choose(2, 6, 6)), _drifts(drifts)),
         differences=_differences(limits),
         facts={
             "worst_error": max(abs(limit.error) for limit in limits),
@@ -215,24 +220,36 @@ def _drift_table(drifts: list[tuple[float, float, float]]) -> ResultTable:
     )
 
 
-def _knocks(limit: Limit) -> Plot:
-    figure, axes = panels((8.0, 3.6))
-    hit = assemble(TASK, effects=None, rate=None, scale=1.0, arm=None).task.pushes[0].start
-    for knock, colour in ((limit.unstable, "C3"), (limit.stable, "C0")):
-        axes.semilogy(
-            knock.time,
-            np.maximum(knock.speed, 1e-6),
-            color=colour,
-            linewidth=0.8,
-            label=f"{knock.stiffness:.0f} N/m",
-        )
-    axes.set(xlabel="time [s]", ylabel="fast motion of the motors [rad/s]", title=f"hit at {hit:g} s")
-    axes.legend()
-    return Plot("knock", "Just below the limit the motors' oscillation decays, just above it grows", figure)
+def _knocks(limit: Limit, seconds: int) -> Plot:
+    """Draws the ringing of the motors below and above the limit, and its root mean square over a short time."""
+    figure, axes = panels((5.5, 3.4))
+    assembly = loop_task(limit.loop)
+    own, only = hand_stiffness(assembly), assembly.task.phases[0]
+    hit = assembly.task.pushes[0].start
+    phase = replace(only, duration=max(only.duration, float(seconds)))
+    longer = replace(assembly, task=replace(assembly.task, phases=(phase,)))
+    for factor, colour in ((1.0 + APART, "C3"), (1.0 / (1.0 + APART), "C0")):
+        knock = knocked(stiffened(longer, factor * limit.simulated / own))
+        after = knock.time > hit
+        time, speed = knock.time[after], knock.speed[after]
+        axes.semilogy(time, speed, color=colour, linewidth=0.5, alpha=0.5)
+        count = round(AVERAGED * limit.loop.rate)
+        power = np.convolve(speed**2, np.ones(count) / count, mode="valid")
+        middle = time[count // 2 : count // 2 + power.size]
+        axes.semilogy(middle, np.sqrt(power), color=colour, linewidth=1.8, label=f"{knock.stiffness:.0f} N/m")
+    axes.set(xlabel="time [s]", ylabel="fast motion of the motors [rad/s]")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower left")
+    return Plot(
+        "knock",
+        f"Hit at {hit:g} s: {100 * APART:g} % below the limit the motors' oscillation decays, {100 * APART:g} % above "
+        f"it it grows; thick: root mean square over {AVERAGED:g} s",
+        figure,
+    )
 
 
 def _drifts(drifts: list[tuple[float, float, float]]) -> Plot:
-    figure, axes = panels((5.5, 3.6))
+    figure, axes = panels((4.6, 3.2))
     stiffness = [k for k, _, _ in drifts]
     axes.loglog(
         stiffness,
@@ -244,5 +261,8 @@ def _drifts(drifts: list[tuple[float, float, float]]) -> Plot:
     axes.loglog(stiffness, [1e3 * found for _, found, _ in drifts], "o", label="plant")
     axes.axvline(PRINTED_LOWEST, color="C3", linestyle=":", label="thesis: drifts below")
     axes.set(xlabel="endpoint stiffness [N/m]", ylabel="hand sinks by [mm]")
+    for axis in (axes.xaxis, axes.yaxis):
+        plain_powers(axis)
+    axes.grid(alpha=0.3)
     axes.legend()
     return Plot("drift", "A hand sinks by the uncompensated weight", figure)

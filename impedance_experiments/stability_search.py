@@ -153,7 +153,9 @@ def knocked(assembly: Assembly) -> Knock:
     width = max(1, round(SMOOTHING * assembly.rate))
     window = np.ones(width) / width
     slow = np.stack([np.convolve(column, window, mode="same") for column in speeds.T], axis=1)
-    fast = np.linalg.norm(speeds - slow, axis=1)
+    # The mean over a window is none where the window reaches beyond the run.
+    whole = slice(width // 2, time.size - (width - 1) // 2)
+    time, fast = time[whole], np.linalg.norm(speeds - slow, axis=1)[whole]
     if supervisor.ending is not Ending.DONE:
         return Knock(hand_stiffness(assembly), time, fast, np.inf)
     first, last = (_rms(fast[(time >= a) & (time < b)]) for a, b in (EARLY, LATE))

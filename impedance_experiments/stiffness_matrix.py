@@ -175,7 +175,7 @@ def _table(name: str, loaded: bool, matrix: Array) -> ResultTable:
 
 def _picture(found: dict[tuple[str, bool], Array]) -> Plot:
     """Draws the diagonals of the linear and of the angular block."""
-    figure, (linear, angular) = panels((9.0, 3.2), 1, 2)
+    figure, (linear, angular) = panels((7.0, 3.4), 1, 2)
     place = np.arange(3)
     for k, ((name, loaded), matrix) in enumerate(found.items()):
         label = f"{name}, {'the wrench of the thesis' if loaded else 'relaxed'}"
@@ -185,7 +185,7 @@ def _picture(found: dict[tuple[str, bool], Array]) -> Plot:
     angular.set_xticks(place, AXES[3:])
     linear.set_ylabel("stiffness [N/m]")
     angular.set_ylabel("stiffness [N.m/rad]")
-    linear.legend(fontsize=7)
+    figure.legend(*linear.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return Plot("diagonals", "Diagonals of the net stiffness: the wrench that is passed in decides", figure)
 
 

@@ -92,6 +92,8 @@ class Page:
 
 def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
     """Begins a drawing of some size [inches]; returns it and its axes, as ``Figure.subplots`` gives them."""
+    # Figures of names (``plain_figure``) turn formulas off; the powers on a logarithmic axis are formulas.
+    mpl.rcParams["text.parse_math"] = True
     figure = Figure(figsize=size, layout="constrained")
     return figure, figure.subplots(rows, columns, **options)
 

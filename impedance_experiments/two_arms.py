@@ -204,7 +204,7 @@ def _matrix(name: str, matrix: Array) -> ResultTable:
 
 def _picture(found: _Found) -> Plot:
     """Draws what the box did under the pushes, and where the sums say it should have come."""
-    figure, (top, middle, bottom) = panels((9.0, 8.0), 3, 1)
+    figure, (top, middle, bottom) = panels((7.0, 7.0), 3, 1)
     springs, dampers, free = found.traces
     expected = _expected(found, springs)
     for axis in range(3):
@@ -226,7 +226,7 @@ def _picture(found: _Found) -> Plot:
         xlabel="time [s]",
         title="floating: Lambda v of the sum; dashed: impulse given",
     )
-    top.legend(loc="upper right", ncols=3, fontsize=8)
+    top.legend(loc="upper right", ncols=3)
     return Plot("answers", "What the box did (lines) and what the arms' sums say (dashed)", figure)
 
 

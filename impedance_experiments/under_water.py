@@ -6,10 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from impedance_experiments.task_run import PushTrace, first_pushes, only_arm, patch_of, trace_pushed
-from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue
+from impedance_experiments.thesis_page import Cell, Page, Plot, ResultTable, Settings, ThesisValue, panels
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.effects.apply import apply_to_plant
@@ -250,12 +249,12 @@ def _facts(
 
 
 def _picture(traces: dict[str, PushTrace]) -> Plot:
-    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
-    for axes, axis in zip(figure.subplots(2, 1, sharex=True), (1, 2), strict=True):
+    figure, rows = panels((7.0, 4.2), 2, 1, sharex=True)
+    for axes, axis in zip(rows, (1, 2), strict=True):
         for (name, trace), style in zip(traces.items(), ("0.4", "C0"), strict=True):
             axes.plot(trace.time, 1e3 * trace.place[:, axis], color=style, label=name)
         axes.set_ylabel(f"{'xyz'[axis]} [mm]")
         axes.grid(alpha=0.3)
-    figure.axes[0].legend(loc="upper right")
-    figure.axes[1].set_xlabel("time [s]")
+    rows[0].legend(loc="upper right")
+    rows[1].set_xlabel("time [s]")
     return Plot("swings", "The hand displaced along y, then along z, and released", figure)
