@@ -322,26 +322,34 @@ def mass_table(found: Mapping[str, HandInertia]) -> ResultTable:
 
 def ellipsoid_plot(found: Mapping[str, HandInertia]) -> Plot:
     """Draws the arms from above and from the side, with the outlines of both ellipsoids around the hand."""
-    figure, rows = panels((7.2, 5.6), len(VIEWS), len(found), squeeze=False)
-    first = POSTURES[next(iter(found))]
+    figure, rows = panels((7.2, 5.8), len(VIEWS), len(found), squeeze=False)
     for column, (name, hand) in enumerate(found.items()):
         for axes, (view, plane) in zip(rows[:, column], VIEWS.items(), strict=True):
             _draw_ellipsoids(axes, hand, plane, POSTURES[name])
-            axes.set(
-                title=f"{name}, {view}", xlabel=f"{NAMES[plane[0]]} [m]", ylabel=f"{NAMES[plane[1]]} [m]"
-            )
-            axes.set_aspect("equal", adjustable="datalim")
-        # The other postures have the first one's scale.
-        if POSTURES[name] == first:
-            for axes, model in zip(rows[1:, column], rows[1:, 0], strict=True):
-                axes.sharey(model)
-        rows[0, column].legend(loc="lower center", bbox_to_anchor=(0.5, 1.15), frameon=False, fontsize=7)
+            title = f"{name},\n{view}"
+            axes.set(title=title, xlabel=f"{NAMES[plane[0]]} [m]", ylabel=f"{NAMES[plane[1]]} [m]")
+            axes.set_aspect("equal")
+        rows[0, column].legend(loc="lower center", bbox_to_anchor=(0.5, 1.3), frameon=False, fontsize=7)
+    scales = [POSTURES[name] for name in found]
+    for row in rows:
+        for scale in set(scales):
+            _share_limits([axes for axes, own in zip(row, scales, strict=True) if own == scale])
     caption = (
         "Arms and, around the hand, outlines of the inertia ellipsoid (half axes: apparent masses; note the scale, a "
         "hundredth for the stretched arm) and of the mobility ellipsoid, which stays small and finite near the "
         "singular posture (fig. 4-4)"
     )
     return Plot("inertia", caption, figure)
+
+
+def _share_limits(alike: Sequence[Axes]) -> None:
+    """Gives axes that are compared the same limits: a square around all that is drawn in them."""
+    boxes = [axes.dataLim for axes in alike]
+    low = np.min([box.min for box in boxes], axis=0)
+    high = np.max([box.max for box in boxes], axis=0)
+    middle, half = 0.5 * (low + high), 0.55 * float(np.max(high - low))
+    for axes in alike:
+        axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
 
 
 def _draw_ellipsoids(axes: Axes, hand: HandInertia, plane: tuple[int, int], per_kilogram: float) -> None:
