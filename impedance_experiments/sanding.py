@@ -28,7 +28,6 @@ from impedance_experiments.sanding_prose import (
     PRINTED_HALF,
     PRINTED_PEAK,
     PRINTED_STUCK,
-    PRINTED_TIME,
     TEXTURE,
     TUNED,
     UNTIL_SMOOTH,
@@ -95,7 +94,7 @@ def reproduce(settings: Settings) -> Page:
     finished = sand(_until_smooth(settings), settings.seed)
     judged = _judge(settings)
     shallow, deep = schemes.values()
-    printed = (PRINTED_TIME, PRINTED_CYCLES, PRINTED_HALF)
+    printed = (PRINTED_CYCLES, PRINTED_HALF)
     long_rows = course_comparisons(long_shallow, long_deep, stroke_rate(), printed, TUNED)
     return Page(
         summary=summary_of(shallow, judged, finished),
@@ -215,12 +214,12 @@ def comparisons_of(
     )
     ratio = float(numbers(shallow.end, "band").mean() / numbers(shallow.start, "band").mean())
     yield ThesisValue(
-        f"tangential force near {PRINTED_PEAK:g} Hz, end over start of {shallow.rough.time[-1]:.0f} s on softer wood, "
+        f"tangential force near {PRINTED_PEAK:g} Hz, end over start of {shallow.rough.time[-1]:.0f} s on faster wood, "
         f"shallow {TUNED}",
         f"almost {PRINTED_HALF:g}",
         ratio,
         "1",
-        "wood that wears fast, such that this time stands for the thesis's; the whole time is further below",
+        "wood that wears fast, such that this time stands for the thesis's; the long sanding is further below",
     )
     low, peak = spectral_peaks(shallow.start)
     yield ThesisValue(

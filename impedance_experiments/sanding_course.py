@@ -176,7 +176,7 @@ def course_rows(names: Mapping[str, Course]) -> list[list[Cell]]:
 
 
 def course_comparisons(
-    shallow: Course, deep: Course, rate: float, printed: tuple[float, float, float], tuned: str
+    shallow: Course, deep: Course, rate: float, printed: tuple[float, float], tuned: str
 ) -> Iterator[ThesisValue]:
     """Compares the long sanding with the thesis's.
 
@@ -184,10 +184,10 @@ def course_comparisons(
         shallow: Near the surface.
         deep: Below it.
         rate: Strokes in a second [Hz].
-        printed: Of the thesis: time [s], cycles, what is left of the force near 20 Hz.
+        printed: Of the thesis: cycles, what is left of the force near 20 Hz.
         tuned: Marks a number that follows from sizes of the wood that were chosen.
     """
-    seconds, cycles, half = printed
+    cycles, half = printed
     yield ThesisValue(
         "long sanding: cycles", f"{cycles:g}", round(shallow.seconds * rate), "1", f"in {shallow.seconds:g} s"
     )
@@ -196,14 +196,14 @@ def course_comparisons(
         f"almost {half:g}",
         shallow.fall,
         "1",
-        f"over {shallow.seconds / 60.0:g} of the thesis's {seconds / 60.0:g} minutes; the wear constant is tuned to it",
+        f"over {shallow.seconds / 60.0:g} minutes; the wear constant is tuned to it",
     )
     yield ThesisValue(
         "long sanding: the same, deep",
         "sanded down to the same extent",
         deep.fall,
         "1",
-        f"the same wear constant; more normal force does more work, {deep.work[-1, 1]:.0f} J",
+        f"the same wear constant; more normal force does more work, {deep.work[-1, 1]:.0f} J, and wears off more",
     )
     for name, course in (("shallow", shallow), ("deep", deep)):
         yield ThesisValue(
@@ -211,7 +211,8 @@ def course_comparisons(
             "done",
             float(course.work[-1, 1]),
             "J",
-            f"{course.rubbed:.0f} J rubbed; {course.broken} splinters broke; the energy tank gave {course.tank:.0f} J",
+            f"{course.rubbed:.0f} J rubbed; splinters broken: {course.broken}; "
+            f"the energy tank gave {course.tank:.0f} J",
         )
 
 
@@ -247,6 +248,7 @@ def course_plot(names: Mapping[str, Course], smooth: Mapping[str, DepthRuns]) ->
     return Plot(
         "course",
         f"{seconds / 60.0:g} minutes of sanding: tangential force near the spectrum's peak and coefficient of friction "
-        "in every stroke that is judged, roughness that is left where the hand has rubbed, and work done on the wood",
+        "in every stroke that is judged, roughness that is left where the hand has rubbed (its mean rises where the "
+        "hand comes upon a fresh place), and work done on the wood",
         figure,
     )

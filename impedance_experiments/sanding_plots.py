@@ -94,7 +94,7 @@ def spectrum_plot(schemes: Mapping[str, DepthRuns]) -> Plot:
             lines.semilogy(nu[1:], amplitude[1:], color=colour, label=case)
         lines.axvspan(*BAND, color="0.9")
         course.set(title=name, xlabel="since the hand broke away [s]", xlim=(0.0, LENGTH))
-        lines.set(xlim=(0, 40), ylim=(5e-3, None), xlabel="frequency [Hz]")
+        lines.set(xlim=(0, 40), xlabel="frequency [Hz]")
         for axes, measure in ((bands, "band"), (frictions, "friction")):
             values = [numbers(windows, measure) for windows in scheme.cases.values()]
             axes.bar(
@@ -103,6 +103,7 @@ def spectrum_plot(schemes: Mapping[str, DepthRuns]) -> Plot:
                 yerr=[value.std() for value in values],
                 color=CASE_COLOURS,
             )
+    rows[1, 0].set_ylim(bottom=5e-3)
     labels = (
         "tangential, detrended [N]",
         "amplitude [N]",
