@@ -18,6 +18,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.prediction.analysis import Analysis, FrameImpedance
 from impedance_modules.prediction.analysis_json import in_hertz, quaternion_of
 from impedance_modules.spec.task import AXES
+from impedance_modules.superposition.hinge_impedance import HingeImpedance
 from impedance_modules.superposition.object_sum import ObjectSum
 from impedance_modules.superposition.operational_inertia import Ellipsoid, angular_ellipsoid, linear_ellipsoid
 
@@ -58,6 +59,9 @@ def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
         console.rule("object: the arms' sum")
         _print_sum(console, analysis.sum)
         _print_at_frame(console, analysis.object)
+    if analysis.hinge is not None:
+        console.rule("object: about its hinge")
+        _print_hinge(console, analysis.hinge)
 
 
 def _print_at_frame(console: Console, frame_impedance: FrameImpedance) -> None:
@@ -111,6 +115,35 @@ def _print_sum(console: Console, found: ObjectSum) -> None:
     console.print(f"hands squeeze with {found.squeeze:.2f} N each")
     for limb, wrench in found.internal.items():
         console.print(f"'{limb}' exerts against the others {_wrench(wrench)}", soft_wrap=True)
+
+
+def _print_hinge(console: Console, found: HingeImpedance) -> None:
+    """Prints the modules' sum about the hinge's axis, what the hinge adds itself, and what hands and weight exert."""
+    console.print(f"angle {found.angle:.4f} rad", soft_wrap=True)
+    for name, unit, parts in (
+        ("inertia", "kg.m^2", found.inertia),
+        ("damping", "N.m.s/rad", found.damping),
+        ("stiffness", "N.m/rad", found.stiffness),
+    ):
+        arms = [f"{limb} {_number(part)}" for limb, part in parts.arms.items()]
+        more = [f"{MORE[key]} {_number(part)}" for key, part in parts.more.items()]
+        console.print(
+            f"{name} about the axis {_number(parts.sum)} {unit}: {', '.join([*arms, *more])}", soft_wrap=True
+        )
+    own = found.own
+    console.print(
+        f"the hinge itself: friction {own.friction:g} N.m, damping {own.damping:g} N.m.s/rad, return spring"
+        f" {own.stiffness:g} N.m/rad",
+        soft_wrap=True,
+    )
+    console.print(
+        f"hands and weight exert {found.torque:.3f} N.m about the axis and {_vector(found.bearing)} N on the bearing",
+        soft_wrap=True,
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
 
 
 def _percent(share: float | None) -> str:

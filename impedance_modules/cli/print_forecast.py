@@ -34,6 +34,8 @@ def print_forecast(assembly: Assembly, forecast: Forecast, trial: Trial | None) 
         + f", {assembly.rate:g} Hz, torque acts {delay} period{'' if delay == 1 else 's'} late: the task is valid"
     )
     console.print(_loads(forecast))
+    if any(phase.hinge is not None for phase in forecast.phases):
+        console.print(_hinge(forecast))
     console.print(_loops(forecast))
     inner = inner_loop_limit(assembly)
     if inner is not None:
@@ -97,6 +99,28 @@ def _yields(deflection: Deflection | None) -> str:
 
 def _force(force: float | None) -> str:
     return "-" if force is None else f"{force:.1f}"
+
+
+def _hinge(forecast: Forecast) -> Table:
+    """Lays out how far the object's hinge turns in each phase, and what resists."""
+    table = Table(title="hinge of the object", title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
+    table.add_column("phase")
+    for heading in ("angle rad", "target rad", "resists N.m", "friction N.m", "on the bearing N", "off the arc mm"):
+        table.add_column(heading, justify="right")
+    for phase in forecast.phases:
+        if phase.hinge is None:
+            continue
+        found = phase.hinge
+        table.add_row(
+            phase.predicted.name,
+            f"{found.began:.3f} to {found.ended:.3f}",
+            f"{found.target:.3f}",
+            f"{found.torque:.2f}",
+            f"{found.friction:g}",
+            _force(found.bearing),
+            f"{1e3 * found.off_arc[0]:.1f}",
+        )
+    return table
 
 
 def _loops(forecast: Forecast) -> Table:

@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 
 from impedance_modules.errors import BadInput
+from impedance_modules.spec.hinge_spec import HINGE
 from impedance_modules.spec.task import (
     ArmSpec,
     ContactCondition,
@@ -119,7 +120,7 @@ def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
         raise BadInput(
             f"--arm {arm}: phase '{phase.name}' of task '{task.name}' waits for what '{condition.target}' rubs"
         )
-    own = ("object", f"{arm}.")
+    own = ("object", HINGE, f"{arm}.")
     return replace(
         phase,
         equilibrium={k: v for k, v in phase.equilibrium.items() if k.startswith(own)},

@@ -4,7 +4,7 @@ r"""What the surroundings put on the hands, judged from measured effort alone, a
 The wrench of the surroundings on a hand is the least-squares solution of J^T w = \tau_ext over its limb's joints;
 \tau_ext comes from ``robot.external_torque``. On a held object of mass m, slow motion, the environment puts
 
-    F_env = \sum_i w_i + m g e_z         (w_i: the object on hand i)
+    F_env = \sum_i w_i + m g e_z         (w_i: the object on hand i; without m g on a hinge, which carries it)
 
 Contact ends a phase (``ContactJudge``); a force axis that pushed against something and then against nothing is
 reported (``ContactLoss``). What the model does not know of counts as a force at the hand: Baxter's springs beside s1
@@ -123,7 +123,8 @@ class HandWrenches:
     def _force_on_object(self, held: HeldObject) -> Array:
         names = [arm.limb.name for arm in self._arms]
         total: Array = self.wrench[[names.index(limb) for limb in held.limbs], :3].sum(axis=0)
-        total[2] += held.spec.mass * STANDARD_GRAVITY
+        if held.hinge is None:
+            total[2] += held.spec.mass * STANDARD_GRAVITY
         return total
 
 
@@ -268,7 +269,9 @@ def _gate(
     """Judges the force that one arm measures [N]; that of a hand that holds something may be its weight."""
     phase, force = awaited
     held = assembly.modules.held
-    carried = held.spec.mass * STANDARD_GRAVITY if held is not None and arm in held.limbs else 0.0
+    carried = 0.0
+    if held is not None and held.hinge is None and arm in held.limbs:
+        carried = held.spec.mass * STANDARD_GRAVITY
     name, found = f"contact {arm}", f"at rest {measured:.1f} N act on the hand"
     if measured < SHARE * force + carried:
         return PreflightResult(name, True, found, "")

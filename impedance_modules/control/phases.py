@@ -10,8 +10,7 @@ import numpy as np
 from impedance_modules.control.contact_detection import ContactJudge, HandWrenches
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.roughness_detection import SmoothJudge
-from impedance_modules.modules.equilibrium import PhaseMotion
-from impedance_modules.modules.held_object import OBJECT
+from impedance_modules.modules.equilibrium import OBJECT_TARGETS, PhaseMotion
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition, SmoothCondition
 
@@ -41,7 +40,7 @@ class ArrivalJudge:
     def _begin(self, motion: PhaseMotion) -> None:
         """Finds out which springs the phase moves, and where to."""
         self._motion, self._goal = motion, motion.at(motion.duration)
-        names = {name for name in motion.moved if name != OBJECT} | set(motion.carried)
+        names = {name for name in motion.moved if name not in OBJECT_TARGETS} | set(motion.carried)
         springs = [spring for arm in self._controller.modules.arms for spring in arm.springs]
         self._springs = [spring for spring in springs if spring.name in names]
 

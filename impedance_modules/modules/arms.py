@@ -14,10 +14,12 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.modules.held_object import OBJECT, HeldObject, distance_to_surface
+from impedance_modules.modules.hinge import LEAST_LEVER, Hinge
 from impedance_modules.modules.joint_bias import JointBias
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
+from impedance_modules.spec.hinge_spec import HINGE
 from impedance_modules.spec.task import ArmSpec, JointBiasSpec, ObjectSpec, PhaseSpec, TaskSpec
 
 WORLD = "world"
@@ -89,15 +91,15 @@ def build_modules(task: TaskSpec, model: RobotModel) -> TaskModules:
         model: The robot.
 
     Raises:
-        BadFile: A hand is too far from the object or inside it, or a phase moves both the object and a
-            spring that holds it; all at once.
+        BadFile: A hand is too far from the object or inside it, or holds the very axis of its hinge, or a phase
+            moves both the object and a spring that holds it; all at once.
     """
     posture = model.position({name: arm.posture for name, arm in task.arms.items()})
     arms = tuple(_arm(arm, model, posture) for arm in task.arms.values())
     held = None if task.object is None else _held(task.object, arms, model, posture)
     modules = TaskModules(arms, held, posture)
     if held is not None:
-        problems = _hand_problems(task, held) + _target_problems(task, held)
+        problems = _hand_problems(task, held) + _target_problems(task, held) + _axis_problems(task, held, model)
         if problems:
             raise BadFile(problems)
     return modules
@@ -148,7 +150,8 @@ def _held(spec: ObjectSpec, arms: tuple[ArmModule, ...], model: RobotModel, post
         if _same_body(model, posture, spring.frame, hand)
     )
     grasps = tuple(start.inverse() @ pose for pose in poses)
-    return HeldObject(spec, start, spec.held_by, hands, grasps, springs)
+    hinge = None if spec.hinge is None else Hinge.of_object(spec.hinge, start)
+    return HeldObject(spec, start, spec.held_by, hands, grasps, springs, hinge)
 
 
 def _same_body(model: RobotModel, posture: Array, frame: str, hand: str) -> bool:
@@ -181,14 +184,37 @@ def _hand_problems(task: TaskSpec, held: HeldObject) -> list[Problem]:
     return problems
 
 
+def _axis_problems(task: TaskSpec, held: HeldObject, model: RobotModel) -> list[Problem]:
+    """Finds hands that would hold the hinge's axis itself, or that are too short to reach around it."""
+    hinge, problems = held.hinge, []
+    if hinge is None:
+        return []
+    for limb, grasp in zip(held.limbs, held.grasps, strict=True):
+        lever, reach = hinge.lever((held.start @ grasp).translation), model.reach(limb)
+        if lever < LEAST_LEVER:
+            message = (
+                f"the hinge's axis runs through the hand of '{limb}', {1e3 * lever:.0f} mm from its frame: the hand"
+                f" has no lever arm there (valid: at least {1e3 * LEAST_LEVER:.0f} mm between axis and hand)"
+            )
+            problems.append(task.document.problem(("object", HINGE, "point"), message))
+        elif lever > reach:
+            message = (
+                f"the hinge's axis is {lever:.2f} m from the hand of '{limb}', farther than the whole arm is long,"
+                f" {reach:.2f} m: it could not follow the arc (valid: a point nearer to the hand)"
+            )
+            problems.append(task.document.problem(("object", HINGE, "point"), message))
+    return problems
+
+
 def _target_problems(task: TaskSpec, held: HeldObject) -> list[Problem]:
     problems = []
     for index, phase in enumerate(task.phases):
-        if OBJECT not in phase.equilibrium:
+        mover = next((name for name in (OBJECT, HINGE) if name in phase.equilibrium), None)
+        if mover is None:
             continue
         for target in sorted(set(phase.equilibrium) & set(held.springs)):
             message = (
-                f"'{target}' holds the object, and this phase moves '{OBJECT}' too; both would place the"
+                f"'{target}' holds the object, and this phase moves '{mover}' too; both would place the"
                 " same spring: move one of them"
             )
             problems.append(task.document.problem(("phases", index, "equilibrium", target), message))

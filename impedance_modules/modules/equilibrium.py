@@ -32,7 +32,11 @@ from impedance_modules.modules.spring import Spring
 from impedance_modules.records import Array3, Indices, Matrix, Record, Vector
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import compose, skew
-from impedance_modules.spec.task import PhaseSpec
+from impedance_modules.spec.hinge_spec import ANGLE, HINGE
+from impedance_modules.spec.task import AXES, Coordinate, PhaseSpec
+
+OBJECT_TARGETS = (OBJECT, HINGE)
+"""Targets that move the object, and all its grasps rigidly with it."""
 
 IntegerArray = NDArray[np.int64]
 
@@ -120,7 +124,7 @@ class PhaseMotion:
 
     Attributes:
         start: Equilibria when the phase begins.
-        moved: Target name (a spring's, or ``object``) -> its motion.
+        moved: Target name (a spring's, ``object``, or ``hinge``: the frame of the object's hinge) -> its motion.
         carried: Names of the springs that move rigidly with the object's target.
         goals: Limb name -> (k,) rest angles that the phase reaches [rad].
         duration: Of the phase [s].
@@ -141,8 +145,19 @@ class PhaseMotion:
         springs = {name: Pose(rotation[i], translation[i]) for i, name in enumerate(names)}
         ends = np.cumsum([len(angles) for angles in self.start.rests.values()], dtype=int)[:-1]
         rests = dict(zip(self.start.rests, np.split(rest, ends), strict=True)) if self.start.rests else {}
-        held = self.moved[OBJECT].pose(clock) if OBJECT in self.moved else self.start.object
-        return Equilibrium(springs, held, rests)
+        return Equilibrium(springs, self._object_at(clock), rests)
+
+    @property
+    def mover(self) -> str | None:
+        """The target that takes the object's grasps along, ``object`` or ``hinge``; None where neither moves."""
+        return next((name for name in OBJECT_TARGETS if name in self.moved), None)
+
+    def _object_at(self, clock: float) -> Pose | None:
+        mover = self.mover
+        if mover is None or self.start.object is None:
+            return self.start.object
+        now = self.moved[mover].pose(clock)
+        return now if mover == OBJECT else now @ self._mover_start(mover).inverse() @ self.start.object
 
     @cached_property
     def _arrays(self) -> EquilibriumMotion:
@@ -155,12 +170,13 @@ class PhaseMotion:
         Args:
             joint: Place among all joints of each rest angle.
         """
-        motions: list[PoseMotion] = [self.moved[OBJECT]] if OBJECT in self.moved else []
+        mover = self.mover
+        motions: list[PoseMotion] = [] if mover is None else [self.moved[mover]]
         rides, offsets = [], []
         for name, start in self.start.springs.items():
-            if name in self.carried and OBJECT in self.moved:
+            if name in self.carried and mover is not None:
                 rides.append(0)
-                offsets.append(self._object_start().inverse() @ start)
+                offsets.append(self._mover_start(mover).inverse() @ start)
             else:
                 rides.append(len(motions))
                 motions.append(self.moved.get(name) or resting(start))
@@ -184,17 +200,17 @@ class PhaseMotion:
     def velocities(self, clock: float) -> Mapping[str, Array]:
         """Gives the twist of every spring's equilibrium per second of the clock, (6,) in world axes."""
         found = {name: np.zeros(6) for name in self.start.springs}
-        found.update({name: m.velocity(clock) for name, m in self.moved.items() if name != OBJECT})
-        if OBJECT in self.moved:
-            turn, twist = self.moved[OBJECT].pose(clock).rotation, self.moved[OBJECT].velocity(clock)
+        found.update({name: m.velocity(clock) for name, m in self.moved.items() if name not in OBJECT_TARGETS})
+        if (mover := self.mover) is not None:
+            turn, twist = self.moved[mover].pose(clock).rotation, self.moved[mover].velocity(clock)
             for name, offset in zip(self.start.springs, self._arrays.offset_translation, strict=True):
                 if name in self.carried:
                     lever = turn @ offset
                     found[name] = np.concatenate([twist[:3] + skew(twist[3:]) @ lever, twist[3:]])
         return found
 
-    def _object_start(self) -> Pose:
-        motion = self.moved[OBJECT]
+    def _mover_start(self, mover: str) -> Pose:
+        motion = self.moved[mover]
         return motion.reference @ motion.start
 
 
@@ -212,11 +228,25 @@ def phase_motion(modules: TaskModules, phase: PhaseSpec, start: Equilibrium) -> 
     springs = {spring.name: spring for arm in modules.arms for spring in arm.springs}
     moved: dict[str, PoseMotion] = {}
     for target, coordinates in phase.equilibrium.items():
+        if target == HINGE:
+            moved[HINGE] = _hinge_motion(modules.held, start, coordinates[ANGLE], phase.duration)
+            continue
         reference, current = _coordinates_of(target, springs, start)
         moved[target] = pose_motion(reference, current, coordinates, phase.duration)
     goals = {limb: _goal(modules, limb, angles, start) for limb, angles in phase.posture.items()}
     carried = _carried(modules.held, moved)
     return PhaseMotion(start, moved, carried, goals, phase.duration)
+
+
+def _hinge_motion(
+    held: HeldObject | None, start: Equilibrium, angle: Coordinate, duration: float
+) -> PoseMotion:
+    """Turns the hinge's frame, which takes the object's target along its arc, to an angle [rad]."""
+    if held is None or held.hinge is None or start.object is None:
+        raise BadInput(f"no target '{HINGE}': the task holds no object on a hinge")
+    on_axis = dict.fromkeys(AXES, 0.0)
+    coordinates = {**on_axis, AXES[-1]: angle}
+    return pose_motion(held.hinge.frame, start.object @ held.hinge.on_object, coordinates, duration)
 
 
 def _coordinates_of(target: str, springs: Mapping[str, Spring], start: Equilibrium) -> tuple[Pose, Pose]:
@@ -230,7 +260,7 @@ def _coordinates_of(target: str, springs: Mapping[str, Spring], start: Equilibri
 
 
 def _carried(held: HeldObject | None, moved: Mapping[str, PoseMotion]) -> tuple[str, ...]:
-    return () if held is None or OBJECT not in moved else held.springs
+    return () if held is None or not set(OBJECT_TARGETS) & set(moved) else held.springs
 
 
 def _goal(modules: TaskModules, limb: str, angles: Mapping[str, float], start: Equilibrium) -> Array:

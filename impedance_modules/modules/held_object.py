@@ -13,6 +13,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
+from impedance_modules.modules.hinge import Hinge
 from impedance_modules.records import Array3, Indices, Matrix, Record, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.robot.pose import Pose, carry
@@ -95,6 +96,7 @@ class HeldObject:
         grasps: X_OH of each hand, the relative pose at the start.
         springs: Names of the springs that an ``object`` target moves: those whose frame is rigidly
             attached to a holding hand.
+        hinge: About which alone it turns; None for a free object.
     """
 
     spec: ObjectSpec
@@ -103,6 +105,7 @@ class HeldObject:
     hands: tuple[str, ...]
     grasps: tuple[Pose, ...]
     springs: tuple[str, ...]
+    hinge: Hinge | None = None
 
     def pose_from(self, hand_poses: tuple[Pose, ...]) -> Pose:
         """Locates the object from its hands: the first hand's axes, the mean of the origins.

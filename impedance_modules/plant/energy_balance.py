@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impedance_modules.plant.hinge import hinge_energy
 from impedance_modules.plant.joints import spring_deflections
 from impedance_modules.plant.plant_state import WORK, PlantState
 
@@ -24,13 +25,14 @@ class EnergyBook:
         links, rotors, body: Kinetic energy of links with the water they take along, rotors and the object.
         gravity: Potential of links and object.
         springs: In the series-elastic springs.
-        stops, grasp, contact: In joint stops, couplings, and surfaces with their friction springs.
+        stops, grasp, contact, hinge: In joint stops, couplings, surfaces with their friction springs, and the
+            object's hinge with its bearing.
         command_work: By the commanded torque on the motors: the motor port of the passivity claim.
         robot_work: By the robot's own gravity compensation and position hold.
         effect_work: By effects.
         push_work: By whoever pushes hands or object.
         motor_loss, spring_loss: In motor and spring damping.
-        stop_work, grasp_work, contact_work: Done on the bodies by stops, couplings and surfaces.
+        stop_work, grasp_work, contact_work, hinge_work: Done on the bodies by stops, couplings, surfaces and hinge.
     """
 
     links: float
@@ -41,6 +43,7 @@ class EnergyBook:
     stops: float
     grasp: float
     contact: float
+    hinge: float
     command_work: float
     robot_work: float
     effect_work: float
@@ -50,6 +53,7 @@ class EnergyBook:
     stop_work: float
     grasp_work: float
     contact_work: float
+    hinge_work: float
 
     @property
     def kinetic(self) -> float:
@@ -59,7 +63,8 @@ class EnergyBook:
     @property
     def stored(self) -> float:
         """Kinetic and potential energy of everything [J]."""
-        return self.kinetic + self.gravity + self.springs + self.stops + self.grasp + self.contact
+        held = self.stops + self.grasp + self.contact + self.hinge
+        return self.kinetic + self.gravity + self.springs + held
 
     def dissipated(self, before: EnergyBook) -> dict[str, float]:
         """Gives what each damper has turned into heat since ``before`` [J]."""
@@ -67,7 +72,7 @@ class EnergyBook:
             "motors": self.motor_loss - before.motor_loss,
             "springs": self.spring_loss - before.spring_loss,
         }
-        for name in ("stop", "grasp", "contact"):
+        for name in ("stop", "grasp", "contact", "hinge"):
             kept = f"{name}s" if name == "stop" else name
             done = getattr(self, f"{name}_work") - getattr(before, f"{name}_work")
             lost[kept] = -done - (getattr(self, kept) - getattr(before, kept))
@@ -83,7 +88,7 @@ class EnergyBook:
 
 
 def potential_energies(plant: PlantState) -> dict[str, float]:
-    """Computes the energy in springs, stops, couplings and contacts [J] from the tables as they stand."""
+    """Computes the energy in springs, stops, couplings, contacts and hinge [J] from the tables as they stand."""
     joints, hands, contacts, q = plant.joints, plant.hands, plant.contacts, plant.start.position
     beyond = np.maximum(q - joints["upper"], 0.0) + np.maximum(joints["lower"] - q, 0.0)
     deflection = np.empty(plant.n)
@@ -95,7 +100,11 @@ def potential_energies(plant: PlantState) -> dict[str, float]:
     near = contacts[contacts["near"] == 1]
     depth = np.maximum(-near["distance"], 0.0)
     touch = near["normal_stiffness"] * depth**2 + near["stiffness"] * np.sum(near["stretch"] ** 2, axis=1)
+    hinge = 0.0
+    if plant.hinge.present:
+        hinge = hinge_energy(plant.hinge, plant.body.rotation, plant.start.object_position)
     return {
+        "hinge": hinge,
         "springs": 0.5 * float(np.sum(joints["stiffness"] * deflection**2)),
         "stops": 0.5 * float(np.sum(joints["stop_stiffness"] * beyond**2)),
         "grasp": 0.5 * float(np.sum(grasp)),

@@ -105,6 +105,21 @@ class GroundTruth:
         local = rotation.T @ self.state.start.object_momentum / body.inertia
         return np.concatenate([self.state.start.object_velocity, rotation @ local])
 
+    @property
+    def hinge_angle(self) -> float | None:
+        """Angle of the object's hinge [rad]; None without a hinge."""
+        return self.state.hinge.angle if self.state.hinge.present else None
+
+    @property
+    def hinge_torque(self) -> float | None:
+        """Torque of friction, springs and stops on the object about its hinge's axis [N.m]; None without a hinge."""
+        return self.state.hinge.torque if self.state.hinge.present else None
+
+    @property
+    def hinge_wrench(self) -> Vector:
+        """Wrench (6,) of the hinge on the object, world axes at its origin [N], [N.m]; zero without a hinge."""
+        return self.state.hinge.wrench.copy()
+
     def pose(self, frame: str) -> Pose:
         """Computes the true pose of any frame of the robot in world."""
         return self._model.pose(self.state.start.position, frame)

@@ -11,6 +11,7 @@ import pinocchio as pin
 from impedance_modules.effects.plant_builder import DrivePath, PlantEffects
 from impedance_modules.plant.grasp import HAND
 from impedance_modules.plant.grasp_start import load_couplings, set_up_couplings
+from impedance_modules.plant.hinge_start import hinge_state, load_hinge
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import IDEAL, joint_table
 from impedance_modules.plant.links import link_table
@@ -64,6 +65,7 @@ def build_plant_state(
         links=link_table(links, added_mass),
         hands=hands,
         body=object_state(held, links.gravity.linear),
+        hinge=hinge_state(held),
         contacts=contact_table(surfaces, bodies, woods),
         surfaces=table,
         mesh_nodes=mesh_nodes,
@@ -136,7 +138,9 @@ class StartAtRest:
         origins = [hand["translation"] for hand in plant.hands if hand["holds"]]
         start = held.position(origins)
         plant.start.object_position[:] = start
-        return load_couplings(plant.hands, plant.body, held, start)
+        wrench = load_couplings(plant.hands, plant.body, held, start)
+        load_hinge(plant.hinge, held, plant.body, start, plant.hands, wrench)
+        return wrench
 
     def _balance(self, position: Vector, wrench: Matrix) -> Vector:
         """Deflects the joints' springs by the start load and finds the command that carries it."""

@@ -19,6 +19,7 @@ from impedance_modules.compiled import compiled, want_machine_code
 from impedance_modules.effects.joint_motion import JointMotion, JointTorque
 from impedance_modules.plant.equations_of_motion import evaluate_forces, evaluate_rate, hand_motion
 from impedance_modules.plant.grasp import place_couplings
+from impedance_modules.plant.hinge import update_hinge
 from impedance_modules.plant.joints import ELASTIC, update_loads
 from impedance_modules.plant.links import accelerate, mobility_under_water, place_hands, place_links
 from impedance_modules.plant.palm import update_slipping_palms
@@ -92,12 +93,14 @@ def next_stage(plant: PlantState, stage: int, step: float) -> None:
 
 @compiled
 def end_step(plant: PlantState, step: float) -> None:
-    """Ends a step: friction springs, wood, slipping palms and the object's rotation are brought up to date."""
+    """Ends a step: friction springs, wood, slipping palms, the hinge and the object's rotation are brought up to date."""
     if plant.contacts.size > 0 or plant.body.present:
         hand_motion(plant)
         if plant.body.present:
             object_motion(plant)
             update_slipping_palms(plant)
+            if plant.hinge.present:
+                update_hinge(plant)
             update_object_rotation(plant)
         update_friction_springs(plant)
         if plant.woods.size > 0:

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from impedance_modules.plant.grasp import HAND
+from impedance_modules.plant.hinge import HingeState
 from impedance_modules.plant.joints import JOINT
 from impedance_modules.plant.links import LINK
 from impedance_modules.plant.mesh_surface import NODE, TRIANGLE
@@ -33,6 +34,7 @@ WORK = np.dtype(
         ("grasp_work", np.float64),
         ("contact_work", np.float64),
         ("push_work", np.float64),
+        ("hinge_work", np.float64),
     ],
     align=True,
 )
@@ -43,13 +45,13 @@ OBJECT_SIZE = 12
 
 
 class StateVector(Record):
-    """What the integrator integrates, as one vector of 4 n + 21 numbers and its named parts; or the rate of it.
+    """What the integrator integrates, as one vector of 4 n + 22 numbers and its named parts; or the rate of it.
 
     The object's angular momentum, not its angular velocity, is integrated: without torque it is a constant, and the
     integrator keeps constants exactly.
 
     Attributes:
-        whole: (4 n + 21,) all of it.
+        whole: (4 n + 22,) all of it.
         position, velocity: (n,) of the links [rad], [rad/s].
         motor_position, motor_velocity: (n,) of the rotors, seen at the joint [rad], [rad/s].
         object_position: (3,) [m], world axes, as all of the object.
@@ -75,7 +77,7 @@ class StateVector(Record):
 
     @classmethod
     def over(cls, whole: Vector) -> StateVector:
-        """Names the parts of a vector (4 n + 21,); they share its memory."""
+        """Names the parts of a vector (4 n + 22,); they share its memory."""
         n = (whole.size - OBJECT_SIZE - WORK_SIZE) // 4
         parts: list[Any] = np.split(whole, np.cumsum([n, n, n, n, 3, 3, 3, 3]))
         parts[-1] = parts[-1].view(WORK)
@@ -98,6 +100,7 @@ class PlantState(Record):
         links: (n + 1,) of ``LINK``; row 0 is the world.
         hands: (h,) of ``HAND``.
         body: The object.
+        hinge: About which alone the object turns, or its absence.
         contacts: (points x surfaces,) of ``CONTACT_POINT``.
         surfaces: Of ``SURFACE``.
         mesh_nodes: Of ``NODE``: the boxes around the triangles of all meshes.
@@ -121,6 +124,7 @@ class PlantState(Record):
     links: Annotated[Table, LINK]
     hands: Annotated[Table, HAND]
     body: ObjectState
+    hinge: HingeState
     contacts: Annotated[Table, CONTACT_POINT]
     surfaces: Annotated[Table, SURFACE]
     mesh_nodes: Annotated[Table, NODE]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.equations_of_motion import evaluate_rate
 from impedance_modules.plant.grasp import GRASP_DAMPING_TIME
+from impedance_modules.plant.hinge_start import hinge_mode
 from impedance_modules.plant.integrator import Integrator
 from impedance_modules.plant.joints import ELASTIC
 from impedance_modules.plant.plant_state import WORK_SIZE, PlantState, state_vector
@@ -35,7 +36,9 @@ def stable_step(integrator: Integrator, shortest: float) -> float:
     Raises:
         BadInput: Even ``shortest`` [s] is too long for the lightest part on the stiffest spring.
     """
-    modes = np.concatenate([plant_modes(integrator), contact_modes(integrator), palm_modes(integrator)])
+    modes = np.concatenate(
+        [plant_modes(integrator), contact_modes(integrator), palm_modes(integrator), hinge_modes(integrator.plant)]
+    )
     step, parts = integrator.step, 1
     while not stable(modes, step / parts) and step / parts >= shortest:
         parts += 1
@@ -143,6 +146,13 @@ def palm_modes(integrator: Integrator) -> Complex:
         shares.append(_fastest(stiffness, at_hand @ alone @ at_hand.T))
     squared += max(shares)
     return np.roots([1.0, GRASP_DAMPING_TIME * squared, squared]).astype(complex)
+
+
+def hinge_modes(plant: PlantState) -> Complex:
+    """Bounds the modes [1/s] of the object at a stop of its hinge; none without a hinge."""
+    if not plant.hinge.present:
+        return np.zeros(0, dtype=complex)
+    return np.array([hinge_mode(plant.hinge, _object_mobility(plant.body))])
 
 
 def _fastest(stiffness: Vector, mobility: Matrix) -> float:

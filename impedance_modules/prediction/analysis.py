@@ -17,13 +17,14 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
-from impedance_modules.modules.held_object import OBJECT
+from impedance_modules.modules.held_object import OBJECT, HeldObject
 from impedance_modules.prediction.held_by_friction import FrictionHold, held_by_friction
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.prediction.statics import Rest, analyse_state, find_rest
 from impedance_modules.robot.model import Limb
 from impedance_modules.superposition.arm_impedance import ArmImpedance
+from impedance_modules.superposition.hinge_impedance import HingeImpedance, hinge_impedance
 from impedance_modules.superposition.modes import JointSpace, VibrationMode, natural_modes
 from impedance_modules.superposition.net_stiffness import net_stiffness
 from impedance_modules.superposition.object_impedance import HeldImpedance, superpose
@@ -87,12 +88,14 @@ class Analysis:
         arms: Limb name -> its hand.
         object: What they hold; None for nothing.
         sum: How the hands' impedances make the object's; None for nothing held.
+        hinge: What a torque about the object's hinge meets; None without one.
     """
 
     phase: str | None
     arms: Mapping[str, FrameImpedance]
     object: FrameImpedance | None
     sum: ObjectSum | None
+    hinge: HingeImpedance | None = None
 
 
 def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
@@ -152,6 +155,7 @@ def _analysis(
         return Analysis(phase, arms, None, None)
     holding, mirror = modules.held.limbs, assembly.robot.mirror
     at_object = _object(mechanism, [limbs[name] for name in holding], state.arms, held, q)
+    own = modules.held.inertia(held.pose.rotation)
     for name, hand in zip(holding, held.hands, strict=True):
         arms[name] = replace(arms[name], wrench=hand.wrench + hand.shared)
     return Analysis(
@@ -162,11 +166,21 @@ def _analysis(
             holding,
             state.arms,
             held,
-            modules.held.inertia(held.pose.rotation),
+            own,
             plane=None if mirror is None else mirror.plane,
             stiffness=at_object.stiffness,
         ),
+        hinge=_about_hinge(modules.held, held, own, hidden=at_object.stiffness is None),
     )
+
+
+def _about_hinge(
+    held: HeldObject, found: HeldImpedance, own: Array, *, hidden: bool
+) -> HingeImpedance | None:
+    """Projects the sum at the object on the motion that its hinge leaves; None without a hinge."""
+    if held.hinge is None:
+        return None
+    return hinge_impedance(held.hinge, found, held.limbs, own, held.spec.mass, hidden=hidden)
 
 
 def _since(found: FrameImpedance, end: Mapping[str, float]) -> FrameImpedance:

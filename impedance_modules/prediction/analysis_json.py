@@ -17,6 +17,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
 from impedance_modules.prediction.analysis import Analysis, FrameImpedance
 from impedance_modules.robot.rotation import write_quaternion
+from impedance_modules.superposition.hinge_impedance import HingeImpedance
 from impedance_modules.superposition.modes import VibrationMode
 from impedance_modules.superposition.object_sum import Coupling, ObjectSum, Summands
 from impedance_modules.superposition.operational_inertia import (
@@ -45,6 +46,8 @@ def analysis_json(analysis: Analysis) -> dict[str, Any]:
     at_object = None if impedance is None else _frame(impedance, analysis.phase)
     if at_object is not None and parts is not None:
         at_object.update(_sum(parts))
+        if analysis.hinge is not None:
+            at_object["hinge"] = _hinge(analysis.hinge)
     return {
         "format": 1,
         "arms": {limb: _frame(found, analysis.phase) for limb, found in analysis.arms.items()},
@@ -105,6 +108,25 @@ def _sum(parts: ObjectSum) -> dict[str, Any]:
         "coupling": None
         if parts.plane is None
         else {"plane": parts.plane, **{name: _coupling(found) for name, found in parts.coupling.items()}},
+    }
+
+
+def _hinge(found: HingeImpedance) -> dict[str, Any]:
+    parts = {
+        name: {"sum": part.sum, "arms": dict(part.arms), **part.more}
+        for name, part in (
+            ("inertia", found.inertia),
+            ("damping", found.damping),
+            ("stiffness", found.stiffness),
+        )
+    }
+    own = {name: getattr(found.own, name) for name in ("friction", "damping", "stiffness")}
+    return {
+        "angle": found.angle,
+        **parts,
+        "torque": found.torque,
+        "bearing": found.bearing.tolist(),
+        "own": own,
     }
 
 

@@ -80,8 +80,13 @@ def forecast_tank(assembly: Assembly, mechanism: Mechanism, motion: MotionPredic
         "arms moving": at.kinetic,
         "friction on surfaces": at.surface_friction,
         "friction of motors": at.motor_friction,
+        "friction of the hinge": at.hinge_friction,
         "elastic joints deflected": float(elastic[worst] - elastic[0]),
-        "lifting and pressing": at.work - at.kinetic - at.surface_friction - at.motor_friction,
+        "lifting and pressing": at.work
+        - at.kinetic
+        - at.surface_friction
+        - at.motor_friction
+        - at.hinge_friction,
         "sensing": float(charges[worst]),
         "lost above the maximum": float(lost[worst]),
     }

@@ -19,6 +19,7 @@ from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.modules.spring import displacement_of
 from impedance_modules.prediction.energy_need import TankForecast
 from impedance_modules.prediction.feasibility import TaskPrediction
+from impedance_modules.prediction.hinge_forecast import HingeForecast, forecast_hinge, hinge_notes
 from impedance_modules.prediction.joint_limits import beyond_range, too_fast
 from impedance_modules.prediction.loop_stability import StabilityForecast
 from impedance_modules.prediction.mechanism import Mechanism
@@ -127,6 +128,7 @@ class PhaseForecast:
         rest: Its static equilibrium where it ends; None where none was found.
         arms: What it asks of every arm.
         object: The held object at rest; None without an object or a rest.
+        hinge: Of the held object; None without one.
         loops: Stability of every loop with this phase's gains.
         folds: Arms (or ``object``) that would fold at rest.
         slow: Where the rest is far off in time; None where it is not, or where there is none.
@@ -136,6 +138,7 @@ class PhaseForecast:
     rest: Rest | None
     arms: tuple[ArmForecast, ...]
     object: ObjectForecast | None
+    hinge: HingeForecast | None
     loops: tuple[StabilityForecast, ...]
     folds: tuple[str, ...]
     slow: SlowRest | None
@@ -159,10 +162,11 @@ class Forecast:
 def forecast_task(assembly: Assembly, prediction: TaskPrediction) -> Forecast:
     """Adds loads, deflections and stability to what a task's feasibility was judged by."""
     mechanism, motion = Mechanism(assembly), prediction.motion
-    phases = []
+    phases: list[PhaseForecast] = []
     for phase, rest, judged in zip(motion.phases, prediction.rests, prediction.loops, strict=True):
         arms = tuple(_forecast_arm(mechanism, arm.limb, phase, motion, rest) for arm in phase.modules.arms)
-        phases.append(_forecast_phase(mechanism, phase, rest, arms, judged))
+        hinge = _forecast_hinge(mechanism, phase, rest, judged, phases)
+        phases.append(_forecast_phase(mechanism, phase, rest, arms, judged, hinge))
     notes = tuple(dict.fromkeys(note for phase in phases for note in _notes(phase)))
     return Forecast(tuple(phases), prediction.tank, notes)
 
@@ -173,6 +177,7 @@ def _forecast_phase(
     rest: Rest | None,
     arms: tuple[ArmForecast, ...],
     judged: PhaseLoops,
+    hinge: HingeForecast | None,
 ) -> PhaseForecast:
     """Sums up one phase."""
     modules, state = phase.modules, judged.state
@@ -186,10 +191,28 @@ def _forecast_phase(
         rest=rest,
         arms=arms,
         object=None if rest is None else _forecast_object(mechanism, phase.equilibrium, rest),
+        hinge=hinge,
         loops=judged.loops,
         folds=() if rest is None else tuple(folds),
         slow=None if rest is None else _slow_rest(mechanism, phase, rest),
     )
+
+
+def _forecast_hinge(
+    mechanism: Mechanism,
+    phase: PredictedPhase,
+    rest: Rest | None,
+    judged: PhaseLoops,
+    before: Sequence[PhaseForecast],
+) -> HingeForecast | None:
+    """Sums up the hinge of the held object, which goes on from where the last phase left it."""
+    held = phase.modules.held
+    if held is None or held.hinge is None:
+        return None
+    began = held.hinge.spec.angle
+    if before and before[-1].hinge is not None:
+        began = before[-1].hinge.ended
+    return forecast_hinge(mechanism, phase, began, None if rest is None else judged.state.held)
 
 
 def _slow_rest(mechanism: Mechanism, phase: PredictedPhase, rest: Rest) -> SlowRest | None:
@@ -282,6 +305,8 @@ def _notes(phase: PhaseForecast) -> Iterator[str]:
             f"phase '{name}': until it rests {phase.slow.joint} still turns by {phase.slow.angle:.2f} rad, with a time"
             f" constant of {phase.slow.time_constant:.0f} s; the phase ends long before"
         )
+    if phase.hinge is not None:
+        yield from hinge_notes(name, phase.hinge)
     for what in phase.folds:
         yield f"phase '{name}': '{what}' folds at rest: loads outweigh the springs"
     for arm in phase.arms:

@@ -17,6 +17,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.prediction.contact_geometry import Contact
+from impedance_modules.prediction.hinge_resistance import HingeResistance
 from impedance_modules.prediction.mechanism import Mechanism
 
 NEAR = 0.02
@@ -52,6 +53,8 @@ class ImplicitStep:
     Attributes:
         friction_loss: Energy lost on surfaces in the last step [J].
         contacts_changed: Whether a point met or left a surface in the last step.
+        hinge: What acts about the axis of the object's hinge; None without one.
+        hinge_holds: Whether its friction or a stop held it at the end of the last step.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -60,7 +63,9 @@ class ImplicitStep:
         self._before: dict[tuple[int, int, int], float] = {}
         self._step_of: Array = np.zeros(0)
         self.friction_loss = 0.0
-        self.contacts_changed = False
+        self.contacts_changed = self.hinge_holds = False
+        held = mechanism.modules.held
+        self.hinge = None if held is None or held.hinge is None else HingeResistance(held)
 
     def solve(self, now: EquationOfMotion, step: float) -> Array:
         """Gives the velocity (k,) [rad/s] at the end of an implicit Euler step [s].
@@ -110,7 +115,19 @@ class ImplicitStep:
             matrix[:k, :k] += added
             right[:k] += constant
         matrix[:k, k:], matrix[k:, :k], right[k:] = rows.T, rows, -gap / step
+        if self.hinge is not None:
+            return self._on_hinge(self.hinge, matrix, right, step)
         return np.asarray(np.linalg.solve(matrix, right)[:k])
+
+    def _on_hinge(self, hinge: HingeResistance, matrix: Array, right: Array, step: float) -> Array:
+        """Solves with the hinge's own torque, which depends on the rate that it leaves."""
+        angle, along = self._mechanism.hinge_motion()
+        sides = np.column_stack([right, np.concatenate([step * along, np.zeros(len(right) - len(along))])])
+        free, added = np.linalg.solve(matrix, sides)[: len(along)].T
+        torque = hinge.solve(float(along @ free), float(along @ added), step)
+        new = np.asarray(free + torque * added)
+        self.hinge_holds = hinge.holds(angle + step * float(along @ new))
+        return new
 
     def _linear(self, contact: Contact, J: Array, v: Array, step: float) -> tuple[Array, Array]:
         """Writes one point's force as (matrix on v+, constant), times the step."""

@@ -32,11 +32,15 @@ from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 
 @dataclass(frozen=True)
 class Setting:
-    """What pulls on a mechanism: modules with the gains of a phase, their equilibria, their dampers."""
+    """What pulls on a mechanism: modules with the gains of a phase, their equilibria, their dampers.
+
+    ``friction_rest`` is where the friction of the object's hinge has slipped to [rad]; None leaves that friction out.
+    """
 
     modules: TaskModules
     targets: Equilibrium
     damping: Damping
+    friction_rest: float | None = None
 
 
 class Mechanism:
@@ -172,16 +176,21 @@ class Mechanism:
         return found
 
     def grasp_rows(self) -> tuple[Array, Array]:
-        """Gives A (r, k), and by how much the hands disagree on the object's pose [m, rad].
+        """Gives A (r, k), and by how much hands and hinge disagree on the object's pose [m, rad].
 
-        There are r = 6 (h - 1) rows, less those in which no joint moves any hand: planar arms keep them by themselves.
+        There are r = 6 (h - 1) rows, and 5 of a hinge, less those in which no joint moves any hand: planar arms keep
+        them by themselves.
         """
         held = self.modules.held
-        if held is None or len(held.hands) < 2:
+        if held is None or (len(held.hands) < 2 and held.hinge is None):
             return np.zeros((0, self.k)), np.zeros(0)
         first, origin = self.object_pose(), self.object_pose().translation
         rows, errors = [], []
         base = self.object_jacobian()
+        if held.hinge is not None:
+            bearing, away = held.hinge.rows(first, base)
+            rows.append(bearing)
+            errors.append(away)
         for hand, grasp in zip(held.hands[1:], held.grasps[1:], strict=True):
             pose = self.kinematics.pose(hand)
             other = pose @ grasp.inverse()
@@ -191,6 +200,13 @@ class Mechanism:
         agree, gap = np.vstack(rows), np.concatenate(errors)
         moved = np.any(agree != 0.0, axis=1)
         return agree[moved], gap[moved]
+
+    def hinge_motion(self) -> tuple[float, Array]:
+        """Gives the angle of the object's hinge [rad] and its derivative by the joints (k,)."""
+        hinge = self._holding().hinge
+        if hinge is None:
+            raise ValueError("the object of this task has no hinge: it has no angle")
+        return hinge.angle(self.object_pose()), hinge.axis @ self.object_jacobian()[3:]
 
     def contacts(self, near: float) -> list[tuple[Contact, Array]]:
         """Lists every contact point with its Jacobian (3, k): hands first, then the object's points."""

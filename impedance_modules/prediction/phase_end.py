@@ -12,8 +12,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.control.contact_detection import REGULARISATION
 from impedance_modules.modules.arms import ArmModule
-from impedance_modules.modules.equilibrium import PhaseMotion
-from impedance_modules.modules.held_object import OBJECT
+from impedance_modules.modules.equilibrium import OBJECT_TARGETS, PhaseMotion
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
@@ -48,7 +47,8 @@ class ExternalForce:
         held = self._mechanism.modules.held
         if held is not None:
             total = np.sum([by_arm[name] for name in held.limbs], axis=0)
-            total[2] += held.spec.mass * STANDARD_GRAVITY
+            if held.hinge is None:
+                total[2] += held.spec.mass * STANDARD_GRAVITY
             return float(np.linalg.norm(total))
         return max(float(np.linalg.norm(force)) for force in by_arm.values())
 
@@ -102,6 +102,6 @@ class PhaseEnd:
 
 
 def _goals(motion: PhaseMotion) -> dict[str, Pose]:
-    names = {name for name in motion.moved if name != OBJECT} | set(motion.carried)
+    names = {name for name in motion.moved if name not in OBJECT_TARGETS} | set(motion.carried)
     end = motion.at(motion.duration).springs
     return {name: end[name] for name in names}

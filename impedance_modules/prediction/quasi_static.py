@@ -65,6 +65,7 @@ class PredictedPhase:
         met: Whether ``until`` was met; None without one.
         samples: Those of the prediction that belong to it.
         q: (n,) where it ended [rad].
+        friction_rest: Where the friction of the object's hinge has slipped to there [rad]; None without a hinge.
     """
 
     name: str
@@ -77,6 +78,7 @@ class PredictedPhase:
     met: bool | None
     samples: slice
     q: Array
+    friction_rest: float | None = None
 
     @property
     def equilibrium(self) -> Equilibrium:
@@ -86,7 +88,7 @@ class PredictedPhase:
     @property
     def setting(self) -> Setting:
         """What pulls where the phase ends."""
-        return Setting(self.modules, self.equilibrium, self.damping)
+        return Setting(self.modules, self.equilibrium, self.damping, self.friction_rest)
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,7 @@ class PredictedSample:
         kinetic: Of arms, rotors and object [J].
         surface_friction: Lost on surfaces [J].
         motor_friction: Lost in the motors' own friction [J].
+        hinge_friction: Lost in friction and damping of the object's hinge [J].
     """
 
     time: float
@@ -114,6 +117,7 @@ class PredictedSample:
     kinetic: float
     surface_friction: float
     motor_friction: float
+    hinge_friction: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -172,7 +176,7 @@ class _Integration:
         self._implicit = ImplicitStep(self._mechanism)
         self._external = ExternalForce(self._mechanism)
         self._pushed = bool(assembly.task.pushes)
-        self._time = self._work = self._surface_friction = self._motor_friction = 0.0
+        self._time = self._work = self._surface_friction = self._motor_friction = self._hinge_friction = 0.0
         self.samples: list[PredictedSample] = []
 
     def run(self, spec: PhaseSpec) -> PredictedPhase:
@@ -196,6 +200,7 @@ class _Integration:
             met=None if spec.until is None or isinstance(spec.until, SmoothCondition) else met,
             samples=slice(first, len(self.samples)),
             q=self._q.copy(),
+            friction_rest=None if self._implicit.hinge is None else self._implicit.hinge.state.friction_rest,
         )
 
     def _integrate(self, spec: PhaseSpec, phase: _Running) -> tuple[float, bool]:
@@ -252,11 +257,14 @@ class _Integration:
         self._q[joints] += step * middle
         self._v[joints] = new
         mechanism.update(self._q, self._v)
+        if (hinge := self._implicit.hinge) is not None:
+            hinge.follow(mechanism.hinge_motion()[0], step)
+            self._hinge_friction += hinge.loss
 
     def _solve(self, now: EquationOfMotion, step: float) -> tuple[float, Array]:
         """Finds the part of the step at which forces balance, and the velocity there."""
         middle = self._implicit.solve(now, MIDDLE * step)
-        if not self._implicit.contacts_changed:
+        if not (self._implicit.contacts_changed or self._implicit.hinge_holds):
             return MIDDLE, middle
         return 1.0, self._implicit.solve(now, step)
 
@@ -276,6 +284,7 @@ class _Integration:
                 kinetic=kinetic,
                 surface_friction=self._surface_friction,
                 motor_friction=self._motor_friction,
+                hinge_friction=self._hinge_friction,
             )
         )
 
@@ -302,6 +311,7 @@ class _Integration:
         self._work += share * (last.work - since.work)
         self._surface_friction += share * (last.surface_friction - since.surface_friction)
         self._motor_friction += share * (last.motor_friction - since.motor_friction)
+        self._hinge_friction += share * (last.hinge_friction - since.hinge_friction)
         self.samples.append(
             replace(
                 last,
@@ -309,6 +319,7 @@ class _Integration:
                 work=self._work,
                 surface_friction=self._surface_friction,
                 motor_friction=self._motor_friction,
+                hinge_friction=self._hinge_friction,
             )
         )
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Where a task comes to rest: springs, forces, weights and surfaces in balance, without friction.
+r"""Where a task comes to rest: springs, forces, weights and surfaces in balance, without friction on surfaces.
 
-    \tau_modules(q) + J_O^T m g + \sum J_p^T n k d(q) + A^T \lambda = 0,        every grasp kept
+    \tau_modules(q) + J_O^T m g + \sum J_p^T n k d(q) + J_\phi^T \tau_\phi + A^T \lambda = 0,        every grasp kept
+
+\tau_\phi is what a hinge of the object exerts about its axis, its friction included where it is known what it holds.
 
 Away from rest the arm is followed as if it crept there, its inertia taken for damping and nothing thrown about:
 
@@ -24,7 +26,9 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.contact_geometry import Contact
+from impedance_modules.prediction.hinge_resistance import AxisLoad, HingeResistance
 from impedance_modules.prediction.mechanism import Mechanism, Setting
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
 from impedance_modules.superposition.object_impedance import (
     HeldImpedance,
@@ -152,6 +156,9 @@ class _Balance:
         self._mechanism, self._setting, self._loads = mechanism, setting, loads
         self._force, self._left = np.zeros(mechanism.k), np.zeros(mechanism.k)
         self._rows, self._gap = np.zeros((0, mechanism.k)), np.zeros(0)
+        held = setting.modules.held
+        self._hinge = None if held is None or held.hinge is None else HingeResistance(held)
+        self._axis: tuple[Array, AxisLoad] | None = None
         self._near: list[tuple[Contact, Array]] = []
         self._hessian = np.zeros((mechanism.k, mechanism.k))
         self.effort: Array = np.zeros(mechanism.model.n)
@@ -165,6 +172,10 @@ class _Balance:
         force = self.effort[mechanism.joints] + mechanism.object_load()
         for frame, wrench in self._loads.pushes.items():
             force = force + self._body(frame).T @ wrench
+        if self._hinge is not None:
+            angle, along = mechanism.hinge_motion()
+            self._axis = along, self._hinge.at_rest(angle, setting.friction_rest)
+            force = force + self._axis[1].torque * along
         self._near = mechanism.contacts(NEAR) if self._loads.surfaces else []
         self._rows, self._gap = mechanism.grasp_rows()
         self._force = force
@@ -269,6 +280,7 @@ class _Balance:
         if state.held is not None:
             for hand in state.held.hands:
                 turning = turning + lever_arm_stiffness(-hand.wrench[:3], hand.offset)
+            turning = turning + self._bearing_turns(state.held)
         for contact, _ in self._touching:
             force = contact.surface.stiffness * contact.depth * contact.normal
             if contact.key[0] == len(self._setting.modules.arms):
@@ -276,7 +288,19 @@ class _Balance:
         if state.held is not None:
             J = mechanism.object_jacobian()
             found += J.T @ turning @ J
+        if self._axis is not None:
+            along, load = self._axis
+            found += load.stiffness * np.outer(along, along)
         return found
+
+
+    def _bearing_turns(self, held: HeldImpedance) -> Array:
+        """Gives the stiffness (6, 6) by the bearing's force, whose lever about the object's origin turns with it."""
+        object_held = self._setting.modules.held
+        if object_held is None or object_held.hinge is None:
+            return np.zeros((6, 6))
+        carried = held.impedance.wrench[:3] - object_held.spec.mass * STANDARD_GRAVITY * np.eye(3)[2]
+        return lever_arm_stiffness(carried, object_held.hinge.point - held.pose.translation)
 
 
 def _unsupported(force: Array, rows: Array) -> Array:

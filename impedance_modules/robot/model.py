@@ -149,6 +149,14 @@ class RobotModel:
                 q[index] = posture[short]
         return q
 
+    def reach(self, limb: str) -> float:
+        """Gives how far a limb's hand can be from its first joint at most [m]: the lengths between its joints, summed."""
+        found, links = self.limbs[limb], self.pin_model
+        frame = links.frames[self.frame_id(found.hand)]
+        joints = [links.getJointId(name) for name in found.joint_names[1:]]
+        between = sum(float(np.linalg.norm(links.jointPlacements[joint].translation)) for joint in joints)
+        return between + float(np.linalg.norm(frame.placement.translation))
+
     def pose(self, q: Array, frame: str) -> Pose:
         """Computes X_WF at q, allocating; loops use ``Kinematics``."""
         data = self.pin_model.createData()

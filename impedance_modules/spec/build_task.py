@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from impedance_modules.spec.hinge_spec import build_hinge
 from impedance_modules.spec.task import (
     AXES,
     ContactCondition,
@@ -96,6 +97,7 @@ def build_object(raw: Raw) -> ObjectSpec:
         friction=_number(raw, "friction"),
         squeeze=float(raw["squeeze"]["force"]) if "squeeze" in raw else 0.0,
         carry_weight=raw.get("carry_weight", False),
+        hinge=build_hinge(raw["hinge"]) if "hinge" in raw else None,
     )
 
 

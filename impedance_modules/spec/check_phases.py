@@ -9,6 +9,7 @@ from dataclasses import replace
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_axes, build_matrix, build_numbers
 from impedance_modules.spec.check_arms import joint_name_problems, limit_problems
+from impedance_modules.spec.check_hinge import hinge_target_problems
 from impedance_modules.spec.check_springs import (
     UndampedAxis,
     joined_axes,
@@ -16,6 +17,7 @@ from impedance_modules.spec.check_springs import (
     springs_complete,
     undamped_axes,
 )
+from impedance_modules.spec.hinge_spec import HINGE
 from impedance_modules.spec.task import SpringSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft, spring_names
 from impedance_modules.spec.yaml_tree import KeyPath
@@ -31,6 +33,7 @@ def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[P
         at = ("phases", i)
         yield from _equilibrium_problems(draft, (*at, "equilibrium"), springs)
         yield from _twice_moved_problems(draft, (*at, "equilibrium"), arms)
+        yield from hinge_target_problems(draft, (*at, "equilibrium"), arms)
         yield from _posture_problems(draft, (*at, "posture"))
         for key in ("axes", "stiffness"):
             for target in draft.keys(*at, key):
@@ -60,6 +63,9 @@ def _name_problems(draft: TaskDraft) -> Iterator[Problem]:
 def _equilibrium_problems(draft: TaskDraft, at: KeyPath, springs: tuple[str, ...]) -> Iterator[Problem]:
     targets = (*springs, OBJECT) if draft.has(OBJECT) else springs
     for target in draft.keys(*at):
+        if target == HINGE:
+            yield from _sine_problems(draft, (*at, target, "angle", "sine", "frequency"))
+            continue
         if target == OBJECT and not draft.has(OBJECT):
             message = "this task has no object; add 'object' to the file, or move springs"
             yield draft.problem((*at, target), message, targets, at="key")

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.spec.hinge_spec import HingeSpec
+
 if TYPE_CHECKING:
     from impedance_modules.spec.document import Document
 
@@ -103,6 +105,7 @@ class ObjectSpec:
         friction: Coefficient of a friction grasp; None for a weld.
         squeeze: Force with which each hand presses towards the object's origin [N]; 0 for none.
         carry_weight: The modules carry the object's declared weight.
+        hinge: About which alone it can turn; None for a free object.
     """
 
     held_by: tuple[str, ...]
@@ -114,6 +117,7 @@ class ObjectSpec:
     friction: float | None
     squeeze: float
     carry_weight: bool
+    hinge: HingeSpec | None = None
 
 
 @dataclass(frozen=True)
@@ -337,8 +341,8 @@ class PhaseSpec:
     Attributes:
         name: Unique within the task.
         duration: Minimum-jerk time to a new equilibrium, and longest time in the phase [s].
-        equilibrium: Target (``object`` or ``<arm>.<spring>``) -> axis -> coordinate, absolute in the
-            spring's ``expressed_in`` (the object's: world). Omitted coordinates keep their value.
+        equilibrium: Target (``object``, ``hinge`` or ``<arm>.<spring>``) -> axis -> coordinate, absolute in the
+            spring's ``expressed_in`` (the object's: world; the hinge's: ``angle``). Omitted coordinates keep their value.
         posture: Arm -> short joint name -> new rest of the joint bias [rad].
         axes: ``<arm>.<spring>`` -> axis -> hybrid axis replacing that axis's during this phase and after.
         stiffness: ``<arm>.<spring>`` -> (6, 6) stiffness from this phase on.

@@ -19,6 +19,7 @@ from impedance_modules.spec.build_task import (
     build_tank,
 )
 from impedance_modules.spec.check_arms import arm_problems
+from impedance_modules.spec.check_hinge import half_turn_problems, hinge_problems
 from impedance_modules.spec.check_phases import phase_problems
 from impedance_modules.spec.check_springs import spring_problems
 from impedance_modules.spec.check_surroundings import (
@@ -95,6 +96,8 @@ def _meaning_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterato
     yield from arm_problems(draft, arms)
     yield from spring_problems(draft, arms)
     yield from object_problems(draft, arms)
+    yield from hinge_problems(draft)
+    yield from half_turn_problems(draft)
     yield from tank_problems(draft)
     yield from surface_problems(draft)
     yield from push_problems(draft)

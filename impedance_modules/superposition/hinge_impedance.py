@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""What a torque about the hinge of a held object meets: the modules' sum, seen along the one motion that is left.
+
+With S = (a x r, a), the object's twist per unit rate (``modules.hinge``), and the sums \Lambda, B, K at its origin:
+
+    I = S^T \Lambda S        D = S^T B S        k = S^T K S + turning loads of the hands' net force and of the weight
+
+Beside them stands what the hinge itself adds: damping and the stiffness of its return spring. A torque that changes
+slowly and that friction does not hold turns the hinge by torque / (k + that spring's stiffness).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from impedance_modules.arrays import Array
+from impedance_modules.modules.hinge import Hinge
+from impedance_modules.robot.pose import carry
+from impedance_modules.spec.hinge_spec import HingeSpec
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
+from impedance_modules.superposition.object_impedance import HandImpedance, HeldImpedance
+
+
+@dataclass(frozen=True)
+class AxisParts:
+    """One quantity about the axis: the sum, and what every part adds to it.
+
+    Attributes:
+        sum: Of all parts; None where a part does not exist.
+        arms: Limb name -> its module's part; None where the hand has none.
+        more: What is no arm's: ``object``, its own inertia; ``load``, levers of forces that turn with the hinge.
+    """
+
+    sum: float | None
+    arms: Mapping[str, float | None]
+    more: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class HingeImpedance:
+    """An object's impedance about its hinge.
+
+    Attributes:
+        angle: Of the hinge [rad].
+        inertia: I [kg.m^2].
+        damping: D of the modules [N.m.s/rad].
+        stiffness: k of the modules and loads [N.m/rad].
+        torque: Of hands and weight about the axis [N.m]: what return spring, friction and stops hold at rest.
+        bearing: (3,) force of hands and weight on the bearing, world axes [N].
+        own: What the task file says of the hinge itself.
+    """
+
+    angle: float
+    inertia: AxisParts
+    damping: AxisParts
+    stiffness: AxisParts
+    torque: float
+    bearing: Array
+    own: HingeSpec
+
+
+def hinge_impedance(
+    hinge: Hinge, held: HeldImpedance, limbs: tuple[str, ...], own_inertia: Array, mass: float, *, hidden: bool
+) -> HingeImpedance:
+    """Projects the hands' sum at the object on the motion about its hinge.
+
+    Args:
+        hinge: Of the object.
+        held: The sum at one state.
+        limbs: The holding arms, in the order of ``held.hands``.
+        own_inertia: (6, 6) of the object itself at its origin, world axes.
+        mass: Of the object [kg].
+        hidden: The stiffness is not to be told: an arm folds, or joint springs are singular.
+    """
+    origin, S = held.pose.translation, hinge.motion(held.pose.translation)
+    hands = dict(zip(limbs, held.hands, strict=True))
+    weight = np.array([0.0, 0.0, -mass * STANDARD_GRAVITY])
+    net = held.impedance.wrench[:3] + weight
+    along = {name: carry(hand.offset) @ S for name, hand in hands.items()}
+    load = hinge.turning_load(net, origin) + _levers(hands, S)
+    inertia = {name: _projected(hand.inertia.inertia, along[name]) for name, hand in hands.items()}
+    damping = {name: _projected(hand.damping, along[name]) for name, hand in hands.items()}
+    stiffness = {
+        name: None if hidden else _projected(hand.stiffness, along[name]) for name, hand in hands.items()
+    }
+    return HingeImpedance(
+        angle=hinge.angle(held.pose),
+        inertia=_parts(inertia, {"object": float(S @ own_inertia @ S)}),
+        damping=_parts(damping, {}),
+        stiffness=_parts(stiffness, {"load": load}),
+        torque=hinge.torque(held.impedance.wrench, origin) + hinge.torque(np.concatenate([weight, np.zeros(3)]), origin),
+        bearing=net,
+        own=hinge.spec,
+    )
+
+
+def _levers(hands: Mapping[str, HandImpedance], S: Array) -> float:
+    """Gives what the hands' forces add as their levers about the object's origin turn with it [N.m/rad]."""
+    turning = sum(
+        (np.cross(S[3:], hand.wrench[:3]) @ np.cross(S[3:], hand.offset) for hand in hands.values()), 0.0
+    )
+    return float(turning)
+
+
+def _parts(arms: Mapping[str, float | None], more: Mapping[str, float]) -> AxisParts:
+    known = [part for part in arms.values() if part is not None]
+    total = sum(known) + sum(more.values()) if len(known) == len(arms) else None
+    return AxisParts(total, arms, more)
+
+
+def _projected(matrix: Array | None, along: Array) -> float | None:
+    return None if matrix is None else float(along @ matrix @ along)
