@@ -105,7 +105,14 @@ def _hinge(forecast: Forecast) -> Table:
     """Lays out how far the object's hinge turns in each phase, and what resists."""
     table = Table(title="hinge of the object", title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
     table.add_column("phase")
-    for heading in ("angle rad", "target rad", "resists N.m", "friction N.m", "on the bearing N", "off the arc mm"):
+    for heading in (
+        "angle rad",
+        "target rad",
+        "resists N.m",
+        "friction N.m",
+        "on the bearing N",
+        "off the arc mm",
+    ):
         table.add_column(heading, justify="right")
     for phase in forecast.phases:
         if phase.hinge is None:

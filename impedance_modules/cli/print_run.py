@@ -66,6 +66,13 @@ def _numbers(summary: dict[str, Any]) -> Table:
         table.add_row(f"{hand}: distance to target, RMS", f"{1000 * numbers['tracking_rms']:.1f}", "mm")
         forces = f"{numbers['start_force']:.1f}, {numbers['peak_force']:.1f}"
         table.add_row(f"{hand}: force at the start, at most", forces, "N")
+    if "hinge" in summary:
+        hinge = summary["hinge"]
+        angles = f"{hinge['lowest_angle']:.3f}, {hinge['highest_angle']:.3f}, {hinge['final_angle']:.3f}"
+        table.add_row("hinge: lowest, highest, last angle", angles, "rad")
+        table.add_row(
+            "hinge: torque of the hands about its axis, at most", f"{hinge['peak_torque']:.2f}", "N.m"
+        )
     joint, ratio = max(summary["torque_peak_over_limit"].items(), key=lambda item: item[1])
     table.add_row(f"largest torque, of its limit ({joint})", f"{100 * ratio:.0f}", "%")
     tank = summary["tank"]

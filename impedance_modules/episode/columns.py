@@ -27,6 +27,10 @@ FRAME_KINDS: Mapping[str, tuple[str, ...]] = {
     "target": POSE_COMPONENTS,
 }
 
+HINGE = "hinge"
+HINGE_COLUMNS: tuple[str, ...] = ("hinge.angle", "hinge.torque")
+"""Of a held object's hinge: its measured angle [rad], and the torque of the hands about its axis [N.m]."""
+
 
 def joint_column(kind: str, joint: str) -> str:
     """Returns e.g. ``effort.<joint>``; ``kind`` is one of `JOINT_KINDS`."""

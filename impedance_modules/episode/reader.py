@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from impedance_modules.arrays import Indices
 from impedance_modules.episode.columns import (
     FRAME_KINDS,
+    HINGE,
+    HINGE_COLUMNS,
     JOINT_KINDS,
     PHASE,
     TANK,
@@ -36,7 +38,7 @@ from impedance_modules.episode.sealed_parquet import UNREADABLE, CheckedFile
 from impedance_modules.errors import BadInput
 from impedance_modules.input_files import check_file
 
-KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, "extra")
+KINDS: tuple[str, ...] = (*JOINT_KINDS, *FRAME_KINDS, PHASE, TANK, HINGE, "extra")
 ReadColumn = Callable[[str], pa.ChunkedArray]
 Read = TypeVar("Read")
 
@@ -146,7 +148,13 @@ class _Columns:
         return MappingProxyType({frame: self._frame(names, rows) for frame, names in wanted.items()})
 
     def extra(self, names: Sequence[str]) -> Mapping[str, Vector]:
-        wanted = [name for name in names if "extra" in self._kinds and not self._is_text(name)]
+        """Reads columns of no other kind; of a hinge alone where only that is asked for."""
+        asked = [
+            name
+            for name in names
+            if "extra" in self._kinds or (name in HINGE_COLUMNS and HINGE in self._kinds)
+        ]
+        wanted = [name for name in asked if not self._is_text(name)]
         return MappingProxyType({name: self.number(name) for name in wanted})
 
     def labels(self, names: Sequence[str]) -> Mapping[str, Texts]:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
+from impedance_modules.episode.columns import HINGE, HINGE_COLUMNS
 from impedance_modules.episode.data import Episode, Vector
 from impedance_modules.episode.run_folder import whole_file
 from impedance_modules.episode.view_scene import LIMIT, css, series_colour
@@ -25,6 +26,7 @@ PICTURE_KINDS: tuple[str, ...] = (
     "target",
     "tank",
     "phase",
+    HINGE,
 )
 """What a picture can show; ``read_episode(path, PICTURE_KINDS)`` spares the memory of the rest."""
 
@@ -164,6 +166,13 @@ def draw_torque(axes: Axes, episode: Episode, rows: slice) -> None:
     _finish(axes, "torque / limit" if known else f"{kind}\n[N.m]", len(groups))
 
 
+def draw_hinge(axes: Axes, episode: Episode, rows: slice) -> None:
+    """Draws the angle of the held object's hinge [rad], as measured."""
+    angle = episode.extra[HINGE_COLUMNS[0]]
+    axes.plot(episode.time[rows], angle[rows], color=css(series_colour(0)))
+    _finish(axes, "hinge [rad]", 0)
+
+
 def draw_position(axes: Axes, episode: Episode, rows: slice) -> None:
     """Draws joint positions [rad], one colour per limb."""
     groups = _limbs(episode, episode.joints)
@@ -202,6 +211,7 @@ def _time_panels(episode: Episode) -> list[TimePanel]:
     """Returns the panels for which the episode has columns."""
     choice: list[tuple[bool, TimePanel]] = [
         (bool(frames_with_target(episode)), draw_error),
+        (HINGE_COLUMNS[0] in episode.extra, draw_hinge),
         (bool(episode.wrench), draw_force),
         (episode.tank is not None, draw_tank),
         (bool(episode.effort_command or episode.effort), draw_torque),

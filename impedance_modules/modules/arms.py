@@ -99,7 +99,9 @@ def build_modules(task: TaskSpec, model: RobotModel) -> TaskModules:
     held = None if task.object is None else _held(task.object, arms, model, posture)
     modules = TaskModules(arms, held, posture)
     if held is not None:
-        problems = _hand_problems(task, held) + _target_problems(task, held) + _axis_problems(task, held, model)
+        problems = (
+            _hand_problems(task, held) + _target_problems(task, held) + _axis_problems(task, held, model)
+        )
         if problems:
             raise BadFile(problems)
     return modules

@@ -200,7 +200,9 @@ class PhaseMotion:
     def velocities(self, clock: float) -> Mapping[str, Array]:
         """Gives the twist of every spring's equilibrium per second of the clock, (6,) in world axes."""
         found = {name: np.zeros(6) for name in self.start.springs}
-        found.update({name: m.velocity(clock) for name, m in self.moved.items() if name not in OBJECT_TARGETS})
+        found.update(
+            {name: m.velocity(clock) for name, m in self.moved.items() if name not in OBJECT_TARGETS}
+        )
         if (mover := self.mover) is not None:
             turn, twist = self.moved[mover].pose(clock).rotation, self.moved[mover].velocity(clock)
             for name, offset in zip(self.start.springs, self._arrays.offset_translation, strict=True):

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.robot.pose import Pose
+from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.spec.hinge_spec import HingeSpec
 
 LEAST_LEVER = 0.02
@@ -104,6 +104,13 @@ class Hinge:
         arm = origin - self.point
         return -float(force @ np.cross(self.axis, np.cross(self.axis, arm)))
 
+    def bearing(self, origin: Array) -> Array:
+        """Gives what the bearing forbids, (5, 6): rows that the object's twist at its origin (3,) [m] must not have."""
+        found = np.zeros((5, 6))
+        found[:3] = carry(self.point - origin)[:3]
+        found[3:, 3:] = self.frame.rotation[:, :2].T
+        return found
+
     def rows(self, pose: Pose, jacobian: Array) -> tuple[Array, Array]:
         """Gives what the bearing holds, A (5, k), and by how much the object at X_WO has left it (5,) [m], [rad].
 
@@ -112,8 +119,5 @@ class Hinge:
             jacobian: (6, k) of the object's twist at its origin, world axes.
         """
         held = pose @ self.on_object
-        lever, across = held.translation - pose.translation, self.frame.rotation[:, :2].T
-        point_rows = jacobian[:3] - np.cross(lever, jacobian[3:], axisa=0, axisb=0, axisc=0)
-        tilt = np.cross(self.axis, held.rotation[:, 2])
-        errors = np.concatenate([held.translation - self.point, across @ tilt])
-        return np.vstack([point_rows, across @ jacobian[3:]]), errors
+        tilt = self.frame.rotation[:, :2].T @ np.cross(self.axis, held.rotation[:, 2])
+        return self.bearing(pose.translation) @ jacobian, np.concatenate([held.translation - self.point, tilt])

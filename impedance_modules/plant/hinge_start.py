@@ -79,7 +79,9 @@ def load_hinge(
     hinge.mount_rotation[:] = rotation.T @ _tilted(across / BEARING_ANGULAR_STIFFNESS) @ at_start
     hinge.angle = held.spec.hinge.angle
     turning = float(load[3:] @ axis) - hinge.stiffness * (hinge.angle - hinge.rest)
-    hinge.friction_rest = hinge.angle - float(np.clip(turning, -hinge.friction, hinge.friction)) / FRICTION_STIFFNESS
+    hinge.friction_rest = (
+        hinge.angle - float(np.clip(turning, -hinge.friction, hinge.friction)) / FRICTION_STIFFNESS
+    )
 
 
 def _tilted(sine: Vector) -> Matrix:

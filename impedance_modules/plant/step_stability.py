@@ -37,7 +37,12 @@ def stable_step(integrator: Integrator, shortest: float) -> float:
         BadInput: Even ``shortest`` [s] is too long for the lightest part on the stiffest spring.
     """
     modes = np.concatenate(
-        [plant_modes(integrator), contact_modes(integrator), palm_modes(integrator), hinge_modes(integrator.plant)]
+        [
+            plant_modes(integrator),
+            contact_modes(integrator),
+            palm_modes(integrator),
+            hinge_modes(integrator.plant),
+        ]
     )
     step, parts = integrator.step, 1
     while not stable(modes, step / parts) and step / parts >= shortest:

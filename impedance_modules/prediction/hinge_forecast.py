@@ -100,7 +100,11 @@ def off_arc(hinge: Hinge, target: Pose) -> tuple[float, float]:
 def hinge_notes(phase: str, found: HingeForecast) -> Iterator[str]:
     """Says what the task's author should know of the hinge in one phase."""
     if found.driven and not found.turns and abs(found.target - found.ended) > TURNS:
-        holds = f"the {found.stop} stop holds it" if found.stop else f"friction holds up to {found.friction:.2f} N.m"
+        holds = (
+            f"the {found.stop} stop holds it"
+            if found.stop
+            else f"friction holds up to {found.friction:.2f} N.m"
+        )
         yield (
             f"phase '{phase}': the hinge does not turn: the hands exert {abs(found.torque):.2f} N.m about its axis,"
             f" {holds}"
@@ -109,7 +113,9 @@ def hinge_notes(phase: str, found: HingeForecast) -> Iterator[str]:
         yield f"phase '{phase}': the hinge comes to its {found.stop} stop, at {found.ended:.3f} rad"
     away, tilt = found.off_arc
     if away > OFF_ARC or tilt > OFF_ARC:
-        pressed = "" if found.bearing is None else f"; the hands then press {found.bearing:.1f} N on its bearing"
+        pressed = (
+            "" if found.bearing is None else f"; the hands then press {found.bearing:.1f} N on its bearing"
+        )
         yield (
             f"phase '{phase}': the object's target ends {1e3 * away:.1f} mm and {tilt:.3f} rad off the hinge's arc{pressed}"
             " (a target 'hinge' follows the arc)"

@@ -28,10 +28,10 @@ from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.contact_geometry import Contact
 from impedance_modules.prediction.hinge_resistance import AxisLoad, HingeResistance
 from impedance_modules.prediction.mechanism import Mechanism, Setting
-from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
 from impedance_modules.superposition.object_impedance import (
     HeldImpedance,
+    bearing_turns,
     held_impedance,
     lever_arm_stiffness,
 )
@@ -280,7 +280,11 @@ class _Balance:
         if state.held is not None:
             for hand in state.held.hands:
                 turning = turning + lever_arm_stiffness(-hand.wrench[:3], hand.offset)
-            turning = turning + self._bearing_turns(state.held)
+            if self._setting.modules.held is not None:
+                held = state.held
+                turning = turning + bearing_turns(
+                    self._setting.modules.held, held.impedance.wrench, held.pose.translation
+                )
         for contact, _ in self._touching:
             force = contact.surface.stiffness * contact.depth * contact.normal
             if contact.key[0] == len(self._setting.modules.arms):
@@ -292,15 +296,6 @@ class _Balance:
             along, load = self._axis
             found += load.stiffness * np.outer(along, along)
         return found
-
-
-    def _bearing_turns(self, held: HeldImpedance) -> Array:
-        """Gives the stiffness (6, 6) by the bearing's force, whose lever about the object's origin turns with it."""
-        object_held = self._setting.modules.held
-        if object_held is None or object_held.hinge is None:
-            return np.zeros((6, 6))
-        carried = held.impedance.wrench[:3] - object_held.spec.mass * STANDARD_GRAVITY * np.eye(3)[2]
-        return lever_arm_stiffness(carried, object_held.hinge.point - held.pose.translation)
 
 
 def _unsupported(force: Array, rows: Array) -> Array:

@@ -13,8 +13,10 @@ from impedance_modules.backends.protocol import RealRobot
 from impedance_modules.compiled import compiled
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.cycle import Cycle
+from impedance_modules.control.hinge_reading import hinge_reading, read_hinge
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.columns import (
+    HINGE_COLUMNS,
     joint_columns,
     pose_columns,
     target_columns,
@@ -165,6 +167,7 @@ class Recorder:
             modules=np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2),
         )
         self._scalars_at = names.index("rung")
+        self._hinge = hinge_reading(assembly.modules.held, _hands(assembly))
 
     def warm(self) -> None:
         """Fills a row once without recording it: a first call waits for its machine code, for longer than a period."""
@@ -190,6 +193,9 @@ class Recorder:
         row[0] = state.time
         row[at], row[at + 1] = supervisor.stop_level, controller.active_rows
         row[at + 2], row[at + 3] = late, interrupted
+        if self._hinge is not None:
+            read_hinge(self._hinge, controller.cycle.arms, supervisor.hand_wrenches.wrench)
+            row[self._own - 2], row[self._own - 1] = self._hinge.angle, self._hinge.torque
 
     def close(self, ending: str, reason: str) -> None:
         """Merges the episode and says in it how the run ended."""
@@ -206,7 +212,7 @@ def columns(
     """Names the columns of a run, the phase last."""
     assembly = supervisor.assembly
     joints = assembly.model.joint_names
-    hands = [arm.limb.hand for arm in assembly.modules.arms]
+    hands = _hands(assembly)
     names = ["time"]
     for kind in ("position", "velocity", "effort_command", "effort"):
         names += joint_columns(kind, joints)
@@ -218,7 +224,13 @@ def columns(
     for hand in hands:
         names += wrench_columns(hand)
     names += [name for name, _, _ in modules]
+    if assembly.modules.held is not None and assembly.modules.held.hinge is not None:
+        names += HINGE_COLUMNS
     return [*names, "phase"]
+
+
+def _hands(assembly: Assembly) -> tuple[str, ...]:
+    return tuple(arm.limb.hand for arm in assembly.modules.arms)
 
 
 def _recorded_targets(assembly: Assembly) -> list[tuple[str, int]]:

@@ -18,7 +18,13 @@ import numpy as np
 from impedance_modules.arrays import Array, Indices
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.episode.columns import joint_columns, pose_columns, target_columns, wrench_columns
+from impedance_modules.episode.columns import (
+    HINGE_COLUMNS,
+    joint_columns,
+    pose_columns,
+    target_columns,
+    wrench_columns,
+)
 from impedance_modules.episode.run_folder import write_summary
 from impedance_modules.safety.attribute import attribute
 
@@ -107,7 +113,7 @@ class Summary:
         tally.finish()
         names = assembly.model.joint_names
         limits = assembly.limits.effort_max
-        summary = {
+        summary: dict[str, Any] = {
             "format": 1,
             "task": assembly.task.name,
             "robot": assembly.robot.name,
@@ -132,6 +138,8 @@ class Summary:
             "filter": {"cycles_changed": self._changed, "reductions": self._reductions()},
             "messages": [{"time": time, "text": text} for time, text in supervisor.messages],
         }
+        if tally.hinge is not None:
+            summary["hinge"] = tally.hinge.numbers()
         write_summary(directory, summary)
         return summary
 
@@ -173,6 +181,35 @@ class HandTally:
             self.error_peak = max(self.error_peak, float(error.max()))
 
 
+class HingeTally:
+    """The hinge of the held object, as measured: how far it turned, and the torque of the hands about its axis."""
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        self._angle, self._torque = _places(columns, HINGE_COLUMNS)
+        self._lowest, self._highest = math.inf, -math.inf
+        self._last = self._largest = 0.0
+
+    def add(self, rows: Array) -> None:
+        """Takes a block of rows (k, columns); a block's mean torque counts, for single ones are mostly noise."""
+        angles = rows[:, self._angle]
+        self._lowest = min(self._lowest, float(angles.min()))
+        self._highest = max(self._highest, float(angles.max()))
+        self._last = float(angles[-1])
+        mean = float(rows[:, self._torque].mean())
+        if len(rows) == BLOCK:
+            self._largest = max(self._largest, abs(mean))
+
+    def numbers(self) -> dict[str, Any]:
+        """Lowest, highest and last angle [rad], and the largest mean torque of ``BLOCK`` cycles [N.m]."""
+        return {
+            "lowest_angle": self._lowest,
+            "highest_angle": self._highest,
+            "final_angle": self._last,
+            "peak_torque": self._largest,
+            "units": "rad, rad, rad, N.m",
+        }
+
+
 class Tally:
     """Peaks and sums of a run's rows; complete after ``finish``.
 
@@ -184,6 +221,7 @@ class Tally:
         softest: Smallest part of the springs in force.
         effort_peak: (n,) largest magnitude of every joint's torque that left [N.m].
         hands: In the order of the task's arms.
+        hinge: Of the held object; None without one.
     """
 
     def __init__(self, assembly: Assembly, columns: Sequence[str]) -> None:
@@ -191,6 +229,7 @@ class Tally:
         self.lowest, self.softest = assembly.tank.initial, 1.0
         self.effort_peak: Array = np.zeros(assembly.model.n)
         self.hands = tuple(HandTally(arm.limb.hand, columns) for arm in assembly.modules.arms)
+        self.hinge = HingeTally(columns) if HINGE_COLUMNS[0] in columns else None
         self._first = self._last = 0.0
         self._effort = _places(columns, joint_columns("effort_command", assembly.model.joint_names))
         names = ("tank", "spring_scale", "granted", "paid", "late")
@@ -227,6 +266,8 @@ class Tally:
         np.maximum(self.effort_peak, np.abs(rows[:, self._effort]).max(axis=0), out=self.effort_peak)
         for hand in self.hands:
             hand.add(rows)
+        if self.hinge is not None:
+            self.hinge.add(rows)
 
 
 def _places(columns: Sequence[str], names: Sequence[str]) -> Indices:

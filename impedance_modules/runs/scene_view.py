@@ -21,6 +21,7 @@ from impedance_modules.episode.view_scene import (
     SceneBody,
     ViewSample,
 )
+from impedance_modules.modules.hinge import Hinge
 from impedance_modules.modules.mobility import mobility
 from impedance_modules.plant.sheet import Sheet
 from impedance_modules.robot.pose import Pose
@@ -40,6 +41,9 @@ STIFFNESS_SCALE = 0.0003
 
 GROUND = 4.0
 """Edge length at which a plane is drawn [m]."""
+
+AXIS_RADIUS, AXIS_LENGTH = 0.005, 0.2
+"""With which a hinge's axis is drawn [m]."""
 
 STRIPS, THIN = 40, 0.002
 """How many strips a sheet is drawn as, also each way a saddle, and how thick [m]."""
@@ -175,7 +179,11 @@ def _scene(
     held = assembly.task.object
     if held is not None:
         bodies.append(SceneBody("object", (_object_shape(held),), "object"))
-    arms = assembly.modules.arms
+    arms, hinge = (
+        assembly.modules.arms,
+        None if assembly.modules.held is None else assembly.modules.held.hinge,
+    )
+    still = tuple(_surface(i, s) for i, s in enumerate(assembly.task.environment))
     ellipsoids = [
         EllipsoidStyle(f"{arm.limb.name}/{name}", scale)
         for arm in arms
@@ -184,7 +192,7 @@ def _scene(
     names = tuple(spring.name for arm in arms for spring in arm.springs)
     return Scene(
         bodies=tuple(bodies),
-        surfaces=tuple(_surface(i, s) for i, s in enumerate(assembly.task.environment)),
+        surfaces=still if hinge is None else (*still, _axis(hinge)),
         springs=names,
         wrenches=tuple(f"on {arm.limb.hand}" for arm in arms),
         ellipsoids=tuple(ellipsoids),
@@ -206,6 +214,12 @@ def _object_shape(held: ObjectSpec) -> BodyShape:
     if held.shape == "cylinder":
         return BodyShape("object", "cylinder", (0.5 * held.size[0], held.size[1]))
     return BodyShape("object", "sphere", (0.5 * held.size[0],))
+
+
+def _axis(hinge: Hinge) -> SceneBody:
+    """Draws the axis about which the object turns."""
+    shape = BodyShape("hinge", "cylinder", (AXIS_RADIUS, AXIS_LENGTH), _seven(hinge.frame))
+    return SceneBody("hinge", (shape,), "surface")
 
 
 def _surface(index: int, surface: SurfaceSpec) -> SceneBody:

@@ -63,7 +63,13 @@ class HingeImpedance:
 
 
 def hinge_impedance(
-    hinge: Hinge, held: HeldImpedance, limbs: tuple[str, ...], own_inertia: Array, mass: float, *, hidden: bool
+    hinge: Hinge,
+    held: HeldImpedance,
+    limbs: tuple[str, ...],
+    own_inertia: Array,
+    mass: float,
+    *,
+    hidden: bool,
 ) -> HingeImpedance:
     """Projects the hands' sum at the object on the motion about its hinge.
 
@@ -91,7 +97,8 @@ def hinge_impedance(
         inertia=_parts(inertia, {"object": float(S @ own_inertia @ S)}),
         damping=_parts(damping, {}),
         stiffness=_parts(stiffness, {"load": load}),
-        torque=hinge.torque(held.impedance.wrench, origin) + hinge.torque(np.concatenate([weight, np.zeros(3)]), origin),
+        torque=hinge.torque(held.impedance.wrench, origin)
+        + hinge.torque(np.concatenate([weight, np.zeros(3)]), origin),
         bearing=net,
         own=hinge.spec,
     )

@@ -136,12 +136,15 @@ class HeldTogether:
         )
 
 
-def hold_together(jacobians: Sequence[Array], offsets: Sequence[Array]) -> HeldTogether:
+def hold_together(
+    jacobians: Sequence[Array], offsets: Sequence[Array], bearing: Array | None = None
+) -> HeldTogether:
     """Finds the motions in which every hand agrees on the object's twist, X_i^-1 J_i qd_i = V_O.
 
     Args:
         jacobians: (6, k_i) of each hand over its own limb's joints.
         offsets: (3,) from the object's origin to each hand [m], world axes.
+        bearing: (5, 6) what a hinge forbids of the object's twist; None for a free object.
     """
     at_object = [carry(-offset) @ J for J, offset in zip(jacobians, offsets, strict=True)]
     starts = np.cumsum([0] + [J.shape[1] for J in at_object])
@@ -150,6 +153,10 @@ def hold_together(jacobians: Sequence[Array], offsets: Sequence[Array]) -> HeldT
         block = slice(6 * index, 6 * index + 6)
         rows[block, : starts[1]] = at_object[0]
         rows[block, starts[index + 1] : starts[index + 2]] = -J
+    if bearing is not None:
+        held = np.zeros((len(bearing), starts[-1]))
+        held[:, : starts[1]] = bearing @ at_object[0]
+        rows = np.vstack([rows, held])
     motion = _null_space(rows)
     return HeldTogether(motion, at_object[0] @ motion[: starts[1]])
 

@@ -25,6 +25,7 @@ from impedance_modules.modules.held_object import HeldObject, carry_weight, shar
 from impedance_modules.modules.mobility import parallel_sum
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import skew
+from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.superposition.arm_impedance import ArmImpedance
 from impedance_modules.superposition.modes import HeldTogether, JointSpace, block_diagonal, hold_together
 from impedance_modules.superposition.operational_inertia import (
@@ -193,7 +194,8 @@ def held_impedance(held: HeldObject, arms: Mapping[str, ArmImpedance]) -> HeldIm
     offsets = np.array([arm.pose.translation - pose.translation for arm in holding])
     own = held.inertia(pose.rotation)
     hands = _hands(held, holding, offsets, with_reflected=True)
-    motion = hold_together([arm.jacobian for arm in holding], list(offsets))
+    bearing = None if held.hinge is None else held.hinge.bearing(pose.translation)
+    motion = hold_together([arm.jacobian for arm in holding], list(offsets), bearing)
     stacked = JointSpace(
         block_diagonal([arm.system.inertia for arm in holding]),
         block_diagonal([arm.system.stiffness for arm in holding]),
@@ -201,16 +203,40 @@ def held_impedance(held: HeldObject, arms: Mapping[str, ArmImpedance]) -> HeldIm
     )
     turning = np.sum([lever_arm_stiffness(-hand.wrench[:3], hand.offset) for hand in hands], axis=0)
     summed = superpose(hands, own)
+    turning = turning + bearing_turns(held, summed.wrench, pose.translation)
     return HeldImpedance(
         pose=pose,
         hands=hands,
         impedance=summed,
         impedance_without_reflected=superpose(_hands(held, holding, offsets, with_reflected=False), own),
         joints_singular=any(arm.stiffness.stiffness is None and not arm.stiffness.folds for arm in holding),
-        folds=any(arm.stiffness.folds_held for arm in holding) or _unstable(summed.stiffness),
+        folds=any(arm.stiffness.folds_held for arm in holding) or _unstable(_left_free(held, summed, pose)),
         motion=motion,
         system=motion.system(stacked, own, turning),
     )
+
+
+def bearing_turns(held: HeldObject, wrench: Array, origin: Array) -> Array:
+    """Gives the stiffness (6, 6) by the force on a hinge's bearing, whose lever turns with the object; else zero.
+
+    Args:
+        held: The object.
+        wrench: (6,) of the hands on it at its origin, world axes [N], [N.m].
+        origin: (3,) of the object in world [m].
+    """
+    if held.hinge is None:
+        return np.zeros((6, 6))
+    carried = wrench[:3] - held.spec.mass * STANDARD_GRAVITY * np.eye(3)[2]
+    return lever_arm_stiffness(carried, held.hinge.point - origin)
+
+
+def _left_free(held: HeldObject, found: ObjectImpedance, pose: Pose) -> Array | None:
+    """Gives the object's stiffness in the motions that it has: all six, or the one about its hinge."""
+    if held.hinge is None or found.stiffness is None:
+        return found.stiffness
+    S = held.hinge.motion(pose.translation)
+    whole = found.stiffness + bearing_turns(held, found.wrench, pose.translation)
+    return np.array([[S @ whole @ S]])
 
 
 def _hands(
