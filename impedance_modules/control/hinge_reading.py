@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""An object's hinge as the arms measure it: its angle from joint positions, the torque about it from joint efforts.
 
-The first holding hand tells the angle, as it tells the object's axes elsewhere: R_EH = R_WE^T R_WH1 R_H1H, \phi the angle
-about z. From the wrenches (f_i, t_i) of the surroundings on the holding hands (``contact_detection``) follows the torque
-that the hands exert about the axis a through P:
+The first holding hand tells the angle, as it tells the object's axes elsewhere: R_EH = R_WE^T R_WH1 R_H1H, \phi the
+angle about z. From the wrenches (f_i, t_i) of the surroundings on the holding hands (``contact_detection``) follows
+the torque that the hands exert about the axis a through P:
 
     \tau = -\sum a . (t_i + (p_i - P) x f_i)
 
@@ -24,7 +24,7 @@ from impedance_modules.robot.kinematics import ArmGeometry
 
 
 class HingeReading(Record):
-    """What an object's hinge is measured with, and the last measurement.
+    r"""What an object's hinge is measured with, and the last measurement.
 
     Attributes:
         point: (3,) P in world [m].
@@ -32,8 +32,8 @@ class HingeReading(Record):
         on_hand: (3, 3) R_H1H of the hinge's frame on the object, in the first hand's axes.
         frames: (hands,) place of each holding hand among the cycle's frames.
         arms: (hands,) its row among the hands' wrenches.
-        angle: \\phi [rad], between -pi and pi.
-        torque: \\tau [N.m].
+        angle: \phi [rad], between -pi and pi.
+        torque: \tau [N.m].
     """
 
     point: Vector

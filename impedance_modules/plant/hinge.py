@@ -7,10 +7,12 @@ axis, P its point in the world, both fixed; s the bearing's point in the object'
 axis of the object's side, \phi the angle between the two sides about a. On the object act at s
 
     F = -k e - d e',  e = p + R s - P           t = -k_r a x b - d_r (w - (w . a) a) + \tau c
-    \tau = -k_s (\phi - \phi_0) - d_s \phi' - f + stops,   f = cut(cut(\sigma z, f_c) + d_f \phi', f_c),   z = \phi - \phi_f
+    \tau = -k_s (\phi - \phi_0) - d_s \phi' - f + stops
+    f = cut(cut(\sigma z, f_c) + d_f \phi', f_c),  z = \phi - \phi_f
     c = (a + b) / (1 + a . b),   \phi' = c . w
 
-cut(y, h) the number nearest to y that is not beyond h. A stop is a spring-damper beyond its angle that never pulls.
+cut(y, h) the number nearest to y that is not beyond h. A stop is a spring-damper beyond its angle whose damper is never
+stronger than its spring, so it neither pulls nor begins with a jump.
 After each step \phi_f follows an angle that has slipped, until |z| <= f_c / \sigma.
 
 Stored is U = k/2 e^2 + k_r (1 - a . b) + k_s/2 (\phi - \phi_0)^2 + \sigma/2 z^2 + stops >= 0; every term without a
@@ -56,7 +58,7 @@ STOP_DAMPING_TIME = 1e-3
 
 
 class HingeState(Record):
-    """The hinge of the object, or its absence.
+    r"""The hinge of the object, or its absence.
 
     Attributes:
         present: Whether there is one.
@@ -64,10 +66,10 @@ class HingeState(Record):
         frame: (3, 3) R_WE of the hinge's frame at angle 0, z along the axis.
         mount_point: (3,) s, in the object's axes [m].
         mount_rotation: (3, 3) the same frame on the object's side, in its axes.
-        friction, friction_rest: f_c [N.m] and \\phi_f [rad].
-        damping, stiffness, rest: d_s [N.m.s/rad], k_s [N.m/rad], \\phi_0 [rad].
+        friction, friction_rest: f_c [N.m] and \phi_f [rad].
+        damping, stiffness, rest: d_s [N.m.s/rad], k_s [N.m/rad], \phi_0 [rad].
         lower, upper: Stops [rad].
-        angle: \\phi at the step's start [rad], beyond half a turn, too.
+        angle: \phi at the step's start [rad], beyond half a turn, too.
         torque: \\tau of the last stage [N.m], on the object.
         wrench: (6,) of the last stage on the object at its origin, world axes [N], [N.m].
     """
@@ -122,9 +124,11 @@ def axis_torque(hinge: HingeState, angle: float, rate: float) -> float:
     torque = -hinge.stiffness * (angle - hinge.rest) - hinge.damping * rate - friction
     damped = STOP_STIFFNESS * STOP_DAMPING_TIME * rate
     if angle > hinge.upper:
-        torque += min(0.0, STOP_STIFFNESS * (hinge.upper - angle) - damped)
+        stop = STOP_STIFFNESS * (angle - hinge.upper)
+        torque -= stop + within(damped, stop)
     if angle < hinge.lower:
-        torque += max(0.0, STOP_STIFFNESS * (hinge.lower - angle) - damped)
+        stop = STOP_STIFFNESS * (hinge.lower - angle)
+        torque += stop - within(damped, stop)
     return torque
 
 
@@ -203,4 +207,4 @@ def hinge_energy(hinge: HingeState, rotation: Matrix, position: Vector) -> float
     stopped = max(angle - hinge.upper, 0.0) ** 2 + max(hinge.lower - angle, 0.0) ** 2
     stored = 0.5 * BEARING_LINEAR_STIFFNESS * square + BEARING_ANGULAR_STIFFNESS * tilt
     stored += 0.5 * hinge.stiffness * (angle - hinge.rest) ** 2 + 0.5 * STOP_STIFFNESS * stopped
-    return stored + 0.5 * FRICTION_STIFFNESS * (angle - hinge.friction_rest) ** 2
+    return float(stored + 0.5 * FRICTION_STIFFNESS * (angle - hinge.friction_rest) ** 2)

@@ -93,7 +93,7 @@ def next_stage(plant: PlantState, stage: int, step: float) -> None:
 
 @compiled
 def end_step(plant: PlantState, step: float) -> None:
-    """Ends a step: friction springs, wood, slipping palms, the hinge and the object's rotation are brought up to date."""
+    """Ends a step: friction springs, wood, slipping palms, hinge and the object's rotation are brought up to date."""
     if plant.contacts.size > 0 or plant.body.present:
         hand_motion(plant)
         if plant.body.present:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What ``check`` foretells of an object's hinge, phase by phase: how far it turns, what resists, what the bearing holds."""
+"""What ``check`` foretells of an object's hinge in each phase: how far it turns, what resists, what it bears."""
 
 from __future__ import annotations
 
@@ -117,8 +117,8 @@ def hinge_notes(phase: str, found: HingeForecast) -> Iterator[str]:
             "" if found.bearing is None else f"; the hands then press {found.bearing:.1f} N on its bearing"
         )
         yield (
-            f"phase '{phase}': the object's target ends {1e3 * away:.1f} mm and {tilt:.3f} rad off the hinge's arc{pressed}"
-            " (a target 'hinge' follows the arc)"
+            f"phase '{phase}': the object's target ends {1e3 * away:.1f} mm and {tilt:.3f} rad off the hinge's"
+            f" arc{pressed} (a target 'hinge' follows the arc)"
         )
 
 

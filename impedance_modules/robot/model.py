@@ -150,7 +150,7 @@ class RobotModel:
         return q
 
     def reach(self, limb: str) -> float:
-        """Gives how far a limb's hand can be from its first joint at most [m]: the lengths between its joints, summed."""
+        """Gives how far a limb's hand can be from its first joint at most [m]: the lengths between joints, summed."""
         found, links = self.limbs[limb], self.pin_model
         frame = links.frames[self.frame_id(found.hand)]
         joints = [links.getJointId(name) for name in found.joint_names[1:]]

@@ -342,7 +342,7 @@ class PhaseSpec:
         name: Unique within the task.
         duration: Minimum-jerk time to a new equilibrium, and longest time in the phase [s].
         equilibrium: Target (``object``, ``hinge`` or ``<arm>.<spring>``) -> axis -> coordinate, absolute in the
-            spring's ``expressed_in`` (the object's: world; the hinge's: ``angle``). Omitted coordinates keep their value.
+            spring's ``expressed_in`` (the object's: world; the hinge's: ``angle``). Omitted ones keep their value.
         posture: Arm -> short joint name -> new rest of the joint bias [rad].
         axes: ``<arm>.<spring>`` -> axis -> hybrid axis replacing that axis's during this phase and after.
         stiffness: ``<arm>.<spring>`` -> (6, 6) stiffness from this phase on.
