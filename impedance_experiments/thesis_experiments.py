@@ -39,6 +39,7 @@ class Experiment:
 
 _ALL: tuple[Experiment, ...] = (
     Experiment("securing", "1.2", "On which surfaces does a hand hold itself?", "securing"),
+    Experiment("valve", "1.2", "Can a valve be operated with acceptable torque?", "valve"),
     Experiment("guarded-move", "1.3", "How hard does a guarded move strike?", "guarded_move"),
     Experiment("kinematics", "2.2", "Do two models of Baxter's arm agree?", "printed_kinematics"),
     Experiment("series-elastic", "3.1", "What do the springs in the joints do?", "series_elastic_joint"),

@@ -120,4 +120,6 @@ class Hinge:
         """
         held = pose @ self.on_object
         tilt = self.frame.rotation[:, :2].T @ np.cross(self.axis, held.rotation[:, 2])
-        return self.bearing(pose.translation) @ jacobian, np.concatenate([held.translation - self.point, tilt])
+        return self.bearing(pose.translation) @ jacobian, np.concatenate(
+            [held.translation - self.point, tilt]
+        )
