@@ -126,14 +126,14 @@ def _summary(found: Mapping[str, Hands]) -> str:
         f"stuck valve is one whose angle does not follow: it moved by at most "
         f"{1e3 * max(one.stuck.moved, two.stuck.moved):.1f} mrad under {one.stuck.needed:.1f} N.m of one hand and "
         f"{two.stuck.needed:.1f} N.m of two.\n\n"
-        f"**The rule.** A valve can be operated if it turned and needed at most {ACCEPTABLE:g} N.m, shifted by the mean "
+        f"**The rule.** A valve can be operated if it turned and needed at most {ACCEPTABLE:g} N.m, and the mean "
         f"error on the {len(one.trained)} valves that the rule was set on ({one.bound:.3f} and {two.bound:.3f} N.m). "
         f"{_verdict(found)}\n\n"
         "**Two arms.** About the axis the hands' stiffnesses add like everything else: "
         f"{_added(two)}. The plant, pushed about the axis, shows {two.stiffness[2]:.2f} N.m/rad.\n\n"
         '**The reaction.** A fully constrained task "will produce very different reaction dynamics": on the hinge the '
         f"object has one motion left of six. A torque about the axis meets {_ratio(one):.0f} times the inertia that it "
-        f"meets with the lever free in the hand, for the hand must follow the arc, and {_ratio(two):.1f} times with the "
+        f"meets with the lever free in the hand, as the hand must follow the arc, and {_ratio(two):.1f} times with the "
         f"wheel between two hands. How much stiffer the hands could be made before their loop is unstable: "
         f"{_loops(found)}."
     )

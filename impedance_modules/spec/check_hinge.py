@@ -34,11 +34,9 @@ def _stop_problems(draft: TaskDraft, hinge: HingeSpec) -> Iterator[Problem]:
         yield draft.problem((*AT, "lower"), message)
     elif not hinge.lower <= hinge.angle <= hinge.upper:
         key = (*AT, "angle") if draft.has(*AT, "angle") else AT
-        message = (
-            f"the hinge's angle at the start, {hinge.angle:g} rad, is beyond its stops, {hinge.lower:g} to"
-            f" {hinge.upper:g} rad"
-        )
-        yield draft.problem(key, message)
+        above = hinge.angle > hinge.upper
+        stop = f"above the upper stop, {hinge.upper:g} rad" if above else f"below the lower stop, {hinge.lower:g} rad"
+        yield draft.problem(key, f"the hinge's angle at the start, {hinge.angle:g} rad, is {stop}")
 
 
 def hinge_target_problems(draft: TaskDraft, at: KeyPath, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:

@@ -7,7 +7,7 @@ from jsonschema import Draft202012Validator
 
 from impedance_modules.spec.locate import find_schema
 from impedance_modules.spec.schema import load_schema
-from tests.support.paths import CHECKOUT, EVERY_KEY, PRESS_BOX
+from tests.support.paths import CHECKOUT, EVERY_KEY, PRESS_BOX, TESTS
 
 PLAIN = {"number", "integer", "string", "boolean"}
 
@@ -72,9 +72,10 @@ def document_keys(data):
 
 
 def test_the_fixture_every_key_has_every_key():
-    """Together with a task that is played back, which holds and is pushed by nothing, and with surfaces from files."""
+    """Together with a task that is played back, which is pushed by nothing, with surfaces from files, and a hinge."""
     properties = [node.get("properties") for _, node in parts(load_schema("task"))]
     known = set().union(*(given for given in properties if isinstance(given, dict)))
     others = ("slide-over-position", "hold-to-saddle", "hold-to-fouled-pipe")
-    paths = (EVERY_KEY, *(CHECKOUT / "tasks" / "thesis" / f"{name}.yaml" for name in others))
+    shipped = (CHECKOUT / "tasks" / "thesis" / f"{name}.yaml" for name in others)
+    paths = (EVERY_KEY, TESTS / "data" / "every-hinge-key.yaml", *shipped)
     assert known <= set().union(*(document_keys(yaml.safe_load(path.read_text())) for path in paths))
