@@ -35,7 +35,11 @@ def _stop_problems(draft: TaskDraft, hinge: HingeSpec) -> Iterator[Problem]:
     elif not hinge.lower <= hinge.angle <= hinge.upper:
         key = (*AT, "angle") if draft.has(*AT, "angle") else AT
         above = hinge.angle > hinge.upper
-        stop = f"above the upper stop, {hinge.upper:g} rad" if above else f"below the lower stop, {hinge.lower:g} rad"
+        stop = (
+            f"above the upper stop, {hinge.upper:g} rad"
+            if above
+            else f"below the lower stop, {hinge.lower:g} rad"
+        )
         yield draft.problem(key, f"the hinge's angle at the start, {hinge.angle:g} rad, is {stop}")
 
 
