@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem
-from impedance_modules.spec.hinge_spec import HINGE, HingeSpec, build_hinge
+from impedance_modules.spec.hinge_spec import ANGLE, HINGE
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft
 from impedance_modules.spec.yaml_tree import KeyPath
 
@@ -16,31 +16,42 @@ AT = ("object", HINGE)
 
 def hinge_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Checks the axis, the stops, and that nothing else is to carry what the bearing carries."""
-    if not draft.clean(*AT):
+    if not draft.has(*AT):
         return
-    hinge = build_hinge(draft.value(*AT))
-    if not any(hinge.axis):
+    if draft.clean(*AT, "axis") and not any(draft.value(*AT, "axis")):
         message = "an axis of length 0 has no direction; give one, e.g. [0, 0, 1] for a vertical axis"
         yield draft.problem((*AT, "axis"), message)
-    yield from _stop_problems(draft, hinge)
+    yield from _stop_problems(draft)
     if draft.value("object", "carry_weight") is True:
         message = "the hinge's bearing carries the object's weight; leave out 'carry_weight' or 'hinge'"
         yield draft.problem(("object", "carry_weight"), message)
 
 
-def _stop_problems(draft: TaskDraft, hinge: HingeSpec) -> Iterator[Problem]:
-    if hinge.lower > hinge.upper:
-        message = f"the lower stop, {hinge.lower:g} rad, is above the upper one, {hinge.upper:g} rad"
+def _stop_problems(draft: TaskDraft) -> Iterator[Problem]:
+    """Checks that the stops leave room, and the start between them; numbers at fault are left out."""
+    lower = _number(draft, "lower", -math.inf)
+    upper = _number(draft, "upper", math.inf)
+    angle = _number(draft, ANGLE, 0.0)
+    if lower is None or upper is None:
+        return
+    if lower > upper:
+        message = f"the lower stop, {lower:g} rad, is above the upper one, {upper:g} rad"
         yield draft.problem((*AT, "lower"), message)
-    elif not hinge.lower <= hinge.angle <= hinge.upper:
-        key = (*AT, "angle") if draft.has(*AT, "angle") else AT
-        above = hinge.angle > hinge.upper
+    elif angle is not None and not lower <= angle <= upper:
+        key = (*AT, ANGLE) if draft.has(*AT, ANGLE) else AT
         stop = (
-            f"above the upper stop, {hinge.upper:g} rad"
-            if above
-            else f"below the lower stop, {hinge.lower:g} rad"
+            f"above the upper stop, {upper:g} rad"
+            if angle > upper
+            else f"below the lower stop, {lower:g} rad"
         )
-        yield draft.problem(key, f"the hinge's angle at the start, {hinge.angle:g} rad, is {stop}")
+        yield draft.problem(key, f"the hinge's angle at the start, {angle:g} rad, is {stop}")
+
+
+def _number(draft: TaskDraft, key: str, omitted: float) -> float | None:
+    """Gives a number of the hinge, or what an omitted one means; None for one at fault."""
+    if not draft.has(*AT, key):
+        return omitted
+    return float(draft.value(*AT, key)) if draft.clean(*AT, key) else None
 
 
 def hinge_target_problems(draft: TaskDraft, at: KeyPath, arms: Mapping[str, DraftArm]) -> Iterator[Problem]:
@@ -70,9 +81,9 @@ def _spring_problems(draft: TaskDraft, at: KeyPath, arms: Mapping[str, DraftArm]
 
 def half_turn_problems(draft: TaskDraft) -> Iterator[Problem]:
     """Finds targets half a turn or more away from the last one: the shorter way would be the other way round."""
-    if not draft.clean(*AT):
+    before = _number(draft, ANGLE, 0.0)
+    if before is None or not draft.has(*AT):
         return
-    before = build_hinge(draft.value(*AT)).angle
     for i in draft.count("phases"):
         at = ("phases", i, "equilibrium", HINGE, "angle")
         given = draft.value(*at)
