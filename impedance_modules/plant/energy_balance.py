@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_modules.plant.hinge import hinge_energy
+from impedance_modules.plant.hinge_forces import hinge_energy
 from impedance_modules.plant.joints import spring_deflections
 from impedance_modules.plant.plant_state import WORK, PlantState
 

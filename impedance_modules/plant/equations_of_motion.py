@@ -3,7 +3,7 @@ r"""The rate of the plant's state: springs, rotors, stops, contact, grasp, objec
 
     links    M(q) v' + C(q, v) + g(q) = tau_s + stops + effects + sum J_h^T (contact + grasp + push)  (thesis eq. 3.1)
     rotors   I_r w' + D w = tau_m - tau_s,  tau_s = K (theta - q) + B (w - v)                         (``joints``)
-    object   m u' = m g + f,  L' = t,  w_O = R I^-1 R^T L                          (``rigid_object``, ``hinge``)
+    object   m u' = m g + f,  L' = t,  w_O = R I^-1 R^T L                          (``rigid_object``, ``hinge_forces``)
 
 J_h is a hand's Jacobian. Within a step, bodies move linearly from where they stood at its start: a hand by
 J_h (q - q_start), contact points and couplings with their bodies.
@@ -15,7 +15,7 @@ import numpy as np
 
 from impedance_modules.compiled import compiled
 from impedance_modules.plant.grasp import grasp_forces
-from impedance_modules.plant.hinge import add_hinge, hinge_wrench
+from impedance_modules.plant.hinge_forces import add_hinge, hinge_wrench
 from impedance_modules.plant.joints import joint_torque
 from impedance_modules.plant.links import accelerate, place_links
 from impedance_modules.plant.plant_state import WORK_SIZE, PlantState

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from impedance_modules.modules.hinge import axis_frame, turned
-from impedance_modules.plant.hinge import (
+from impedance_modules.plant.hinge_forces import (
     BEARING_ANGULAR_STIFFNESS,
     BEARING_DAMPING_TIME,
     BEARING_LINEAR_STIFFNESS,

@@ -19,7 +19,7 @@ from impedance_modules.compiled import compiled, want_machine_code
 from impedance_modules.effects.joint_motion import JointMotion, JointTorque
 from impedance_modules.plant.equations_of_motion import evaluate_forces, evaluate_rate, hand_motion
 from impedance_modules.plant.grasp import place_couplings
-from impedance_modules.plant.hinge import update_hinge
+from impedance_modules.plant.hinge_forces import update_hinge
 from impedance_modules.plant.joints import ELASTIC, update_loads
 from impedance_modules.plant.links import accelerate, mobility_under_water, place_hands, place_links
 from impedance_modules.plant.palm import update_slipping_palms

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from impedance_modules.plant.grasp import HAND
-from impedance_modules.plant.hinge import HingeState
+from impedance_modules.plant.hinge_forces import HingeState
 from impedance_modules.plant.joints import JOINT
 from impedance_modules.plant.links import LINK
 from impedance_modules.plant.mesh_surface import NODE, TRIANGLE

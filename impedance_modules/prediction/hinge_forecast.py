@@ -10,7 +10,7 @@ import numpy as np
 
 from impedance_modules.modules.equilibrium import OBJECT_TARGETS
 from impedance_modules.modules.hinge import Hinge
-from impedance_modules.plant.hinge import FRICTION_STIFFNESS
+from impedance_modules.plant.hinge_forces import FRICTION_STIFFNESS
 from impedance_modules.prediction.hinge_resistance import HingeResistance
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import PredictedPhase

@@ -2,7 +2,7 @@
 r"""What a hinge exerts about its axis in the quasi-static prediction: the plant's law, solved implicitly.
 
 Over a step s the hinge's rate is w = w_0 + m \tau(\phi + s w, w): w_0 without the torque, m what a torque adds, \tau
-the law of ``plant.hinge``. \tau falls with w, so there is exactly one solution, between w_0 and w_0 + m \tau at w_0.
+the law of ``plant.hinge_forces``. \tau falls with w, so there is exactly one solution, between w_0 and w_0 + m \tau at w_0.
 """
 
 from __future__ import annotations
@@ -10,7 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.plant.hinge import FRICTION_STIFFNESS, STOP_STIFFNESS, HingeState, axis_torque, within
+from impedance_modules.plant.hinge_forces import (
+    FRICTION_STIFFNESS,
+    STOP_STIFFNESS,
+    HingeState,
+    axis_torque,
+    within,
+)
 from impedance_modules.plant.hinge_start import hinge_state
 from impedance_modules.plant.rigid_object import ObjectBody
 

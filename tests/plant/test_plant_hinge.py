@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.modules.hinge import axis_frame, turned
-from impedance_modules.plant import hinge as law
+from impedance_modules.plant import hinge_forces as law
 from impedance_modules.plant.hinge_start import hinge_state
 from impedance_modules.plant.plant import Plant
 from impedance_modules.plant.rigid_object import ObjectBody, principal_inertia

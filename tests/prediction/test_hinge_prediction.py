@@ -15,7 +15,7 @@ from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
-from impedance_modules.plant.hinge import axis_torque
+from impedance_modules.plant.hinge_forces import axis_torque
 from impedance_modules.prediction.analysis import analyse_task
 from impedance_modules.prediction.analysis_json import analysis_json
 from impedance_modules.prediction.forecast import forecast_task
