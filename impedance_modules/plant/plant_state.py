@@ -33,8 +33,8 @@ WORK = np.dtype(
         ("stop_work", np.float64),
         ("grasp_work", np.float64),
         ("contact_work", np.float64),
-        ("push_work", np.float64),
         ("hinge_work", np.float64),
+        ("push_work", np.float64),
     ],
     align=True,
 )

@@ -2,7 +2,8 @@
 r"""What a hinge exerts about its axis in the quasi-static prediction: the plant's law, solved implicitly.
 
 Over a step s the hinge's rate is w = w_0 + m \tau(\phi + s w, w): w_0 without the torque, m what a torque adds, \tau
-the law of ``plant.hinge_forces``. \tau falls with w, so there is exactly one solution, between w_0 and w_0 + m \tau at w_0.
+the law of ``plant.hinge_forces``. \tau falls with w, so there is exactly one solution, between w_0 and w_0 + m \tau at
+w_0.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def test_friction_damping_and_stops_only_take_energy(
         assert abs(now.imbalance(before)) < 1e-4 * max(before.body, 1e-6)
         assert now.dissipated(last)["hinge"] > -1e-9 * max(before.body, 1e-6)
         last = now
-    assert last.stored <= before.stored * (1.0 + 1e-9)
+    assert last.stored <= before.stored * (1.0 + 1e-9) + 1e-15
     assert abs(subject.hinge_angle) < upper + 0.15
 
 
