@@ -128,9 +128,9 @@ def _summary(found: Mapping[str, Hands]) -> str:
         f"stuck valve is one whose angle does not follow: it moved by at most "
         f"{1e3 * max(one.stuck.moved, two.stuck.moved):.1f} mrad under {one.stuck.needed:.1f} N.m of one hand and "
         f"{two.stuck.needed:.1f} N.m of two.\n\n"
-        f"**The rule.** A valve can be operated if it turned and needed at most {ACCEPTABLE:g} N.m, plus what the "
-        f"measurement says too much on the {len(one.trained)} valves that the rule was set on: {one.bound:.3f} N.m "
-        f"with one hand, {two.bound:.3f} N.m with two. "
+        f"**The rule.** A valve can be operated if it turned and needed at most {ACCEPTABLE:g} N.m plus the mean "
+        f"error on the {len(one.trained)} valves that the rule was set on: {one.bound:.3f} N.m with one hand, "
+        f"{two.bound:.3f} N.m with two. "
         f"{_verdict(found)}\n\n"
         "**Two arms.** About the axis the hands' stiffnesses add like everything else: "
         f"{_added(two)}. The plant, pushed about the axis, shows {two.stiffness[2]:.2f} N.m/rad.\n\n"
@@ -152,8 +152,8 @@ def _verdict(found: Mapping[str, Hands]) -> str:
             f" {len(hands.judged) + 1}"
         )
     return (
-        f"On valves that it was not set on, {_near(list(found.values()))} of them within {100 * NEAR:g} % of the acceptable torque, "
-        f"{'; '.join(parts)}.{_ceiling(found)}"
+        f"On valves that it was not set on, {_near(list(found.values()))} of them within {100 * NEAR:g} % of the "
+        f"acceptable torque, {'; '.join(parts)}.{_ceiling(found)}"
     )
 
 

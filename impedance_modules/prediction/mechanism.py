@@ -29,6 +29,9 @@ from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 
+ROUNDING = 1e-12
+"""Largest entry of a row of the hinge's bearing in which no joint moves the object [m], [1]."""
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -189,8 +192,9 @@ class Mechanism:
         base = self.object_jacobian()
         if held.hinge is not None:
             bearing, away = held.hinge.rows(first, base)
-            rows.append(bearing)
-            errors.append(away)
+            moving = np.max(np.abs(bearing), axis=1) > ROUNDING
+            rows.append(bearing[moving])
+            errors.append(away[moving])
         for hand, grasp in zip(held.hands[1:], held.grasps[1:], strict=True):
             pose = self.kinematics.pose(hand)
             other = pose @ grasp.inverse()

@@ -3,10 +3,12 @@ r"""What a torque about the hinge of a held object meets: the modules' sum, seen
 
 With S = (a x r, a), the object's twist per unit rate (``modules.hinge``), and the sums \Lambda, B, K at its origin:
 
-    I = S^T \Lambda S        D = S^T B S        k = S^T K S + turning loads of the hands' net force and of the weight
+    I = S^T \Lambda S = 1 / (j M^-1 j^T)        D = S^T B S        k = S^T K S + turning loads
 
-Beside them stands what the hinge itself adds: damping and the stiffness of its return spring. A torque that changes
-slowly and that friction does not hold turns the hinge by torque / (k + that spring's stiffness).
+The loads are the hands' net force and the weight. j is the hinge's rate by the joint motions that grasps and hinge
+allow, M their inertia: so I exists at a singular posture, too, where an arm's own part does not. Beside them stands
+what the hinge itself adds: damping and the stiffness of its return spring. A torque that changes slowly and that
+friction does not hold turns the hinge by torque / (k + that spring's stiffness).
 """
 
 from __future__ import annotations
@@ -94,7 +96,7 @@ def hinge_impedance(
     }
     return HingeImpedance(
         angle=hinge.angle(held.pose),
-        inertia=_parts(inertia, {"object": float(S @ own_inertia @ S)}),
+        inertia=AxisParts(_summed_inertia(hinge, held), inertia, {"object": float(S @ own_inertia @ S)}),
         damping=_parts(damping, {}),
         stiffness=_parts(stiffness, {"load": load}),
         torque=hinge.torque(held.impedance.wrench, origin)
@@ -102,6 +104,12 @@ def hinge_impedance(
         bearing=net,
         own=hinge.spec,
     )
+
+
+def _summed_inertia(hinge: Hinge, held: HeldImpedance) -> float:
+    r"""Gives I as 1 / (j M^-1 j^T), j the hinge's rate by the motions that are left; exists where \Lambda does not."""
+    rate = hinge.axis @ held.motion.twist[3:]
+    return 1.0 / float(rate @ np.linalg.solve(held.system.inertia, rate))
 
 
 def _levers(hands: Mapping[str, HandImpedance], S: Array) -> float:
