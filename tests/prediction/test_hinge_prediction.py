@@ -44,18 +44,32 @@ def at_start(task: Path):
     return assembly, mechanism, Setting(modules, start_equilibrium(modules), damping)
 
 
-@both
-def test_the_inertia_about_the_axis_is_that_of_the_constrained_mechanism(task: Path) -> None:
+def constrained_inertia(mechanism: Mechanism) -> float:
     """A unit torque about the axis on M qdd + A^T lambda = J^T, A qdd = 0: nobody adds modules there."""
-    assembly, mechanism, _ = at_start(task)
     rows, gap = mechanism.grasp_rows()
     _, along = mechanism.hinge_motion()
     k, r = mechanism.k, len(rows)
     np.testing.assert_allclose(gap, 0.0, atol=1e-9)
     matrix = np.block([[mechanism.inertia(), rows.T], [rows, np.zeros((r, r))]])
     acceleration = np.linalg.solve(matrix, np.concatenate([along, np.zeros(r)]))[:k]
+    return 1.0 / float(along @ acceleration)
+
+
+@both
+def test_the_inertia_about_the_axis_is_that_of_the_constrained_mechanism(task: Path) -> None:
+    assembly, mechanism, _ = at_start(task)
     found = analyse_task(assembly, None).hinge
-    assert found.inertia.sum == pytest.approx(1.0 / float(along @ acceleration), rel=1e-9)
+    assert found.inertia.sum == pytest.approx(constrained_inertia(mechanism), rel=1e-9)
+
+
+def test_arms_without_an_inertia_of_their_own_have_one_about_the_axis(tmp_path: Path) -> None:
+    """Planar arms have no 6x6 inertia; turned, the block in both of them has."""
+    hinge = "grasp: weld, hinge: {point: [1.55, 1.1, 0.3], axis: [0, 0, 2]}}"
+    planar = write_task(tmp_path, (THESIS / "planar-arms.yaml").read_text(), ("grasp: weld}", hinge))
+    assembly, mechanism, _ = at_start(planar)
+    analysis = analyse_task(assembly, None)
+    assert analysis.object.inertia is None and set(analysis.hinge.inertia.arms.values()) == {None}
+    assert analysis.hinge.inertia.sum == pytest.approx(constrained_inertia(mechanism), rel=1e-9)
 
 
 @both
