@@ -52,5 +52,5 @@ MUTANTS = (
     (FRICTION, "start if farther else stops", "start"),
     (STATICS, "self._hessian + (1.0 / length + 1e-8) * self._mechanism.inertia()", "self._hessian"),
     (STATICS, "longest > LONGEST_STEP and length > SHORTEST", "longest > LONGEST_STEP"),
-    (STATICS, "contact.surface.stiffness * np.outer(into, into)", "0.5 * contact.surface.stiffness * np.outer(into, into)"),
+    (STATICS, "matrix[:k, :k] += contact.surface.stiffness * np.outer", "matrix[:k, :k] += 0.5 * contact.surface.stiffness * np.outer"),
 )  # fmt: skip

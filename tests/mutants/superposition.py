@@ -63,7 +63,7 @@ MUTANTS = (
     (MODES, "springs - gamma + jacobian.T", "springs + gamma + jacobian.T"),
     (MODES, "float(-value.real / frequency)", "float(-0.5 * value.real / frequency)"),
     # Elastic joints and the sampled loop.
-    (ELASTIC, "links = inertia - np.diag(np.where(rigid, 0.0, drives.reflected_inertia))", "links = inertia"),
+    (ELASTIC, "links = inertia - np.diag(np.where(rigid, 0.0, drives.apparent_inertia))", "links = inertia"),
     (ELASTIC, "return math.ceil(ratio - 1e-9)", "return math.floor(ratio)"),
     (ELASTIC, "A, B = loop @ A, loop @ B + push", "A, B = loop @ A, loop @ B"),
     (LOOP, "- gains.damping @ arm.velocity", "+ gains.damping @ arm.velocity"),
