@@ -317,7 +317,7 @@ def _dissipation(drives: list[Drive]) -> Plot:
         axis.axhline(0.0, color="0.5", linewidth=0.6)
         least = float(np.min(admittance(drive.joint, 1.5 * limit.gain, timing, frequency).real))
         axis.set(title=drive.names, xlabel="frequency [rad/s]", ylim=(1.5 * least, -6.0 * least))
-        axis.legend(loc="upper left")
+        axis.legend(loc="lower right")
     axes[0][0].set(ylabel="real part of the admittance [rad/s/(N.m)]")
     caption = "What a joint takes from its link per frequency: where it is below zero, the joint gives energy"
     return Plot("dissipation", caption, figure)
