@@ -70,7 +70,7 @@ class HingeState(Record):
         damping, stiffness, rest: d_s [N.m.s/rad], k_s [N.m/rad], \phi_0 [rad].
         lower, upper: Stops [rad].
         angle: \phi at the step's start [rad], beyond half a turn, too.
-        torque: \\tau of the last stage [N.m], on the object.
+        torque: \tau of the last stage [N.m], on the object.
         wrench: (6,) of the last stage on the object at its origin, world axes [N], [N.m].
     """
 
