@@ -251,7 +251,7 @@ def picture_of_errors(found: Robustness) -> Plot:
         share = np.arange(1, len(runs) + 1) / len(runs)
         along = MILLIMETRES * np.sort(found.deviations(way))
         deviation.step(along, share, color=colour, where="post", label=way)
-        peak.step(np.sort([run.peak for run in runs]), share, color=colour, where="post", label=way)
+        peak.step(np.sort([run.peak for run in runs]), share, color=colour, where="post")
     height.set(xlabel="table higher than the map [mm]", ylabel="in contact [%]")
     slope.set(xlabel="tilt about x: rising along y [degrees]", ylabel="in contact [%]")
     deviation.set(xlabel="RMS deviation of y [mm]", ylabel="share of runs")
