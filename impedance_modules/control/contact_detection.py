@@ -33,7 +33,6 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.patch_file import read_patch
-from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.spec.task import AXES, ContactCondition
 
 if TYPE_CHECKING:
@@ -123,9 +122,7 @@ class HandWrenches:
     def _force_on_object(self, held: HeldObject) -> Array:
         names = [arm.limb.name for arm in self._arms]
         total: Array = self.wrench[[names.index(limb) for limb in held.limbs], :3].sum(axis=0)
-        if held.hinge is None:
-            total[2] += held.spec.mass * STANDARD_GRAVITY
-        return total
+        return total - held.weight_on_hands
 
 
 class ContactJudge:
@@ -270,8 +267,8 @@ def _gate(
     phase, force = awaited
     held = assembly.modules.held
     carried = 0.0
-    if held is not None and held.hinge is None and arm in held.limbs:
-        carried = held.spec.mass * STANDARD_GRAVITY
+    if held is not None and arm in held.limbs:
+        carried = float(np.linalg.norm(held.weight_on_hands))
     name, found = f"contact {arm}", f"at rest {measured:.1f} N act on the hand"
     if measured < SHARE * force + carried:
         return PreflightResult(name, True, found, "")

@@ -12,8 +12,6 @@ At rest, and about a vertical axis, it is what friction, springs and stops of th
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from impedance_modules.arrays import Array
@@ -21,6 +19,7 @@ from impedance_modules.compiled import compiled
 from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.records import Indices, Matrix, Record, Scalar, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
+from impedance_modules.robot.rotation import twist_angle
 
 
 class HingeReading(Record):
@@ -30,8 +29,7 @@ class HingeReading(Record):
         point: (3,) P in world [m].
         frame: (3, 3) R_WE, z along the axis.
         on_hand: (3, 3) R_H1H of the hinge's frame on the object, in the first hand's axes.
-        frames: (hands,) place of each holding hand among the cycle's frames.
-        arms: (hands,) its row among the hands' wrenches.
+        hands: (hands,) place of each holding hand among the cycle's frames, and its row among the hands' wrenches.
         angle: \phi [rad], between -pi and pi.
         torque: \tau [N.m].
     """
@@ -39,8 +37,7 @@ class HingeReading(Record):
     point: Vector
     frame: Matrix
     on_hand: Matrix
-    frames: Indices
-    arms: Indices
+    hands: Indices
     angle: Scalar = 0.0
     torque: Scalar = 0.0
 
@@ -48,17 +45,17 @@ class HingeReading(Record):
 @compiled
 def read_hinge(reading: HingeReading, arms: ArmGeometry, wrench: Array) -> None:
     """Measures angle and torque from the arms' geometry and the wrenches (arms, 6) on their hands."""
-    frame, hand = reading.frame, arms.rotation[reading.frames[0]]
-    relative = np.zeros((2, 2))
+    frame, hand = reading.frame, arms.rotation[reading.hands[0]]
+    relative = np.zeros((3, 3))
     for r in range(2):
         for c in range(2):
             for k in range(3):
                 for j in range(3):
                     relative[r, c] += frame[k, r] * hand[k, j] * reading.on_hand[j, c]
-    reading.angle = math.atan2(relative[1, 0] - relative[0, 1], relative[0, 0] + relative[1, 1])
+    reading.angle = twist_angle(relative)
     torque = 0.0
-    for h in range(reading.frames.size):
-        force, place = wrench[reading.arms[h]], arms.translation[reading.frames[h]]
+    for h in range(reading.hands.size):
+        force, place = wrench[reading.hands[h]], arms.translation[reading.hands[h]]
         for k in range(3):
             i, j = (k + 1) % 3, (k + 2) % 3
             moment = (place[i] - reading.point[i]) * force[j] - (place[j] - reading.point[j]) * force[i]
@@ -75,11 +72,9 @@ def hinge_reading(held: HeldObject | None, hands: tuple[str, ...]) -> HingeReadi
     """
     if held is None or held.hinge is None:
         return None
-    rows = np.array([hands.index(hand) for hand in held.hands], dtype=np.int64)
     return HingeReading(
         point=np.ascontiguousarray(held.hinge.point),
         frame=np.ascontiguousarray(held.hinge.frame.rotation),
         on_hand=np.ascontiguousarray(held.grasps[0].rotation.T @ held.hinge.on_object.rotation),
-        frames=rows,
-        arms=rows.copy(),
+        hands=np.array([hands.index(hand) for hand in held.hands], dtype=np.int64),
     )

@@ -115,6 +115,20 @@ class HeldObject:
         found = [hand @ grasp.inverse() for hand, grasp in zip(hand_poses, self.grasps, strict=True)]
         return Pose(found[0].rotation, np.mean([pose.translation for pose in found], axis=0))
 
+    @property
+    def weight(self) -> Array:
+        """Force of gravity m g (3,) on the object, in world [N]."""
+        return np.array([0.0, 0.0, -self.spec.mass * STANDARD_GRAVITY])
+
+    @property
+    def weight_on_hands(self) -> Array:
+        """The part of the weight (3,) in world [N] that only hands and surroundings can carry: none on a hinge."""
+        return self.weight if self.hinge is None else np.zeros(3)
+
+    def bearing_force(self, wrench: Array) -> Array:
+        """Gives the force (3,) [N] on a bearing, in world, by the hands' wrench (6,) on the object and by its weight."""
+        return wrench[:3] + self.weight
+
     def inertia(self, rotation: Array) -> Array:
         """Computes the object's own inertia diag(m I, R I_O R^T), (6, 6) at O in world axes.
 

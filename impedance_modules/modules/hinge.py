@@ -6,7 +6,7 @@ z along a; H the same frame fixed to the object, so that R_EH is a turn by the a
 origin O at r = p_O - P, a hinge rate \phi' gives the object the twist S \phi' at O, and a wrench w at O acts with
 the torque S^T w about the axis:
 
-    S = (a x r, a)        \phi = atan2(R_21 - R_12, R_11 + R_22) of R_EH
+    S = (a x r, a)        \phi = twist_angle(R_EH)
 
 An impedance (\Lambda, B, K) at O is, about the axis, S^T \Lambda S, S^T B S and S^T K S - f . (a x (a x r)): as the
 hinge turns, the lever of the net force f turns with it.
@@ -21,6 +21,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.robot.pose import Pose, carry
+from impedance_modules.robot.rotation import twist_angle
 from impedance_modules.spec.hinge_spec import HingeSpec
 
 LEAST_LEVER = 0.02
@@ -40,11 +41,6 @@ def turned(angle: float) -> Array:
     """Gives the rotation (3, 3) about z by an angle [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def twist_angle(rotation: Array) -> float:
-    """Gives by how much a rotation (3, 3) turns about z [rad], whatever it tilts, from -pi to pi."""
-    return math.atan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])
 
 
 @dataclass(frozen=True)
@@ -80,7 +76,7 @@ class Hinge:
 
     def angle(self, pose: Pose) -> float:
         """Gives the hinge's angle [rad] where the object is at X_WO, between -pi and pi."""
-        return twist_angle(self.frame.rotation.T @ (pose @ self.on_object).rotation)
+        return float(twist_angle(self.frame.rotation.T @ (pose @ self.on_object).rotation))
 
     def object_pose(self, angle: float) -> Pose:
         """Gives X_WO at an angle [rad]: on the hinge's arc."""

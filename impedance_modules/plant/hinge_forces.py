@@ -30,7 +30,7 @@ import numpy as np
 
 from impedance_modules.compiled import compiled
 from impedance_modules.records import Flag, Matrix, Record, Scalar, Vector
-from impedance_modules.robot.rotation import add_cross, compose, turn
+from impedance_modules.robot.rotation import add_cross, compose, turn, twist_angle
 
 if TYPE_CHECKING:
     from impedance_modules.plant.plant_state import PlantState
@@ -112,7 +112,7 @@ def relative_turn(hinge: HingeState, rotation: Matrix, out: Matrix) -> None:
 @compiled
 def angle_near(relative: Matrix, before: float) -> float:
     """Gives the angle about z of R_EH [rad], in the turn that is nearest to ``before``."""
-    found = math.atan2(relative[1, 0] - relative[0, 1], relative[0, 0] + relative[1, 1])
+    found = twist_angle(relative)
     return found + 2.0 * math.pi * round((before - found) / (2.0 * math.pi))
 
 

@@ -17,7 +17,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
-from impedance_modules.modules.held_object import OBJECT, HeldObject
+from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.prediction.held_by_friction import FrictionHold, held_by_friction
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.quasi_static import predict_motion
@@ -170,17 +170,8 @@ def _analysis(
             plane=None if mirror is None else mirror.plane,
             stiffness=at_object.stiffness,
         ),
-        hinge=_about_hinge(modules.held, held, own, hidden=at_object.stiffness is None),
+        hinge=hinge_impedance(modules.held, held, hidden=at_object.stiffness is None),
     )
-
-
-def _about_hinge(
-    held: HeldObject, found: HeldImpedance, own: Array, *, hidden: bool
-) -> HingeImpedance | None:
-    """Projects the sum at the object on the motion that its hinge leaves; None without a hinge."""
-    if held.hinge is None:
-        return None
-    return hinge_impedance(held.hinge, found, held.limbs, own, held.spec.mass, hidden=hidden)
 
 
 def _since(found: FrameImpedance, end: Mapping[str, float]) -> FrameImpedance:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.modules.equilibrium import OBJECT_TARGETS
+from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.hinge import Hinge
 from impedance_modules.plant.hinge_forces import FRICTION_STIFFNESS
 from impedance_modules.prediction.hinge_resistance import HingeResistance
@@ -16,7 +17,6 @@ from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import PredictedPhase
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import rotation_angle
-from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.superposition.object_impedance import HeldImpedance
 
 TURNS = 2e-3
@@ -83,7 +83,7 @@ def forecast_hinge(
         target=hinge.angle(target),
         torque=load.torque,
         friction=spec.friction,
-        bearing=None if held is None else _bearing(held, object_held.spec.mass),
+        bearing=None if held is None else _bearing(object_held, held),
         off_arc=off_arc(hinge, target),
         stop=stop,
         driven=bool(set(OBJECT_TARGETS) & set(phase.motion.moved)),
@@ -122,6 +122,5 @@ def hinge_notes(phase: str, found: HingeForecast) -> Iterator[str]:
         )
 
 
-def _bearing(held: HeldImpedance, mass: float) -> float:
-    weight = np.array([0.0, 0.0, -mass * STANDARD_GRAVITY])
-    return float(np.linalg.norm(held.impedance.wrench[:3] + weight))
+def _bearing(held: HeldObject, found: HeldImpedance) -> float:
+    return float(np.linalg.norm(held.bearing_force(found.impedance.wrench)))

@@ -105,13 +105,12 @@ class HingeResistance:
 
     def at_rest(self, angle: float, friction_rest: float | None) -> AxisLoad:
         """Gives torque and stiffness at rest at an angle [rad]; friction counts where its rest is known."""
-        state = self.state
-        stiffness, friction = state.stiffness, 0.0
-        if friction_rest is not None:
-            bent = FRICTION_STIFFNESS * (angle - friction_rest)
-            friction = within(bent, state.friction)
-            stiffness += FRICTION_STIFFNESS if abs(bent) < state.friction else 0.0
-        stop = max(0.0, state.lower - angle) - max(0.0, angle - state.upper)
-        stiffness += STOP_STIFFNESS if stop != 0.0 else 0.0
-        torque = -state.stiffness * (angle - state.rest) - friction + STOP_STIFFNESS * stop
-        return AxisLoad(torque, stiffness)
+        state, before = self.state, self.state.friction_rest
+        state.friction_rest = angle if friction_rest is None else friction_rest
+        torque, stiffness = axis_torque(state, angle, 0.0), state.stiffness
+        if friction_rest is not None and FRICTION_STIFFNESS * abs(angle - friction_rest) < state.friction:
+            stiffness += FRICTION_STIFFNESS
+        if angle > state.upper or angle < state.lower:
+            stiffness += STOP_STIFFNESS
+        state.friction_rest = before
+        return AxisLoad(float(torque), stiffness)

@@ -27,7 +27,6 @@ from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import log3
-from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 
 ROUNDING = 1e-12
 """Largest entry of a row of the hinge's bearing in which no joint moves the object [m], [1]."""
@@ -167,7 +166,7 @@ class Mechanism:
         held = self.modules.held
         if held is None:
             return np.zeros(self.k)
-        return np.asarray(-held.spec.mass * STANDARD_GRAVITY * self.object_jacobian()[2])
+        return held.weight @ self.object_jacobian()[:3]
 
     def push_load(self, time: float) -> Array:
         """Gives the torque of whoever pushes hands or object at a time [s], (k,) [N.m]."""

@@ -16,7 +16,6 @@ from impedance_modules.modules.equilibrium import OBJECT_TARGETS, PhaseMotion
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
-from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition
 
 
@@ -46,9 +45,7 @@ class ExternalForce:
             return float(np.linalg.norm(by_arm[target]))
         held = self._mechanism.modules.held
         if held is not None:
-            total = np.sum([by_arm[name] for name in held.limbs], axis=0)
-            if held.hinge is None:
-                total[2] += held.spec.mass * STANDARD_GRAVITY
+            total = np.sum([by_arm[name] for name in held.limbs], axis=0) - held.weight_on_hands
             return float(np.linalg.norm(total))
         return max(float(np.linalg.norm(force)) for force in by_arm.values())
 

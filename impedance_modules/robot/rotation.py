@@ -60,6 +60,15 @@ def compose(a: Array, b: Array, out: Array) -> None:
 
 
 @compiled
+def twist_angle(rotation: Array) -> float:
+    r"""Returns by how much a rotation (3, 3) turns about z [rad], whatever it tilts, from -\pi to \pi.
+
+    \phi = atan2(R_21 - R_12, R_11 + R_22), the angle of the turn about z that is nearest to R (swing and twist).
+    """
+    return math.atan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])
+
+
+@compiled
 def exponential(vector: Array, out: Array) -> None:
     r"""Writes the rotation matrix (3, 3) of a rotation vector (3,) [rad] (Rodrigues).
 

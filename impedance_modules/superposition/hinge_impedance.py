@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.modules.held_object import HeldObject
 from impedance_modules.modules.hinge import Hinge
 from impedance_modules.robot.pose import carry
 from impedance_modules.spec.hinge_spec import HingeSpec
-from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.superposition.object_impedance import HandImpedance, HeldImpedance
 
 
@@ -64,29 +64,21 @@ class HingeImpedance:
     own: HingeSpec
 
 
-def hinge_impedance(
-    hinge: Hinge,
-    held: HeldImpedance,
-    limbs: tuple[str, ...],
-    own_inertia: Array,
-    mass: float,
-    *,
-    hidden: bool,
-) -> HingeImpedance:
-    """Projects the hands' sum at the object on the motion about its hinge.
+def hinge_impedance(held: HeldObject, found: HeldImpedance, *, hidden: bool) -> HingeImpedance | None:
+    """Projects the hands' sum at the object on the motion about its hinge; None without a hinge.
 
     Args:
-        hinge: Of the object.
-        held: The sum at one state.
-        limbs: The holding arms, in the order of ``held.hands``.
-        own_inertia: (6, 6) of the object itself at its origin, world axes.
-        mass: Of the object [kg].
+        held: The object and its grasps.
+        found: The sum at one state.
         hidden: The stiffness is not to be told: an arm folds, or joint springs are singular.
     """
-    origin, S = held.pose.translation, hinge.motion(held.pose.translation)
-    hands = dict(zip(limbs, held.hands, strict=True))
-    weight = np.array([0.0, 0.0, -mass * STANDARD_GRAVITY])
-    net = held.impedance.wrench[:3] + weight
+    hinge = held.hinge
+    if hinge is None:
+        return None
+    origin, S = found.pose.translation, hinge.motion(found.pose.translation)
+    hands = dict(zip(held.limbs, found.hands, strict=True))
+    net = held.bearing_force(found.impedance.wrench)
+    own = S @ held.inertia(found.pose.rotation) @ S
     along = {name: carry(hand.offset) @ S for name, hand in hands.items()}
     load = hinge.turning_load(net, origin) + _levers(hands, S)
     inertia = {name: _projected(hand.inertia.inertia, along[name]) for name, hand in hands.items()}
@@ -95,12 +87,11 @@ def hinge_impedance(
         name: None if hidden else _projected(hand.stiffness, along[name]) for name, hand in hands.items()
     }
     return HingeImpedance(
-        angle=hinge.angle(held.pose),
-        inertia=AxisParts(_summed_inertia(hinge, held), inertia, {"object": float(S @ own_inertia @ S)}),
+        angle=hinge.angle(found.pose),
+        inertia=AxisParts(_summed_inertia(hinge, found), inertia, {"object": float(own)}),
         damping=_parts(damping, {}),
         stiffness=_parts(stiffness, {"load": load}),
-        torque=hinge.torque(held.impedance.wrench, origin)
-        + hinge.torque(np.concatenate([weight, np.zeros(3)]), origin),
+        torque=hinge.torque(np.concatenate([net, found.impedance.wrench[3:]]), origin),
         bearing=net,
         own=hinge.spec,
     )

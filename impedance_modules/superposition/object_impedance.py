@@ -25,7 +25,6 @@ from impedance_modules.modules.held_object import HeldObject, carry_weight, shar
 from impedance_modules.modules.mobility import parallel_sum
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import skew
-from impedance_modules.spec.robot_spec import STANDARD_GRAVITY
 from impedance_modules.superposition.arm_impedance import ArmImpedance
 from impedance_modules.superposition.modes import HeldTogether, JointSpace, block_diagonal, hold_together
 from impedance_modules.superposition.operational_inertia import (
@@ -226,8 +225,7 @@ def bearing_turns(held: HeldObject, wrench: Array, origin: Array) -> Array:
     """
     if held.hinge is None:
         return np.zeros((6, 6))
-    carried = wrench[:3] - held.spec.mass * STANDARD_GRAVITY * np.eye(3)[2]
-    return lever_arm_stiffness(carried, held.hinge.point - origin)
+    return lever_arm_stiffness(held.bearing_force(wrench), held.hinge.point - origin)
 
 
 def _left_free(held: HeldObject, found: ObjectImpedance, pose: Pose) -> Array | None:
