@@ -171,7 +171,9 @@ def _inner_loop(found: InnerLoopLimit) -> Text:
     limit, verdict = found.limit, "passive" if found.passive else "[red]not passive[/red]"
     most = "any gain" if math.isinf(limit.gain) else f"at most {limit.gain:.2f}"
     return styled(
-        f"inner torque loop: gain {{}} ({verdict}: {{}}, by {{}} at {{}} rad/s); rotors appear {{}} times lighter\n",
+        "inner torque loop: gain {} ("
+        + verdict
+        + ": {}, by {} at {} rad/s); rotors appear {} times lighter\n",
         f"{found.gain:g}",
         most,
         limit.joint,

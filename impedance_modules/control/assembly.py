@@ -154,12 +154,11 @@ def _tank_settings(task: TaskSpec, model: RobotModel, rate: float) -> TankSettin
 
 
 def _filter_limits(model: RobotModel, inertia: Array, rate: float) -> FilterLimits:
-    # A torque accelerates a rotor as light as the robot's own torque loop makes it.
-    drives = zip(model.joints, map(float, model.reflected_inertia), strict=True)
     return limits_of(
-        tuple(replace(joint, reflected_inertia=inertia_met) for joint, inertia_met in drives),
+        model.joints,
         model.spec.timing,
         rate=rate,
+        reflected_inertia=model.reflected_inertia,
         deceleration=braking_deceleration(model.column("effort_max"), inertia),
         margin=model.spec.collision.margin,
     )

@@ -126,7 +126,7 @@ class HeldObject:
         return self.weight if self.hinge is None else np.zeros(3)
 
     def bearing_force(self, wrench: Array) -> Array:
-        """Gives the force (3,) [N] on a bearing, in world, by the hands' wrench (6,) on the object and by its weight."""
+        """Gives the force (3,) [N] on a bearing, in world, by the hands' wrench (6,) on the object and its weight."""
         return wrench[:3] + self.weight
 
     def inertia(self, rotation: Array) -> Array:

@@ -36,11 +36,8 @@ from impedance_modules.plant.torque_feedback import TorqueFeedback
 from impedance_modules.records import Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
-from impedance_modules.spec.robot_spec import UPRIGHT_GRAVITY
+from impedance_modules.spec.robot_spec import ROBOT_LOOP_PERIOD, UPRIGHT_GRAVITY
 from impedance_modules.spec.task import PushSpec, SurfaceSpec
-
-ROBOT_LOOP = 1e-3
-"""Longest period of the robot's own loop: gravity compensation and velocity estimate [s]."""
 
 SHORTEST_STEP = 0.25e-3 / 8.0
 """Down to which a run divides its integration steps for a light object or a stiff surface [s]."""
@@ -91,7 +88,7 @@ class Division:
 def divide(options: PlantOptions) -> Division:
     """Divides the control period into the fewest loops of at most 1 ms, and those into whole steps."""
     period = 1.0 / options.rate
-    loops = _whole(period / ROBOT_LOOP)
+    loops = _whole(period / ROBOT_LOOP_PERIOD)
     steps = _whole(period / loops / options.step)
     return Division(loops, steps, period / (loops * steps), period / loops)
 

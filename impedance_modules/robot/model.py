@@ -77,8 +77,8 @@ class RobotModel:
         self.reflected_inertia: Array = self.rotor_inertia.copy()
         self.motor_damping: Array = self.column("motor_damping")
         if spec.inner_torque_loop is not None:
-            self.reflected_inertia /= 1.0 + spec.inner_torque_loop.gain
-            self.motor_damping /= 1.0 + spec.inner_torque_loop.gain
+            self.reflected_inertia /= spec.inner_torque_loop.lighter
+            self.motor_damping /= spec.inner_torque_loop.lighter
         self.pin_model.armature = self.reflected_inertia
         self.pin_model.gravity.linear = np.array(spec.gravity)
         for change in spec.body_changes:

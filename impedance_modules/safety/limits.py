@@ -62,6 +62,7 @@ def limits_of(
     timing: TimingSpec,
     *,
     rate: float,
+    reflected_inertia: Vector,
     deceleration: Vector,
     margin: float,
     look_ahead: int = 5,
@@ -77,6 +78,7 @@ def limits_of(
         joints: In the order of the torque vector.
         timing: The robot's delays.
         rate: Control rate of this run [Hz].
+        reflected_inertia: (n,) of the rotors as a torque meets them, the robot's own torque loop included [kg.m^2].
         deceleration: (n,) see `braking_deceleration` [rad/s^2].
         margin: Distance that pairs keep [m].
         look_ahead: Periods to look ahead, at least 1.
@@ -104,7 +106,7 @@ def limits_of(
         delay=timing.command_delay,
         horizon=max(soon, 2.0 * rise),
         pair_horizon=max(soon, rise),
-        reflected_inertia=np.array([joint.reflected_inertia for joint in joints]),
+        reflected_inertia=np.array(reflected_inertia),
         compliance=np.array(
             [0.0 if j.spring_stiffness is None else 1.0 / j.spring_stiffness for j in joints]
         ),

@@ -111,6 +111,10 @@ class SensorSpec:
     velocity_filter: float
 
 
+ROBOT_LOOP_PERIOD = 1e-3
+"""Longest sampling of the robot's own loops: weight compensation, velocity estimate, torque feedback [s]."""
+
+
 @dataclass(frozen=True)
 class InnerTorqueLoopSpec:
     """The robot's own feedback of the torque in its joints' springs to their motors.
@@ -122,6 +126,11 @@ class InnerTorqueLoopSpec:
 
     gain: float
     delay: float
+
+    @property
+    def lighter(self) -> float:
+        """1 + k, over which a rotor's inertia and damping count for a commanded torque (thesis 3.2)."""
+        return 1.0 + self.gain
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,7 @@ from numpy.typing import NDArray
 from impedance_modules.arrays import Array
 from impedance_modules.robot.inner_torque_loop import loop_delay
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.robot_spec import InnerTorqueLoopSpec, RobotSpec
-
-ROBOT_RATE = 1000.0
-"""Slowest rate of a robot's own estimator [Hz]; a slower controller leaves it whole loops per period."""
-
+from impedance_modules.spec.robot_spec import ROBOT_LOOP_PERIOD, InnerTorqueLoopSpec, RobotSpec
 
 TAYLOR_TERMS = 14
 """Of the exponential of a matrix of norm 1/4: the first that is left out is below 1e-19."""
@@ -54,7 +50,7 @@ class Drives:
     def apparent_inertia(self) -> Array:
         """(k,) I_r as a commanded torque meets it, I_r / (1 + gain) [kg.m^2]."""
         loop = self.inner_loop
-        return self.reflected_inertia if loop is None else self.reflected_inertia / (1.0 + loop.gain)
+        return self.reflected_inertia if loop is None else self.reflected_inertia / loop.lighter
 
     @property
     def elastic(self) -> NDArray[np.bool_]:
@@ -121,8 +117,8 @@ def drives_of(model: RobotModel, joints: NDArray[np.intp]) -> Drives:
 
 
 def sampling_of(robot: RobotSpec, rate: float, motor_side: bool) -> Sampling:
-    """Takes a robot's delay, rounded up to whole periods, and its velocity estimate's lag."""
-    delay, loops = robot.timing.command_delay * rate, ROBOT_RATE / rate
+    """Takes a robot's delay, rounded up to whole periods, its own whole loops per period, and its estimate's lag."""
+    delay, loops = robot.timing.command_delay * rate, 1.0 / (ROBOT_LOOP_PERIOD * rate)
     return Sampling(rate, _whole(delay), max(1, _whole(loops)), robot.sensors.velocity_filter, motor_side)
 
 
@@ -152,7 +148,9 @@ def sampled_arm(
     step = _exponential(generator * period)
     own, push = step[:size, :size], step[:size, size:]
     if drives.inner_loop is not None:
-        own, push = _with_inner_loop(own, push, drives, N, period)
+        own, push = _with_inner_loop(
+            drives.inner_loop, own, push, _spring_torque(drives, N, len(own)), period
+        )
     size = len(own)
     links = np.eye(size)[: N.shape[1]]
     loop, push = _with_estimate(own, push, N @ links, period, sampling.velocity_filter)
@@ -164,24 +162,27 @@ def sampled_arm(
     return _on_motor_side(arm, drives, N) if sampling.motor_side else arm
 
 
-def _with_inner_loop(
-    step: Array, push: Array, drives: Drives, N: Array, period: float
-) -> tuple[Array, Array]:
-    """Closes the drives' own torque loop; torques that were measured and are still under way join the state."""
-    loop, (size, k) = drives.inner_loop, push.shape
-    if loop is None:
-        return step, push
+def _spring_torque(drives: Drives, N: Array, size: int) -> Array:
+    """Gives the rows (k, size) that read the torques in the joints' springs, K (theta - N y), from the state."""
+    k = len(N)
     measured = np.zeros((k, size))
     measured[:, : N.shape[1] + k] = drives.spring_stiffness[:, None] * np.hstack([-N, np.eye(k)])
-    late = loop_delay(loop, period)
+    return measured
+
+
+def _with_inner_loop(
+    loop: InnerTorqueLoopSpec, step: Array, push: Array, measured: Array, period: float
+) -> tuple[Array, Array]:
+    """Closes the drives' own torque loop; torques that were measured and are still under way join the state."""
+    (k, size), late = measured.shape, loop_delay(loop, period)
     if late == 0:
-        return step - loop.gain * push @ measured, (1.0 + loop.gain) * push
+        return step - loop.gain * push @ measured, loop.lighter * push
     closed = np.zeros((size + k * late, size + k * late))
     closed[:size, :size] = step
     closed[:size, size : size + k] = -loop.gain * push
     closed[size:-k, size + k :] = np.eye(k * (late - 1))
     closed[-k:, :size] = measured
-    return closed, np.vstack([(1.0 + loop.gain) * push, np.zeros((k * late, k))])
+    return closed, np.vstack([loop.lighter * push, np.zeros((k * late, k))])
 
 
 def _exponential(matrix: Array) -> Array:

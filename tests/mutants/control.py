@@ -38,7 +38,7 @@ MUTANTS = (
     (POINTS, "blend_time=BLENDING if first else min(BLENDING, motion.duration)", "blend_time=1e-9"),
     (CONTROLLER, "tank.spring_scale, tank.initial_energy = 0.0, tank.level", "tank.initial_energy = tank.level"),
     (CONTROLLER, "            self.cycle.tank.restore(self._before_gap)\n", "            pass\n"),
-    (CONTACT, "total[2] += held.spec.mass * STANDARD_GRAVITY", "total[2] -= held.spec.mass * STANDARD_GRAVITY"),
+    (CONTACT, "return total - held.weight_on_hands", "return total + held.weight_on_hands"),
     (CONTACT, "if as_wanted else 0.0", "if as_wanted else self._held_for"),
     (CONTACT, "(self._measured >= self._force) == self._condition.present", "(self._measured >= self._force)"),
     (RECORD, "values[1 + 2 * n + j] = command[j]", "values[1 + 2 * n + j] = effort[j]"),

@@ -36,7 +36,7 @@ MUTANTS = (
     (FEASIBILITY, "press * c.normal @ J", "c.normal @ J"),
     (FEASIBILITY, "return at_rest or list(passage_problems(assembly, mechanism, prediction.motion))", "return at_rest"),
     (LOOPS, "self.fixed.damping + self.scaled.damping", "self.fixed.damping"),
-    (MECHANISM, "-held.spec.mass * STANDARD_GRAVITY", "held.spec.mass * STANDARD_GRAVITY"),
+    (MECHANISM, "held.weight @ self.object_jacobian()[:3]", "-held.weight @ self.object_jacobian()[:3]"),
     (MECHANISM, "rows.append(carry(origin - pose.translation)", "rows.append(carry(pose.translation - origin)"),
     (PASSAGES, "(after.time - now.time) * assembly.rate", "(after.time - now.time) * 1000.0"),
     (PASSAGES, "self.size = max(1.0, ", "self.size = max(0.0, "),

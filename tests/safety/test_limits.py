@@ -30,8 +30,10 @@ def test_limits_are_those_of_the_robot_file(name: str, rate: float) -> None:
     robot = ROBOTS[name]
     spec = read_robot(robot)
     joints = [spec.joints[full] for full in joint_names(robot)]
-    braking = np.linspace(5.0, 30.0, len(joints))
-    found = limits_of(joints, spec.timing, rate=rate, deceleration=braking, margin=0.03)
+    braking, rotors = np.linspace(5.0, 30.0, len(joints)), np.linspace(0.1, 0.6, len(joints))
+    found = limits_of(
+        joints, spec.timing, rate=rate, reflected_inertia=rotors, deceleration=braking, margin=0.03
+    )
     ends = np.array(numbers(robot, "position"))
     assert found.position_min.tolist() == ends[:, 0].tolist()
     assert found.position_max.tolist() == ends[:, 1].tolist()
@@ -48,7 +50,7 @@ def test_limits_are_those_of_the_robot_file(name: str, rate: float) -> None:
     assert found.pair_horizon == pytest.approx(max(5.0 / rate + delay, rise))
     springs = numbers(robot, "spring_stiffness")
     assert found.compliance == pytest.approx([0.0 if k == "rigid" else 1.0 / k for k in springs])
-    assert found.reflected_inertia.tolist() == numbers(robot, "reflected_inertia")
+    assert found.reflected_inertia.tolist() == rotors.tolist()
     assert found.approach_time == pytest.approx(max(0.2, 4.0 * found.pair_horizon))
 
 
@@ -72,7 +74,8 @@ def test_braking_takes_half_the_torque_against_the_joints_own_inertia() -> None:
 )
 def test_limits_that_make_no_sense_are_refused(wrong: dict[str, Any], says: str) -> None:
     spec = read_robot("baxter")
-    given = {"rate": 100.0, "deceleration": np.full(14, 20.0), "margin": 0.03} | wrong
+    every = np.ones(14)
+    given = {"rate": 100.0, "reflected_inertia": every, "deceleration": 20.0 * every, "margin": 0.03} | wrong
     with pytest.raises(ValueError, match=says):
         limits_of(tuple(spec.joints.values()), spec.timing, **given)
 

@@ -14,14 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
 from impedance_modules.diagnosis.data.time_base import delayed
 from impedance_modules.errors import BadInput
-
-LOOP_PERIOD = 1e-3
-"""Sampling of a robot's own loops [s]."""
+from impedance_modules.spec.robot_spec import ROBOT_LOOP_PERIOD, InnerTorqueLoopSpec
 
 
 def with_motor_torques(logs: Sequence[Log], model: NominalModel) -> tuple[Log, ...]:
@@ -30,15 +29,16 @@ def with_motor_torques(logs: Sequence[Log], model: NominalModel) -> tuple[Log, .
     Raises:
         BadInput: A command was recorded without the torque that the loop feeds back.
     """
-    if model.inner_loop is None:
-        return tuple(logs)
-    return tuple(log if log.command is None else _with_motor_torque(log, model) for log in logs)
-
-
-def _with_motor_torque(log: Log, model: NominalModel) -> Log:
     loop = model.inner_loop
-    if loop is None or log.command is None:
-        return log
+    if loop is None:
+        return tuple(logs)
+    return tuple(
+        log if log.command is None else replace(log, command=_motor_torque(log, log.command, loop, model))
+        for log in logs
+    )
+
+
+def _motor_torque(log: Log, command: Array, loop: InnerTorqueLoopSpec, model: NominalModel) -> Array:
     if log.effort is None or log.effort_source != "joint_sensor":
         raise BadInput(
             f"{log.name}: robot '{model.robot}' feeds the torque of its joint sensors back to its motors"
@@ -46,10 +46,10 @@ def _with_motor_torque(log: Log, model: NominalModel) -> Log:
             " effort of a joint sensor beside effort_command; or a robot file without that key)"
         )
     time = np.arange(log.samples) / log.rate
-    ahead = model.command_delay - loop.delay - 0.5 * LOOP_PERIOD
-    carried = np.zeros_like(log.command)
+    ahead = model.command_delay - loop.delay - 0.5 * ROBOT_LOOP_PERIOD
+    carried = np.zeros_like(command)
     if log.gravity_compensation == "robot":
         rest = np.zeros_like(log.position)
         carried = inverse_dynamics(model.tree, delayed(log.position, time, -model.command_delay), rest, rest)
-    missing = log.command + carried - delayed(log.effort, time, -ahead)
-    return replace(log, command=log.command + loop.gain * missing)
+    missing = command + carried - delayed(log.effort, time, -ahead)
+    return command + loop.gain * missing
