@@ -32,7 +32,7 @@ from impedance_modules.plant.surfaces import (
     FLAT,
     find_on_shape,
     shape_push,
-    surface_tables,
+    surface_row,
     to_surface_axes,
 )
 from impedance_modules.records import Matrix, Row, Table, Vector, new_table
@@ -338,8 +338,7 @@ class SurfaceDistances:
     """Coal's shapes, one query per pair of point and surface, and the table that takes the answers."""
 
     def __init__(self, surfaces: Sequence[SurfaceSpec], contacts: Table) -> None:
-        table, _, _ = surface_tables(surfaces)
-        shapes = [_shape(surface, row) for surface, row in zip(surfaces, table, strict=True)]
+        shapes = [_shape(surface) for surface in surfaces]
         self._stale = contacts["stale"]
         self._position, self._radius = contacts["position"], contacts["radius"]
         self._measured_at, self._measured = contacts["measured_at"], contacts["measured"]
@@ -369,10 +368,11 @@ class SurfaceDistances:
             self._normal[i] = -result.normal
 
 
-def _shape(surface: SurfaceSpec, row: Row) -> tuple[coal.CollisionGeometry, coal.Transform3s] | None:
+def _shape(surface: SurfaceSpec) -> tuple[coal.CollisionGeometry, coal.Transform3s] | None:
     """Builds coal's shape and pose of a plane or a box; None of others."""
     if surface.surface not in {"plane", "box"}:
         return None
+    row = surface_row(surface)
     if surface.size is None:
         normal = np.array(row["rotation"][:, 2])
         return coal.Halfspace(normal, float(normal @ row["translation"])), coal.Transform3s()

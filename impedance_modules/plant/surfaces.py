@@ -131,7 +131,7 @@ class SurfaceShape:
 
     def __init__(self, surface: SurfaceSpec) -> None:
         self._tree = None if surface.mesh is None else MeshTree(surface.mesh)
-        self._row = _surface_row(surface, self._tree)
+        self._row = surface_row(surface, self._tree)
         self.low: Vector = self._row["middle"] - self._row["half"]
         self.high: Vector = self._row["middle"] + self._row["half"]
 
@@ -159,14 +159,18 @@ def surface_tables(surfaces: Sequence[SurfaceSpec]) -> tuple[Table, Table, Table
     table = new_table(len(surfaces), SURFACE)
     first = 0
     for i, (surface, tree) in enumerate(zip(surfaces, trees, strict=True)):
-        table[i] = _surface_row(surface, tree)
+        table[i] = surface_row(surface, tree)
         table[i]["root"], table[i]["first_triangle"] = roots[i], first
         first += int(table[i]["triangle_count"])
     return table, nodes, triangles
 
 
-def _surface_row(surface: SurfaceSpec, tree: MeshTree | None) -> Row:
-    """Makes the row of one surface whose mesh stands alone."""
+def surface_row(surface: SurfaceSpec, tree: MeshTree | None = None) -> Row:
+    """Makes the row of one surface, with the extent of its mesh if its tree is given.
+
+    Raises:
+        BadInput: The numbers do not describe a surface.
+    """
     row = new_table(1, SURFACE)[0]
     row["is_plane"], row["kind"] = surface.surface == "plane", KINDS.get(surface.surface, FLAT)
     row["rotation"], row["translation"] = exp3(np.array(surface.rotation)), _origin(surface)
