@@ -12,10 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from impedance_modules.diagnosis.model_selection import naming
 from impedance_modules.diagnosis.model_selection.naming import (
     LEAST_WEIGHT,
     without_negligible,
     without_rejected,
+    without_uncertain,
 )
 from impedance_modules.diagnosis.regression import parameter_estimates
 from impedance_modules.diagnosis.regression.parameter_estimates import ALLOWED, beyond_chance
@@ -32,7 +34,9 @@ class Evidence:
     powers: dict[str, float]
     model_fit: SimpleNamespace
     selector: SimpleNamespace = field(
-        default_factory=lambda: SimpleNamespace(model_fit=lambda model: SimpleNamespace(model=list(model)))
+        default_factory=lambda: SimpleNamespace(
+            model_fit=lambda model: SimpleNamespace(model=list(model)), refiner=None
+        )
     )
 
     def excess(self, fit: SimpleNamespace) -> float:
@@ -64,7 +68,18 @@ def cause(effect: str, verdict: str | None, port: str = "link") -> SimpleNamespa
     return SimpleNamespace(effect=effect, port=port, joints=("elbow",), rollout=rollout)
 
 
-def test_what_worsens_the_simulated_motion_is_not_named() -> None:
+def certain_unless(**partners: str):
+    """Judges a term as certain, unless the partner that it leans on is gone."""
+
+    def judge(fit: SimpleNamespace, refiner: None) -> list[SimpleNamespace]:
+        names = {one.key[0] for one in fit.model}
+        return [one for one in fit.model if partners.get(one.key[0], one.key[0]) in names]
+
+    return judge
+
+
+def test_what_worsens_the_simulated_motion_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(naming, "significant_terms", certain_unless())
     before = evidence(spring=5.0, friction=3.0, payload=1.0)
     causes = [cause("spring", "helps"), cause("friction", "worsens"), cause("payload", None)]
     found, notes = without_rejected(before, causes)
@@ -73,6 +88,25 @@ def test_what_worsens_the_simulated_motion_is_not_named() -> None:
     other_port = [cause("friction", "worsens", port="actuator")]
     assert named(without_rejected(before, other_port)[0]) == ["spring", "friction", "payload"]
     assert without_rejected(before, [cause("spring", "no difference")]) == (before, ())
+
+
+def test_what_is_certain_only_beside_a_rejected_cause_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(naming, "significant_terms", certain_unless(ripple="payload"))
+    before = evidence(spring=5.0, ripple=3.0, payload=1.0)
+    found, notes = without_rejected(before, [cause("payload", "worsens")])
+    assert named(found) == ["spring"]
+    assert "payload on elbow" in notes[0] and "ripple on elbow, whose numbers alone" in notes[1]
+
+
+def test_of_two_uncertain_terms_the_larger_is_judged_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two terms that explain the same are both uncertain; one alone is not."""
+
+    def judge(fit: SimpleNamespace, refiner: None) -> list[SimpleNamespace]:
+        return [] if len(fit.model) > 1 else list(fit.model)
+
+    monkeypatch.setattr(naming, "significant_terms", judge)
+    found, notes = without_uncertain(evidence(lag=2.0, delay=5.0))
+    assert named(found) == ["delay"] and len(notes) == 1 and "lag on elbow" in notes[0]
 
 
 def fitted(

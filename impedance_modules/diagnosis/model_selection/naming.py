@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which accepted terms are named: not those that explain next to nothing, nor those that worsen the simulated motion.
+"""Which accepted terms are named: none that explains next to nothing, may be chance, or worsens the simulated motion.
 
 What is not named is no part of the model either: gap, remainder and patch are those of the named causes alone.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from impedance_modules.diagnosis.model_selection.cause_search import significant_terms
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.result import Cause
@@ -48,6 +49,25 @@ def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
     return evidence, tuple(notes)
 
 
+def without_uncertain(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
+    """Leaves out terms whose numbers may be chance once others have been left out, the least first.
+
+    Each refit judges the others anew: of two terms that explain the same, one stays.
+
+    Returns:
+        The evidence with the others fitted again, and a sentence for each that was left out.
+    """
+    notes: list[str] = []
+    while True:
+        certain = significant_terms(evidence.model_fit, evidence.selector.refiner)
+        unsure = [entry for entry in ranked_terms(evidence) if entry[0] not in certain]
+        if not unsure:
+            return evidence, tuple(notes)
+        term, _ = min(unsure, key=lambda entry: entry[1])
+        notes.append(f"not named: {term.candidate.name}, whose numbers alone are within chance")
+        evidence = _without(evidence, [term])
+
+
 def without_rejected(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evidence, tuple[str, ...]]:
     """Leaves out the causes with which the simulated motion is worse than without.
 
@@ -56,7 +76,8 @@ def without_rejected(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evide
         causes: Compared in rollouts.
 
     Returns:
-        The evidence with the others fitted again, and a sentence for each that was left out.
+        The evidence with the others fitted again, without those that are not certain alone, and a sentence for each
+        that was left out.
     """
     rejected = [c for c in causes if c.rollout is not None and c.rollout.verdict == "worsens"]
     keys = {(cause.effect, cause.port) for cause in rejected}
@@ -69,7 +90,8 @@ def without_rejected(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evide
         for cause in rejected
         if cause.rollout is not None
     )
-    return _without(evidence, left_out), notes
+    left, uncertain = without_uncertain(_without(evidence, left_out))
+    return left, (*notes, *uncertain)
 
 
 def _without(evidence: Evidence, left_out: Sequence[ModelTerm]) -> Evidence:
