@@ -18,6 +18,7 @@ from pathlib import Path
 
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import Effect
+from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.simulator_numbers import MEANINGS, QUANTITIES, Quantity
 from impedance_modules.export.carrier import D, Format
 from impedance_modules.export.mujoco_format import MUJOCO
@@ -62,8 +63,13 @@ def _ids() -> str:
 
 
 def _table() -> str:
-    head = "| effect | what happens | numbers | carried by | ports | searched |"
+    head = "| effect | what happens | numbers | carried by | port (place in the chain) | searched |"
     return "\n".join([head, "|---|---|---|---|---|---|", *map(_row, CATALOGUE.values())])
+
+
+def _port(described: Description, port: Port) -> str:
+    place = described.place(port)
+    return port if place == port else f"{port} ({place})"
 
 
 def _row(effect: Effect) -> str:
@@ -74,7 +80,7 @@ def _row(effect: Effect) -> str:
         described.sentence.replace("|", "\\|"),
         numbers,
         ", ".join(described.keys),
-        ", ".join(described.ports),
+        ", ".join(_port(described, port) for port in described.ports),
         SEARCHED[effect.searched],
     )
     return f"| {' | '.join(cells)} |"

@@ -71,7 +71,7 @@ def _print_card(effect: Effect, console: Console) -> None:
     rows = {
         "what happens": described.sentence,
         "equation": described.equation,
-        "ports": ", ".join(described.ports),
+        "ports": ", ".join(f"{port} (place: {described.place(port)})" for port in described.ports),
         "numbers belong to": ", ".join(KEY_WORDS[kind] for kind in described.keys),
         "signature": described.signature,
         "looks like": ", ".join(described.confusable_with),

@@ -10,6 +10,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import DataReport
+from impedance_modules.effects.effect_description import Port
 
 EXIT_CODES: Mapping[str, int] = {
     "no_gap": 0,
@@ -111,7 +112,7 @@ class Cause:
 
     effect: str
     joints: tuple[str, ...]
-    port: str
+    port: Port
     parameters: Mapping[str, Mapping[str, Estimate]]
     weight: float
     shrink: float | None

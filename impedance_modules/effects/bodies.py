@@ -268,6 +268,7 @@ class BaseTilt(Stepped):
             Parameter("ry", "rad", "lean about the base's y axis", lower=-0.6, upper=0.6),
         ),
         ports=("link",),
+        places={"link": "base"},
         keys=("base",),
         signature="like weight on all joints, by two numbers that they share",
         confusable_with=("torque_offset", "encoder_offset", "payload"),

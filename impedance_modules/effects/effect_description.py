@@ -4,11 +4,42 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 Port = Literal["actuator", "link", "sensor", "timing", "contact"]
 """Where an effect acts: command to effort, effort to motion, what is reported, when, or on the outside."""
+
+Place = Literal[
+    "command",
+    "drive",
+    "motor",
+    "transmission",
+    "torque_sensor",
+    "link",
+    "encoder",
+    "velocity_estimate",
+    "clock",
+    "base",
+    "surroundings",
+]
+"""Where in the chain from command to log a real machine has an effect; finer than its port.
+
+    command -> drive -> motor -> transmission -> torque_sensor -> link -> encoder -> velocity_estimate -> clock (log)
+
+The drive makes a motor's torque of a command; the motor is the rotor's side of the gear; the transmission is gear and
+spring between rotor and link; the torque sensor reads what passes there; the velocity estimate is made of what the
+encoder reads. Base and surroundings act on the links from outside.
+"""
+
+USUAL_PLACES: Mapping[Port, Place] = {
+    "actuator": "motor",
+    "link": "link",
+    "timing": "command",
+    "contact": "surroundings",
+}
+"""Place of an effect at a port, where its description says nothing else."""
 
 KeyKind = Literal["joint", "pair", "body", "base", "log", "surface"]
 """What carries an effect's numbers: a joint, ``JOINT<-OTHER``, a link, the base, the whole recording, or a surface."""
@@ -84,6 +115,7 @@ class Description:
         equation: Its law; torques are those that the real joint consumes beyond the nominal model.
         parameters: Its numbers.
         ports: Where it can act.
+        places: Port -> place in the chain, where it is not the usual one.
         keys: What can carry its numbers.
         signature: How it shows in a residual.
         confusable_with: Ids that look alike.
@@ -97,6 +129,7 @@ class Description:
     equation: str
     parameters: tuple[Parameter, ...]
     ports: tuple[Port, ...] = ("actuator", "link")
+    places: Mapping[Port, Place] = field(default_factory=dict)
     keys: tuple[KeyKind, ...] = ("joint",)
     signature: str
     confusable_with: tuple[str, ...]
@@ -107,6 +140,10 @@ class Description:
     def parameter(self, symbol: str) -> Parameter:
         """Finds a parameter by its symbol; ``KeyError`` if there is none."""
         return {parameter.symbol: parameter for parameter in self.parameters}[symbol]
+
+    def place(self, port: Port) -> Place:
+        """Gives the place in the chain at which it acts at a port."""
+        return self.places[port] if port in self.places else USUAL_PLACES[port]
 
     @property
     def symbols(self) -> tuple[str, ...]:

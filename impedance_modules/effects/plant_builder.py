@@ -68,6 +68,7 @@ class PlantEffects:
         added_mass: (n, 6, 6) inertia without weight of what each joint's link takes along, linear then angular,
             in the joint's own axes; symmetric, positive semidefinite.
         drive_gain: (n,) motor torque per torque asked for; needed to start in equilibrium.
+        drive_crosstalk: (n, n) share of the torque asked of column j that row i's motor gives; zero diagonal.
         spring_stiffness, spring_preload: (n,) parallel springs that a robot which carries its own weight
             compensates too [N.m/rad], [N.m].
         sensors: Errors of its sensors.
@@ -80,6 +81,7 @@ class PlantEffects:
     coupling: Array
     added_mass: Array
     drive_gain: Array
+    drive_crosstalk: Array
     spring_stiffness: Array
     spring_preload: Array
     sensors: SensorErrors
@@ -94,6 +96,7 @@ class PlantBuilder:
         model: The robot with the effects that plant and model share.
         torques: Torques on joints.
         gap, drive_delay, drive_limit, drive_gain, drive_lag: (n,) see ``PlantEffects`` and ``DrivePath``.
+        drive_crosstalk: (n, n) likewise.
         spring_stiffness, spring_preload, coupling: Likewise.
         offset, effort_gain, effort_bias, crosstalk, velocity_lag, clock: See ``SensorErrors``.
         added_mass: (n, 6, 6) see ``PlantEffects``.
@@ -109,6 +112,7 @@ class PlantBuilder:
         self.drive_limit, self.drive_gain = np.full(n, np.inf), np.ones(n)
         self.spring_stiffness, self.spring_preload = np.zeros(n), np.zeros(n)
         self.coupling, self.crosstalk = np.zeros((n, n)), np.zeros((n, n))
+        self.drive_crosstalk = np.zeros((n, n))
         self.offset, self.effort_bias, self.velocity_lag = np.zeros(n), np.zeros(n), np.zeros(n)
         self.effort_gain = np.ones(n)
         self.added_mass = np.zeros((n, 6, 6))
@@ -183,7 +187,9 @@ class PlantBuilder:
 
     def finish(self) -> PlantEffects:
         """Freezes the numbers."""
-        drive = DrivePath(self.drive_delay, self.drive_limit, self.drive_gain, self.drive_lag)
+        drive = DrivePath(
+            self.drive_delay, self.drive_limit, self.drive_gain, self.drive_crosstalk, self.drive_lag
+        )
         sensors = SensorErrors(
             self.offset, self.effort_gain, self.effort_bias, self.crosstalk, self.velocity_lag, self.clock
         )
@@ -193,6 +199,7 @@ class PlantBuilder:
             coupling=self.coupling,
             added_mass=self.added_mass,
             drive_gain=self.drive_gain,
+            drive_crosstalk=self.drive_crosstalk,
             spring_stiffness=self.spring_stiffness,
             spring_preload=self.spring_preload,
             sensors=sensors,
@@ -269,11 +276,11 @@ class LawTorque(EffectTorque):
 
 
 class DrivePath(EffectTorque):
-    r"""Path of all joints from the torque asked for to the motor's: delayed, clipped, scaled and lagged, in this order.
+    r"""Path of all joints from the torque asked for to the motor's: delayed, clipped, scaled, mixed, lagged.
 
         u_1(t) = u(t - T_delay)      of the command; what the robot adds by itself is not delayed
         u_2 = min(max(u_1 + assist, -limit), limit)
-        u_3 = s u_2
+        u_3 = s u_2 + C u_2
         T_lag \dot\tau_m = u_3 - \tau_m
 
     Its torque is \tau_m less the torque asked for. The delay is rounded to the plant's integration step.
@@ -281,9 +288,10 @@ class DrivePath(EffectTorque):
 
     port: Side = "motor"
 
-    def __init__(self, delay: Array, limit: Array, gain: Array, lag: Array) -> None:
-        """Takes (n,) each: delay [s], symmetric limit [N.m] (inf: none), gain, time constant [s]."""
+    def __init__(self, delay: Array, limit: Array, gain: Array, crosstalk: Array, lag: Array) -> None:
+        """Takes (n,) each: delay [s], symmetric limit [N.m] (inf: none), gain, time constant [s]; C (n, n)."""
         self._delay, self._limit, self._gain, self._lag = delay, limit, gain, lag
+        self._crosstalk, self._mixes = crosstalk, bool(crosstalk.any())
         self._age = np.zeros(delay.size, dtype=np.intp)
         self._share = np.ones(delay.size)
         self._past = np.zeros((1, delay.size))
@@ -296,6 +304,7 @@ class DrivePath(EffectTorque):
         return bool(
             self._delay.any()
             or self._lag.any()
+            or self._mixes
             or np.any(self._gain != 1.0)
             or np.isfinite(self._limit).any()
         )
@@ -327,4 +336,6 @@ class DrivePath(EffectTorque):
         late = self._past[(self._next - self._age) % self._past.shape[0], np.arange(n)]
         command = np.where(self._age > 0, late, motion.command)
         total = command + (motion.drive - motion.command)
-        return np.asarray(self._gain * np.clip(total, -self._limit, self._limit))
+        clipped = np.clip(total, -self._limit, self._limit)
+        given = self._gain * clipped
+        return np.asarray(given + self._crosstalk @ clipped if self._mixes else given)

@@ -44,6 +44,7 @@ class TorqueOffset(JointLaw):
         equation="tau = c; at the sensor: effort reported = effort + c",
         parameters=(joint_parameter("c", "N.m", "torque consumed, or added to the reading"),),
         ports=("actuator", "link", "sensor"),
+        places={"sensor": "torque_sensor"},
         signature="constant, in holds as in moves",
         confusable_with=("encoder_offset", "base_tilt", "asymmetric_friction", "parallel_spring"),
         excitation="static poses with different weight on the joint",
@@ -85,6 +86,7 @@ class TorqueGain(Effect):
         equation="actuator: motor torque = s x torque asked for; sensor: effort reported = s x effort",
         parameters=(Parameter("s", "1", "factor; 1 is nominal", lower=0.0, positive=True, neutral=1.0),),
         ports=("actuator", "sensor"),
+        places={"actuator": "drive", "sensor": "torque_sensor"},
         signature="in proportion to the joint's own torque, in every regime",
         confusable_with=("payload", "link_inertia", "load_dependent_friction", "torque_saturation"),
         excitation="a known added mass; other joints' rows tell it from a payload",
@@ -145,6 +147,7 @@ class EncoderOffset(Stepped):
         equation="q reported = q + dq0; tau = ID(q reported - dq0) - ID(q reported) = -(dID/dq) dq0",
         parameters=(joint_parameter("dq0", "rad", "angle reported too much"),),
         ports=("sensor",),
+        places={"sensor": "encoder"},
         signature="like weight, on the joint itself and on the joints before and after it",
         confusable_with=("base_tilt", "torque_offset", "payload"),
         excitation="poses over the whole workspace",
@@ -178,41 +181,59 @@ class EncoderOffset(Stepped):
 
 
 class Crosstalk(Effect):
-    """One joint's torque in another's effort reading."""
+    """One joint's torque in another's effort reading, or in what another's drive gives."""
 
     description = Description(
         id="crosstalk",
-        sentence="A neighbour's torque bends this joint's effort sensor too: its reading follows the other joint.",
-        equation="effort reported of JOINT = effort + c x effort of OTHER",
+        sentence="A neighbour's torque bends this joint's effort sensor too, or its current reaches this joint's motor:"
+        " what is reported, or given, follows the other joint.",
+        equation="sensor: effort reported of JOINT = effort + c x effort of OTHER;"
+        " actuator: motor torque of JOINT = u + c x u of OTHER",
         parameters=(Parameter("c", "1", "share of the other joint's torque", lower=-1.0, upper=1.0),),
-        ports=("sensor",),
+        ports=("sensor", "actuator"),
+        places={"sensor": "torque_sensor", "actuator": "drive"},
         keys=("pair",),
-        signature="the residual of one joint follows the torque of another",
+        signature="the residual of one joint follows the torque of another; of drives, before the sensor only",
         confusable_with=("payload", "link_inertia", "transmission_coupling"),
         excitation="one joint at a time",
         reference="Rethink Robotics: crosstalk_model_effort in SEAJointState",
-        applied="The plant: what its effort sensors report.",
+        applied="The plant: what its effort sensors report, or what its drives give.",
     )
     imitates_carried = True
-    not_exported = NO_SUCH_SENSOR
+    not_exported = "sensors and drives there each know one joint"
+
+    def proportional_to_command(self, port: Port) -> bool:
+        """In proportion to the torque asked of the other joint, unless only readings are mixed."""
+        return port == "actuator"
+
+    def computed_from_command(self, port: Port) -> bool:
+        """Made of the torque asked for, unless only readings are mixed."""
+        return port == "actuator"
+
+    def stage(self, port: Port) -> Stage | None:
+        """The drive; a sensor consumes nothing."""
+        return "drive" if port == "actuator" else None
 
     def shows(self, port: Port, residual: Residual) -> bool:
-        """Wherever the effort enters."""
-        return EFFORT_SIGN[residual] != 0.0
+        """A reading shows wherever the effort enters."""
+        return EFFORT_SIGN[residual] != 0.0 if port == "sensor" else super().shows(port, residual)
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
-        """The other joint's reading."""
-        signals = site.signals
-        if signals.effort is None:
+        """The other joint's reading, or minus the torque asked of it."""
+        signals, sensed = site.signals, site.port == "sensor"
+        torque = signals.effort if sensed else signals.drive
+        if torque is None:
             return None
         joint, other = (signals.joint(name) for name in ends(site.key))
-        return one_row(joint, EFFORT_SIGN[residual] * signals.effort[:, other], lower=-1.0, upper=1.0)
+        sign = EFFORT_SIGN[residual] if sensed else -1.0
+        return one_row(joint, sign * torque[:, other], lower=-1.0, upper=1.0)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
-        """Adds shares of other joints' efforts to readings."""
+        """Adds shares of other joints' torques to readings or to what drives give."""
+        shares = builder.crosstalk if port == "sensor" else builder.drive_crosstalk
         for key, values in parameters.items():
             joint, other = ends(key)
-            builder.crosstalk[builder.joint(joint), builder.joint(other)] += values["c"]
+            shares[builder.joint(joint), builder.joint(other)] += values["c"]
 
 
 class VelocityFilterLag(Stepped):
@@ -224,6 +245,7 @@ class VelocityFilterLag(Stepped):
         equation="T d(v_reported)/dt = v - v_reported, beyond the robot file's velocity_filter",
         parameters=(Parameter("T", "s", "time constant beyond the robot file's", lower=0.0, upper=10.0),),
         ports=("sensor",),
+        places={"sensor": "velocity_estimate"},
         signature="the reported velocity trails the differences of the reported position",
         confusable_with=("command_delay", "clock_drift"),
         excitation="fast reversals; compare the reported velocity with differences of position",
@@ -272,6 +294,7 @@ class ClockDrift(Effect):
             ),
         ),
         ports=("timing",),
+        places={"timing": "clock"},
         keys=("log",),
         signature="all joints alike: reported velocities and differences of position differ by a factor",
         confusable_with=("command_delay", "velocity_filter_lag"),

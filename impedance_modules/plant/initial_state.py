@@ -156,10 +156,17 @@ class StartAtRest:
         lead = self._compliance() * load + joints["half_gap"] * np.sign(load)
         plant.start.motor_position[:] = position + lead * (joints["kind"] != IDEAL)
         joints["load"] = joints["motor"] = load
-        command = self._motor_start(load) / self._effects.drive_gain - joints["assist"]
+        command = self._asked(self._motor_start(load)) - joints["assist"]
         joints["command"] = command
         self._start_effects()
         return np.asarray(command)
+
+    def _asked(self, given: Vector) -> Vector:
+        """Finds what must be asked of drives (n,) [N.m] that give a share of what is asked of others."""
+        gain, crosstalk = self._effects.drive_gain, self._effects.drive_crosstalk
+        if not crosstalk.any():
+            return np.asarray(given / gain)
+        return np.asarray(np.linalg.solve(np.diag(gain) + crosstalk, given))
 
     def _compliance(self) -> Vector:
         """Gives 1 / K of every joint's spring (n,) [rad/(N.m)]; 0 without one."""

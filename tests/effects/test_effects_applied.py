@@ -61,6 +61,7 @@ IN_DRIVES = (
     applied("torque_saturation", A, S + "bend", limit=7.5),
     applied("reflected_inertia", A, S + "roll", Ia=0.11),
     applied("joint_elasticity", A, S + "tilt", K=140.0),
+    applied("crosstalk", A, "starboard_spin<-starboard_lift", c=-0.05),
 )
 IN_SENSORS = (
     applied("torque_gain", "sensor", P + "lift", s=1.08),
@@ -199,6 +200,7 @@ def test_effects_of_no_size_change_nothing() -> None:
         applied("base_tilt", L, "base", rx=0.0, ry=0.0),
         applied("velocity_filter_lag", "sensor", P + "lift", T=0.0),
         applied("crosstalk", "sensor", "port_tilt<-port_lift", c=0.0),
+        applied("crosstalk", A, "port_tilt<-port_lift", c=0.0),
     )
     one, two = record((), 0.0, 0.3), record(nothing, 0.0, 0.3)
     assert np.allclose(one.signals.position, two.signals.position, rtol=0, atol=1e-11)

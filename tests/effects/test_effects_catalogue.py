@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from docs import effects_tables
 from impedance_modules.effects.apply import apply_patch, apply_to_plant, apply_to_surfaces
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import Site
-from impedance_modules.effects.effect_description import Parameter, same_unit
+from impedance_modules.effects.effect_description import Parameter, Place, same_unit
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import RESIDUALS
 from impedance_modules.errors import BadFile, BadInput
@@ -390,3 +391,15 @@ def test_schema_and_docs_have_the_places_to_write_to() -> None:
     assert effects_tables.TABLE.search(effects)
     assert effects_tables.COUNT.search(effects)
     assert effects_tables.ENUM.search((CHECKOUT / "schemas" / "patch.schema.json").read_text())
+
+
+def test_every_effect_has_a_place_at_each_of_its_ports() -> None:
+    schema = json.loads((CHECKOUT / "schemas" / "diagnosis.schema.json").read_text())
+    known = schema["$defs"]["cause"]["properties"]["place"]["enum"]
+    assert known == list(get_args(Place))
+    for effect in CATALOGUE.values():
+        described = effect.description
+        assert set(described.places) <= set(described.ports)
+        assert {described.place(port) for port in described.ports} <= set(known)
+        # Two ports of an effect are two places: a finer word that does not tell them apart is none.
+        assert len({described.place(port) for port in described.ports}) == len(described.ports)

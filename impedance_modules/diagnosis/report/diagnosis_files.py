@@ -27,6 +27,7 @@ from impedance_modules.diagnosis.result import (
     Rollout,
     RolloutError,
 )
+from impedance_modules.effects.catalogue import CATALOGUE
 
 FORMAT = 1
 
@@ -202,6 +203,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "effect": cause.effect,
         "joints": list(cause.joints),
         "port": cause.port,
+        "place": CATALOGUE[cause.effect].description.place(cause.port),
         "parameters": {
             key: {s: {"value": e.value, "std": e.std, "unit": e.unit} for s, e in symbols.items()}
             for key, symbols in cause.parameters.items()

@@ -141,7 +141,9 @@ def roll_out(
 def _compared(runs: _RolloutSet, causes: Sequence[Cause], known_effects: Sequence[EffectSpec]) -> Rollout:
     base, left_out = effects_to_simulate(known_effects, runs.drive)
     # A push happened at one time of one recording, and is not simulated.
-    specs = {(c.effect, c.port): spec_of_cause(c) for c in causes if c.port != "contact"}
+    specs: dict[tuple[str, str], EffectSpec] = {
+        (c.effect, c.port): spec_of_cause(c) for c in causes if c.port != "contact"
+    }
     kept, dropped = effects_to_simulate(tuple(specs.values()), runs.drive)
     chosen = {key: spec for key, spec in specs.items() if spec in kept}
     try:
