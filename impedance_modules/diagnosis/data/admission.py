@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.channel_checks import refuse_faulty_channels, unwrapped
+from impedance_modules.diagnosis.data.computed_velocities import computed_from
 from impedance_modules.diagnosis.data.dataset_consistency import (
     group_repeats,
     refuse_copies,
@@ -142,7 +143,7 @@ def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str
         group=episode.name,
         rate=rate,
         position=position,
-        velocity=_usable_velocity(take("velocity"), position, episode.name, warnings),
+        velocity=_usable_velocity(take("velocity"), position, episode, model.joints, warnings),
         effort=effort,
         command=command,
         position_command=take("position_command"),
@@ -200,12 +201,20 @@ def _hold_time(episode: Episode) -> float:
     return 1.0 / rate if isinstance(rate, int | float) and rate > 0.0 else 0.0
 
 
-def _usable_velocity(velocity: Array | None, position: Array, name: str, warnings: list[str]) -> Array | None:
-    """Returns the reported velocities; None where one of them is constant although its joint moves."""
+def _usable_velocity(
+    velocity: Array | None, position: Array, episode: Episode, joints: Sequence[str], warnings: list[str]
+) -> Array | None:
+    """Returns the reported velocities; None where one is constant although its joint moves, or all were computed."""
     if velocity is None:
         return None
+    name = episode.name
     if np.any((np.ptp(velocity, axis=0) == 0.0) & (np.ptp(position, axis=0) > 0.0)):
         warnings.append(f"{name}: a velocity is constant while its joint moves; velocities are not used")
+        return None
+    if computed_from(episode.matrix("velocity", joints), episode.matrix("position", joints), episode.time):
+        warnings.append(
+            f"{name}: velocities are differences of the recorded positions, and say nothing of their own; not used"
+        )
         return None
     return velocity
 
