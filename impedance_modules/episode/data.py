@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,6 +129,24 @@ class Episode:
             recorded = ", ".join(found) or "none"
             raise BadInput(f"{self.source}: no column '{kind}.{absent}'{near} (recorded: {recorded})")
         return np.column_stack([found[joint] for joint in wanted])
+
+    def part(self, rows: slice | NDArray[np.bool_]) -> Episode:
+        """Gives some of the samples, of every quantity."""
+
+        def cut(quantity: Mapping[str, Any]) -> Mapping[str, Any]:
+            return MappingProxyType({name: values[rows] for name, values in quantity.items()})
+
+        mappings: dict[str, Any] = {
+            name: cut(getattr(self, name))
+            for name in (*JOINT_KINDS, "wrench", "pose", "target", "extra", "labels")
+        }
+        return replace(
+            self,
+            time=self.time[rows],
+            phase=None if self.phase is None else self.phase[rows],
+            tank=None if self.tank is None else self.tank[rows],
+            **mappings,
+        )
 
     def phase_intervals(self) -> tuple[Interval, ...]:
         """Returns the stretches of each phase in order; empty when phases were not recorded."""

@@ -187,6 +187,29 @@ def test_spoiled_recordings_are_refused_with_the_reason(tmp_path, urdf, case):
     refused(urdf, [save(tmp_path, "run0", data, **about), *others], words, code)
 
 
+def test_rows_that_were_written_twice_are_left_out(tmp_path, urdf):
+    """The same stamp and the same readings are one row; the same stamp with other readings is a fault."""
+    once = columns(0)
+    rows = np.repeat(np.arange(1200), 1 + (np.random.default_rng(0).random(1200) < 0.01))
+    twice = {name: values[rows] for name, values in once.items()}
+    (one,), _ = admitted(urdf, save(tmp_path, "a", once))
+    (other,), report = admitted(urdf, save(tmp_path, "a", twice))
+    for name in ("position", "velocity", "effort"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert any(f"{len(rows) - 1200} rows repeat the row before" in said for said in report.warnings)
+    twice["effort.elbow"][np.flatnonzero(np.diff(rows) == 0)[0] + 1] += 0.1
+    refused(urdf, [save(tmp_path, "b", twice)], "time repeats itself")
+
+
+def test_differences_of_the_positions_are_no_velocities(tmp_path, urdf):
+    data = columns(0)
+    for joint in JOINTS:
+        data[f"velocity.{joint}"] = np.gradient(data[f"position.{joint}"], data["time"])
+    (log,), report = admitted(urdf, save(tmp_path, "a", data))
+    assert log.velocity is None and any("differences of the recorded positions" in w for w in report.warnings)
+    assert admitted(urdf, save(tmp_path, "b", columns(1)))[0][0].velocity is not None
+
+
 def test_positions_in_degrees_within_the_range_are_refused(tmp_path, urdf):
     """Small motions, degrees or not, fit any range; the weight they carry tells."""
     t, q, v, a = motion(0, 12.0)

@@ -85,8 +85,8 @@ def diagnosis(*causes: Cause, verdict: str = "explained", explained: bool = True
     )
 
 
-def evidence(torque: float, left: float) -> SimpleNamespace:
-    """One cause with a torque of this rms, and what remains [N.m]."""
+def evidence(torque: float, left: float, noise: float = 0.0) -> SimpleNamespace:
+    """One cause with a torque of this rms, and what remains beside noise of another [N.m]."""
     key = ("coulomb_friction", "hinge", "link")
     term = SimpleNamespace(key=key, groups=(0,))
     return SimpleNamespace(
@@ -94,7 +94,8 @@ def evidence(torque: float, left: float) -> SimpleNamespace:
         design=SimpleNamespace(groups=(("link", 0),)),
         model_fit=SimpleNamespace(model=(term,)),
         plain=SimpleNamespace(torque=lambda *_: {0: np.array([torque, -torque])}),
-        rms=lambda *_: np.array([left]),
+        rms=lambda *_: np.array([np.hypot(left, noise)]),
+        floor=SimpleNamespace(rms=np.full((2, 1), noise)),
     )
 
 
@@ -131,6 +132,8 @@ def test_what_remains_may_be_small_as_well(left: float, noise: float, verdict: s
     near = {"hinge": RolloutError(0.03, 0.025, noise, "rad")}
     found = replace(found, rollout=replace(found.rollout, position=near))
     assert set_small_aside(found, evidence(0.0, left), 0.01).verdict == verdict
+    # Noise is no gap, however large it is beside the range.
+    assert set_small_aside(found, evidence(0.0, left, noise=0.5), 0.01).verdict == verdict
     far = replace(
         found, rollout=replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, noise, "rad")})
     )

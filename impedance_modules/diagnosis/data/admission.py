@@ -117,6 +117,7 @@ def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str
     if len(episode) < SAMPLES_MIN:
         count = "a single sample" if len(episode) == 1 else f"{len(episode)} samples"
         raise InsufficientData(f"{place}: {count} (valid: {SAMPLES_MIN} or more)")
+    episode = _without_copied_rows(episode, warnings)
     refuse_disorder(episode.time, str(place))
     jitter = stamp_jitter(episode.time)
     stamps = _times_of_samples(episode, model, jitter, warnings)
@@ -154,6 +155,19 @@ def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str
         rounding=resampled(_rounding(episode, model.joints, steps), stamps, time, "position"),
     )
     return log, jitter
+
+
+def _without_copied_rows(episode: Episode, warnings: list[str]) -> Episode:
+    """Leaves out rows that repeat the row before, stamp and all readings: a logger wrote them twice."""
+    quantities = ("position", "velocity", "effort", "effort_command", "position_command")
+    columns = [values for name in quantities for values in getattr(episode, name).values()]
+    copied = np.all([np.diff(values) == 0.0 for values in (episode.time, *columns)], axis=0)
+    if not copied.any():
+        return episode
+    warnings.append(
+        f"{episode.source}: {int(copied.sum())} rows repeat the row before, stamp and all; left out"
+    )
+    return episode.part(np.concatenate([[True], ~copied]))
 
 
 def _rounding(episode: Episode, joints: Sequence[str], steps: Array) -> Array:

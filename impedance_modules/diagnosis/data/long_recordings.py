@@ -7,7 +7,7 @@ positions only; all other channels are read in the chosen segments alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -170,17 +170,4 @@ def _cut(whole: Episode, rows: slice, mark: str, about: dict[str, Any]) -> Episo
         "repeat_of": None if original is None else original + mark,
         KEY: about,
     }
-
-    def cut(quantity: Mapping[str, Array]) -> Mapping[str, Array]:
-        return MappingProxyType({joint: values[rows] for joint, values in quantity.items()})
-
-    return replace(
-        whole,
-        time=whole.time[rows],
-        position=cut(whole.position),
-        velocity=cut(whole.velocity),
-        effort=cut(whole.effort),
-        effort_command=cut(whole.effort_command),
-        position_command=cut(whole.position_command),
-        metadata=MappingProxyType(metadata),
-    )
+    return replace(whole.part(rows), metadata=MappingProxyType(metadata))

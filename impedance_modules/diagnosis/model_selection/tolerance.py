@@ -5,8 +5,9 @@ With good sensors and long recordings, torques of a thousandth of a joint's rang
 
     \tau_{rms} \le s (\tau_{max} - \tau_{min})      for every joint and residual,
 
-the range over all recordings (of reported velocities, the range of speeds), s the tolerance. And the simulated motion
-must be as good without each cause as with it, and with all of them as near to the recorded one as its noise allows.
+\tau a cause's torque, or what remains beside the noise, by power; the range over all recordings (of reported
+velocities, the range of speeds), s the tolerance. And the simulated motion must be as good without each cause as with
+it, and with all of them as near to the recorded one as its noise allows.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     if tolerance == 0.0 or found.verdict == "no_gap":
         return found
     limits = tolerance * ranges(evidence.prepared, evidence.design.groups)
-    left = evidence.rms(evidence.model_fit, range(len(evidence.prepared)))
+    left = beside_noise(evidence)
     if not all(is_small(cause, evidence, limits) for cause in found.causes):
         return found
     if not found.remainder.explained and not (np.all(left <= limits) and stays_near(found.rollout)):
@@ -49,6 +50,13 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     words = f"; within the tolerance of {100.0 * tolerance:.3g} % of each joint's torque range"
     remainder = replace(found.remainder, explained=True, structure=found.remainder.structure + words)
     return replace(found, verdict="no_gap", causes=(), small=found.causes, remainder=remainder)
+
+
+def beside_noise(evidence: Evidence) -> Array:
+    """(groups,) rms of what the model leaves of all recordings beside their noise, in each group's unit."""
+    left = evidence.rms(evidence.model_fit, range(len(evidence.prepared)))
+    noise = np.mean(evidence.floor.rms**2, axis=0)
+    return np.asarray(np.sqrt(np.clip(left**2 - noise, 0.0, None)))
 
 
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
