@@ -8,11 +8,16 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from tests.support.ros_master import NO_MASTER, NO_ROSPY, ROSPY_NODE, ros_master
 from tests.support.sampling import sample_of
 
 pytest_plugins = ("tests.support.both_ways",)
+
+# How long an example takes says something about the machine, and nothing about the law that it tests.
+settings.register_profile("any machine", deadline=None)
+settings.load_profile("any machine")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
