@@ -83,7 +83,7 @@ def diagnose(
     progress("admitting the recordings")
     logs, report = admit(episodes, model)
     logs = with_motor_torques(logs, model)
-    model, known_effects = with_known_effects(model, known_effects, logs)
+    model, known_effects = with_known_effects(model, known_effects)
     cutoff = choose_cutoff(logs)
     run_in = filter_length(cutoff)
     split = assign_folds(logs, heldout, least_duration(cutoff, ROWS_MIN + 2), run_in)

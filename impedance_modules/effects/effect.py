@@ -177,6 +177,13 @@ class Effect(ABC):
         """
         return False
 
+    def imitates_noise(self, signals: Signals) -> bool:
+        """Says whether its columns differentiate positions more often than the residuals do.
+
+        Their noise is the residuals' own then, and larger: they can take noise away without any truth in them.
+        """
+        return False
+
     def computed_from_command(self, port: Port) -> bool:
         """Says whether its columns are made of what was asked for, which is known exactly as it was sent."""
         return False
@@ -185,12 +192,11 @@ class Effect(ABC):
         """Counts the periods of a periodic effect over a joint's travel [rad]; infinite for any other effect."""
         return float("inf")
 
-    def joint_numbers(self, values: Values, *, link_effort: bool) -> dict[str, float]:
+    def joint_numbers(self, values: Values) -> dict[str, float]:
         """Gives the numbers of the nominal joint that it replaces; empty for an effect that adds to the model.
 
         Args:
             values: Its parameters.
-            link_effort: The torque between gear and link is measured, so that a spring of the model counts.
 
         Returns:
             Some of ``reflected_inertia`` [kg.m^2], ``compliance`` [rad/(N.m)] and ``spring_damping`` [N.m.s/rad].

@@ -81,7 +81,7 @@ class ReflectedInertia(Effect):
         """Ia = I_r + coefficient."""
         return {"Ia": float(site.signals.reflected_inertia[site.joint] + coefficients[0])}
 
-    def joint_numbers(self, values: Values, *, link_effort: bool) -> dict[str, float]:
+    def joint_numbers(self, values: Values) -> dict[str, float]:
         """Replaces I_r."""
         return {"reflected_inertia": values["Ia"]}
 
@@ -126,6 +126,10 @@ class JointElasticity(Effect):
             return None
         return one_row(joint, column, lower=-float(signals.spring_compliance[joint]))
 
+    def imitates_noise(self, signals: Signals) -> bool:
+        """Where no sensor measures the torque that bends the spring, it is computed from accelerations."""
+        return not signals.measures_springs
+
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient 1/K - 1/K_nominal."""
         return np.array([1.0 / values["K"] - site.signals.spring_compliance[site.joint]]), {}
@@ -135,10 +139,8 @@ class JointElasticity(Effect):
         compliance = float(site.signals.spring_compliance[site.joint] + coefficients[0])
         return {"K": 1.0 / compliance if compliance > 0.0 else float("inf")}
 
-    def joint_numbers(self, values: Values, *, link_effort: bool) -> dict[str, float]:
-        """Replaces the series spring where the torque behind it is measured; elsewhere it adds to the model."""
-        if not link_effort:
-            return {}
+    def joint_numbers(self, values: Values) -> dict[str, float]:
+        """Replaces the series spring."""
         damping = {"spring_damping": values["D"]} if "D" in values else {}
         return {"compliance": 1.0 / values["K"], **damping}
 

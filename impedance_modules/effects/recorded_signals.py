@@ -115,17 +115,20 @@ class Signals:
         """g(q) of the nominal links (N, n) [N.m]."""
         return self.model.weight(self.position)
 
+    @property
+    def measures_springs(self) -> bool:
+        """Whether a sensor measures the torque between gear and link, which bends the joints' springs."""
+        return self.effort is not None and self.effort_source == "joint_sensor"
+
     @cached_property
     def load(self) -> Array:
         """Torque between gear and link (N, n) [N.m]: measured by a joint sensor, else the model's."""
-        if self.effort is not None and self.effort_source == "joint_sensor":
-            return self.effort
-        return self.rigid
+        return self.effort if self.effort is not None and self.measures_springs else self.rigid
 
     @property
     def touch(self) -> Array:
         """The load (N, n) [N.m] as it was read: which flanks of the teeth carry it."""
-        if self.reading is not None and self.effort_source == "joint_sensor":
+        if self.reading is not None and self.measures_springs:
             return self.reading
         return self.load
 

@@ -82,7 +82,7 @@ def recorded(size: float, rate: float = 500.0) -> SimpleNamespace:
     errors = rounding_errors(STEP * np.round(q / STEP)[:, None], GRID, 0)
     thinned, rate = thin(errors, rate)
     log = SimpleNamespace(rounding=thinned, rate=rate, samples=len(thinned), effort=None)
-    signals = SimpleNamespace(n=1, reflected_inertia=np.zeros(1))
+    signals = SimpleNamespace(n=1, reflected_inertia=np.zeros(1), measures_springs=True)
     band = Band(rate, 8.0)
     position = band.condense(0.0 * thinned)
     return SimpleNamespace(log=log, signals=signals, band=band, tree=None, position=position)

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.errors import BadInput
@@ -111,7 +110,7 @@ def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
 
 
 def with_known_effects(
-    model: NominalModel, known_effects: Sequence[EffectSpec], logs: Sequence[Log]
+    model: NominalModel, known_effects: Sequence[EffectSpec]
 ) -> tuple[NominalModel, tuple[EffectSpec, ...]]:
     """Applies the known effects of a patch to the nominal model, as far as they replace its numbers.
 
@@ -121,17 +120,15 @@ def with_known_effects(
     Args:
         model: As the robot file has it.
         known_effects: Effects of the patch.
-        logs: The recordings; without a joint sensor the model's joint springs are not used, and a patch's spring adds.
 
     Returns:
         The model, and the effects that add to it.
     """
-    link_effort = logs[0].effort_source == "joint_sensor"
     adding = []
     for spec in known_effects:
         numbers = {
             key: CATALOGUE[spec.effect].joint_numbers(
-                {symbol: quantity.value for symbol, quantity in symbols.items()}, link_effort=link_effort
+                {symbol: quantity.value for symbol, quantity in symbols.items()}
             )
             for key, symbols in spec.parameters.items()
         }

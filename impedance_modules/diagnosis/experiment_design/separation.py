@@ -128,7 +128,7 @@ class MotionPredictor:
             reflected_inertia=model.reflected_inertia,
             motor_damping=model.motor_damping,
             effort_source="joint_sensor" if sensor else "motor",
-            spring_compliance=model.compliance if sensor else 0.0 * model.compliance,
+            spring_compliance=model.compliance,
             assistance=self.rigid.weight(q),
         )
 

@@ -75,6 +75,8 @@ class Plausibility:
         """Why a trial's own numbers reject it."""
         if trial.in_sample.contrast_chi_square < CONTRAST_MIN:
             return "what makes it this effect rather than a simpler one is not there for certain"
+        if not self.pairs and trial.term.candidate.effect.imitates_noise(self.signals):
+            return "only a motion that is repeated tells it from the positions' noise, which it contains"
         return self.unphysical(trial)
 
     def unphysical(self, trial: CandidateTrial) -> str | None:

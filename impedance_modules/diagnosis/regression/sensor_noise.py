@@ -8,6 +8,8 @@ noise beyond the motion's frequencies and the grid's errors bound the floor from
 
     \delta r_link = -M(q) \delta a,      \delta r_actuator = -I_r \delta a,      \delta r_velocity = -\delta v
 
+Behind a spring 1/c whose torque no sensor measures, the rotor's acceleration is \delta a + c M(q) \delta a''.
+
 The noise of a residual changes with the motion: an outstretched arm has more inertia, a heavy load shakes it.
 
     var(e - ID) = k^2 \sigma_e^2 + S,   S = \sum_j M_ij(q)^2 \sigma_{a,j}^2
@@ -56,12 +58,14 @@ class Rounding:
     Attributes:
         acceleration: (M, n) in the band [rad/s^2].
         velocity: (M, n) in the band [rad/s].
+        snap: (M, n) second derivative of the acceleration in the band [rad/s^4].
         torque: (M, n) what the links would need for that acceleration [N.m].
         rotor: (M, n) what the rotors would [N.m].
     """
 
     acceleration: Array
     velocity: Array
+    snap: Array
     torque: Array
     rotor: Array
 
@@ -94,7 +98,9 @@ def unseen_rounding(item: Prepared, seen: Array) -> Rounding | None:
     lacking = np.where(seen < LACKING * whole, 1.0 - seen / np.maximum(whole, 1e-300), 0.0)
     if not lacking.any():
         return None
-    return _torques(item, made.velocity * np.sqrt(lacking), made.acceleration * np.sqrt(lacking))
+    return _torques(
+        item, *(np.sqrt(lacking) * part for part in (made.velocity, made.acceleration, made.snap))
+    )
 
 
 def read_noise(item: Prepared) -> Array:
@@ -129,23 +135,27 @@ def made_by_positions(item: Prepared, seed: int) -> Rounding:
     """
     noise = read_noise(item) * np.random.default_rng(seed).standard_normal(item.log.position.shape)
     white, grid = _motion(item, noise), _grid_motion(item)
-    stronger = np.mean(grid[0] ** 2, axis=0) > np.mean(white[0] ** 2, axis=0)
-    velocity, acceleration = (np.where(stronger, *both) for both in zip(grid, white, strict=True))
-    return _torques(item, velocity, acceleration)
+    stronger = np.mean(grid[1] ** 2, axis=0) > np.mean(white[1] ** 2, axis=0)
+    return _torques(item, *(np.where(stronger, *both) for both in zip(grid, white, strict=True)))
 
 
-def _grid_motion(item: Prepared) -> tuple[Array, Array]:
+def _grid_motion(item: Prepared) -> tuple[Array, Array, Array]:
     """As ``_motion``, of the errors that the encoders' grids make; zero where there are no grids."""
     errors = item.log.rounding
     return _motion(item, np.zeros_like(item.log.position) if errors is None else errors)
 
 
-def _motion(item: Prepared, errors: Array) -> tuple[Array, Array]:
-    """Velocity [rad/s] and acceleration [rad/s^2] in the band, (M, n) each, that errors (N, n) of positions pretend."""
+def _motion(item: Prepared, errors: Array) -> tuple[Array, Array, Array]:
+    """Velocity, acceleration and its second derivative in the band, (M, n) each, that errors (N, n) of positions make.
+
+    [rad/s], [rad/s^2] and [rad/s^4].
+    """
     log = item.log
     time = np.arange(log.samples) / log.rate
     v = differentiate(item.band.smooth(errors), time)
-    return item.band.condense(v), item.band.condense(differentiate(v, time))
+    a = differentiate(v, time)
+    snap = differentiate(differentiate(a, time), time)
+    return item.band.condense(v), item.band.condense(a), item.band.condense(snap)
 
 
 def noise_ratios(
@@ -187,7 +197,7 @@ def noise_ratios(
 
 def _grid_powers(prepared: Sequence[Prepared]) -> tuple[Array, Array]:
     """Power of velocities' [rad^2/s^2] and accelerations' [rad^2/s^4] errors by the grids, (recordings, n) each."""
-    made = [_grid_motion(item) for item in prepared]
+    made = [_grid_motion(item)[:2] for item in prepared]
     speeds, accelerations = (
         np.array([np.mean(errors**2, axis=0) for errors in part]) for part in zip(*made, strict=True)
     )
@@ -201,9 +211,14 @@ def acceleration_noise(one: Prepared, other: Prepared) -> Array:
     return np.asarray(np.mean((first[:size] - second[:size]) ** 2, axis=0) / 2.0)
 
 
-def _torques(item: Prepared, speed: Array, acceleration: Array) -> Rounding:
-    torque = np.einsum("mij,mj->mi", mass_matrix(item.tree, item.position), acceleration)
-    return Rounding(acceleration, speed, torque, item.signals.reflected_inertia * acceleration)
+def _torques(item: Prepared, speed: Array, acceleration: Array, snap: Array) -> Rounding:
+    """What links and rotors would need; M(q) changes little while noise does."""
+    mass, signals = mass_matrix(item.tree, item.position), item.signals
+    torque = np.einsum("mij,mj->mi", mass, acceleration)
+    turning = acceleration
+    if not signals.measures_springs:
+        turning = turning + signals.spring_compliance * np.einsum("mij,mj->mi", mass, snap)
+    return Rounding(acceleration, speed, snap, torque, signals.reflected_inertia * turning)
 
 
 def _sensor_noise_ratio(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array:
