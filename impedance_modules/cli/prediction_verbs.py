@@ -11,6 +11,7 @@ import click
 from impedance_modules.cli.plant_trial import tried
 from impedance_modules.cli.shared_options import (
     arm_option,
+    compensate_option,
     effects_option,
     rate_option,
     scale_option,
@@ -21,10 +22,18 @@ from impedance_modules.cli.shared_options import (
 @click.command("check")
 @task_argument
 @effects_option
+@compensate_option
 @rate_option
 @scale_option
 @arm_option
-def check_command(task: str, effects: Path | None, rate: float | None, scale: float, arm: str | None) -> int:
+def check_command(
+    task: str,
+    effects: Path | None,
+    compensate: Path | None,
+    rate: float | None,
+    scale: float,
+    arm: str | None,
+) -> int:
     """Check TASK, a file or the name of a shipped task, and predict what it will do.
 
     Torque margins, yielding under load, stability of the sampled loop, and the energy the tank must cover; of a task
@@ -39,7 +48,7 @@ def check_command(task: str, effects: Path | None, rate: float | None, scale: fl
     from impedance_modules.prediction.feasibility import refuse_infeasible
     from impedance_modules.prediction.forecast import forecast_task
 
-    assembly = assemble(task, effects=effects, rate=rate, scale=scale, arm=arm)
+    assembly = assemble(task, effects=effects, compensate=compensate, rate=rate, scale=scale, arm=arm)
     assembly = replace(assembly, task=as_taught(assembly.task))
     prediction = refuse_infeasible(assembly)
     trial = tried(assembly, prediction, seed=0, console=Terminal())

@@ -17,6 +17,7 @@ from impedance_modules.cli.plain_lines import say
 from impedance_modules.cli.plant_trial import trial_line, tried
 from impedance_modules.cli.shared_options import (
     arm_option,
+    compensate_option,
     effects_option,
     rate_option,
     scale_option,
@@ -43,6 +44,7 @@ BACKENDS = ("sim", "replay", "baxter")
     help="Recording that the replay backend feeds back, or whose joint path a task with playback plays.",
 )
 @effects_option
+@compensate_option
 @rate_option
 @click.option("--duration", type=float, metavar="S", help="End the run safely after this time.")
 @click.option(
@@ -69,6 +71,7 @@ def run_command(
     backend: str,
     log: Path | None,
     effects: Path | None,
+    compensate: Path | None,
     rate: float | None,
     duration: float | None,
     out: Path | None,
@@ -102,6 +105,7 @@ def run_command(
         assembly = assemble(
             task,
             effects=effects,
+            compensate=compensate,
             rate=_real_rate(read_only) if real and rate is None else rate,
             scale=scale,
             arm=arm,

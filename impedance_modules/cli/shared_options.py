@@ -16,6 +16,13 @@ effects_option = click.option(
     help="Patch whose effects are applied to plant and model.",
 )
 
+compensate_option = click.option(
+    "--compensate",
+    type=click.Path(path_type=Path),
+    metavar="PATCH",
+    help="Patch whose effects the controller compensates.",
+)
+
 rate_option = click.option("--rate", type=float, metavar="HZ", help="Control rate  [default: the robot's].")
 
 scale_option = click.option(

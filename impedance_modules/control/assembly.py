@@ -13,6 +13,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.control.adjust import scaled, single_arm
 from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
+from impedance_modules.effects.compensate import PatchCompensation, compensate_patch
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules, build_modules
 from impedance_modules.robot.model import RobotModel
@@ -40,6 +41,7 @@ class Assembly:
         task: As it will run, scale and arm applied.
         robot: With the effects of the patch applied.
         patch: The patch, or None.
+        compensation: Of what was diagnosed, or None.
         model: Of that robot.
         modules: Built at the start posture.
         rate: Control rate [Hz].
@@ -61,6 +63,7 @@ class Assembly:
     tank: TankSettings
     limits: FilterLimits
     brake: BrakeGains
+    compensation: PatchCompensation | None = None
     allow_unstable: bool = False
 
     @property
@@ -76,6 +79,7 @@ def assemble(
     rate: float | None,
     scale: float,
     arm: str | None,
+    compensate: Path | None = None,
     calibrate: Callable[[RobotSpec], RobotSpec] | None = None,
 ) -> Assembly:
     """Reads and checks a task and everything it names.
@@ -86,6 +90,7 @@ def assemble(
         rate: Control rate [Hz], or None for the robot's own.
         scale: Multiplies stiffness, damping and forces.
         arm: Only this arm takes part, or None for all.
+        compensate: Patch file whose effects the controller compensates, or None.
         calibrate: Replaces the robot by one particular one, e.g. with its own mounts; None leaves the folder's.
 
     Raises:
@@ -94,6 +99,7 @@ def assemble(
     task, robot = read_task(task_name)
     if calibrate is not None:
         robot = calibrate(robot)
+    compensation = None if compensate is None else _compensation(task, robot, compensate)
     patch = None if effects is None else read_patch(effects)
     if patch is not None:
         robot = apply_patch(robot, patch)
@@ -114,10 +120,20 @@ def assemble(
         rate=used_rate,
         scale=scale,
         arm=arm,
-        tank=_tank_settings(task, model, used_rate),
+        tank=_tank_settings(task, model, used_rate, compensation),
         limits=_filter_limits(model, inertia, used_rate),
         brake=_brake_gains(model, inertia, used_rate),
+        compensation=compensation,
     )
+
+
+def _compensation(task: TaskSpec, robot: RobotSpec, path: Path) -> PatchCompensation:
+    if task.playback is not None:
+        raise BadInput(
+            f"--compensate: task '{task.name}' plays a joint path back in the robot's own position mode, to which no"
+            " torque is added (valid: a task without 'playback')"
+        )
+    return compensate_patch(robot, read_patch(path))
 
 
 def _checked_rate(robot: RobotSpec, rate: float | None) -> float:
@@ -135,7 +151,9 @@ def delay_periods(robot: RobotSpec, rate: float) -> int:
     return math.ceil(robot.timing.command_delay * rate - 1e-9)
 
 
-def _tank_settings(task: TaskSpec, model: RobotModel, rate: float) -> TankSettings:
+def _tank_settings(
+    task: TaskSpec, model: RobotModel, rate: float, compensation: PatchCompensation | None
+) -> TankSettings:
     compliance = spring_compliances(model.joints)
     speed = model.column("velocity_max")
     return TankSettings(
@@ -150,6 +168,8 @@ def _tank_settings(task: TaskSpec, model: RobotModel, rate: float) -> TankSettin
         sensing_error=sensing_error(model.spec.sensors, compliance, speed, 0.0),
         sensing_deviation=sensing_deviation(model.spec.sensors, compliance),
         recovery_time=RECOVERY_TIME,
+        least_gain=None if compensation is None else compensation.numbers.least_gain,
+        most_gain=None if compensation is None else compensation.numbers.most_gain,
     )
 
 

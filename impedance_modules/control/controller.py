@@ -19,10 +19,12 @@ from impedance_modules.backends.protocol import FirstState
 from impedance_modules.compiled import want_machine_code
 from impedance_modules.control import cycle as laws
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.compensation import Compensator, compensator_of
 from impedance_modules.control.cycle import FINE, STATE_NOT_FINITE, UNSOLVED, Cycle
 from impedance_modules.control.set_points import SetPoints, phase_set_points, place
 from impedance_modules.errors import SafetyStop
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
+from impedance_modules.modules.compensation import compensation_energy
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import PhaseMotion, phase_motion, start_equilibrium
 from impedance_modules.modules.motor_velocity import begin_at, motor_velocity
@@ -76,8 +78,9 @@ class Controller:
         )
         self.layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
         self.solver = make_solver(assembly.robot.solver)
-        self.module_names = module_names(modules)
-        self.cycle = _make_cycle(assembly, self.layout, self.kinematics, self.distances)
+        self.module_names = module_names(modules, compensated=assembly.compensation is not None)
+        self._compensator = _compensator(assembly)
+        self.cycle = _make_cycle(assembly, self.layout, self.kinematics, self.distances, self._compensator)
         self._points: SetPoints
         self._solution: FilterSolution | None = None
         self._booked: RobotState | None = None
@@ -136,6 +139,9 @@ class Controller:
         ``rescale_springs`` tightens them from the tank; at the start posture itself that is the first cycle. Likewise
         hands on which nothing acts yet begin to squeeze and to carry an object gently; hands that hold it go on.
 
+        What is compensated acts at once: its energy at the first state is part of the claim. One scale holds for all
+        energies, so it starts where springs and compensation together hold no more than that.
+
         Raises:
             SafetyStop: The first state is not finite.
         """
@@ -144,13 +150,20 @@ class Controller:
             raise SafetyStop("the robot's first state is not finite; nothing was sent")
         self.kinematics.update(state.position, state.velocity)
         self.distances.update(state.position, state.velocity)
+        if self._compensator is not None:
+            self._compensator.forget()
+            self._compensator.update(state.position)
         begin_at(cycle.motor, state.velocity, state.effort)
         begin_steady(cycle.expected, state.velocity, state.effort, first.acting)
         forget_travel(cycle.travel)
         cycle.modules.loads.grip = float(np.any(first.acting))
         self._begin(phase, self.assembly.modules, None)
         fill(tank, state.position, state.effort, self._place(state.position))
-        tank.spring_scale, tank.initial_energy = 0.0, tank.level
+        given = 0.0
+        if self._compensator is not None:
+            given = float(compensation_energy(self._compensator.record, state.position))
+        tank.spring_scale = given / tank.potential if given > 0.0 else 0.0
+        tank.initial_energy = tank.level + given
         tank.applied[:] = first.acting
         tank.pending[:] = first.acting
         cycle.previous[:] = first.acting
@@ -175,6 +188,8 @@ class Controller:
         self._before_gap = None
         self.kinematics.update(state.position, state.velocity)
         self.distances.update(state.position, state.velocity)
+        if self._compensator is not None:
+            self._compensator.update(state.position)
         self._solution = None
         exact = self.solver.name == EXACT_SOLVER
         status = laws.tick(cycle, self._points, state.position, state.velocity, state.effort, exact)
@@ -322,8 +337,18 @@ def state_at_rest(assembly: Assembly) -> FirstState:
     return FirstState(RobotState(0.0, *parts), np.zeros(n))
 
 
+def _compensator(assembly: Assembly) -> Compensator | None:
+    if assembly.compensation is None:
+        return None
+    return compensator_of(assembly.compensation, assembly.modules, assembly.period)
+
+
 def _make_cycle(
-    assembly: Assembly, layout: FilterLayout, kinematics: Kinematics, distances: Distances
+    assembly: Assembly,
+    layout: FilterLayout,
+    kinematics: Kinematics,
+    distances: Distances,
+    compensator: Compensator | None,
 ) -> Cycle:
     """Takes the memory of a task's cycles once."""
     n, arms = layout.n, kinematics.arms
@@ -362,7 +387,7 @@ def _make_cycle(
         travel=travel_watch(
             assembly.period, assembly.tank.speed_bound, assembly.tank.compliance, assembly.tank.sensing_error
         ),
-        modules=lay_out(assembly.modules, n),
+        modules=lay_out(assembly.modules, n, None if compensator is None else compensator.record),
         tank=make_tank(assembly.tank),
         brake=make_brake(assembly.brake, assembly.period, assembly.limits.effort_max),
         limits=assembly.limits,

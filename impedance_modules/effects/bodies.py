@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
 from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import Shape
@@ -108,6 +109,8 @@ class Payload(MassAtPoint):
         applied="Plant and model: the link's inertia. The robot's own gravity compensation does not know it.",
     )
     shape = CENTRE
+    compensation = "weight"
+    compensated_at = ("link",)
     exported = (
         Exported(
             "body inertia",
@@ -167,6 +170,10 @@ class Payload(MassAtPoint):
         masses = {link: point_mass(values["m"], centre_of(values)) for link, values in parameters.items()}
         return _with_changes(robot, masses)
 
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Holds the point masses' weight."""
+        builder.change_weight(lambda robot: self.apply_to_robot(robot, "link", values_of(found)))
+
 
 class LinkInertia(Effect):
     """A link whose ten inertial parameters are not those of the model."""
@@ -194,6 +201,8 @@ class LinkInertia(Effect):
         reference="Gautier & Khalil 1990; Wensing, Kim & Slotine 2018",
         applied="Plant and model: the link's inertia, refused if what results is no physical body.",
     )
+    compensation = "weight"
+    compensated_at = ("link",)
     exported = (
         Exported(
             "body inertia", "dm, dh, dI", lambda values: [values.get(symbol, 0.0) for symbol in CHANGES]
@@ -238,6 +247,18 @@ class LinkInertia(Effect):
         """Changes links."""
         return _with_changes(robot, {link: self.linear(values)[0] for link, values in parameters.items()})
 
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Holds what the links weigh beyond their description; their inertia needs the acceleration."""
+        builder.change_weight(lambda robot: self.apply_to_robot(robot, "link", values_of(found)))
+
+
+def values_of(found: Diagnosed) -> dict[str, Values]:
+    """Strips the standard deviations: key -> symbol -> value."""
+    return {
+        key: {symbol: number.value for symbol, number in numbers.items()}
+        for key, numbers in found.numbers.items()
+    }
+
 
 def _with_changes(robot: RobotSpec, links: Mapping[str, Array]) -> RobotSpec:
     """Adds ten inertial parameters to each of some links."""
@@ -277,6 +298,8 @@ class BaseTilt(Stepped):
         applied="Plant and model: gravity. The robot's own gravity compensation does not know it.",
     )
     shape = ("rx", "ry")
+    compensation = "weight"
+    compensated_at = ("link",)
     exported = (Exported("base lean", "r = (rx, ry, 0)", lambda values: (values["rx"], values["ry"])),)
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
@@ -307,3 +330,7 @@ class BaseTilt(Stepped):
         """Turns the plant's gravity too."""
         for values in parameters.values():
             builder.tilt += [values["rx"], values["ry"]]
+
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Holds what all links weigh askew."""
+        builder.change_weight(lambda robot: self.apply_to_robot(robot, "link", values_of(found)))

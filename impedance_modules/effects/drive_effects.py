@@ -86,6 +86,10 @@ class CommandDelay(DriveLaw):
     delays_torque = True
     shared_by_joints = True
     exported = (one_number("late command", "T", "T"),)
+    not_compensated = (
+        "a torque that is predicted over a delay multiplies the sensors' noise, and gives energy to whatever it did not"
+        " foresee (valid: --effects, so that check, damping and energy tank count the delay)"
+    )
     starts = (0.0, 0.005, 0.015, 0.04, 0.1)  # a step of Newton might miss what lies between wider ones
 
     def computed_from_command(self, port: Port) -> bool:
@@ -132,6 +136,10 @@ class ActuatorLag(DriveLaw):
     )
     delays_torque = True
     exported = (one_number("drive lag", "T_1", "T"),)
+    not_compensated = (
+        "undoing a lag differentiates the torque asked for, noise and all, and gives energy to whatever it did not"
+        " foresee (valid: softer springs, which are slower than the motor)"
+    )
     starts = LAGS
 
     def computed_from_command(self, port: Port) -> bool:
@@ -157,6 +165,7 @@ class TorqueSaturation(DriveLaw):
     shape = ("limit",)
     brief = True
     exported = (one_number("torque limit", "L", "limit"),)
+    not_compensated = "a motor at its limit has nothing left to add (valid: --scale, or a slower motion)"
     description = Description(
         id="torque_saturation",
         sentence="The motor gives no more than a limit, however much is asked for.",
@@ -238,6 +247,9 @@ class ControllerGain(Effect):
         Exported(
             "servo gains", "K_p = dkp, K_d = dkd", lambda values: (values["dkp"], values.get("dkd", 0.0))
         ),
+    )
+    not_compensated = (
+        "it belongs to the drives' own position loop, which a run does not use (valid: a patch without it)"
     )
 
     def computed_from_command(self, port: Port) -> bool:

@@ -23,6 +23,7 @@ from typing import Literal
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed, Estimates
 from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.plant_builder import PlantBuilder
@@ -51,6 +52,10 @@ REGULARISATION = "regularisation"
 
 WIDER_REGULARISATIONS = (3.0, 7.0)
 """Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
+
+
+Compensation = Literal["weight", "potential", "friction", "gain"]
+"""How a controller takes an effect back."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +138,11 @@ class Effect(ABC):
             apart on every joint; None for those that need a suspicion first.
         exported: What it is in somebody's own simulator of rigid joints; empty where none has a number for it.
         not_exported: Why none has, at the ports where nothing is exported: the rest of a sentence on the effect.
+        compensation: How a controller takes it back: a torque with a potential, of links (``weight``) or joints
+            (``potential``); a torque along the desired motion, which the energy tank pays (``friction``); a command
+            divided by its factor (``gain``). None where it cannot.
+        compensated_at: Ports at which it can.
+        not_compensated: Why it cannot at the others, and what can be done: the rest of a sentence on the effect.
     """
 
     description: Description
@@ -155,6 +165,9 @@ class Effect(ABC):
     not_exported: str = (
         "its law is no number of a rigid joint or body; the simulation would have to compute it"
     )
+    compensation: Compensation | None = None
+    compensated_at: tuple[Port, ...] = ()
+    not_compensated: str = "no torque is known that takes it back"
 
     @property
     def id(self) -> str:
@@ -262,6 +275,13 @@ class Effect(ABC):
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:  # noqa: B027
         """Tells the plant what reality does and the model does not know."""
 
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:  # noqa: B027
+        """Tells the controller what takes the effect back, at a port of ``compensated_at``.
+
+        Raises:
+            BadInput: It cannot on this robot, or with these numbers.
+        """
+
 
 class JointLaw(Effect):
     """A torque that one joint consumes by a law of its own motion.
@@ -318,6 +338,23 @@ class JointLaw(Effect):
         shape = {name: np.array([own[name] for _, own in pieces]) for name in self.shape}
         coefficients = np.array([coefficient for coefficient, _ in pieces])
         builder.add_law(self.basis, port, tuple(parameters), coefficients=coefficients, shape=shape)
+
+    def least(self, numbers: Estimates) -> Values:
+        """Gives the parameters of the least friction that the intervals allow: lower ends, never below zero."""
+        return {
+            symbol: number.value if symbol in self.shape else max(0.0, number.low)
+            for symbol, number in numbers.items()
+        }
+
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Overcomes the least friction that the intervals allow, by the same law."""
+        for joint, numbers in found.numbers.items():
+            coefficients, shape = self.linear(self.least(numbers))
+
+            def law(sample: JointSample, c: Array = coefficients, shape: Shape = shape) -> Array:
+                return np.asarray(self.basis(sample, shape) @ c)
+
+            builder.add_friction(joint, law, found.speeds.get(joint))
 
 
 class Stepped(Effect):

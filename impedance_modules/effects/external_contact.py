@@ -46,6 +46,7 @@ class ExternalContact(Effect):
     )
     bound_to_recording = True
     not_exported = "it happened at one time of one recording, and is no property of the robot"
+    not_compensated = "what pushes the hands is what the task is about, and no property of the robot"
     shape = ("start", "end")
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:

@@ -47,6 +47,10 @@ class Hysteresis(Effect):
     )
     shape = (STRETCH,)
     not_exported = "friction of a joint there does not remember where the joint came from"
+    not_compensated = (
+        "its torque depends on the way that the joint came, which the desired motion does not say (valid:"
+        " coulomb_friction of its size, where the motion is long)"
+    )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Follows the bristles along the recorded positions, unbent at the start."""

@@ -6,6 +6,12 @@ from __future__ import annotations
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.effects.compensation_builder import (
+    CompensationBuilder,
+    Diagnosed,
+    Estimate,
+    Estimates,
+)
 from impedance_modules.effects.effect import JointLaw, Site, Values
 from impedance_modules.effects.effect_description import Description, Parameter, joint_parameter
 from impedance_modules.effects.joint_motion import (
@@ -43,6 +49,8 @@ class CoulombFriction(JointLaw):
     in_every_drive = True
     first_excitation = 1
     exported = (one_number("dry friction", "F", "fc"),)
+    compensation = "friction"
+    compensated_at = ("actuator", "link")
 
     dry = True
 
@@ -73,6 +81,8 @@ class ViscousFriction(JointLaw):
     in_every_drive = True
     first_excitation = 2
     exported = (one_number("viscous friction", "D", "fv"),)
+    compensation = "friction"
+    compensated_at = ("actuator", "link")
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes v."""
@@ -97,6 +107,8 @@ class StribeckFriction(JointLaw):
         reference="Bo & Pavelescu 1982; Armstrong-Helouvry 1994",
     )
     not_exported = "dry friction that falls with the speed needs three numbers, and a joint there has one"
+    compensation = "friction"
+    compensated_at = ("actuator", "link")
     shape = ("vs",)
 
     dry = True
@@ -122,6 +134,11 @@ class StribeckFriction(JointLaw):
         least = float(regularisation_velocity(site.signals.model.sliding)[site.joint])
         speeds = np.geomspace(least, max(fastest / 3.0, 2.0 * least), 5)
         return self.with_reversal_shapes(site, tuple({"vs": float(speed)} for speed in speeds))
+
+    def least(self, numbers: Estimates) -> Values:
+        """Lower ends; friction at rest is not below that in motion."""
+        fc = max(0.0, numbers["fc"].low)
+        return {"fc": fc, "fs": max(fc, numbers["fs"].low), "vs": numbers["vs"].value}
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
         """A fall within the regularisation velocity of dry friction cannot be told from the regularisation."""
@@ -154,6 +171,8 @@ class QuadraticDrag(JointLaw):
         reference="Morison et al. 1950; thesis 6.2.5",
     )
     exported = (one_number("drag", "C", "c"),)
+    compensation = "friction"
+    compensated_at = ("actuator", "link")
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes v |v|."""
@@ -184,6 +203,8 @@ class AsymmetricFriction(JointLaw):
     )
     constant_part = "da"
     not_exported = "friction of a joint there is the same in both directions"
+    compensation = "friction"
+    compensated_at = ("actuator", "link")
 
     dry = True
     lower = (0.0, 0.0, -np.inf)  # dry friction takes energy in both directions; dv has a sign
@@ -203,6 +224,14 @@ class AsymmetricFriction(JointLaw):
         """The inverse of ``linear``."""
         ahead, back, dv = map(float, coefficients)
         return {"fc": 0.5 * (ahead + back), "da": 0.5 * (ahead - back), "dv": dv}
+
+    def least(self, numbers: Estimates) -> Values:
+        """Less dry friction in both directions by what fc and da may be wrong together; less difference of dv."""
+        fc, da = numbers["fc"], numbers["da"]
+        both = Estimate(fc.value, fc.std + da.std).low
+        dv = numbers.get("dv", Estimate(0.0, 0.0))
+        sure = max(0.0, Estimate(abs(dv.value), dv.std).low)
+        return {"fc": both, "da": da.value, "dv": float(np.copysign(sure, dv.value))}
 
     def relations(self, values: Values) -> list[str]:
         """Dry friction takes energy in both directions."""
@@ -227,12 +256,19 @@ class LoadDependentFriction(JointLaw):
         reference="Hamon, Gautier & Garrec 2010; Rhoban BAM 2025, models M3 to M6",
     )
     not_exported = "friction of a joint there does not depend on the torque that it passes on"
+    compensation = "friction"
+    compensated_at = ("actuator", "link")
     dry = True
     upper = 1.0  # a gear that locks itself
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
         """Computes |load| sgn(v)."""
         return np.asarray(np.abs(sample.load) * sample.direction)[..., None]
+
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Overcomes it with the load that is asked for, not the measured one: nothing is fed back."""
+        for joint, numbers in found.numbers.items():
+            builder.per_load[builder.joint(joint)] += self.least(numbers)["kl"]
 
 
 class FrictionDrift(JointLaw):
@@ -253,6 +289,8 @@ class FrictionDrift(JointLaw):
         reference="Bittencourt et al. 2010",
     )
     not_exported = "friction of a joint there does not change with time"
+    compensation = "friction"
+    compensated_at = ("actuator", "link")
     contrasts = ((1.0, -1.0),)
     shape = ("T",)
 
@@ -276,3 +314,13 @@ class FrictionDrift(JointLaw):
         least = max(WARMING_MIN, 0.1 * length)
         most = max(3.0 * length, 2.0 * least)
         return tuple({"T": float(T)} for T in np.geomspace(least, most, 6))
+
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Overcomes what is left of it at any time, cold or warm: nobody knows how long the joint has run."""
+        for joint, numbers in found.numbers.items():
+            left = max(0.0, numbers["fv"].low * min(1.0, 1.0 - numbers["k"].high))
+
+            def law(sample: JointSample, c: float = left) -> Array:
+                return np.asarray(c * sample.velocity)
+
+            builder.add_friction(joint, law, found.speeds.get(joint))

@@ -66,6 +66,10 @@ class ReflectedInertia(Effect):
     first_excitation = 3
     replaces = True
     exported = (one_number("rotor inertia", "I", "Ia"),)
+    not_compensated = (
+        "it asks for torque in proportion to an acceleration that nobody measures (valid: --effects, so that model and"
+        " damping know it)"
+    )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """The motor's acceleration; the coefficient is what I_r lacks."""
@@ -117,6 +121,7 @@ class JointElasticity(Effect):
     )
     replaces = True
     not_exported = "the rotor would have to be a body of its own, with a joint of its own"
+    not_compensated = "how far a joint gives is no torque that is missing (valid: --effects, so that model and tank know the spring)"
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What a compliance of one more rad per N.m costs."""
@@ -170,6 +175,10 @@ class Backlash(Effect):
         applied="The plant: a dead zone in series with the joint's spring; the joint needs one.",
     )
     not_exported = "the rotor would have to be a body of its own, with a joint of its own"
+    not_compensated = (
+        "while the motor crosses the gap, no torque reaches the link, and more of it only meets the teeth harder (valid:"
+        " a preloaded gear, or a motion that keeps the torque's sign)"
+    )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What crossing a gap of one radian costs."""
@@ -244,6 +253,7 @@ class TransmissionCoupling(Effect):
 
     symmetric = True
     not_exported = "a joint's rotor there does not turn with another joint"
+    not_compensated = "it asks for torque in proportion to another joint's acceleration, which nobody measures (valid: --effects)"
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Three columns on the rows of both joints."""

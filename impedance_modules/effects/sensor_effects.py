@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
 from impedance_modules.effects.drive_effects import LAGS, lagged
 from impedance_modules.effects.effect import (
     Effect,
@@ -31,6 +32,9 @@ from impedance_modules.errors import BadInput
 NO_SUCH_SENSOR = "what sensors report beside the truth is none of the numbers there"
 """Why an error of a sensor is in no simulator's file."""
 
+ONLY_REPORTED = "only what a sensor reports is wrong, and no torque sets a reading right (valid: the sensor's own calibration)"
+"""Why an error of a sensor is not compensated."""
+
 APART = "apart"
 """Shape: 1 where the readings' clock runs away from the commands'."""
 
@@ -52,6 +56,9 @@ class TorqueOffset(JointLaw):
         applied="The plant: as a torque at the motor or link, or in what its effort sensor reports.",
     )
     constant_part = "c"
+    compensation = "potential"
+    compensated_at = ("actuator", "link")
+    not_compensated = ONLY_REPORTED
     not_exported = "a joint there has no constant torque of its own, and its sensor no bias"
     lower = -np.inf
     first_excitation = 5
@@ -76,6 +83,11 @@ class TorqueOffset(JointLaw):
         else:
             super().apply_to_plant(builder, port, parameters)
 
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Adds the torque that the joint consumes."""
+        for joint, numbers in found.numbers.items():
+            builder.add_potential(joint, numbers["c"].value, 0.0)
+
 
 class TorqueGain(Effect):
     """A factor on the motor's torque or on the reported effort."""
@@ -95,6 +107,9 @@ class TorqueGain(Effect):
     )
     exported = (one_number("drive gain", "s", "s", ports=("actuator",)),)
     not_exported = NO_SUCH_SENSOR
+    compensation = "gain"
+    compensated_at = ("actuator",)
+    not_compensated = ONLY_REPORTED
 
     def proportional_to_command(self, port: Port) -> bool:
         """In proportion to the torque asked for, unless only the reading is wrong."""
@@ -137,6 +152,11 @@ class TorqueGain(Effect):
         gains = builder.effort_gain if port == "sensor" else builder.drive_gain
         gains[builder.joints(parameters)] *= [values["s"] for values in parameters.values()]
 
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Divides what is asked for by s."""
+        for joint, numbers in found.numbers.items():
+            builder.divide_by(joint, numbers["s"])
+
 
 class EncoderOffset(Stepped):
     """A joint whose reported angle is off by a constant."""
@@ -158,6 +178,10 @@ class EncoderOffset(Stepped):
     starts = (0.0,)
     nearly_linear = True
     exported = (one_number("encoder zero", "q_e", "dq0"),)
+    not_compensated = (
+        "no torque sets a joint's zero right, and every spring would still pull to a wrong place (valid: the zero of"
+        " the robot's own calibration)"
+    )
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Wherever the links' model is evaluated."""
@@ -201,6 +225,10 @@ class Crosstalk(Effect):
     )
     imitates_carried = True
     not_exported = "sensors and drives there each know one joint"
+    not_compensated = (
+        "sensors that are mixed report wrongly, which no torque sets right, and drives that are mixed are told apart by"
+        " their wiring (valid: the robot's own calibration)"
+    )
 
     def proportional_to_command(self, port: Port) -> bool:
         """In proportion to the torque asked of the other joint, unless only readings are mixed."""
@@ -253,6 +281,7 @@ class VelocityFilterLag(Stepped):
         applied="The plant: the velocity that its sensors report.",
     )
     not_exported = NO_SUCH_SENSOR
+    not_compensated = ONLY_REPORTED
     shape = ("T",)
     starts = LAGS
 
@@ -303,6 +332,7 @@ class ClockDrift(Effect):
         applied="The plant: the time it reports.",
     )
     not_exported = "it belongs to the clock that stamped a recording, and a simulation has its own"
+    not_compensated = "it belongs to the clock that stamps the samples, and no torque sets a clock right"
 
     def shows(self, port: Port, residual: Residual) -> bool:
         """Where velocities are compared, accelerations used, or commands laid beside readings."""

@@ -9,16 +9,21 @@ from dataclasses import replace
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
 from impedance_modules.effects.effect import JointLaw, Regressor, Site, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import COVERS, Residual
 from impedance_modules.effects.simulator_numbers import Exported
+from impedance_modules.errors import BadInput
 from impedance_modules.spec.robot_spec import ParallelSpringSpec, RobotSpec
 
 CARRIED = "carried"
 """Shape: the robot knows the spring and adds the torque that deflects it to what carries its weight; else missing."""
+
+OUTSIDE = "bench_spring"
+"""Effect by which a patch says that the robot does not carry a spring."""
 
 MOST_ORDERS = 400
 """Largest number of ripple orders tried."""
@@ -46,6 +51,8 @@ class ParallelSpring(JointLaw):
         applied="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
     )
     carried_by_robot = True
+    compensation = "potential"
+    compensated_at = ("link",)
     exported = (
         Exported("joint spring", "k, preload (or k q0)", lambda values: (values["k"], preload_of(values))),
     )
@@ -114,6 +121,19 @@ class ParallelSpring(JointLaw):
         builder.spring_stiffness[joints] += [values["k"] for values in parameters.values()]
         builder.spring_preload[joints] += [preload_of(values) for values in parameters.values()]
 
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Winds the springs, unless the robot does."""
+        if builder.model.spec.gravity_compensation == "robot":
+            raise BadInput(
+                "robot '"
+                + builder.model.spec.name
+                + "' carries its own weight, and its parallel springs with it: a"
+                f" second torque would wind them twice (valid: a spring that the robot does not carry, as {OUTSIDE})"
+            )
+        for joint, numbers in found.numbers.items():
+            values = {symbol: number.value for symbol, number in numbers.items()}
+            builder.add_potential(joint, -preload_of(values), values["k"])
+
 
 def preload_of(values: Values) -> float:
     """Gives a parallel spring's torque on its joint at q = 0 [N.m]."""
@@ -140,6 +160,10 @@ class TorqueRipple(JointLaw):
         reference="Ghorbel, Gandhi & Alpeter 2001 (harmonic drives)",
     )
     shape = ("N",)
+    not_compensated = (
+        "it repeats so often per turn that a torque which is late, or meets an angle that is a little off, adds to it"
+        " instead (valid: slower motion, or a stiffer joint)"
+    )
     not_exported = "a joint there has no torque that repeats with its angle"
     lower = -np.inf  # any phase
 
@@ -197,6 +221,8 @@ class BenchSpring(JointLaw):
         applied="The plant, as a torque on the link; neither the model nor what the robot adds by itself knows it.",
     )
     lower = (0.0, -np.inf, 0.0)
+    compensation = "potential"
+    compensated_at = ("contact",)
     exported = (
         Exported("joint spring", "k, k q0", lambda values: (values["k"], values["k"] * values["q0"])),
         Exported("viscous friction", "D = d", lambda values: (values["d"],) if "d" in values else ()),
@@ -215,3 +241,9 @@ class BenchSpring(JointLaw):
         """The inverse of ``linear``; a spring without stiffness is relaxed anywhere, q0 = 0."""
         k, preload, d = map(float, coefficients)
         return {"k": k, "q0": preload / k if k > 0.0 else 0.0, "d": d}
+
+    def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
+        """Winds the springs; their damping is left to them."""
+        for joint, numbers in found.numbers.items():
+            k, q0 = numbers["k"].value, numbers["q0"].value
+            builder.add_potential(joint, -k * q0, k)

@@ -96,6 +96,7 @@ class SurfaceEffect(Effect):
 
     searched = "never"
     not_exported = "it names a surface of a task file, and nothing says which shape of yours that is"
+    not_compensated = "a surface is what the hands are to feel (valid: --effects, so that check predicts it)"
 
     @abstractmethod
     def apply_to_surface(self, surface: SurfaceSpec, values: Values) -> SurfaceSpec:

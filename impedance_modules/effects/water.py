@@ -30,6 +30,10 @@ INERTIAS = ("Ix", "Iy", "Iz")
 DRAGS = ("dx", "dy", "dz")
 
 
+BENEATH = "it ends where the water ends, and the controller does not know the surface (valid: --effects)"
+"""Why what water does is not compensated."""
+
+
 class WaterAtPoint(Effect):
     """What water does at a known point of a link, along each of its axes.
 
@@ -45,6 +49,7 @@ class WaterAtPoint(Effect):
     not_exported = (
         "water at a point of a link, with numbers for each axis of it, is not among a body's numbers"
     )
+    not_compensated = BENEATH
 
     def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """The link's nominal centre of mass, near which the centre of what it displaces lies; it is not refined."""
@@ -80,6 +85,7 @@ class Buoyancy(MassAtPoint):
         applied="The plant: a torque on the joints. Neither the model nor the robot's weight compensation knows it.",
     )
     searched = "under_water"
+    not_compensated = BENEATH
     not_exported = "a lift at a point of a link that is not its centre of mass is not among a body's numbers"
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""The sum of all modules at one state: torque, energy, and who contributed what.
 
-    \tau = \sum_springs J^T (w + F - D V) - K_j (q - q_0) - D_j v + \sum_hands J^T (squeeze + weight)
+    \tau = \sum_springs J^T (w + F - D V) - K_j (q - q_0) - D_j v + \sum_hands J^T (squeeze + weight) + \tau_c
 
 Nothing is inverted and nothing is projected: impedances add (thesis eq. 4.28).
 """
@@ -13,8 +13,16 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.compensation import (
+    COMPENSATION,
+    Compensation,
+    compensate,
+    compensation_energy,
+    no_compensation,
+)
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.equilibrium_velocity import follow_equilibrium
 from impedance_modules.modules.held_object import ObjectLoads, object_efforts, object_loads
 from impedance_modules.modules.joint_bias import JointSprings, bias_efforts, bias_energy
 from impedance_modules.modules.spring import Springs, spring_efforts, spring_energies
@@ -27,21 +35,27 @@ class Modules(Record):
 
     Attributes:
         springs, bias, loads: Of every arm and of the object; their torques are rows of ``efforts``.
-        efforts: (springs + arms + 2, n) torque of every spring, every arm's joint bias, squeeze and weight [N.m].
+        compensation: Of what was diagnosed; inactive where nothing is to be compensated.
+        efforts: (springs + arms + 2, n) torque of every spring, every arm's joint bias, squeeze and weight, and one
+            row more for what is compensated, if anything is [N.m].
         desired: (n,) their sum [N.m].
     """
 
     springs: Springs
     bias: JointSprings
     loads: ObjectLoads
+    compensation: Compensation
     efforts: Matrix
     desired: Vector
 
 
 @compiled
 def potential_energy(modules: Modules, arms: ArmGeometry, q: Array) -> float:
-    """Returns U of all springs and joint springs at the gains and equilibria in force, undiminished [J]."""
-    return spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)
+    """Returns U of all springs, joint springs and compensated potentials as they are in force, undiminished [J]."""
+    energy = spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)
+    if modules.compensation.active:
+        energy += compensation_energy(modules.compensation, q)
+    return energy
 
 
 @compiled
@@ -58,23 +72,32 @@ def sum_modules(modules: Modules, arms: ArmGeometry, q: Array, velocity: Array, 
     energy = spring_efforts(modules.springs, arms, velocity, scale)
     energy += bias_efforts(modules.bias, arms, q, velocity, scale)
     object_efforts(modules.loads, arms)
+    added = modules.compensation
+    rows = modules.efforts.shape[0] - (1 if added.active else 0)
     for j in range(q.size):
         modules.desired[j] = 0.0
-        for k in range(modules.efforts.shape[0]):
+        for k in range(rows):
             modules.desired[j] += modules.efforts[k, j]
+    if added.active:
+        follow_equilibrium(added.motion, modules.springs, modules.bias, arms)
+        compensate(added, modules.desired, q, scale)
+        for j in range(q.size):
+            modules.efforts[rows, j] = added.effort[j]
+            modules.desired[j] += added.effort[j]
     return energy
 
 
-def lay_out(modules: TaskModules, n: int) -> Modules:
+def lay_out(modules: TaskModules, n: int, compensation: Compensation | None = None) -> Modules:
     """Takes the memory of a task's modules once and writes what no phase changes; gains and equilibria are 0.
 
     Args:
         modules: Of the task.
         n: Number of the robot's joints.
+        compensation: Of what was diagnosed; None for nothing.
     """
     springs = [spring for arm in modules.arms for spring in arm.springs]
     count, arms = len(springs), len(modules.arms)
-    efforts = np.zeros((count + arms + 2, n))
+    efforts = np.zeros((count + arms + (2 if compensation is None else 3), n))
     stiffness, limb = np.zeros(n), np.zeros(n, dtype=np.int64)
     for number, arm in enumerate(modules.arms):
         limb[arm.limb.joints] = number
@@ -98,17 +121,18 @@ def lay_out(modules: TaskModules, n: int) -> Modules:
             limb=limb,
             effort=efforts[count : count + arms],
         ),
-        loads=object_loads(modules.held, modules.frames, efforts[-2:]),
+        loads=object_loads(modules.held, modules.frames, efforts[count + arms : count + arms + 2]),
+        compensation=no_compensation(n) if compensation is None else compensation,
         efforts=efforts,
         desired=np.zeros(n),
     )
 
 
-def module_names(modules: TaskModules) -> tuple[str, ...]:
-    """Names the rows of ``Modules.efforts``: every spring, every arm's joint bias, squeeze, weight."""
+def module_names(modules: TaskModules, *, compensated: bool) -> tuple[str, ...]:
+    """Names the rows of ``Modules.efforts``: every spring, every arm's joint bias, squeeze, weight, compensation."""
     springs = [spring.name for arm in modules.arms for spring in arm.springs]
     biases = [f"{arm.limb.name}.joint_bias" for arm in modules.arms]
-    return (*springs, *biases, "squeeze", "weight")
+    return (*springs, *biases, "squeeze", "weight", *([COMPENSATION] if compensated else []))
 
 
 def write_gains(into: Modules, modules: TaskModules, damping: Damping) -> None:

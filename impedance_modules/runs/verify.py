@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,18 +65,24 @@ def reassemble(episode: Episode) -> Assembly:
             )
     with tempfile.TemporaryDirectory() as folder:
         task = _beside_original(Path(folder), metadata, text)
-        effects = None
-        if metadata.get("effects") is not None:
-            effects = Path(folder) / "patch.yaml"
-            effects.write_text(metadata["effects"], encoding="utf-8", errors="replace")
         return assemble(
             str(task),
-            effects=effects,
+            effects=_patch_of(metadata, "effects", Path(folder)),
+            compensate=_patch_of(metadata, "compensate", Path(folder)),
             rate=float(metadata["rate"]),
             scale=float(metadata["scale"]),
             arm=metadata.get("arm"),
             calibrate=lambda robot: replace(robot, joint_origins=_origins(metadata)),
         )
+
+
+def _patch_of(metadata: Mapping[str, Any], key: str, folder: Path) -> Path | None:
+    """Writes the text of a patch that a recording carries into a folder; None where it carries none."""
+    if metadata.get(key) is None:
+        return None
+    patch = folder / f"{key}.yaml"
+    patch.write_text(metadata[key], encoding="utf-8", errors="replace")
+    return patch
 
 
 def _origins(metadata: Mapping[str, object]) -> dict[str, JointOrigin]:

@@ -40,6 +40,10 @@ class Tank(Record):
     Attributes:
         initial, max, floor, period, delay, hold, recovery_time, speed_bound, compliance, sensing_error: Constants.
         sensing_deviation: (n,) constant; counts only where ``white`` is true.
+            These three are multiplied by ``most_gain``: a torque asked for acts as up to so much more.
+        least_gain, most_gain: (n,) constants, ends of the interval of what a motor gives per torque asked for.
+        worked: (n,) work of each joint's torque asked for, where it was measured [J].
+        done: (n,) that of the last interval [J].
         white: Whether the sensors' error is white.
         level: T, energy that may still be spent [J].
         potential: U of the springs and joint bias as the modules declare it, unscaled, at the last
@@ -76,6 +80,10 @@ class Tank(Record):
     compliance: Vector
     sensing_error: Vector
     sensing_deviation: Vector
+    least_gain: Vector
+    most_gain: Vector
+    worked: Vector
+    done: Vector
     white: Flag
     level: Scalar
     potential: Scalar = 0.0
@@ -105,6 +113,7 @@ class Tank(Record):
 def make_tank(settings: TankSettings) -> Tank:
     """Makes the ledger of a run; ``fill`` opens it at the first state."""
     n, deviation = settings.speed_bound.size, settings.sensing_deviation
+    least, most = settings.gains
     return Tank(
         initial=settings.initial,
         max=settings.max,
@@ -113,10 +122,14 @@ def make_tank(settings: TankSettings) -> Tank:
         delay=settings.delay,
         hold=settings.hold,
         recovery_time=settings.recovery_time,
-        speed_bound=settings.speed_bound.copy(),
+        speed_bound=most * settings.speed_bound,
         compliance=settings.compliance.copy(),
-        sensing_error=settings.sensing_error.copy(),
-        sensing_deviation=np.zeros(n) if deviation is None else deviation.copy(),
+        sensing_error=most * settings.sensing_error,
+        sensing_deviation=np.zeros(n) if deviation is None else most * deviation,
+        least_gain=least.copy(),
+        most_gain=most.copy(),
+        worked=np.zeros(n),
+        done=np.zeros(n),
         white=deviation is not None,
         level=settings.initial,
         initial_energy=settings.initial,
@@ -141,6 +154,7 @@ def fill(tank: Tank, q: Vector, effort: Vector, potential: float) -> None:
         tank.motor_position[i] = motor_position(q[i], effort[i], tank.compliance[i])
     tank.applied[:] = 0.0
     tank.pending[:] = 0.0
+    tank.worked[:] = 0.0
     tank.need, tank.short, tank.starved_time = 0.0, False, 0.0
     tank.missed_cycles, tank.gap_work, tank.gap_spread = 0, 0.0, 0.0
     tank.initial_energy = tank.initial + potential
@@ -154,7 +168,9 @@ def measure(tank: Tank, q: Vector, effort: Vector, potential: float) -> int:
     ``T <- min(T_max, T - [tau_applied . dtheta + r (U - U_last)] - charge)``, see ``sensing_charge``. After missed
     cycles dtheta is the travel over all of them, and what their torques may have done beyond tau_applied on it is
     added (``missed``); what was booked for them comes back. If assuming the worst again, ``|tau_applied| . v_max h``,
-    is cheaper, that is done, and ``|tau_before| . e`` charged to end the chain of samples.
+    is cheaper, that is done, and ``|tau_before| . e`` charged to end the chain of samples. A motor that gives s times
+    what is asked, s constant and somewhere between its ends, has done at most ``max(s_- W_i, s_+ W_i)``, W_i the work
+    of joint i's torque asked for so far; what that grows by is booked.
 
     Args:
         tank: After the last ``limit_to_budget`` or ``missed``.
@@ -172,14 +188,19 @@ def measure(tank: Tank, q: Vector, effort: Vector, potential: float) -> int:
         theta = motor_position(q[i], effort[i], tank.compliance[i])
         travel = theta - tank.motor_position[i]
         allowed = tank.speed_bound[i] * tank.period * (1.0 + tank.missed_cycles) + 2.0 * tank.sensing_error[i]
-        if too_fast == n and abs(travel) > allowed * (1.0 + ROUNDING):
+        if too_fast == n and abs(travel) > allowed / tank.most_gain[i] * (1.0 + ROUNDING):
             too_fast = i
         tank.motor_position[i] = theta
         worst += abs(tank.pending[0, i]) * tank.speed_bound[i] * tank.period
-        seen += tank.pending[0, i] * travel
+        done = tank.pending[0, i] * travel
+        surplus = max(tank.worked[i] + done, 0.0) - max(tank.worked[i], 0.0)
+        seen += tank.least_gain[i] * done + (tank.most_gain[i] - tank.least_gain[i]) * surplus
+        tank.done[i] = done
     if tank.missed_cycles == 0 or seen <= tank.gap_work + worst:
         work, assumed = seen - tank.gap_work, tank.gap_spread - tank.gap_work
         charge = sensing_charge(tank)
+        for i in range(n):
+            tank.worked[i] += tank.done[i]
         tank.applied[:] = tank.pending[0]
     else:
         work, assumed = worst, worst

@@ -28,6 +28,8 @@ class TankSettings:
         sensing_deviation: (n,) standard deviation s of that error where it is white [rad]; None where only e is
             known.
         recovery_time: Time constant with which relaxed springs are tightened again [s].
+        least_gain, most_gain: (n,) ends of the interval in which a motor's torque per torque asked for lies; None
+            where motors give what is asked.
     """
 
     initial: float
@@ -41,6 +43,15 @@ class TankSettings:
     sensing_error: Vector
     sensing_deviation: Vector | None
     recovery_time: float
+    least_gain: Vector | None = None
+    most_gain: Vector | None = None
+
+    @property
+    def gains(self) -> tuple[Vector, Vector]:
+        """Both ends of the motors' gains, (n,) each; ones where they give what is asked."""
+        ones = np.ones(self.speed_bound.size)
+        least = ones if self.least_gain is None else self.least_gain
+        return least, ones if self.most_gain is None else self.most_gain
 
     def __post_init__(self) -> None:
         for problem, wrong in (
@@ -61,6 +72,10 @@ class TankSettings:
             ),
             ("compliance must be >= 0 [rad/N.m]", not bool(np.all(self.compliance >= 0))),
             ("sensing_error must be >= 0 [rad]", not bool(np.all(self.sensing_error >= 0))),
+            (
+                "every motor gain must be positive, its least end not above its most",
+                not bool(np.all((self.gains[0] > 0) & (self.gains[0] <= self.gains[1]))),
+            ),
         ):
             if wrong:
                 raise BadInput(f"energy tank: {problem}")

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: BSD-3-Clause
+r"""The joint velocity that a task desires: how fast the place moves at which all its springs together are at rest.
+
+Near that place the springs' torque is J^T K (X_d - X) + K_j (q_0 - q). Where the equilibria move with the twists V_d
+and the rest angles with \dot q_0, it stays zero for
+
+    H v_d = \sum_springs J^T K V_d + K_j \dot q_0,      H = \sum_springs J^T K J + K_j + \lambda 1
+
+so nothing is divided by a Jacobian, and a joint that no spring holds does not move: \lambda is a small part of the mean
+stiffness. Twists are differences of the equilibria from cycle to cycle, which no sensor enters.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from impedance_modules.compiled import compiled
+from impedance_modules.modules.joint_bias import JointSprings
+from impedance_modules.modules.spring import Springs
+from impedance_modules.records import Array3, Flag, Matrix, Record, Scalar, Vector
+from impedance_modules.robot.kinematics import ArmGeometry
+
+LEAST_STIFFNESS = 1e-3
+"""Lambda over the mean of the stiffness's diagonal."""
+
+
+class EquilibriumVelocity(Record):
+    """The velocity and its memory.
+
+    Attributes:
+        period: Between two cycles [s].
+        known: Whether the equilibria of the cycle before are known; without them nothing is desired.
+        rotation, translation: (springs, 3, 3), (springs, 3) of the equilibria in the cycle before [m].
+        rest: (n,) rest angles in the cycle before [rad].
+        stiffness: (n, n) H, then its Cholesky factor [N.m/rad].
+        column: (6,) one column of K J.
+        twist: (6,) V_d of one spring [m/s, rad/s].
+        velocity: (n,) v_d [rad/s].
+    """
+
+    period: Scalar
+    known: Flag = False
+    rotation: Array3
+    translation: Matrix
+    rest: Vector
+    stiffness: Matrix
+    column: Vector
+    twist: Vector
+    velocity: Vector
+
+
+def equilibrium_velocity(springs: int, n: int, period: float) -> EquilibriumVelocity:
+    """Takes the memory for some springs on n joints and a control period [s]."""
+    return EquilibriumVelocity(
+        period=period,
+        rotation=np.zeros((springs, 3, 3)),
+        translation=np.zeros((springs, 3)),
+        rest=np.zeros(n),
+        stiffness=np.zeros((n, n)),
+        column=np.zeros(6),
+        twist=np.zeros(6),
+        velocity=np.zeros(n),
+    )
+
+
+@compiled
+def follow_equilibrium(
+    motion: EquilibriumVelocity, springs: Springs, bias: JointSprings, arms: ArmGeometry
+) -> None:
+    """Writes the desired velocity of the equilibria in force, and remembers where they are.
+
+    Args:
+        motion: Its ``velocity`` is overwritten; zero at the first call.
+        springs: With the gains and equilibria of this cycle.
+        bias: Likewise.
+        arms: At the state.
+    """
+    if motion.known:
+        _gather(motion, springs, bias, arms)
+        _solve(motion, arms)
+    else:
+        motion.velocity[:] = 0.0
+    motion.known = True
+    motion.rotation[:] = springs.target_rotation
+    motion.translation[:] = springs.target_translation
+    motion.rest[:] = bias.rest
+
+
+@compiled
+def _gather(motion: EquilibriumVelocity, springs: Springs, bias: JointSprings, arms: ArmGeometry) -> None:
+    """Writes H, and what the motion of the equilibria pulls with, into ``stiffness`` and ``velocity``."""
+    n = bias.rest.size
+    motion.stiffness[:, :] = 0.0
+    for j in range(n):
+        motion.stiffness[j, j] = bias.stiffness[j]
+        motion.velocity[j] = bias.stiffness[j] * (bias.rest[j] - motion.rest[j]) / motion.period
+    for s in range(springs.frame.size):
+        _add_spring(motion, springs, s, arms)
+    mean = 0.0
+    for j in range(n):
+        mean += motion.stiffness[j, j] / n
+    for j in range(n):
+        motion.stiffness[j, j] += LEAST_STIFFNESS * mean + 1e-12
+
+
+@compiled
+def _add_spring(motion: EquilibriumVelocity, springs: Springs, s: int, arms: ArmGeometry) -> None:
+    """Adds one spring: J^T K J to the stiffness, J^T K V_d to the pull."""
+    f = springs.frame[s]
+    _difference(motion, springs, s)
+    for j in range(arms.moved_by[0, f], arms.moved_by[1, f]):
+        for a in range(6):
+            motion.column[a] = 0.0
+            for b in range(6):
+                motion.column[a] += springs.stiffness[s, a, b] * arms.jacobian[f, b, j]
+        for a in range(6):
+            motion.velocity[j] += motion.column[a] * motion.twist[a]
+        for i in range(arms.moved_by[0, f], arms.moved_by[1, f]):
+            for a in range(6):
+                motion.stiffness[i, j] += arms.jacobian[f, a, i] * motion.column[a]
+
+
+@compiled
+def _difference(motion: EquilibriumVelocity, springs: Springs, s: int) -> None:
+    """Writes the twist of one spring's equilibrium; a turn within a cycle is as small as its sine."""
+    for a in range(3):
+        away = springs.target_translation[s, a] - motion.translation[s, a]
+        motion.twist[a] = away / motion.period
+        b, c = (a + 1) % 3, (a + 2) % 3
+        turn = 0.0
+        for k in range(3):
+            turn += springs.target_rotation[s, c, k] * motion.rotation[s, b, k]
+            turn -= springs.target_rotation[s, b, k] * motion.rotation[s, c, k]
+        motion.twist[3 + a] = 0.5 * turn / motion.period
+
+
+@compiled
+def _solve(motion: EquilibriumVelocity, arms: ArmGeometry) -> None:
+    """Solves H v = pull in place by Cholesky; joints of different arms share no entry."""
+    L, v = motion.stiffness, motion.velocity
+    for j in range(v.size):
+        for i in range(j, arms.coupled[1, j]):
+            for k in range(arms.coupled[0, j], j):
+                L[i, j] -= L[i, k] * L[j, k]
+            L[i, j] = math.sqrt(L[j, j]) if i == j else L[i, j] / L[j, j]
+    for j in range(v.size):
+        for k in range(arms.coupled[0, j], j):
+            v[j] -= L[j, k] * v[k]
+        v[j] /= L[j, j]
+    for back in range(v.size):
+        j = v.size - 1 - back
+        for k in range(j + 1, arms.coupled[1, j]):
+            v[j] -= L[k, j] * v[k]
+        v[j] /= L[j, j]
