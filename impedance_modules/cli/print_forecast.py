@@ -13,6 +13,7 @@ from rich.text import Text
 from impedance_modules.cli.plant_trial import trial_line
 from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.prediction.compensation_forecast import CompensationForecast
 from impedance_modules.prediction.forecast import Deflection, Forecast, JointLoad, PhaseForecast
 from impedance_modules.prediction.inner_loop_limit import InnerLoopLimit, inner_loop_limit
 from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
@@ -41,6 +42,8 @@ def print_forecast(assembly: Assembly, forecast: Forecast, trial: Trial | None) 
     if inner is not None:
         console.print(_inner_loop(inner), soft_wrap=True)
     console.print(_tank(assembly, forecast))
+    if forecast.compensation is not None:
+        console.print(_compensation(forecast.compensation))
     if trial is not None:
         console.print(trial_line(trial), soft_wrap=True)
     for note in forecast.notes:
@@ -196,4 +199,22 @@ def _tank(assembly: Assembly, forecast: Forecast) -> Table:
     table.add_row(f"in the tank at the start ({filled / tank.need:.2f} times the need)", f"{filled:.2f}")
     table.add_section()
     table.add_row("sensing: measured work is true to within", f"{tank.sensing:.2f}")
+    return table
+
+
+def _compensation(found: CompensationForecast) -> Table:
+    """Lays out what each compensated effect costs: torque, energy from the tank, energy that the claim counts."""
+    table = Table(
+        title="compensated, each effect by itself", title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0)
+    )
+    table.add_column("effect")
+    table.add_column("of")
+    for heading in ("torque N.m", "tank pays J", "potential at the start J"):
+        table.add_column(heading, justify="right")
+    for cost in found.costs:
+        keys = cost.effect.keys
+        more = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
+        torque = f"{cost.joint} {cost.torque:.2f} of {cost.limit:g}"
+        given = f"{cost.given:.2f}" if cost.effect.has_potential else "-"
+        table.add_row(Text(cost.effect.name), Text(f"{keys[0]}{more}"), torque, f"{cost.drawn:.2f}", given)
     return table

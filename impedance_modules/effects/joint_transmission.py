@@ -121,7 +121,10 @@ class JointElasticity(Effect):
     )
     replaces = True
     not_exported = "the rotor would have to be a body of its own, with a joint of its own"
-    not_compensated = "how far a joint gives is no torque that is missing (valid: --effects, so that model and tank know the spring)"
+    not_compensated = (
+        "how far a joint gives is no torque that is missing (valid: --effects, so that model and tank know"
+        " the spring)"
+    )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What a compliance of one more rad per N.m costs."""
@@ -176,8 +179,8 @@ class Backlash(Effect):
     )
     not_exported = "the rotor would have to be a body of its own, with a joint of its own"
     not_compensated = (
-        "while the motor crosses the gap, no torque reaches the link, and more of it only meets the teeth harder (valid:"
-        " a preloaded gear, or a motion that keeps the torque's sign)"
+        "while the motor crosses the gap, no torque reaches the link, and more of it only meets the teeth harder"
+        " (valid: a preloaded gear, or a motion that keeps the torque's sign)"
     )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
@@ -253,7 +256,10 @@ class TransmissionCoupling(Effect):
 
     symmetric = True
     not_exported = "a joint's rotor there does not turn with another joint"
-    not_compensated = "it asks for torque in proportion to another joint's acceleration, which nobody measures (valid: --effects)"
+    not_compensated = (
+        "it asks for torque in proportion to another joint's acceleration, which nobody measures"
+        " (valid: --effects)"
+    )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Three columns on the rows of both joints."""

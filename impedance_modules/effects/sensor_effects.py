@@ -32,7 +32,10 @@ from impedance_modules.errors import BadInput
 NO_SUCH_SENSOR = "what sensors report beside the truth is none of the numbers there"
 """Why an error of a sensor is in no simulator's file."""
 
-ONLY_REPORTED = "only what a sensor reports is wrong, and no torque sets a reading right (valid: the sensor's own calibration)"
+ONLY_REPORTED = (
+    "only what a sensor reports is wrong, and no torque sets a reading right"
+    " (valid: the sensor's own calibration)"
+)
 """Why an error of a sensor is not compensated."""
 
 APART = "apart"

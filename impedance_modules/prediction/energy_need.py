@@ -29,11 +29,15 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.prediction.compensation_forecast import CompensationForecast
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.safety.tank import DEVIATIONS
 from impedance_modules.superposition.elastic_joints import sampling_of
+
+COMPENSATED = "friction and drives compensated"
+"""Name of the cost of what is compensated and has no potential."""
 
 NOISIEST_CYCLE = 3.0
 """Standard deviations by which the noisiest of a run's cycles stands out."""
@@ -59,16 +63,26 @@ class TankForecast:
     sensing: float
 
 
-def forecast_tank(assembly: Assembly, mechanism: Mechanism, motion: MotionPrediction) -> TankForecast:
-    """Follows the tank's level along the predicted motion."""
+def forecast_tank(
+    assembly: Assembly,
+    mechanism: Mechanism,
+    motion: MotionPrediction,
+    compensation: CompensationForecast | None = None,
+) -> TankForecast:
+    """Follows the tank's level along the predicted motion, with what is compensated on the way."""
     samples = motion.samples
+    efforts = [sample.effort for sample in samples]
+    drawn = np.zeros(len(samples))
+    if compensation is not None:
+        efforts = [effort + added for effort, added in zip(efforts, compensation.effort, strict=True)]
+        drawn = compensation.drawn
     charges, torque_noise = _sensing_along(assembly, mechanism, motion)
-    elastic = np.array([_elastic_energy(assembly, sample.effort) for sample in samples])
+    elastic = np.array([_elastic_energy(assembly, effort) for effort in efforts])
     flight = np.array(
-        [_in_flight(assembly, s.effort, noise) for s, noise in zip(samples, torque_noise, strict=True)]
+        [_in_flight(assembly, effort, noise) for effort, noise in zip(efforts, torque_noise, strict=True)]
     )
     spent = np.array([sample.potential + sample.work for sample in samples])
-    spent += elastic - elastic[0] + charges
+    spent += elastic - elastic[0] + charges + drawn
     level, lost = _level(assembly, spent)
     needed = assembly.tank.initial - level + assembly.tank.floor + flight
     worst = int(np.argmax(needed))
@@ -82,6 +96,7 @@ def forecast_tank(assembly: Assembly, mechanism: Mechanism, motion: MotionPredic
         "friction of motors": at.motor_friction,
         "friction of the hinge": at.hinge_friction,
         "elastic joints deflected": float(elastic[worst] - elastic[0]),
+        COMPENSATED: float(drawn[worst]),
         "lifting and pressing": at.work
         - at.kinetic
         - at.surface_friction
@@ -90,7 +105,7 @@ def forecast_tank(assembly: Assembly, mechanism: Mechanism, motion: MotionPredic
         "sensing": float(charges[worst]),
         "lost above the maximum": float(lost[worst]),
     }
-    end_term = float(np.abs(samples[-1].effort) @ assembly.tank.sensing_error)
+    end_term = float(np.abs(efforts[-1]) @ (assembly.tank.gains[1] * assembly.tank.sensing_error))
     phase = next(p for p in motion.phases if p.samples.start <= worst < p.samples.stop)
     return TankForecast(float(needed[worst]), at.time, phase.name, costs, float(charges[-1]) + end_term)
 
@@ -120,7 +135,7 @@ def _in_flight(assembly: Assembly, effort: Array, torque_noise: Array) -> float:
     """
     tank = assembly.tank
     duration = tank.hold + tank.delay * tank.period
-    cost = tank.speed_bound * duration + (4 * tank.delay + 5) * tank.sensing_error
+    cost = tank.gains[1] * (tank.speed_bound * duration + (4 * tank.delay + 5) * tank.sensing_error)
     size = np.sqrt(effort**2 + 2.0 / np.pi * torque_noise**2)
     return float(size @ cost + NOISIEST_CYCLE * 0.6 * np.linalg.norm(torque_noise * cost))
 

@@ -4,19 +4,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadFile, Problem
+from impedance_modules.prediction.compensation_forecast import (
+    CompensationForecast,
+    commanded,
+    effort_at_rest,
+    forecast_compensation,
+)
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.inner_loop_limit import beyond_passive_gain
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.passages import passage_problems
 from impedance_modules.prediction.phase_loops import PhaseLoops, judge_loops, unstable_loops
-from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase, predict_motion
+from impedance_modules.prediction.quasi_static import MotionPrediction, predict_motion
 from impedance_modules.prediction.statics import Rest, find_rest
 from impedance_modules.spec.task import Sine
 
@@ -33,12 +39,14 @@ class TaskPrediction:
         rests: Where each phase comes to rest; None where one does not.
         tank: The energy it needs.
         loops: Of each phase: are they stable?
+        compensation: What is compensated along it; None where nothing is.
     """
 
     motion: MotionPrediction
     rests: tuple[Rest | None, ...]
     tank: TankForecast
     loops: tuple[PhaseLoops, ...]
+    compensation: CompensationForecast | None = None
 
 
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
@@ -62,8 +70,10 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
         raise BadFile(at_start)
     motion = predict_motion(assembly)
     rests = tuple(find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases)
-    tank, loops = forecast_tank(assembly, mechanism, motion), judge_loops(assembly, mechanism, motion, rests)
-    prediction = TaskPrediction(motion, rests, tank, loops)
+    compensation = forecast_compensation(assembly, mechanism, motion, rests)
+    tank = forecast_tank(assembly, mechanism, motion, compensation)
+    loops = judge_loops(assembly, mechanism, motion, rests)
+    prediction = TaskPrediction(motion, rests, tank, loops, compensation)
     problems = [
         *_efforts_beyond_limits(assembly, prediction),
         *_need_beyond_tank(assembly, prediction.tank),
@@ -123,9 +133,14 @@ def _efforts_beyond_limits(assembly: Assembly, prediction: TaskPrediction) -> It
     """Finds joints whose commanded torque would pass the limit."""
     limit = assembly.limits.effort_max
     for index, phase in enumerate(prediction.motion.phases):
-        demand = _demand(prediction.motion, phase, prediction.rests[index])
+        demand = _demand(prediction, index)
         worst = int(np.argmax(demand / limit))
-        if demand[worst] > limit[worst]:
+        if demand[worst] <= limit[worst]:
+            continue
+        alone = _demand(replace(prediction, compensation=None), index)
+        if alone[worst] <= limit[worst]:
+            yield _compensation_beyond_limit(assembly, prediction, phase.name, (alone, demand, worst))
+        else:
             yield assembly.task.document.problem(
                 ("phases", index),
                 f"phase '{phase.name}' asks {demand[worst]:.1f} N.m of {assembly.model.joint_names[worst]},"
@@ -134,12 +149,32 @@ def _efforts_beyond_limits(assembly: Assembly, prediction: TaskPrediction) -> It
             )
 
 
-def _demand(motion: MotionPrediction, phase: PredictedPhase, rest: Rest | None) -> Array:
+def _compensation_beyond_limit(
+    assembly: Assembly, prediction: TaskPrediction, phase: str, torques: tuple[Array, Array, int]
+) -> Problem:
+    """Says which effect's compensation leaves a joint no torque, at its line in the patch."""
+    alone, demand, worst = torques
+    joint, limit = assembly.model.joint_names[worst], assembly.limits.effort_max[worst]
+    found, forecast = assembly.compensation, prediction.compensation
+    if found is None or forecast is None:
+        raise ValueError("nothing is compensated, so nothing of it passes a limit")
+    effect = forecast.strongest(joint)
+    name = "the patch" if effect is None else effect.name
+    path = ("effects",) if effect is None else ("effects", effect.place, "effect")
+    return found.patch.document.problem(
+        path,
+        f"with {name} compensated, phase '{phase}' asks {demand[worst]:.1f} N.m of {joint}, {alone[worst]:.1f} N.m"
+        f" without, whose limit is {limit:g} N.m (valid: a patch without it, or a task that asks for less)",
+    )
+
+
+def _demand(prediction: TaskPrediction, index: int) -> Array:
     """Gives the largest commanded torque of a phase, (n,) [N.m]."""
-    efforts = [np.abs(sample.effort) for sample in motion.samples[phase.samples]]
+    phase, rest, added = prediction.motion.phases[index], prediction.rests[index], prediction.compensation
+    efforts = commanded(prediction.motion, added, phase)
     if rest is not None:
-        efforts.append(np.abs(rest.effort))
-    return np.asarray(np.max(efforts, axis=0))
+        efforts.append(effort_at_rest(rest, added, index))
+    return np.asarray(np.max(np.abs(efforts), axis=0))
 
 
 def _need_beyond_tank(assembly: Assembly, tank: TankForecast) -> Iterator[Problem]:

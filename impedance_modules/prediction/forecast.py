@@ -7,7 +7,7 @@ whether the sampled loop is stable. Of the whole task: the energy that its tank 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,11 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.modules.spring import displacement_of
+from impedance_modules.prediction.compensation_forecast import (
+    CompensationForecast,
+    commanded,
+    effort_at_rest,
+)
 from impedance_modules.prediction.energy_need import TankForecast
 from impedance_modules.prediction.feasibility import TaskPrediction
 from impedance_modules.prediction.hinge_forecast import HingeForecast, forecast_hinge, hinge_notes
@@ -152,23 +157,47 @@ class Forecast:
         phases: In order.
         tank: What it costs.
         notes: What the task's author should know, most of all what would go wrong.
+        compensation: What is compensated, and what it costs; None where nothing is.
     """
 
     phases: tuple[PhaseForecast, ...]
     tank: TankForecast
     notes: tuple[str, ...]
+    compensation: CompensationForecast | None = None
 
 
 def forecast_task(assembly: Assembly, prediction: TaskPrediction) -> Forecast:
     """Adds loads, deflections and stability to what a task's feasibility was judged by."""
     mechanism, motion = Mechanism(assembly), prediction.motion
     phases: list[PhaseForecast] = []
-    for phase, rest, judged in zip(motion.phases, prediction.rests, prediction.loops, strict=True):
-        arms = tuple(_forecast_arm(mechanism, arm.limb, phase, motion, rest) for arm in phase.modules.arms)
+    carried = assembly.model.gravity if assembly.compensation is None else assembly.compensation.model.gravity
+    for index, (phase, rest, judged) in enumerate(
+        zip(motion.phases, prediction.rests, prediction.loops, strict=True)
+    ):
+        loads = _loads(prediction, index, carried)
+        arms = tuple(
+            _forecast_arm(mechanism, arm.limb, phase, loads, (motion, rest)) for arm in phase.modules.arms
+        )
         hinge = _forecast_hinge(mechanism, phase, rest, judged, phases)
         phases.append(_forecast_phase(mechanism, phase, rest, arms, judged, hinge))
     notes = tuple(dict.fromkeys(note for phase in phases for note in _notes(phase)))
-    return Forecast(tuple(phases), prediction.tank, notes)
+    return Forecast(tuple(phases), prediction.tank, notes, prediction.compensation)
+
+
+def _loads(
+    prediction: TaskPrediction, index: int, carried: Callable[[Array], Array]
+) -> tuple[list[Array], list[Array]]:
+    """Lists the commanded torques of a phase, and motor torques with the weight that robots carry (n,) [N.m]."""
+    phase, rest, added = prediction.motion.phases[index], prediction.rests[index], prediction.compensation
+    samples, efforts = prediction.motion.samples[phase.samples], commanded(prediction.motion, added, phase)
+    every = max(1, len(samples) // GRAVITY_SAMPLES)
+    loaded = [
+        effort + carried(sample.q) for sample, effort in zip(samples[::every], efforts[::every], strict=True)
+    ]
+    if rest is not None:
+        efforts.append(effort_at_rest(rest, added, index))
+        loaded.append(efforts[-1] + carried(rest.q))
+    return efforts, loaded
 
 
 def _forecast_phase(
@@ -232,16 +261,15 @@ def _slow_rest(mechanism: Mechanism, phase: PredictedPhase, rest: Rest) -> SlowR
 
 
 def _forecast_arm(
-    mechanism: Mechanism, limb: Limb, phase: PredictedPhase, motion: MotionPrediction, rest: Rest | None
+    mechanism: Mechanism,
+    limb: Limb,
+    phase: PredictedPhase,
+    loads: tuple[list[Array], list[Array]],
+    course: tuple[MotionPrediction, Rest | None],
 ) -> ArmForecast:
-    """Sums up one arm in one phase."""
+    """Sums up one arm in one phase; ``loads`` are its commanded and its motors' torques."""
+    (motion, rest), (efforts, loaded) = course, loads
     model, samples = mechanism.model, motion.samples[phase.samples]
-    efforts = [sample.effort for sample in samples]
-    weighed = samples[:: max(1, len(samples) // GRAVITY_SAMPLES)]
-    loaded = [sample.effort + model.gravity(sample.q) for sample in weighed]
-    if rest is not None:
-        efforts.append(rest.effort)
-        loaded.append(rest.effort + model.gravity(rest.q))
     return ArmForecast(
         limb=limb.name,
         commanded=_largest_load(model, limb, efforts),
