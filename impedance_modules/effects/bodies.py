@@ -171,8 +171,9 @@ class Payload(MassAtPoint):
         return _with_changes(robot, masses)
 
     def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
-        """Holds the point masses' weight."""
-        builder.change_weight(lambda robot: self.apply_to_robot(robot, "link", values_of(found)))
+        """Holds the point masses' weight; where there is no mass, no number of the robot is touched."""
+        values = {link: numbers for link, numbers in values_of(found).items() if numbers["m"] > 0.0}
+        builder.change_weight(lambda robot: self.apply_to_robot(robot, "link", values))
 
 
 class LinkInertia(Effect):

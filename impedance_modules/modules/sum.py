@@ -128,7 +128,7 @@ def lay_out(modules: TaskModules, n: int, compensation: Compensation | None = No
     )
 
 
-def module_names(modules: TaskModules, *, compensated: bool) -> tuple[str, ...]:
+def module_names(modules: TaskModules, *, compensated: bool = False) -> tuple[str, ...]:
     """Names the rows of ``Modules.efforts``: every spring, every arm's joint bias, squeeze, weight, compensation."""
     springs = [spring.name for arm in modules.arms for spring in arm.springs]
     biases = [f"{arm.limb.name}.joint_bias" for arm in modules.arms]

@@ -23,7 +23,7 @@ from impedance_modules.effects.compensate import CompensatedEffect
 from impedance_modules.effects.compensation_builder import CompensationNumbers
 from impedance_modules.modules.compensation import compensate, compensation_energy
 from impedance_modules.modules.equilibrium_velocity import follow_equilibrium
-from impedance_modules.modules.sum import Modules, lay_out, write_equilibrium, write_gains
+from impedance_modules.modules.sum import lay_out, write_equilibrium, write_gains
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import (
     MotionPrediction,
@@ -32,9 +32,6 @@ from impedance_modules.prediction.quasi_static import (
     plan_steps,
 )
 from impedance_modules.prediction.statics import Rest
-
-INSTANT = 1e-3
-"""Time over which the motion of the equilibria is differentiated [s]."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +85,13 @@ def forecast_compensation(
     if found is None:
         return None
     modules, samples = assembly.modules, motion.samples
-    total = compensator_of(found, modules, INSTANT)
+    total = compensator_of(found, modules, assembly.period)
     velocities = _desired_velocities(assembly, mechanism, motion, total)
     effort, held = _along(total, samples, velocities)
     work = _Quadrature(assembly, motion)
     alone: list[EffectCost] = []
     for effect in found.effects:
-        own = Compensator(found.model, effect.numbers, modules=modules, period=INSTANT)
+        own = Compensator(found.model, effect.numbers, modules=modules, period=assembly.period)
         alone.append(_cost(assembly, effect, own, (samples, velocities, work)))
     return CompensationForecast(
         effort=effort,
@@ -109,23 +106,20 @@ def _desired_velocities(
 ) -> Array:
     """Gives the desired joint velocity at every sample, (m, n) [rad/s], by the law of the control loop."""
     laid_out = lay_out(assembly.modules, assembly.model.n, total.record)
-    velocities = np.zeros((len(motion.samples), assembly.model.n))
+    follower, velocities = total.record.motion, np.zeros((len(motion.samples), assembly.model.n))
     for phase in motion.phases:
         write_gains(laid_out, phase.modules, phase.damping)
         for index in range(phase.samples.start, phase.samples.stop):
             sample = motion.samples[index]
-            mechanism.update(sample.q, sample.velocity)
-            clock = max(INSTANT, min(sample.time - phase.began, phase.clock))
-            for moment in (clock - INSTANT, clock):
-                write_equilibrium(laid_out, phase.modules, phase.motion.at(moment))
-                _follow(laid_out, mechanism)
-            velocities[index] = total.record.motion.velocity
+            since = sample.time - motion.samples[max(index - 1, 0)].time
+            if since > 0.0 or not follower.known:
+                follower.period = since
+                mechanism.update(sample.q, sample.velocity)
+                targets = phase.motion.at(min(sample.time - phase.began, phase.clock))
+                write_equilibrium(laid_out, phase.modules, targets)
+                follow_equilibrium(follower, laid_out.springs, laid_out.bias, mechanism.kinematics.arms)
+            velocities[index] = follower.velocity
     return velocities
-
-
-def _follow(laid_out: Modules, mechanism: Mechanism) -> None:
-    arms = mechanism.kinematics.arms
-    follow_equilibrium(laid_out.compensation.motion, laid_out.springs, laid_out.bias, arms)
 
 
 def _along(

@@ -83,6 +83,7 @@ def run_in_world(
     tamper: Callable[[Controller], None] = lambda controller: None,
     rigid_books: bool = False,
     jumps: bool = True,
+    compensate: Path | None = None,
     between: Callable[[SimBackend], Backend] = lambda robot: robot,
 ) -> Books:
     """Runs a random task in a random world, to its end or to a stop."""
@@ -90,7 +91,7 @@ def run_in_world(
     path = folder / f"adversity-{seed}.yaml"
     steps = phases(random, 4) if jumps else "  - {name: stay, duration: 1.0}"
     path.write_text(TASK.replace("FORCE", str(force)).replace("PHASES", steps))
-    assembly = assemble(str(path), effects=None, rate=rate, scale=1.0, arm=None)
+    assembly = assemble(str(path), effects=None, compensate=compensate, rate=rate, scale=1.0, arm=None)
     settings = replace(assembly.tank, initial=tank)
     if rigid_books:
         # A ledger of tau . dq, as if the springs between rotor and link were rigid.
