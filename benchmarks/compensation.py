@@ -46,7 +46,7 @@ robot: baxter
 arms:
   right:
     posture: {{s0: 0.4666, s1: -0.7179, e0: 0.3787, e1: 1.5412, w0: -0.3896, w1: 0.8229, w2: 0.2095}}
-    joint_bias: {{stiffness: {{s0: 1, s1: 1, e0: 1, e1: 1, w0: 1, w1: 1, w2: 1}}, damping_ratio: 0.7}}
+    joint_bias: {{stiffness: {{s0: 8, s1: 8, e0: 8, e1: 8, w0: 4, w1: 4, w2: 4}}, damping_ratio: 0.7}}
     springs:
       - name: hand
         frame: right_hand

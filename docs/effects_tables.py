@@ -5,7 +5,7 @@
     python -m docs.effects_tables --check    exit 1 and the files' names if one of them is not up to date
 
 They are the ids in schemas/patch.schema.json, the table in docs/effects.md, the tables in docs/export.md of what
-becomes of an effect in a URDF and in a MuJoCo model, and the number of effects wherever README.md or docs/*.md has it
+becomes of an effect in a URDF and in a MuJoCo model, the table in docs/compensation.md, and the number of effects wherever README.md or docs/*.md has it
 between the markers ``<!-- effect-count -->`` and ``<!-- /effect-count -->``.
 """
 
@@ -17,6 +17,7 @@ import textwrap
 from pathlib import Path
 
 from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.compensate import compensation_words
 from impedance_modules.effects.effect import Effect
 from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.simulator_numbers import MEANINGS, QUANTITIES, Quantity
@@ -30,6 +31,7 @@ COUNT = re.compile(r"(<!-- effect-count -->).*?(<!-- /effect-count -->)", re.DOT
 TABLE = re.compile(r"(<!-- effect-table -->\n).*?(<!-- /effect-table -->)", re.DOTALL)
 EXPORTED = re.compile(r"(<!-- exported-effects -->\n).*?(<!-- /exported-effects -->)", re.DOTALL)
 PLACES = re.compile(r"(<!-- exported-numbers -->\n).*?(<!-- /exported-numbers -->)", re.DOTALL)
+COMPENSATED = re.compile(r"(<!-- compensated-effects -->\n).*?(<!-- /compensated-effects -->)", re.DOTALL)
 ENUM = re.compile(
     r'("Which effect of the catalogue\.",\s*"type": "string",\s*"enum": \[).*?(\n *\])', re.DOTALL
 )
@@ -43,7 +45,8 @@ def texts() -> dict[Path, str]:
     out = {schema: ENUM.sub(rf"\g<1>\n{_ids()}\g<2>", schema.read_text())}
     for path in (CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md"))):
         text = COUNT.sub(rf"\g<1>{len(CATALOGUE)}\g<2>", path.read_text())
-        for marked, table in ((TABLE, _table), (EXPORTED, _exported), (PLACES, _places)):
+        tables = ((TABLE, _table), (EXPORTED, _exported), (PLACES, _places), (COMPENSATED, _compensated))
+        for marked, table in tables:
             text = marked.sub(lambda found, table=table: f"{found[1]}{table()}\n{found[2]}", text)
         out[path] = text
     return out
@@ -105,6 +108,12 @@ def _exported_row(effect: Effect) -> str:
         for carriers in (URDF.carriers, MUJOCO.carriers)
     )
     return f"| `{effect.id}` | {'; '.join(becomes)} | {' | '.join(taken)} |"
+
+
+def _compensated() -> str:
+    """How a controller takes each effect back, or why it does not."""
+    rows = (f"| `{name}` | {compensation_words(effect)} |" for name, effect in CATALOGUE.items())
+    return "\n".join(["| effect | with `--compensate` |", "|---|---|", *rows])
 
 
 def _places() -> str:

@@ -63,6 +63,7 @@ def _overview(descriptions: list[Description]) -> Table:
 
 def _print_card(effect: Effect, console: Console) -> None:
     """Prints everything that is known about one effect."""
+    from impedance_modules.effects.compensate import compensation_words
     from rich.table import Table
     from rich.text import Text
 
@@ -79,6 +80,7 @@ def _print_card(effect: Effect, console: Console) -> None:
         "applied to": described.applied,
         "patch export": "; ".join(f"{part.quantity}, {part.equation}" for part in effect.exported)
         or f"refused: {effect.not_exported}",
+        "compensated": compensation_words(effect),
         "reference": described.reference,
     }
     for name, text in rows.items():

@@ -43,6 +43,7 @@ class Assembly:
         patch: The patch, or None.
         compensation: Of what was diagnosed, or None.
         model: Of that robot.
+        weighed: The same with the weights of what is compensated: what measured torques are compared with.
         modules: Built at the start posture.
         rate: Control rate [Hz].
         scale: As asked for.
@@ -56,6 +57,7 @@ class Assembly:
     robot: RobotSpec
     patch: PatchSpec | None
     model: RobotModel
+    weighed: RobotModel
     modules: TaskModules
     rate: float
     scale: float
@@ -116,6 +118,7 @@ def assemble(
         robot=robot,
         patch=patch,
         model=model,
+        weighed=_weighed(model, compensation),
         modules=modules,
         rate=used_rate,
         scale=scale,
@@ -149,6 +152,13 @@ def _checked_rate(robot: RobotSpec, rate: float | None) -> float:
 def delay_periods(robot: RobotSpec, rate: float) -> int:
     """Counts the whole control periods a command waits before it acts (the robot latches at its samples)."""
     return math.ceil(robot.timing.command_delay * rate - 1e-9)
+
+
+def _weighed(model: RobotModel, compensation: PatchCompensation | None) -> RobotModel:
+    believed = None if compensation is None else compensation.numbers.robot
+    if believed is None:
+        return model
+    return RobotModel(replace(model.spec, body_changes=believed.body_changes, gravity=believed.gravity))
 
 
 def _tank_settings(

@@ -233,7 +233,7 @@ def contact_checks(assembly: Assembly, state: RobotState) -> tuple[PreflightResu
         return ()
     kinematics = Kinematics(assembly.model, assembly.modules.frames)
     kinematics.update(state.position, state.velocity)
-    touch = HandWrenches(assembly.model, assembly.modules, kinematics, assembly.period)
+    touch = HandWrenches(assembly.weighed, assembly.modules, kinematics, assembly.period)
     touch.reset(state)
     names = [arm.limb.name for arm in assembly.modules.arms]
     forces = {arm: float(np.linalg.norm(touch.wrench[names.index(arm), :3])) for arm in awaited}
@@ -273,7 +273,7 @@ def _gate(
     if measured < SHARE * force + carried:
         return PreflightResult(name, True, found, "")
     joints = assembly.model.limbs[arm].joints
-    expected = assembly.model.gravity(state.position)
+    expected = assembly.weighed.gravity(state.position)
     worst = int(joints[np.argmax(np.abs(state.effort - expected)[joints])])
     found += (
         f" where phase '{phase}' waits for {force:g} N: {assembly.model.joint_names[worst]} measures"

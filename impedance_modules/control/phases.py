@@ -131,7 +131,7 @@ class Sequence:
 
     def _make_judge(self) -> ContactJudge | SmoothJudge | ArrivalJudge | None:
         """Prepares what the current phase waits for; None where it waits for its duration alone."""
-        until, model = self.phase.until, self._controller.assembly.model
+        until, model = self.phase.until, self._controller.assembly.weighed
         if isinstance(until, ContactCondition):
             return ContactJudge(until, self._touch, model)
         if isinstance(until, SmoothCondition):

@@ -67,7 +67,7 @@ class Supervisor:
         self.controller = Controller(assembly)
         self._every = max(1, round(assembly.rate / LOOKS))
         self.hand_wrenches = HandWrenches(
-            assembly.model,
+            assembly.weighed,
             assembly.modules,
             self.controller.kinematics,
             self._every * assembly.period,

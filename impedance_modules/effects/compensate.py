@@ -13,12 +13,19 @@ from impedance_modules.effects.compensation_builder import (
     Diagnosed,
     Estimate,
 )
-from impedance_modules.effects.effect import Compensation
+from impedance_modules.effects.effect import Compensation, Effect
 from impedance_modules.effects.patch_check import patch_problems
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec
 from impedance_modules.spec.robot_spec import RobotSpec
+
+IN_WORDS: Mapping[Compensation, str] = {
+    "weight": "a torque with a potential, dV/dq of what weighs more",
+    "potential": "a torque with a potential, of the joint alone",
+    "friction": "its least torque along the desired motion; the tank pays",
+    "gain": "the torque asked for is divided by the end of the interval that is nearer to 1",
+}
 
 POTENTIALS: frozenset[Compensation] = frozenset({"weight", "potential"})
 """Kinds whose torque is the gradient of an energy; the work of all others is paid from the tank."""
@@ -97,6 +104,15 @@ def compensate_patch(robot: RobotSpec, patch: PatchSpec) -> PatchCompensation:
     if problems:
         raise BadFile(problems)
     return PatchCompensation(patch, model, tuple(alone), together.finish())
+
+
+def compensation_words(effect: Effect) -> str:
+    """Says how a controller takes an effect back, and what is refused."""
+    refused = [port for port in effect.description.ports if port not in effect.compensated_at]
+    if effect.compensation is None:
+        return f"refused: {effect.not_compensated}"
+    words = IN_WORDS[effect.compensation]
+    return f"{words}; at the {', '.join(refused)} refused: {effect.not_compensated}" if refused else words
 
 
 def _kind(spec: EffectSpec) -> Compensation:

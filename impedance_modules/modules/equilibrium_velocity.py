@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""The joint velocity that a task desires: how springs and dampers alone would follow their equilibria.
 
-Where the equilibria move with the twists V_d and the rest angles with \dot q_0, springs and dampers stay in balance,
-D v = H (q_d - q), if
+Near the place where all springs together are at rest their torque is J^T K (X_d - X) + K_j (q_0 - q). Where the
+equilibria move with the twists V_d and the rest angles with \dot q_0, that place moves with v,
 
-    D \dot v_d + H v_d = \sum_springs J^T K V_d + K_j \dot q_0
+    H v = \sum_springs J^T K V_d + K_j \dot q_0,      H = \sum_springs J^T K J + K_j + \lambda 1
 
-    H = \sum_springs J^T K J + K_j + \lambda 1,      D = \sum_springs J^T D_s J + D_j
+so nothing is divided by a Jacobian, and a joint that no spring holds does not move: \lambda is a small part of the mean
+stiffness. Dampers act on the arm's own velocity, and so it comes later; each joint is desired as late as its dampers
+and springs make it,
 
-so the arm is desired as late as its own dampers make it, nothing is divided by a Jacobian, and a joint that no spring
-holds does not move: \lambda is a small part of the mean stiffness. Friction, inertia and the force of a hybrid axis
-are in none of it, and no sensor but the posture in J: twists are differences of the equilibria from cycle to cycle.
-One step of the period h is implicit, (H + D / h) v_d = pull + (D / h) v_before.
+    T_j \dot v_d,j + v_d,j = v_j,      T_j = D_jj / H_jj,      D = \sum_springs J^T D_s J + D_j
+
+Friction, inertia and the force of a hybrid axis are in none of it, and no sensor but the posture in J: twists are
+differences of the equilibria from cycle to cycle.
 """
 
 from __future__ import annotations
@@ -29,6 +31,9 @@ from impedance_modules.robot.kinematics import ArmGeometry
 LEAST_STIFFNESS = 1e-3
 """Lambda over the mean of the stiffness's diagonal."""
 
+LONGEST_LAG = 0.3
+"""Largest T_j [s]: a joint with hardly any spring has no motion of its own that could be late."""
+
 
 class EquilibriumVelocity(Record):
     """The velocity and its memory.
@@ -38,10 +43,11 @@ class EquilibriumVelocity(Record):
         known: Whether the equilibria of the cycle before are known; without them nothing is desired.
         rotation, translation: (springs, 3, 3), (springs, 3) of the equilibria in the cycle before [m].
         rest: (n,) rest angles in the cycle before [rad].
-        matrix: (n, n) H + D / h, then its Cholesky factor [N.m/rad].
-        pull: (n,) right side of the equation [N.m/s].
-        column: (2, 6) one column of K J, and of D_s J / h.
-        twist: (2, 6) V_d of one spring, and J v_before [m/s, rad/s].
+        matrix: (n, n) H, then its Cholesky factor [N.m/rad].
+        lag: (n,) D_jj, then T_j [s].
+        column: (6,) one column of K J.
+        twist: (6,) V_d of one spring [m/s, rad/s].
+        moving: (n,) right side of the equation, then v [rad/s].
         velocity: (n,) v_d [rad/s].
     """
 
@@ -51,9 +57,10 @@ class EquilibriumVelocity(Record):
     translation: Matrix
     rest: Vector
     matrix: Matrix
-    pull: Vector
-    column: Matrix
-    twist: Matrix
+    lag: Vector
+    column: Vector
+    twist: Vector
+    moving: Vector
     velocity: Vector
 
 
@@ -65,9 +72,10 @@ def equilibrium_velocity(springs: int, n: int, period: float) -> EquilibriumVelo
         translation=np.zeros((springs, 3)),
         rest=np.zeros(n),
         matrix=np.zeros((n, n)),
-        pull=np.zeros(n),
-        column=np.zeros((2, 6)),
-        twist=np.zeros((2, 6)),
+        lag=np.zeros(n),
+        column=np.zeros(6),
+        twist=np.zeros(6),
+        moving=np.zeros(n),
         velocity=np.zeros(n),
     )
 
@@ -87,6 +95,9 @@ def follow_equilibrium(
     if motion.known:
         _gather(motion, springs, bias, arms)
         _solve(motion, arms)
+        for j in range(bias.rest.size):
+            share = motion.period / (motion.lag[j] + motion.period)
+            motion.velocity[j] += share * (motion.moving[j] - motion.velocity[j])
     else:
         motion.velocity[:] = 0.0
     motion.known = True
@@ -97,69 +108,59 @@ def follow_equilibrium(
 
 @compiled
 def _gather(motion: EquilibriumVelocity, springs: Springs, bias: JointSprings, arms: ArmGeometry) -> None:
-    """Writes H + D / h and the right side of the equation."""
-    n, h = bias.rest.size, motion.period
+    """Writes H, the right side of its equation, and every joint's lag."""
+    n = bias.rest.size
     mean = 0.0
     motion.matrix[:, :] = 0.0
     for j in range(n):
         motion.matrix[j, j] = bias.stiffness[j]
-        motion.pull[j] = bias.stiffness[j] * (bias.rest[j] - motion.rest[j]) / h
-        mean += bias.stiffness[j] / n
+        motion.moving[j] = bias.stiffness[j] * (bias.rest[j] - motion.rest[j]) / motion.period
+        motion.lag[j] = bias.damping[j, j]
     for s in range(springs.frame.size):
-        mean += _add_spring(motion, springs, s, arms) / n
+        _add_spring(motion, springs, s, arms)
+    for j in range(n):
+        mean += motion.matrix[j, j] / n
     for j in range(n):
         motion.matrix[j, j] += LEAST_STIFFNESS * mean + 1e-12
-        for k in range(arms.coupled[0, j], arms.coupled[1, j]):
-            motion.matrix[j, k] += bias.damping[j, k] / h
-            motion.pull[j] += bias.damping[j, k] / h * motion.velocity[k]
+        motion.lag[j] = min(motion.lag[j] / motion.matrix[j, j], LONGEST_LAG)
 
 
 @compiled
-def _add_spring(motion: EquilibriumVelocity, springs: Springs, s: int, arms: ArmGeometry) -> float:
-    """Adds one spring with its damper; returns the sum of its stiffness's diagonal [N.m/rad]."""
-    f, h, total = springs.frame[s], motion.period, 0.0
-    _write_twists(motion, springs, s, arms)
+def _add_spring(motion: EquilibriumVelocity, springs: Springs, s: int, arms: ArmGeometry) -> None:
+    """Adds one spring with its damper."""
+    f = springs.frame[s]
+    _write_twist(motion, springs, s)
     for j in range(arms.moved_by[0, f], arms.moved_by[1, f]):
         for a in range(6):
-            motion.column[0, a], motion.column[1, a] = 0.0, 0.0
+            motion.column[a] = 0.0
             for b in range(6):
-                motion.column[0, a] += springs.stiffness[s, a, b] * arms.jacobian[f, b, j]
-                motion.column[1, a] += springs.damping[s, a, b] / h * arms.jacobian[f, b, j]
+                motion.column[a] += springs.stiffness[s, a, b] * arms.jacobian[f, b, j]
+                motion.lag[j] += arms.jacobian[f, a, j] * springs.damping[s, a, b] * arms.jacobian[f, b, j]
         for a in range(6):
-            motion.pull[j] += (
-                motion.column[0, a] * motion.twist[0, a] + motion.column[1, a] * motion.twist[1, a]
-            )
-            total += motion.column[0, a] * arms.jacobian[f, a, j]
+            motion.moving[j] += motion.column[a] * motion.twist[a]
         for i in range(arms.moved_by[0, f], arms.moved_by[1, f]):
             for a in range(6):
-                motion.matrix[i, j] += arms.jacobian[f, a, i] * (motion.column[0, a] + motion.column[1, a])
-    return total
+                motion.matrix[i, j] += arms.jacobian[f, a, i] * motion.column[a]
 
 
 @compiled
-def _write_twists(motion: EquilibriumVelocity, springs: Springs, s: int, arms: ArmGeometry) -> None:
-    """Writes V_d of one spring and J v_before; a turn within a cycle is as small as its sine."""
-    f = springs.frame[s]
+def _write_twist(motion: EquilibriumVelocity, springs: Springs, s: int) -> None:
+    """Writes V_d of one spring; a turn within a cycle is as small as its sine."""
     for a in range(3):
         away = springs.target_translation[s, a] - motion.translation[s, a]
-        motion.twist[0, a] = away / motion.period
+        motion.twist[a] = away / motion.period
         b, c = (a + 1) % 3, (a + 2) % 3
         turn = 0.0
         for k in range(3):
             turn += springs.target_rotation[s, c, k] * motion.rotation[s, b, k]
             turn -= springs.target_rotation[s, b, k] * motion.rotation[s, c, k]
-        motion.twist[0, 3 + a] = 0.5 * turn / motion.period
-    for a in range(6):
-        motion.twist[1, a] = 0.0
-        for j in range(arms.moved_by[0, f], arms.moved_by[1, f]):
-            motion.twist[1, a] += arms.jacobian[f, a, j] * motion.velocity[j]
+        motion.twist[3 + a] = 0.5 * turn / motion.period
 
 
 @compiled
 def _solve(motion: EquilibriumVelocity, arms: ArmGeometry) -> None:
-    """Solves for the velocity in place by Cholesky; joints of different arms share no entry."""
-    L, v = motion.matrix, motion.velocity
-    v[:] = motion.pull
+    """Solves H v = right side in place by Cholesky; joints of different arms share no entry."""
+    L, v = motion.matrix, motion.moving
     for j in range(v.size):
         for i in range(j, arms.coupled[1, j]):
             for k in range(arms.coupled[0, j], j):

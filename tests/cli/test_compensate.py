@@ -167,3 +167,18 @@ def test_on_the_simulated_baxter_weight_and_friction_are_compensated(task: Path,
         assert result.summary["ending"] == "done", result.reason
         errors[name] = tracking(tmp_path / name)
     assert errors["after"] - errors["absent"] < 0.6 * (errors["before"] - errors["absent"])
+
+
+def test_a_compensated_weight_is_no_contact(task: Path, tmp_path: Path) -> None:
+    """The phase waits for 3 N; half a kilogram that the model does not know would be 5 N from the start."""
+    waits = "\n  - {name: wait, duration: 0.5, until: {contact: {force: 3, time: 0.05}}, otherwise: next}\n"
+    task.write_text(TASK.rstrip("\n") + waits)
+    worn, phases = patch(tmp_path, PAYLOAD), {}
+    for name, compensate in (("before", None), ("after", worn)):
+        assembly = assemble(
+            str(task), effects=None, compensate=compensate, rate=float(RATE), scale=1.0, arm=None
+        )
+        result, _ = run_in_lockstep(assembly, tmp_path / name, effects=worn, springs={})
+        phases[name] = {phase["name"]: phase["seconds"] for phase in result.summary["phases"]}
+    assert phases["before"]["wait"] < 0.3
+    assert phases["after"]["wait"] == pytest.approx(0.5, abs=0.02)
