@@ -46,7 +46,7 @@ robot: baxter
 arms:
   right:
     posture: {{s0: 0.4666, s1: -0.7179, e0: 0.3787, e1: 1.5412, w0: -0.3896, w1: 0.8229, w2: 0.2095}}
-    joint_bias: {{stiffness: {{s0: 8, s1: 8, e0: 8, e1: 8, w0: 4, w1: 4, w2: 4}}, damping_ratio: 0.7}}
+    joint_bias: {{stiffness: {{s0: 3, s1: 3, e0: 3, e1: 3, w0: 3, w1: 3, w2: 3}}, damping_ratio: 0.7}}
     springs:
       - name: hand
         frame: right_hand
@@ -260,21 +260,28 @@ class Seen:
         self._force.append(float(plant.contact_wrench("right_hand")[2]))
         self._phase.append(self._supervisor.sequence.phase.name)
 
-    def numbers(self) -> dict[str, float]:
-        """Root mean squares: distance from the equilibrium in free motion [mm], error of the pressing force [N]."""
+    def numbers(self, absent: Seen | None = None) -> dict[str, float]:
+        """Root mean squares, the hand's while it sways, the force's while it slides.
+
+        Distance from the equilibrium [mm], and from where another run has the hand [mm]; from that run's force [N].
+        """
+        other = self if absent is None else absent
         phase, off = np.array(self._phase), np.array(self._off)
         sway, slide = phase == "sway", phase == "slide"
-        force = np.array(self._force)[slide]
+        n = min(len(self.hand), len(other.hand))
+        away = (np.array(self.hand)[:n] - np.array(other.hand)[:n])[sway[:n]]
+        push = (np.array(self._force)[:n] - np.array(other._force)[:n])[slide[:n]]
         return {
             "tracking": 1e3 * float(np.sqrt(np.mean(np.sum(off[sway] ** 2, axis=1)))),
-            "force": float(np.sqrt(np.mean((force - PRESS) ** 2))) if force.size else float("nan"),
+            "hand": 1e3 * float(np.sqrt(np.mean(np.sum(away**2, axis=1)))),
+            "force": float(np.sqrt(np.mean(push**2))) if push.size else float("nan"),
             "lowest_tank": self.lowest_tank,
             "done": float(self.ending is not None and self.ending.value == "done"),
         }
 
 
 def apart(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
-    """Root mean square distance of two runs' joints [mrad] or hands [mm], cycle by cycle."""
+    """Root mean square distance of two runs' joints, cycle by cycle [mrad]."""
     n = min(len(first), len(second))
     return 1e3 * float(np.sqrt(np.mean(np.sum((np.array(first[:n]) - np.array(second[:n])) ** 2, axis=1))))
 
@@ -294,11 +301,14 @@ def run_case(effect: str, seed: int, folder: Path) -> dict[str, Any]:
     case |= diagnose(record(folder, truth, seed), folder)
     patch, case["left_out"] = compensable(folder)
     absent, before = seen(None), seen(truth)
-    case |= {"absent": absent.numbers(), "before": before.numbers()}
-    case |= {"hand": apart(before.hand, absent.hand), "joints": apart(before.q, absent.q)}
+    case |= {
+        "absent": absent.numbers(),
+        "before": before.numbers(absent),
+        "joints": apart(before.q, absent.q),
+    }
     if patch is not None:
         after = seen(truth, patch)
-        case["after"], case["hand_after"] = after.numbers(), apart(after.hand, absent.hand)
+        case["after"] = after.numbers(absent)
         case["reverse"] = reverse(patch, seen, before)
     return case
 
@@ -317,18 +327,17 @@ def table(folder: Path) -> str:
     for path in sorted(folder.glob("*/case.json")):
         case = json.loads(path.read_text())
         cases.setdefault(case["effect"], []).append(case)
-    heads = ["effect", "cases, compensated"]
-    heads += [
-        f"{what}, {run}" for what in ("tracking mm", "force N") for run in ("absent", "with", "compensated")
-    ]
-    heads += ["hand from absent mm, with", "compensated", "joints from recording mrad, nominal", "patched"]
+    heads = ["effect", "cases, compensated", "tracking mm, absent", "with", "compensated"]
+    heads += ["hand from absent mm, with", "compensated", "force from absent N, with", "compensated"]
+    heads += ["joints from recording mrad, nominal plant", "patched plant"]
     lines = [f"| {' | '.join(heads)} |", "|" + len(heads) * "---|"]
     for effect in (name for name in DRAWN if name in cases):
         every, done = cases[effect], [case for case in cases[effect] if "after" in case]
         cells = [f"`{effect}`", f"{len(every)}, {len(done)}"]
-        for number in ("tracking", "force"):
-            cells += [spread([case[run][number] for case in done]) for run in ("absent", "before", "after")]
-        cells += [spread([case[name] for case in done]) for name in ("hand", "hand_after", "joints")]
+        cells += [spread([case[run]["tracking"] for case in done]) for run in ("absent", "before", "after")]
+        for number in ("hand", "force"):
+            cells += [spread([case[run][number] for case in done]) for run in ("before", "after")]
+        cells.append(spread([case["joints"] for case in done]))
         cells.append(spread([case["reverse"] for case in done if case["reverse"] is not None]))
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)

@@ -5,8 +5,9 @@
     python -m docs.effects_tables --check    exit 1 and the files' names if one of them is not up to date
 
 They are the ids in schemas/patch.schema.json, the table in docs/effects.md, the tables in docs/export.md of what
-becomes of an effect in a URDF and in a MuJoCo model, the table in docs/compensation.md, and the number of effects wherever README.md or docs/*.md has it
-between the markers ``<!-- effect-count -->`` and ``<!-- /effect-count -->``.
+becomes of an effect in a URDF and in a MuJoCo model, the table in docs/compensation.md of how a controller takes it
+back, and the number of effects wherever README.md or docs/*.md has it between the markers ``<!-- effect-count -->`` and
+``<!-- /effect-count -->``.
 """
 
 from __future__ import annotations

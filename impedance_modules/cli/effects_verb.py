@@ -63,9 +63,10 @@ def _overview(descriptions: list[Description]) -> Table:
 
 def _print_card(effect: Effect, console: Console) -> None:
     """Prints everything that is known about one effect."""
-    from impedance_modules.effects.compensate import compensation_words
     from rich.table import Table
     from rich.text import Text
+
+    from impedance_modules.effects.compensate import compensation_words
 
     described = effect.description
     card = Table(title=described.id, title_justify="left", show_header=False, show_lines=True)
