@@ -19,7 +19,7 @@ from impedance_modules.backends.protocol import FirstState
 from impedance_modules.compiled import want_machine_code
 from impedance_modules.control import cycle as laws
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.compensation import Compensator, compensator_of
+from impedance_modules.control.compensator import Compensator, compensator_of
 from impedance_modules.control.cycle import FINE, STATE_NOT_FINITE, UNSOLVED, Cycle
 from impedance_modules.control.set_points import SetPoints, phase_set_points, place
 from impedance_modules.errors import SafetyStop

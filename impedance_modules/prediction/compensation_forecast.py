@@ -18,7 +18,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.compensation import Compensator, compensator_of
+from impedance_modules.control.compensator import Compensator, compensator_of
 from impedance_modules.effects.compensate import CompensatedEffect
 from impedance_modules.effects.compensation_builder import CompensationNumbers
 from impedance_modules.modules.compensation import compensate, compensation_energy

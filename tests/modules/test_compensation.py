@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impedance_modules.control.compensation import Compensator, compensator_of
+from impedance_modules.control.compensator import Compensator, compensator_of
 from impedance_modules.effects.compensate import compensate_patch
 from impedance_modules.modules.compensation import compensate, compensation_energy
 from impedance_modules.modules.equilibrium_velocity import (
