@@ -11,6 +11,10 @@ EQUILIBRIUM = "impedance_modules/modules/equilibrium.py"
 MOTOR = "impedance_modules/modules/motor_velocity.py"
 DAMPING = "impedance_modules/modules/damping.py"
 ROTATION = "impedance_modules/robot/rotation.py"
+COMPENSATION = "impedance_modules/modules/compensation.py"
+DESIRED = "impedance_modules/modules/equilibrium_velocity.py"
+WEIGHT = "impedance_modules/robot/weight_difference.py"
+COMPENSATOR = "impedance_modules/control/compensator.py"
 DISTANCES = "impedance_modules/robot/distances.py"
 
 LAWS = (
@@ -28,11 +32,29 @@ TESTS = {
     EQUILIBRIUM: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
     MOTOR: ("tests/superposition/test_modes.py",),
     DAMPING: ("tests/modules/test_damping.py",),
+    COMPENSATION: ("tests/modules/test_compensation.py",),
+    DESIRED: ("tests/modules/test_compensation.py",),
+    WEIGHT: ("tests/modules/test_compensation.py",),
+    COMPENSATOR: ("tests/modules/test_compensation.py",),
     ROTATION: (*LAWS, "tests/robot/test_rotation.py"),
     DISTANCES: ("tests/robot/test_distances.py",),
 }
 
 MUTANTS = (
+    (COMPENSATION, "0.5 * found.stiffness[j] * x) * x", "found.stiffness[j] * x) * x"),
+    (COMPENSATION, "total += found.top[j] - (", "total += -("),
+    (COMPENSATION, "held += found.offset[j] + found.stiffness[j] * q[j]", "held += found.offset[j] - found.stiffness[j] * q[j]"),
+    (COMPENSATION, "found.held[j] = scale * held", "found.held[j] = held"),
+    (COMPENSATION, "found.inverse_gain[j] - 1.0) * asked", "found.inverse_gain[j] - 1.0) * others[j]"),
+    (COMPENSATION, "if velocity >= 0.0 else found.back", "if velocity < 0.0 else found.back"),
+    (COMPENSATION, "+ found.per_load[j] * load", "- found.per_load[j] * load"),
+    (DESIRED, "(bias.rest[j] - motion.rest[j]) / motion.period", "(bias.rest[j] - motion.rest[j])"),
+    (DESIRED, "turn -= springs.target_rotation[s, b, k]", "turn += springs.target_rotation[s, b, k]"),
+    (DESIRED, "share = motion.period / (motion.lag[j] + motion.period)", "share = 1.0"),
+    (DESIRED, "L[i, j] -= L[i, k] * L[j, k]", "L[i, j] -= 0.0 * L[i, k] * L[j, k]"),
+    (WEIGHT, "self.bound - (float(potential) - self._middle)", "self.bound + (float(potential) - self._middle)"),
+    (WEIGHT, "self.bound - (float(potential) - self._middle)", "0.1 * self.bound - (float(potential) - self._middle)"),
+    (COMPENSATOR, "max((a + 0.5 * k * q) * q for q in (lower[j], upper[j]))", "min((a + 0.5 * k * q) * q for q in (lower[j], upper[j]))"),
     (SPRING, "error[i] = translation[i] - target", "error[i] = target_translation[i] - translation[i] + 0.0 * target"),
     (SPRING, "rotation[i, k] * target_rotation[j, k]", "rotation[k, i] * target_rotation[k, j]"),
     (SPRING, "total += 0.5 * error[i] * stiffness[i, j]", "total += error[i] * stiffness[i, j]"),
@@ -58,7 +80,7 @@ MUTANTS = (
     (OBJECT, "return internal * (force / mean)", "return internal * force"),
     (OBJECT, "towards = -offsets /", "towards = offsets /"),
     (SUM, "modules.desired[j] += modules.efforts[k, j]", "modules.desired[j] = modules.efforts[k, j]"),
-    (SUM, "return spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)", "return spring_energies(modules.springs, arms)"),
+    (SUM, "energy = spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)", "energy = spring_energies(modules.springs, arms)"),
     (SUM, "    object_efforts(modules.loads, arms)\n", ""),
     (SUM, "into.springs.force[s] = spring.axis_force()", "pass"),
     (POSE, "10.0 - 15.0 * x + 6.0 * x**2", "10.0 - 15.0 * x + 5.0 * x**2"),

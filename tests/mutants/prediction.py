@@ -31,7 +31,7 @@ TESTS = {
 MUTANTS = (
     (CONTACT, "return linear + lever @ angular", "return linear - lever @ angular"),
     (CONTACT, "surface.rotation @ (signs * outside / distance)", "signs * outside / distance"),
-    (FEASIBILITY, "if demand[worst] > limit[worst]:", "if demand[worst] > 10.0 * limit[worst]:"),
+    (FEASIBILITY, "if demand[worst] <= limit[worst]:", "if demand[worst] <= 10.0 * limit[worst]:"),
     (FEASIBILITY, "highest = 0.5 * assembly.rate", "highest = assembly.rate"),
     (FEASIBILITY, "press * c.normal @ J", "c.normal @ J"),
     (FEASIBILITY, "return at_rest or list(passage_problems(assembly, mechanism, prediction.motion))", "return at_rest"),

@@ -13,7 +13,7 @@ DISTANCES = "impedance_modules/robot/distances.py"
 
 T = "tests/safety/test_"
 TESTS = {
-    TANK: (T + "tank_ledger.py", T + "tank.py", T + "sensing_charge.py"),
+    TANK: (T + "tank_ledger.py", T + "tank.py", T + "sensing_charge.py", T + "motor_gain.py"),
     PORT: (T + "tank.py", T + "tank_ledger.py", T + "sensing_charge.py"),
     ROWS: (T + "filter_problem.py", T + "rows.py"),
     EXPECTED: (T + "expected_motion.py",),
@@ -61,7 +61,10 @@ LEDGER_MUTANTS = (
     (TANK, "max(0.0, tank.level - tank.floor - tank.need)", "max(0.0, tank.level - tank.floor)"),
     (TANK, "max(0.0, tank.level - tank.floor - tank.need)", "max(0.0, tank.level - tank.need)"),
     (TANK, "return max(0.0, tank.level - tank.floor)\n", "return max(0.0, tank.level)\n"),
-    (TANK, "seen += tank.pending[0, i] * travel", "seen += tank.pending[-1, i] * travel"),
+    (TANK, "(tank.most_gain[i] - tank.least_gain[i]) * surplus", "0.0 * surplus"),
+    (TANK, "tank.worked[i] += tank.done[i]", "tank.worked[i] += 0.0"),
+    (TANK, "speed_bound=most * settings.speed_bound", "speed_bound=settings.speed_bound.copy()"),
+    (TANK, "done = tank.pending[0, i] * travel", "done = tank.pending[-1, i] * travel"),
     (TANK, "travel = theta - tank.motor_position[i]", "travel = q[i] - tank.motor_position[i]"),
     (TANK, "        tank.motor_position[i] = theta\n        worst", "        worst"),
     (TANK, "worst += abs(tank.pending[0, i])", "worst += tank.pending[0, i]"),
