@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What compensating a diagnosed effect gains, and how well a patch repeats the recordings it came from.
 
-Usage: python -m benchmarks.compensation [--seeds N] [--out DIR] [EFFECT ...]
+Usage: python -m benchmarks.compensation [--seeds N] [--out DIR] [--exact] [EFFECT ...]
        python -m benchmarks.compensation --table [--out DIR]
 
 For every effect that a controller can compensate, and every seed: a Baxter whose plant has the effect, with numbers
 drawn from the seed, is recorded in three motions of joint springs; ``impedance diagnose`` writes a patch; then a task
 of another kind, which sways, presses and slides, is run four times: without the effect, with it, with it compensated
-as diagnosed, and with the diagnosed patch in place of the effect. A finished case is kept in DIR and not run again.
+as diagnosed, and with the diagnosed patch in place of the effect. ``--exact`` leaves the diagnosis out: the effect's
+own numbers are compensated, which shows what compensation by itself leaves. A finished case is kept in DIR and not run again.
 ``--table`` prints the cases in DIR as the table of docs/compensation.md. About 90 s of processor time per case.
 """
 
@@ -286,8 +287,8 @@ def apart(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
     return 1e3 * float(np.sqrt(np.mean(np.sum((np.array(first[:n]) - np.array(second[:n])) ** 2, axis=1))))
 
 
-def run_case(effect: str, seed: int, folder: Path) -> dict[str, Any]:
-    """Carries one case out."""
+def run_case(effect: str, seed: int, folder: Path, *, exact: bool) -> dict[str, Any]:
+    """Carries one case out; ``exact`` compensates the effect's own numbers."""
     folder.mkdir(parents=True, exist_ok=True)
     truth, task = folder / "truth.yaml", folder / "task.yaml"
     write_truth(truth, effect, seed)
@@ -298,8 +299,11 @@ def run_case(effect: str, seed: int, folder: Path) -> dict[str, Any]:
         return Seen(assembly, seed)
 
     case: dict[str, Any] = {"effect": effect, "seed": seed}
-    case |= diagnose(record(folder, truth, seed), folder)
-    patch, case["left_out"] = compensable(folder)
+    if exact:
+        patch = truth
+    else:
+        case |= diagnose(record(folder, truth, seed), folder)
+        patch, case["left_out"] = compensable(folder)
     absent, before = seen(None), seen(truth)
     case |= {
         "absent": absent.numbers(),
@@ -309,6 +313,7 @@ def run_case(effect: str, seed: int, folder: Path) -> dict[str, Any]:
     if patch is not None:
         after = seen(truth, patch)
         case["after"] = after.numbers(absent)
+    if patch is not None and not exact:
         case["reverse"] = reverse(patch, seen, before)
     return case
 
@@ -338,7 +343,7 @@ def table(folder: Path) -> str:
         for number in ("hand", "force"):
             cells += [spread([case[run][number] for case in done]) for run in ("before", "after")]
         cells.append(spread([case["joints"] for case in done]))
-        cells.append(spread([case["reverse"] for case in done if case["reverse"] is not None]))
+        cells.append(spread([case["reverse"] for case in done if case.get("reverse") is not None]))
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -360,6 +365,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("out/compensation"))
     parser.add_argument("--table", action="store_true")
+    parser.add_argument("--exact", action="store_true")
     options = parser.parse_args()
     if options.table:
         print(table(options.out))
@@ -371,7 +377,7 @@ def main() -> None:
         for effect in options.effects or DRAWN:
             folder = options.out / f"{effect}-{seed}"
             if not (folder / "case.json").is_file():
-                case = run_case(effect, seed, folder)
+                case = run_case(effect, seed, folder, exact=options.exact)
                 (folder / "case.json").write_text(json.dumps(case, indent=1) + "\n")
                 print(json.dumps(case), flush=True)
 

@@ -11,7 +11,7 @@ from impedance_modules.effects.compensation_builder import (
     CompensationBuilder,
     CompensationNumbers,
     Diagnosed,
-    Estimate,
+    IdentifiedNumber,
 )
 from impedance_modules.effects.effect import Compensation, Effect
 from impedance_modules.effects.patch_check import patch_problems
@@ -126,12 +126,12 @@ def _kind(spec: EffectSpec) -> Compensation:
 
 def _diagnosed(spec: EffectSpec) -> Diagnosed:
     numbers = {
-        key: {symbol: _estimate(quantity) for symbol, quantity in quantities.items()}
+        key: {symbol: _identified(quantity) for symbol, quantity in quantities.items()}
         for key, quantities in spec.parameters.items()
     }
     speeds: Mapping[str, tuple[float, float]] = spec.range.get("velocity", {})
     return Diagnosed(numbers, speeds)
 
 
-def _estimate(quantity: PatchQuantity) -> Estimate:
-    return Estimate(quantity.value, 0.0 if quantity.std is None else quantity.std)
+def _identified(quantity: PatchQuantity) -> IdentifiedNumber:
+    return IdentifiedNumber(quantity.value, 0.0 if quantity.std is None else quantity.std)

@@ -34,7 +34,7 @@ SLOWEST = 1e-9
 
 
 @dataclass(frozen=True)
-class Estimate:
+class IdentifiedNumber:
     """A number of a patch: its value, and its standard deviation, 0 where none was written."""
 
     value: float
@@ -51,7 +51,7 @@ class Estimate:
         return self.value + NORMAL_95 * self.std
 
 
-Estimates = Mapping[str, Estimate]
+IdentifiedNumbers = Mapping[str, IdentifiedNumber]
 """An effect's numbers by symbol."""
 
 
@@ -65,7 +65,7 @@ class Diagnosed:
             taken as it was there.
     """
 
-    numbers: Mapping[str, Estimates]
+    numbers: Mapping[str, IdentifiedNumbers]
     speeds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -145,7 +145,7 @@ class CompensationBuilder:
         self.ahead[index] += np.maximum(law(_moving(ahead)), 0.0)
         self.back[index] += np.maximum(-law(_moving(-back)), 0.0)
 
-    def divide_by(self, name: str, s: Estimate) -> None:
+    def divide_by(self, name: str, s: IdentifiedNumber) -> None:
         """Divides a joint's torque by the end of the interval of s that is nearer to 1.
 
         Raises:

@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed, Estimates
+from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed, IdentifiedNumbers
 from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.plant_builder import PlantBuilder
@@ -339,7 +339,7 @@ class JointLaw(Effect):
         coefficients = np.array([coefficient for coefficient, _ in pieces])
         builder.add_law(self.basis, port, tuple(parameters), coefficients=coefficients, shape=shape)
 
-    def least(self, numbers: Estimates) -> Values:
+    def least(self, numbers: IdentifiedNumbers) -> Values:
         """Gives the parameters of the least friction that the intervals allow: lower ends, never below zero."""
         return {
             symbol: number.value if symbol in self.shape else max(0.0, number.low)

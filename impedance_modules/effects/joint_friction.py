@@ -9,8 +9,8 @@ from impedance_modules.arrays import Array
 from impedance_modules.effects.compensation_builder import (
     CompensationBuilder,
     Diagnosed,
-    Estimate,
-    Estimates,
+    IdentifiedNumber,
+    IdentifiedNumbers,
 )
 from impedance_modules.effects.effect import JointLaw, Site, Values
 from impedance_modules.effects.effect_description import Description, Parameter, joint_parameter
@@ -135,7 +135,7 @@ class StribeckFriction(JointLaw):
         speeds = np.geomspace(least, max(fastest / 3.0, 2.0 * least), 5)
         return self.with_reversal_shapes(site, tuple({"vs": float(speed)} for speed in speeds))
 
-    def least(self, numbers: Estimates) -> Values:
+    def least(self, numbers: IdentifiedNumbers) -> Values:
         """Lower ends; friction at rest is not below that in motion."""
         fc = max(0.0, numbers["fc"].low)
         return {"fc": fc, "fs": max(fc, numbers["fs"].low), "vs": numbers["vs"].value}
@@ -225,12 +225,12 @@ class AsymmetricFriction(JointLaw):
         ahead, back, dv = map(float, coefficients)
         return {"fc": 0.5 * (ahead + back), "da": 0.5 * (ahead - back), "dv": dv}
 
-    def least(self, numbers: Estimates) -> Values:
+    def least(self, numbers: IdentifiedNumbers) -> Values:
         """Less dry friction in both directions by what fc and da may be wrong together; less difference of dv."""
         fc, da = numbers["fc"], numbers["da"]
-        both = Estimate(fc.value, fc.std + da.std).low
-        dv = numbers.get("dv", Estimate(0.0, 0.0))
-        sure = max(0.0, Estimate(abs(dv.value), dv.std).low)
+        both = IdentifiedNumber(fc.value, fc.std + da.std).low
+        dv = numbers.get("dv", IdentifiedNumber(0.0, 0.0))
+        sure = max(0.0, IdentifiedNumber(abs(dv.value), dv.std).low)
         return {"fc": both, "da": da.value, "dv": float(np.copysign(sure, dv.value))}
 
     def relations(self, values: Values) -> list[str]:
