@@ -354,7 +354,7 @@ def spread(values: Sequence[float]) -> str:
     if not values:
         return "-"
     middle, low, high = np.median(values), min(values), max(values)
-    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
+    return f"{middle:.2f}" if low == high else f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
 def main() -> None:

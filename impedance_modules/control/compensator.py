@@ -31,9 +31,13 @@ class Compensator:
     def __init__(
         self, model: RobotModel, numbers: CompensationNumbers, *, modules: TaskModules, period: float
     ) -> None:
-        """Takes the robot as it is described, what is compensated, the task's modules and the control period [s]."""
+        """Takes the robot as it is described, what is compensated, the task's modules and the control period [s].
+
+        Arms that take no part in the task are left alone.
+        """
         real = model if numbers.robot is None else RobotModel(numbers.robot)
-        self.weight = WeightDifference(model, real)
+        joints = np.concatenate([arm.limb.joints for arm in modules.arms])
+        self.weight = WeightDifference(model, real, joints)
         self._carries = model.spec.gravity_compensation == "robot"
         self.record = _record(model, numbers, modules, period)
 
@@ -59,21 +63,23 @@ def _record(
     model: RobotModel, numbers: CompensationNumbers, modules: TaskModules, period: float
 ) -> Compensation:
     n, springs = model.n, sum(len(arm.springs) for arm in modules.arms)
+    part = np.zeros(n)
+    part[np.concatenate([arm.limb.joints for arm in modules.arms])] = 1.0
     lower, upper = model.column("position_min") - BEYOND, model.column("position_max") + BEYOND
     return Compensation(
         active=True,
         motion=equilibrium_velocity(springs, n, period),
         lower=lower,
         upper=upper,
-        offset=numbers.offset.copy(),
-        stiffness=numbers.stiffness.copy(),
-        top=_tops(numbers, lower, upper),
-        ahead=numbers.ahead.copy(),
-        back=numbers.back.copy(),
+        offset=part * numbers.offset,
+        stiffness=part * numbers.stiffness,
+        top=part * _tops(numbers, lower, upper),
+        ahead=part[:, None] * numbers.ahead,
+        back=part[:, None] * numbers.back,
         fastest=model.column("velocity_max"),
         regularisation=regularisation_velocity(sliding_joints(model.pin_model)),
-        per_load=numbers.per_load.copy(),
-        inverse_gain=1.0 / numbers.gain,
+        per_load=part * numbers.per_load,
+        inverse_gain=np.where(part > 0.0, 1.0 / numbers.gain, 1.0),
         weight=np.zeros(n),
         carried=np.zeros(n),
         held=np.zeros(n),

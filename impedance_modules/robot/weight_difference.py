@@ -18,6 +18,7 @@ import math
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
@@ -34,29 +35,40 @@ class WeightDifference:
         energy: ``bound`` - (V - V_0), what is left above the lowest value of -V: never negative [J].
     """
 
-    def __init__(self, described: RobotModel, real: RobotModel) -> None:
-        """Takes two models of the same joints.
+    def __init__(self, described: RobotModel, real: RobotModel, joints: NDArray[np.intp]) -> None:
+        """Takes two models of the same joints, and the indices of those whose links are weighed.
 
         Raises:
             BadInput: A joint slides without a limit, so the potential has no bound.
         """
-        self._described, self._real = described, real
-        self._data = described.pin_model.createData(), real.pin_model.createData()
-        self._middle, self.bound = _middle_and_bound(described.pin_model, real.pin_model)
+        self._described, self._real = (_weighing(model, joints) for model in (described, real))
+        self._wound = described.parallel_spring_effort
+        self._data = self._described.createData(), self._real.createData()
+        self._middle, self.bound = _middle_and_bound(self._described, self._real)
         self.effort, self.carried = np.zeros(described.n), np.zeros(described.n)
         self.energy = 0.0
 
     def update(self, q: Array) -> None:
         """Computes everything at positions q (n,) [rad]."""
-        described, real = self._described.pin_model, self._real.pin_model
+        described, real = self._described, self._real
         before, after = self._data
         weight = pin.computeGeneralizedGravity(described, before, q)
         self.effort[:] = pin.computeGeneralizedGravity(real, after, q) - weight
-        self.carried[:] = weight + self._described.parallel_spring_effort(q)
+        self.carried[:] = weight + self._wound(q)
         potential = pin.computePotentialEnergy(real, after, q) - pin.computePotentialEnergy(
             described, before, q
         )
         self.energy = max(0.0, self.bound - (float(potential) - self._middle))
+
+
+def _weighing(model: RobotModel, joints: NDArray[np.intp]) -> pin.Model:
+    """Copies a model and takes the mass from all links but those of some joints."""
+    found = pin.Model(model.pin_model)
+    weighed = set(joints.tolist())
+    for joint in range(1, found.njoints):
+        if int(found.idx_vs[joint]) not in weighed:
+            found.inertias[joint] = pin.Inertia.Zero()
+    return found
 
 
 def _middle_and_bound(described: pin.Model, real: pin.Model) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compensation's laws: a gradient of an energy that is never negative, friction along the desired motion, a gain."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -262,3 +263,26 @@ def test_an_equilibrium_that_turns_by_half_a_turn_a_second_is_followed() -> None
     found.springs.target_rotation[last] = turn.rotation @ found.springs.target_rotation[last]
     follow_equilibrium(motion, found.springs, found.bias, kinematics.arms)
     np.testing.assert_allclose(motion.twist, [0, 0, 0, 0, np.pi, 0], atol=1e-5)
+
+
+def test_an_arm_that_takes_no_part_is_left_alone(tmp_path: Path) -> None:
+    random, model = np.random.default_rng(7), baxter()
+    patch = read_patch(
+        write_patch(
+            tmp_path,
+            *(effect.entry() for effect in potentials(random)),
+            applied("torque_gain", "actuator", "left_s1", s=0.8).entry(),
+            applied("coulomb_friction", "link", "left_s0", fc=1.0).entry(),
+            robot="baxter",
+        )
+    )
+    both = modules_of(0)
+    alone = replace(both, arms=tuple(arm for arm in both.arms if arm.limb.name == "right"))
+    right = model.limbs["right"].joints
+    found = compensator_of(compensate_patch(model.spec, patch), alone, PERIOD)
+    all_of_it = compensator_of(compensate_patch(model.spec, patch), both, PERIOD)
+    q, others, v = random_position(random, model), random.normal(size=model.n), np.ones(model.n)
+    added, everywhere = added_at(found, q, others, v), added_at(all_of_it, q, others, v)
+    np.testing.assert_allclose(added[right], everywhere[right], rtol=1e-9, atol=1e-9)
+    assert not np.delete(added, right).any()
+    assert np.any(np.delete(everywhere, right))
