@@ -113,8 +113,7 @@ MENDED = {
     "base_tilt": (applied("base_tilt", "link", "base", rx=0.02, ry=0.02), 0.2),
     "torque_offset": (applied("torque_offset", "link", "right_s1", c=2.5), 0.2),
     "bench_spring": (applied("bench_spring", "contact", "right_s0", k=8.0, q0=0.2), 0.2),
-    "coulomb_friction": (applied("coulomb_friction", "actuator", "right_s0", fc=2.0), 0.5),
-    "viscous_friction": (applied("viscous_friction", "actuator", "right_s0", fv=12.0), 0.6),
+    "coulomb_friction": (applied("coulomb_friction", "actuator", "right_s0", fc=2.0), 0.65),
     "torque_gain": (applied("torque_gain", "actuator", "right_s1", s=0.85), 0.3),
 }
 """Effect, and how much of the distance from the run without it may be left."""
