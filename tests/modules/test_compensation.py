@@ -286,3 +286,14 @@ def test_an_arm_that_takes_no_part_is_left_alone(tmp_path: Path) -> None:
     np.testing.assert_allclose(added[right], everywhere[right], rtol=1e-9, atol=1e-9)
     assert not np.delete(added, right).any()
     assert np.any(np.delete(everywhere, right))
+
+
+def test_each_direction_has_its_own_friction(tmp_path: Path) -> None:
+    """Harder ahead than back: fc + da against fc - da."""
+    model = baxter()
+    found = compensator(
+        tmp_path, applied("asymmetric_friction", "actuator", "right_e0", fc=1.0, da=0.4, dv=0.0)
+    )
+    q, zero, j = modules_of(0).posture, np.zeros(model.n), model.joint_names.index("right_e0")
+    assert added_at(found, q, zero, np.ones(model.n))[j] == pytest.approx(1.4, abs=1e-6)
+    assert added_at(found, q, zero, -np.ones(model.n))[j] == pytest.approx(-0.6, abs=1e-6)
